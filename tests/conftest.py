@@ -3,11 +3,9 @@
 import logging
 from collections.abc import Callable, Iterator
 
-import numpy as np
 import pytest
 from hypothesis import settings
 
-from psmpc_cli.control import Command, State
 from psmpc_cli.ocp.problem import StageCosts, build_stages
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
@@ -16,17 +14,6 @@ from psmpc_cli.specs.load import Task, load_task
 
 settings.register_profile("psmpc", deadline=None)  # no test is about time
 settings.load_profile("psmpc")
-
-
-RESPONSIVE = (
-    "controller.zeta=1e-3",
-    "onset=control",
-    "skills.move.weights.control=0.03",
-    "skills.reach.weights.control=0.03",
-    "stages.capture.ends_when.tolerance=2e-3",
-    "stages.release.ends_when.tolerance=0.05",
-)
-"""Keys of the transport task with which its windows hold up to three stages on coarse meshes."""
 
 
 @pytest.fixture(autouse=True)
@@ -71,15 +58,3 @@ def experiment_of() -> Callable[..., Experiment]:
         return build_experiment(load_task(task, changes))
 
     return build
-
-
-@pytest.fixture(scope="session")
-def decisions(experiment_of: Callable[..., Experiment]) -> list[Command]:
-    """Every command of a PSMPC run of the transport task on a coarse mesh and the ideal plant."""
-    experiment = experiment_of("controller.nodes=20", *RESPONSIVE)
-    controller, x, found = experiment.controller, experiment.x0, list[Command]()
-    while not controller.done:
-        time = 0.1 * len(found)
-        found.append(controller.step(time, State.of(x)))
-        x = found[-1].plan.states_at(np.array([time + 0.1]))[0]
-    return found

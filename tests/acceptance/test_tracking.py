@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.simulation.run import Experiment
 
-from ..control.runs import run
+from ..control.short_transports import run
 
 COARSE = ("controller.nodes=12", "plant.kind=ideal", "log.plans=false")
 

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ..simulation.logged import there_and_back
-from ..there_and_back import TASK
+from ..short_runs import TASK, there_and_back
 from .command import Psmpc, command_line
 
 

@@ -14,8 +14,7 @@ from psmpc_cli import __version__
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.run import read_run
 
-from ..simulation.logged import there_and_back
-from ..there_and_back import TASK
+from ..short_runs import TASK, there_and_back
 from .command import PROGRAM, Psmpc, Ran
 
 

@@ -9,9 +9,9 @@ from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.run import build_experiment, header
 from psmpc_cli.specs.load import load_task
 
-from ..made_up_fronts import made_up_fronts
-from ..made_up_monte_carlo import made_up_monte_carlo
-from ..made_up_sweep import T_S, made_up_sweep, numbers
+from ..synthetic_fronts import synthetic_fronts
+from ..synthetic_monte_carlo import synthetic_monte_carlo
+from ..synthetic_sweep import T_S, numbers, synthetic_sweep
 from .command import Psmpc
 
 
@@ -47,7 +47,7 @@ def test_a_log_that_is_cut_off_is_named(psmpc: Psmpc, part: Path) -> None:
 
 def test_a_sweep_has_a_row_for_each_ratio_and_a_recommendation(tmp_path: Path, shown: Psmpc, psmpc: Psmpc) -> None:
     path = tmp_path / "sweep.h5"
-    made_up_sweep(path, "3x3")
+    synthetic_sweep(path, "3x3")
     heading, names, *rows = shown(path)
     assert heading == "actual start of capture [s] by threshold epsilon"
     assert names.split()[:3] == ["omega_2/omega_1", "0.001", "0.1"]
@@ -78,14 +78,14 @@ def test_a_sweep_has_a_row_for_each_ratio_and_a_recommendation(tmp_path: Path, s
 def test_a_sweep_that_is_not_complete_or_not_small(
     tmp_path: Path, shown: Psmpc, sampling: str, given: dict[str, object], lines: tuple[str, ...]
 ) -> None:
-    made_up_sweep(tmp_path / "sweep.h5", sampling, **given)
+    synthetic_sweep(tmp_path / "sweep.h5", sampling, **given)
     found = shown(tmp_path / "sweep.h5")
     assert all(any(line.strip().startswith(expected.strip()) for line in found) for expected in lines), found
 
 
 def test_a_monte_carlo_study_has_rate_spread_and_worst_runs(tmp_path: Path, shown: Psmpc) -> None:
     path = tmp_path / "study.h5"
-    made_up_monte_carlo(path, waiting=(11,), crashed=(2,), late=(5,))
+    synthetic_monte_carlo(path, waiting=(11,), crashed=(2,), late=(5,))
     first, heading, *lines = shown(path)
     assert first.startswith("9 of 11 runs succeeded: 81.8 %, 95 % interval 52.3 to 94.9 % (1 waiting, 10 ended, 1 cra")
     assert first.endswith("9 of 11 exceeded a velocity limit, by up to 10 %")
@@ -99,7 +99,7 @@ def test_a_monte_carlo_study_has_rate_spread_and_worst_runs(tmp_path: Path, show
 
 
 def test_a_monte_carlo_study_without_runs_says_so(tmp_path: Path, shown: Psmpc) -> None:
-    made_up_monte_carlo(tmp_path / "study.h5", runs=2, waiting=(0, 1))
+    synthetic_monte_carlo(tmp_path / "study.h5", runs=2, waiting=(0, 1))
     lines = shown(tmp_path / "study.h5")
     assert lines[0] == "no run was made yet: 2 waiting"
     assert not any(line.startswith("worst") for line in lines)
@@ -107,7 +107,7 @@ def test_a_monte_carlo_study_without_runs_says_so(tmp_path: Path, shown: Psmpc) 
 
 def test_fronts_have_a_row_for_each_sample_and_how_they_move(tmp_path: Path, shown: Psmpc) -> None:
     path = tmp_path / "pareto.h5"
-    made_up_fronts(path, failed=(1,)).create()
+    synthetic_fronts(path, failed=(1,)).create()
     heading, *rows = shown(path)
     assert heading.split()[:4] == ["T0", "[s]", "t_s", "[s]"]
     assert [row.split()[0] for row in rows[:3]] == ["6.50", "7.50", "8.50"]

@@ -1,26 +1,20 @@
-from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
-from time import perf_counter
 
 import numpy as np
 import pytest
 import yaml
 
 from psmpc_cli.control import Command, Controller, State
-from psmpc_cli.errors import RunError
-from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop, simulate
-from psmpc_cli.solvers import Solution, Solver
+from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
 from psmpc_cli.specs.load import Task, load_task
 
-from ..there_and_back import TASK
-from .runs import QUICK, SHORT, run, states, with_failures
+from ..short_runs import TASK
+from .short_transports import SHORT, run
 
 Build = Callable[..., Experiment]
+
 
 STEPPED = {
     "psmpc": {},
@@ -116,126 +110,6 @@ def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Build)
     assert ending.completed
     assert all(len(sample.command.instants) == 0 for sample in samples)
     assert not any(sample.metrics["window/presence"] for sample in samples)
-
-
-def test_a_failed_solve_leaves_the_shifted_plan(experiment_of: Build) -> None:
-    samples, ending = run(with_failures(experiment_of(*SHORT), lambda window: 0.45 < window.start < 0.95))
-    failed = [sample.command for sample in samples if "solve_failed" in sample.command.events]
-    assert [round(command.time, 1) for command in failed] == [0.5, 0.6, 0.7, 0.8, 0.9]
-    assert all(command.outcome.name == "ITERATION_LIMIT" for command in failed)
-    before = next(sample.command for sample in samples if round(sample.command.time, 1) == 0.4)
-    np.testing.assert_allclose(failed[0].instants, before.instants)
-    assert ending.completed
-
-
-def test_when_the_plan_is_used_up_the_robot_brakes_to_rest_and_the_run_stops(experiment_of: Build) -> None:
-    samples, ending = run(with_failures(experiment_of(*QUICK), lambda window: window.start > 0.95))
-    assert (ending.stuck, ending.completed) == (True, False)
-    assert "braked to rest" in ending.reason
-    assert np.abs(ending.x[9:]).max() < 1e-9
-    braking = [sample.command.time for sample in samples if "braking" in sample.command.events]
-    assert 0.9 + 4.0 - 0.15 <= braking[0] <= 0.9 + 4.0
-
-
-def test_without_a_plan_the_robot_stays_at_rest(experiment_of: Build) -> None:
-    samples, ending = run(with_failures(experiment_of(*QUICK), lambda window: True))
-    assert ending.stuck
-    assert np.all(states(samples) == 0)
-
-
-def test_a_robot_that_moves_brakes_at_once_where_its_first_solve_fails() -> None:
-    """A joint 5 deg beyond its limit, outward at 0.15 rad/s: no window has a solution under hard limits."""
-    task = load_task("transport", QUICK)
-    controller = Controller(task)
-    Q, v = np.zeros(9), np.zeros(9)
-    Q[3] = np.radians(5) + controller.problem.stages[0].limits.position_high[3]
-    v[3] = 0.15
-    command = controller.step(0.0, State(Q, v))
-    assert "solve_failed" in command.events
-    end = command.plan.states_at(np.array([0.5, task.spec.controller.horizon]))
-    np.testing.assert_allclose(end[:, 9:], 0, atol=1e-12)
-    np.testing.assert_allclose(end[:, 3], Q[3] + 0.5 / 2 * 0.15)
-
-
-def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_target() -> None:
-    """4 tolerances past it, a few milliseconds before the switch: no motion corrects that in time.
-
-    Soft limits would let the robot rush there and past it, and without the stage that waits it turns back.
-    """
-    experiment = build_experiment(load_task("transport", {"controller.nodes": 25, "controller.soft_limits": True}))
-    controller = experiment.controller
-    for sample in closed_loop(experiment):
-        command = sample.command
-        if len(command.instants) and command.instants[0] < command.time + 0.105:
-            break
-    planned, x = command.instants[0], sample.ticks.X[-1].copy()
-    x[0] -= 4 * command.stage.tolerance[0]
-    due = controller.step(command.time + 0.1, State.of(x))
-    assert 0.001 < planned - due.time < 0.005
-    np.testing.assert_array_equal(due.instants, planned)
-    after = controller.step(due.time + 0.1, State.of(x))
-    assert [(switch.stage, switch.time) for switch in after.switches] == [(command.stage.index, planned)]
-
-
-def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Build) -> None:
-    fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
-    samples, ending = run(fails)
-    postponed = [s.command for s in samples if "postponed" in s.command.events and s.command.time < 0.95]
-    assert postponed
-    assert all(command.outcome.usable and len(command.instants) == 0 for command in postponed)
-    assert ending.completed
-
-
-def test_an_append_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(experiment_of: Build) -> None:
-    changes = (*SHORT, "solver.kind=sqp")
-    usual = next(s for s in closed_loop(experiment_of(*changes)) if "appended" in s.command.events).command
-    limited = with_failures(experiment_of(*changes), lambda w: len(w.stages) > 1 and w.start < usual.time + 0.25)
-    resumed = next(s for s in closed_loop(limited) if "appended" in s.command.events).command
-    assert resumed.time == pytest.approx(usual.time + 0.3)
-    assert resumed.solution.iterations < usual.solution.iterations
-
-
-class Clocked(Solver):
-    """A solver that records when each solve has to stop, by the beginning of its window."""
-
-    deadline = 0.03
-
-    def __init__(self, solver: Solver) -> None:
-        self.solver = solver
-        self.stops = defaultdict[float, list[float]](list)
-
-    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        self.stops[window.start].append(self.stop_time(perf_counter()))
-        return self.solver.solve(window, guess, previous, within)
-
-
-def test_all_solves_of_a_sample_share_its_deadline(experiment_of: Build) -> None:
-    fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
-    clocked = Clocked(fails.controller.law.solver)
-    list(closed_loop(replace(fails, controller=Controller(fails.problem, clocked))))
-    several = [stops for stops in clocked.stops.values() if len(stops) > 1]
-    assert several
-    for window_with, *windows_without in several:  # which are left a share of it
-        assert len(set(windows_without)) == 1
-        assert 0 < windows_without[0] - window_with < Clocked.deadline
-    lasts = [stops[-1] for stops in clocked.stops.values()]
-    assert len(set(lasts)) == len(lasts)  # each sample has a deadline of its own
-
-
-def test_a_state_that_is_not_measured_is_that_of_the_plan() -> None:
-    controller = Controller(load_task("transport", SHORT))
-    before = controller.step(0.0, State(np.zeros(9), np.zeros(9)))
-    x = before.plan.states_at(np.array([0.1]))[0]
-    Q = np.where(np.arange(9) == 2, np.nan, x[:9])
-    command = controller.step(0.1, State(Q, x[9:]))
-    assert "unmeasured" in command.events
-    np.testing.assert_array_equal(command.x, x)
-
-
-def test_without_a_measurement_nothing_begins() -> None:
-    controller = Controller(load_task("transport", SHORT))
-    with pytest.raises(RunError, match="nothing is measured at 0 s"):
-        controller.step(0.0, State(np.full(9, np.nan), np.zeros(9)))
 
 
 def test_a_solve_of_the_same_stages_is_warm(decisions: list[Command]) -> None:

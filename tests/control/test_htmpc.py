@@ -10,7 +10,7 @@ from scipy.integrate import trapezoid
 from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
 from psmpc_cli.specs.load import load_task
 
-from .runs import SHORT, run, states
+from .short_transports import SHORT, run, states
 
 HTMPC = (*SHORT, "controller.kind=htmpc")
 EXACT = 1e-6

@@ -16,7 +16,7 @@ from psmpc_cli.simulation.run import Experiment, closed_loop
 from psmpc_cli.solvers import Outcome, Solution, Solver
 from psmpc_cli.specs.task import ControllerSpec
 
-from .runs import Unreliable, run, states
+from .short_transports import Unreliable, run, states
 
 COARSE = (
     "controller.nodes=20",

@@ -1,9 +1,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from psmpc_cli.control.sequence import MovingSequence, detect, drop_met, drop_passed
-from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.stage import Stage
 
@@ -55,3 +56,44 @@ def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_mar
 
 def test_nothing_is_detected_after_the_last_stage(stages: tuple[Stage, ...], costs: StageCosts) -> None:
     assert detect(MovingSequence(3, np.zeros(0), 0.0), stages, costs, arriving(1.0), 10) is None
+
+
+AT_TARGET = np.r_[-2.0, 2.0, np.pi / 6, np.zeros(15)]
+
+
+HOLD = 0.5
+
+
+@pytest.fixture
+def holding(stages: tuple[Stage, ...]) -> tuple[Stage, ...]:
+    return (replace(stages[0], hold=HOLD), *stages[1:])
+
+
+def seen(states: list[np.ndarray], stages: tuple[Stage, ...], costs: StageCosts) -> MovingSequence:
+    """The sequence after samples 0.1 s apart."""
+    sequence = MovingSequence(0, np.zeros(0), 0.0)
+    for k, x in enumerate(states):
+        sequence = sequence.with_measurement(stages, costs, 0.1 * k, x)
+    return sequence
+
+
+def test_a_stage_ends_when_its_condition_was_met_long_enough(holding: tuple[Stage, ...], costs: StageCosts) -> None:
+    for samples, over in ((5, False), (6, True)):
+        sequence, now = seen([np.zeros(18), *[AT_TARGET] * samples], holding, costs), 0.1 * samples
+        assert sequence.hold_left(holding, now) == pytest.approx(HOLD + 0.1 - now)
+        assert bool(drop_met(sequence, holding, costs, now, AT_TARGET)[1]) is over
+
+
+def test_a_break_begins_the_hold_again_and_keeps_the_next_stage_out(
+    holding: tuple[Stage, ...], costs: StageCosts
+) -> None:
+    prediction = resting_plan(0.3, 4.0, 10, AT_TARGET)
+    unbroken, broken = (seen([AT_TARGET, x, AT_TARGET, AT_TARGET], holding, costs) for x in (AT_TARGET, np.zeros(18)))
+    assert (unbroken.met_since, broken.met_since) == (0.0, pytest.approx(0.2))
+    longer = detect(unbroken, holding, costs, prediction, 10)
+    assert longer is not None
+    assert longer.instants.tolist() == pytest.approx([HOLD])
+    assert detect(broken, holding, costs, prediction, 10) is None
+    assert detect(seen([np.zeros(18)], holding, costs), holding, costs, prediction, 10) is None
+    lost = longer.with_measurement(holding, costs, 0.4, np.zeros(18))
+    assert (lost.count, lost.broken) == (1, True)

@@ -5,18 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control import Controller, State
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.object import CaptureSpec, MotionSpec
-from psmpc_cli.specs.robot import stack
 
 DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
+
+
 OBJECT = DRIFTING.spec.capture
+
+
 assert OBJECT is not None
 
 
@@ -70,55 +71,3 @@ def test_grippers_close_and_open_at_planned_switches(first: int, instants: list[
     holding = build_problem(DRIFTING).held_stages
     sequence = MovingSequence(first, np.array(instants), 0.0)
     assert to_be_closed(holding, sequence, 2.0 + 0.01 * np.arange(4)).tolist() == closed
-
-
-def test_targets_follow_the_object() -> None:
-    """Before their stage is seen they are where the object will be at the end of the horizon."""
-    problem = build_problem(DRIFTING)
-    controller = Controller(problem)
-    Q = stack(DRIFTING.spec.initial, DRIFTING.robot, "joint")
-    pose = np.array([-2.4, 2.8, 0.5])
-    stages = controller.step(0.0, State(Q, np.zeros(9)), pose).stages
-    angle = 0.5 + (np.radians(30) - 0.5) / 2 + np.radians(2) * 4  # half of what is measured corrects the angle
-    found = stages[1].target[problem.model.pose_rows["arm_1"]]
-    assert found[2] == pytest.approx(angle + np.radians(135))
-    grip = 0.6415 * np.array([np.cos(angle), np.sin(angle)])
-    assert found[:2] == pytest.approx(grip + np.array([(-2.4 - 2.489) / 2 + 0.08, (2.8 + 2.847) / 2]))
-    drift = stages[1].drift
-    assert isinstance(drift, np.ndarray)
-    assert drift[3:6] == pytest.approx([0.02 - np.radians(2) * grip[1], np.radians(2) * grip[0], np.radians(2)])
-    x = np.concatenate([Q, np.zeros(9)])
-    moving = replace(stages[1], end_rows=tuple(range(9)), end_velocity=1.0)
-    apart = problem.costs.ends(replace(moving, drift=0.0), x[None]) - problem.costs.ends(moving, x[None])
-    assert apart[0] == pytest.approx([*np.zeros(9), *drift])
-
-
-BESIDE = {"object": [0, -0.978, 0]}
-
-
-@pytest.mark.parametrize(
-    ("stage", "keys"),
-    [(0, {"controller.kind": "hard"}), (0, {"controller.kind": "htmpc"}), (3, {"stages.release.target.base": BESIDE})],
-)
-def test_cost_follows_the_object_where_no_end_is_planned(stage: int, keys: dict[str, object]) -> None:
-    task = load_task("catch_drifting", {"controller.nodes": 12, **keys})
-    controller, pose_rows = Controller(task), build_problem(task).model.pose_rows
-    controller.memory = replace(controller.memory, sequence=MovingSequence(stage, np.zeros(0), -1.5))
-    state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
-    stages = controller.step(0.0, state, np.array(OBJECT.pose)).stages
-    since = np.array([0.0, 2.03, 4.0])
-    found = stages[stage].reference(1.5 + since)[:, pose_rows["base"]]
-    angle = np.radians(30 + 2 * since)
-    beside = np.stack([0.02 * since - 2.489 + 0.978 * np.sin(angle), 2.847 - 0.978 * np.cos(angle)], axis=1)
-    assert found == pytest.approx(np.c_[beside, angle], abs=1e-5)
-    assert stages[stage].target[pose_rows["base"]] == pytest.approx(found[0])
-
-
-def test_cost_follows_an_object_that_tumbles() -> None:
-    problem, inside = build_problem(load_task("servicing")), np.array([0.6, 0.1, 0.2, 0.5, 0.5, -0.5, 0.5])
-    stage = replace(problem.stages[1], on_object={"left": inside})
-    body, state = FreeBody(20.0, [2.0, 3.0, 4.0]), np.array([1, 2, 3, 1, 0, 0, 0, 0.02, 0, 0.01, 0.1, -0.05, 0.2])
-    found = stage.placed().following(problem.model.pose_rows, body, state, 1.5, 4.0)
-    wanted = SPACE.composed(body.predicted(state[:7], state[7:], 2.53)[0], inside)
-    assert found.reference(np.array([4.03]))[0, problem.model.pose_rows["left"]] == pytest.approx(wanted, abs=1e-4)
-    assert (found.target == stage.placed().at_object(problem.model.pose_rows, state[:7], state[7:]).target).all()

@@ -10,7 +10,7 @@ import pytest
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run, read_run
 
-from .made_up import Story, write_story
+from ..synthetic_logs import Story, write_story
 
 Write = Callable[..., Path]
 

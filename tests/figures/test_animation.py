@@ -18,7 +18,7 @@ from psmpc_cli.figures.registry import draw
 from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.logs.run import Run
 
-from ..little_room import files_of_at_most
+from ..limited_disk import files_of_at_most
 
 pytestmark = pytest.mark.slow
 

@@ -7,12 +7,12 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.figures.monte_carlo import plot_runs, plot_success
 from psmpc_cli.figures.registry import draw
 
-from ..made_up_monte_carlo import made_up_monte_carlo
-from .drawn import curves, legend, points
+from ..synthetic_monte_carlo import synthetic_monte_carlo
+from .figure_contents import curves, legend, points
 
 
 def test_a_curve_ends_at_the_fraction_of_runs_that_ended_the_stage(tmp_path: Path) -> None:
-    runs = made_up_monte_carlo(tmp_path / "study.h5", 10, waiting=(9,), crashed=(1,), late=(2, 3))
+    runs = synthetic_monte_carlo(tmp_path / "study.h5", 10, waiting=(9,), crashed=(1,), late=(2, 3))
     figure = plot_success(runs)
     drawn = curves(figure.axes[0])
     assert figure.get_suptitle() == "6 of 9 runs succeeded; 95 % interval of the rate: 35 to 88 %"
@@ -25,7 +25,7 @@ def test_a_curve_ends_at_the_fraction_of_runs_that_ended_the_stage(tmp_path: Pat
 
 
 def test_failed_runs_are_ringed_behind_their_marks_even_those_without_values(tmp_path: Path) -> None:
-    figure = plot_runs(made_up_monte_carlo(tmp_path / "study.h5", crashed=(2,), late=(5,)))
+    figure = plot_runs(synthetic_monte_carlo(tmp_path / "study.h5", crashed=(2,), late=(5,)))
     for axes in figure.axes:
         assert legend(axes)[-3:-1] == ["failed", "failed, no value"]
         assert [points(line).tolist() for line in axes.lines if line.get_label() == "failed, no value"] == [[[12, 0]]]
@@ -38,4 +38,4 @@ def test_failed_runs_are_ringed_behind_their_marks_even_those_without_values(tmp
 
 def test_a_study_that_has_not_begun_has_nothing_to_draw(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no run that was made"):
-        draw("monte-carlo", made_up_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1)), tmp_path / "figures")
+        draw("monte-carlo", synthetic_monte_carlo(tmp_path / "study.h5", 2, waiting=(0, 1)), tmp_path / "figures")

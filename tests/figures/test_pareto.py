@@ -9,7 +9,7 @@ from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import draw
 from psmpc_cli.logs.results import Quantity, Results
 
-from .drawn import common_legend, points
+from .figure_contents import common_legend, points
 
 RATIOS = np.geomspace(1e-3, 1e3, 9)
 INSTANTS = np.array([6.1, 7.1, 8.0])

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 import psmpc_cli as psmpc
 from psmpc_cli.errors import InputError
 from psmpc_cli.figures.registry import default_directory, draw, draw_file
-from psmpc_cli.figures.style import LONGEST_NAME, readable
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task
 
-from ..little_room import files_of_at_most
+from ..limited_disk import files_of_at_most
 
 Load = Callable[..., Run]
+
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
@@ -87,10 +87,3 @@ def test_a_scenario_is_drawn_into_the_file_that_is_named(transport: Task, tmp_pa
 )
 def test_figures_go_beside_the_log_by_default(log: str, figures: str) -> None:
     assert default_directory(Path(log)) == Path(figures)
-
-
-def test_names_become_words_and_stay_short() -> None:
-    assert readable("arm_1") == "arm 1"
-    long = readable("inspect_the_far_side_of_panel_12")
-    assert len(long) <= LONGEST_NAME
-    assert long.startswith("inspect") and long.endswith("12")

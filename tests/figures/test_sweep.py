@@ -14,15 +14,15 @@ from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.sweep import plot_heat_map, plot_sensitivity, plot_starts
 from psmpc_cli.studies.sweep import SweepCells
 
-from ..made_up_sweep import T_H, T_S, made_up_sweep, numbers
-from .drawn import common_legend, curves, legend, points
+from ..synthetic_sweep import T_H, T_S, numbers, synthetic_sweep
+from .figure_contents import common_legend, curves, legend, points
 
 Sweep = Callable[..., SweepCells]
 
 
 @pytest.fixture
 def sweep(tmp_path: Path) -> Sweep:
-    return lambda sampling, **given: SweepCells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
+    return lambda sampling, **given: SweepCells(synthetic_sweep(tmp_path / "sweep.h5", sampling, **given))
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,3 @@
-import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -8,44 +6,10 @@ import pytest
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.comparison import Difference, compare_runs, save_comparison
-from psmpc_cli.logs.files import kind_of
-from psmpc_cli.logs.run import Run, read_comparison, read_run
-from psmpc_cli.logs.schema import COMPARISON, RUN
+from psmpc_cli.logs.run import read_comparison, read_run
 from psmpc_cli.logs.write import Header, LogWriter
 
-from .records import HEADER, LEAN, record
-
-FINAL = {"final/end_time": 0.3, "final/Q": np.zeros(3)}
-
-
-@pytest.fixture(scope="module")
-def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A log with everything in it, a lean one, and one with levels; not in the order of the alphabet."""
-    folder = tmp_path_factory.mktemp("logs")
-    paths = {name: folder / f"{name}.h5" for name in ("smpc", "hard", "htmpc")}
-    for path, header in zip(paths.values(), (HEADER, LEAN, replace(LEAN, has=frozenset({"levels"}))), strict=True):
-        with LogWriter(path, header) as log:
-            for k in range(3):
-                log.write(record(k))
-            log.finish(True, "done", FINAL)
-    return paths
-
-
-def read_all(logs: dict[str, Path]) -> dict[str, Run]:
-    return {name: read_run(path) for name, path in logs.items()}
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, logs: dict[str, Path]) -> Path:
-    path = tmp_path_factory.mktemp("merged") / "runs" / "comparison.h5"
-    save_comparison(read_all(logs), path)
-    return path
-
-
-@pytest.fixture
-def merged(tmp_path: Path, made: Path) -> Path:
-    (tmp_path / "runs").mkdir()
-    return Path(shutil.copy(made, tmp_path / "runs"))
+from .synthetic_samples import FINAL, HEADER, LEAN, read_all, record
 
 
 def test_every_log_comes_back_as_it_was_and_in_order(merged: Path, logs: dict[str, Path]) -> None:
@@ -92,17 +56,6 @@ def same_dataset(one: h5py.Dataset | h5py.Group, other: h5py.Dataset | h5py.Grou
     assert [[scale.name for scale in dimension.values()] for dimension in other.dims] == [
         [root + name for name in names] for names in scales
     ]
-
-
-def test_the_kind_tells_files_apart(merged: Path, logs: dict[str, Path], tmp_path: Path) -> None:
-    unsaid = Path(shutil.copy(logs["hard"], tmp_path / "unsaid.h5"))
-    with h5py.File(unsaid, "r+") as file:
-        del file.attrs["kind"]
-    assert [kind_of(path) for path in (merged, logs["hard"], unsaid)] == [COMPARISON, RUN, RUN]
-    with pytest.raises(LogError, match="found a comparison, expected a log"):
-        read_run(merged)
-    with pytest.raises(LogError, match="found a run, expected a comparison"):
-        read_comparison(unsaid)
 
 
 def test_a_comparison_that_lost_a_run_is_refused(merged: Path) -> None:

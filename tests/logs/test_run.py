@@ -14,8 +14,8 @@ from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import FORMAT_VERSION, columns
 from psmpc_cli.logs.write import Header, LogWriter
 
-from ..figures.made_up import Story, write_story
-from .records import COORDINATES, HEADER, LEAN, STAGES, TICKS, record
+from ..synthetic_logs import Story, write_story
+from .synthetic_samples import COORDINATES, HEADER, LEAN, STAGES, TICKS, record
 
 SAMPLES = 3
 

@@ -18,7 +18,7 @@ from psmpc_cli.simulation.run import build_experiment, header, simulate
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import MonitorSpec
 
-from ..simulation.logged import there_and_back
+from ..short_runs import there_and_back
 
 CHANGES = ("controller.nodes=5", "plant.kind=ideal", "time_limit=2", "log.plans=false")
 

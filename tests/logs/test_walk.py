@@ -18,7 +18,7 @@ from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.logs.write import LogWriter
 
 from ..cli.command import PROGRAM
-from .records import HEADER, record
+from .synthetic_samples import HEADER, record
 
 Change = Callable[[h5py.File], object]
 

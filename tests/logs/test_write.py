@@ -15,8 +15,8 @@ from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import columns
 from psmpc_cli.logs.write import BETWEEN_WRITES, ROWS_IN_A_CHUNK, Header, LogWriter
 
-from ..little_room import files_of_at_most
-from .records import COORDINATES, HEADER, LEAN, POSES, SAMPLE, STAGES, TICKS, Row, record
+from ..limited_disk import files_of_at_most
+from .synthetic_samples import COORDINATES, HEADER, LEAN, POSES, SAMPLE, STAGES, TICKS, Row, record
 
 END = {"end_time": SAMPLE * 4, "Q": np.arange(3.0), "Qdot": np.arange(3.0) + 3, "xi": np.arange(3.0)}
 FINAL = {f"final/{name}": value for name, value in END.items()}

@@ -10,7 +10,7 @@ from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task, parse_task
 
-from .. import in_space
+from .. import free_flyer
 
 TRANSPORT = load_task("transport")
 
@@ -275,7 +275,7 @@ POSES = ("the reach of the links before the last", "[0.3, 0.2, -0.3], turned by 
     ],
 )
 def test_what_stands_against_a_task_in_space_is_named(change: str, path: str, words: Sequence[str]) -> None:
-    (fault,) = review(in_space.reaching(change))
+    (fault,) = review(free_flyer.reaching(change))
     assert dotted(fault.path) == path
     assert all(word in fault.message for word in words), fault.message
 
@@ -283,7 +283,7 @@ def test_what_stands_against_a_task_in_space_is_named(change: str, path: str, wo
 def test_a_pose_that_no_joints_within_their_limits_take_is_remarked_with_the_nearest() -> None:
     """Ten degrees of each joint: no proof, as in the plane, but the best of many starts."""
     stiff = "limits={arm: {position: [[-10 deg, 10 deg], [-10 deg, 10 deg], [-10 deg, 10 deg]]}}"
-    task = in_space.reaching(stiff)
+    task = free_flyer.reaching(stiff)
     assert review(task) == []
     (remark,) = remarks(task, look_ahead(task))
     assert dotted(remark.path) == "stages[1].target.arm"
@@ -291,9 +291,9 @@ def test_a_pose_that_no_joints_within_their_limits_take_is_remarked_with_the_nea
 
 
 def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -> None:
-    rows = [{"position": [0.5 * k, 0, 0], "attitude": in_space.attitude([0, 0, 1], 60 * k)} for k in range(3)]
+    rows = [{"position": [0.5 * k, 0, 0], "attitude": free_flyer.attitude([0, 0, 1], 60 * k)} for k in range(3)]
     target = {"times": [0, 2, 4], "base": rows, "arm": [[0, 0, 0]] * 3}
-    task = in_space.turning(0, f"stages.fly.target={json.dumps(target)}")
+    task = free_flyer.turning(0, f"stages.fly.target={json.dumps(target)}")
     found = [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, look_ahead(task))]
     assert [line.partition(" from ")[0] for line in found] == [
         "stages[0].target.base[1][0]: found base.x to move at 0.25 m/s",
@@ -319,7 +319,7 @@ def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -
     ids=["turn", "the short way", "flight", "up to speed", "never up to speed"],
 )
 def test_a_spatial_base_turns_and_flies_no_faster_than_its_limits(change: str, seconds: float) -> None:
-    assert look_ahead(in_space.turning(120, change))[0].earliest_end == pytest.approx(seconds)
+    assert look_ahead(free_flyer.turning(120, change))[0].earliest_end == pytest.approx(seconds)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
 from ..solvers.optimality import hessian
-from .windows import coasting, moving, window_over
+from .transport_windows import coasting, moving, window_over
 
 H = 1e-6
 

@@ -7,7 +7,7 @@ from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 
-from .windows import moving, window_over
+from .transport_windows import moving, window_over
 
 
 @pytest.mark.parametrize("trajectories", [False, True], ids=["still", "moving"])

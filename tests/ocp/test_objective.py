@@ -1,6 +1,3 @@
-import gc
-import weakref
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.ocp.objective import StageShape, stage_functions
-from psmpc_cli.ocp.problem import StageCosts, build_problem
+from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.load import load_task
 
 X_U = tuple[np.ndarray, np.ndarray]
 
@@ -103,38 +99,3 @@ def test_an_end_condition_is_met_within_tolerance_and_velocity(stage: Stage, mod
     assert costs.met(replace(here, end_velocity=10.0), X)[0]
     assert not costs.met(replace(here, end_velocity=0.5), X)[0]
     assert not costs.met(replace(here, end_rows=()), X)[0]
-
-
-Pointing = Callable[[float, float], float]
-
-
-@pytest.fixture(scope="module")
-def pointing(model: RobotModel, stages: tuple[Stage, ...], costs: StageCosts) -> Pointing:
-    """The angle of the first arm's axis, at a point in a direction from its end-effector and so far away."""
-    frame = model.pose_rows["arm_1"]
-
-    def angle(direction: float, distance: float) -> float:
-        x, y, theta = np.asarray(model.g(np.zeros(9))).ravel()[frame]
-        point = [x + distance * np.cos(theta + direction), y + distance * np.sin(theta + direction)]
-        stage = replace(stages[0], space="point", target=np.r_[0, 0, 0, point, 1e3, 1e3])
-        return float(costs.errors(stage, np.zeros((1, 18)))[0, 3])
-
-    return angle
-
-
-@given(direction=st.floats(-3.1, 3.1), distance=st.floats(0.01, 100))
-def test_an_axis_is_off_its_point_by_an_angle_at_any_distance(
-    pointing: Pointing, direction: float, distance: float
-) -> None:
-    assert pointing(direction, distance) == pytest.approx(-direction, abs=1e-9)
-
-
-def test_a_model_that_nobody_uses_is_freed_with_what_was_built_for_it() -> None:
-    problem = build_problem(load_task("transport", ["controller.nodes=4"]))
-    problem.costs.errors(problem.stages[0], np.zeros((1, 2 * problem.model.n)))
-    functions = stage_functions(problem.model, StageShape("joint"))
-    assert stage_functions(problem.model, StageShape("joint")) is functions
-    model = weakref.ref(problem.model)
-    del problem, functions
-    gc.collect()
-    assert model() is None

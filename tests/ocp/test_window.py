@@ -1,3 +1,4 @@
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -5,9 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.control import Command
-from psmpc_cli.ocp.constraints.boxes import node_limits, own_violations, shares_of_time
-from psmpc_cli.ocp.plan import Grid, Plan, mesh
+from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, StageCosts, build_problem
 from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.ocp.window import (
@@ -25,7 +24,8 @@ from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
-from .windows import coasting, moving, window_over
+from ..solvers.recorded import RecordedSolve, recorded, windows_over
+from .transport_windows import coasting, moving, window_over
 
 STEP, TOLERANCE = 0.1, 5e-3
 
@@ -115,33 +115,16 @@ def test_a_straight_trajectory_is_followed_wherever_the_optimizer_moves_its_end(
         np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
-def test_at_a_switch_the_limits_of_both_stages_hold(stages: tuple[Stage, ...]) -> None:
-    narrow = replace(stages[1].limits, velocity_high=stages[1].limits.velocity_high / 2)
-    _, high = node_limits(Grid(9, (4, 4)), (stages[0], replace(stages[1], limits=narrow)))
-    np.testing.assert_array_equal(high[:4, 9:], np.tile(stages[0].limits.velocity_high, (4, 1)))
-    np.testing.assert_array_equal(high[4:, 9:], np.tile(narrow.velocity_high, (5, 1)))
+@pytest.fixture(scope="module")
+def mission() -> Sequence[RecordedSolve]:
+    """Windows with one, two and three stages: before, at and after appends, before and after switches."""
+    return [recorded("transport")[appended + later] for appended in (62, 93, 193) for later in (-1, 0, 1, 12)]
 
 
-def test_nodes_share_the_time_of_the_intervals_beside_them() -> None:
-    times = mesh(np.array([0.0, 1.5, 4.0]), (2, 5))
-    values = np.random.default_rng(0).standard_normal(8)
-    assert shares_of_time(np.diff(times)[:, None])[:, 0] @ values == pytest.approx(np.trapezoid(values, times))
-
-
-def test_a_measured_state_violates_the_limits_of_the_current_stage(stages: tuple[Stage, ...]) -> None:
-    x0 = np.zeros(18)
-    x0[9] = 0.3
-    assert own_violations(x0, stages) == pytest.approx(np.where(np.arange(18) == 9, 0.1, 0.0))
-
-
-def picked(decisions: list[Command]) -> list[Command]:
-    """Windows of a run: before, at and after appends, with one, two and three stages, before and after switches."""
-    appended = [k for k, command in enumerate(decisions) if "appended" in command.events]
-    return [decisions[k + d] for k in appended for d in (-1, 0, 1, 12)] + decisions[20::70]
-
-
-def counts_of(command: Command, costs: StageCosts, before: dict[int, int], tolerance: float = TOLERANCE) -> list[int]:
-    return list(node_counts(command.solution.window, command.solution.plan, costs, STEP, tolerance, before))
+def counts_of(
+    solve: RecordedSolve, costs: StageCosts, before: Mapping[int, int], tolerance: float = TOLERANCE
+) -> list[int]:
+    return list(node_counts(solve.window, solve.guess, costs, STEP, tolerance, before))
 
 
 @pytest.fixture(scope="module")
@@ -150,13 +133,15 @@ def problem(transport: Task) -> Problem:
 
 
 @pytest.mark.slow
-def test_windows_of_a_run_agree_with_two_hundred_nodes(decisions: list[Command], problem: Problem) -> None:
+def test_windows_of_a_mission_agree_with_two_hundred_nodes(problem: Problem, mission: Sequence[RecordedSolve]) -> None:
     """Switch times to 20 ms, J to 1 %, with a fraction of the nodes."""
-    solver, saved = build_solver(problem, SolverSpec(kind="sqp", iterations=50)), []
-    for command in picked(decisions):
-        solved = command.solution
-        counts, fine = counts_of(command, problem.costs, {}), [200] * len(solved.window.stages)
-        one, other = (solver.solve(replace(solved.window, nodes=tuple(n)), solved.plan) for n in (counts, fine))
+    solver = build_solver(problem, SolverSpec(kind="sqp", iterations=50))
+    saved = list[float]()
+    for solve in mission:
+        solved = replace(solve, guess=solver.solve(solve.window, solve.guess).plan)
+        counts = counts_of(solved, problem.costs, {})
+        fine = [200] * len(solved.window.stages)
+        one, other = (solver.solve(replace(solved.window, nodes=tuple(n)), solved.guess) for n in (counts, fine))
         assert one.outcome.usable
         assert other.outcome.usable
         assert one.objective == pytest.approx(other.objective, rel=1e-2)
@@ -165,26 +150,26 @@ def test_windows_of_a_run_agree_with_two_hundred_nodes(decisions: list[Command],
     assert np.median(saved) < 0.5
 
 
-def test_no_interval_is_longer_than_a_sample(decisions: list[Command], costs: StageCosts) -> None:
-    for command in picked(decisions):
-        window, counts = command.solution.window, counts_of(command, costs, {})
-        tau = durations(command.solution.plan.instants, window.start, window.horizon)
+def test_no_interval_is_longer_than_a_sample(mission: Sequence[RecordedSolve], costs: StageCosts) -> None:
+    for solve in mission:
+        counts = counts_of(solve, costs, {})
+        tau = durations(solve.guess.instants, solve.window.start, solve.window.horizon)
         assert np.all(tau / counts <= STEP + 1e-9)
         assert set(counts) <= set(COUNTS)
 
 
-def test_a_stage_keeps_its_count_while_that_is_enough(decisions: list[Command], costs: StageCosts) -> None:
-    command = next(d for d in decisions if len(d.solution.window.stages) == 2)
-    counts = counts_of(command, costs, {})
-    had = {stage.index: N for stage, N in zip(command.solution.window.stages, counts, strict=True)}
+def test_a_stage_keeps_its_count_while_that_is_enough(costs: StageCosts) -> None:
+    solve = windows_over(2)[0]
+    counts = counts_of(solve, costs, {})
+    had = {stage.index: N for stage, N in zip(solve.window.stages, counts, strict=True)}
     for before in (had, dict.fromkeys(had, 3), dict.fromkeys(had, 200)):
-        assert counts_of(command, costs, before) == counts
+        assert counts_of(solve, costs, before) == counts
 
 
-def test_a_tighter_tolerance_takes_more_nodes(decisions: list[Command], costs: StageCosts) -> None:
-    few, many = (counts_of(decisions[20], costs, {}, part) for part in (2e-2, 2e-3))
+def test_a_tighter_tolerance_takes_more_nodes(costs: StageCosts) -> None:
+    few, many = (counts_of(recorded("transport")[20], costs, {}, part) for part in (2e-2, 2e-3))
     assert sum(few) < sum(many)
 
 
-def test_the_first_window_is_ready_for_costs_that_fall_to_nothing(decisions: list[Command]) -> None:
-    assert first_counts(decisions[0].solution.window, np.zeros(0), TOLERANCE, STEP) == (128,)
+def test_the_first_window_is_ready_for_costs_that_fall_to_nothing() -> None:
+    assert first_counts(recorded("transport")[0].window, np.zeros(0), TOLERANCE, STEP) == (128,)

@@ -8,9 +8,9 @@ from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..figures.conftest import load, one_arm, run, runs, styled, write_log
-from ..made_up_fronts import made_up_fronts
-from ..made_up_sweep import made_up_sweep
-from .hand_made import STAGES, TIMES, grasped, hand_made
+from ..synthetic_fronts import synthetic_fronts
+from ..synthetic_sweep import synthetic_sweep
+from .synthetic_runs import STAGES, TIMES, grasped, hand_made
 
 __all__ = ["load", "one_arm", "run", "runs", "styled", "write_log"]  # fixtures of the figures of runs
 
@@ -36,6 +36,6 @@ def reproduction(tmp_path_factory: pytest.TempPathFactory) -> Reproduction:
         waits = {stage: TIMES[(end - 2.0 < TIMES) & (end > TIMES)] for stage, end in before.items()}
         presence = {stage: {t: 10.0 ** (t - before[stage]) for t in times} for stage, times in waits.items()}
         runs[method] = hand_made(**given, presence=presence, method=method)
-    cells = SweepCells(made_up_sweep(folder / "weights.h5", "5x5", failed=(3,)))
+    cells = SweepCells(synthetic_sweep(folder / "weights.h5", "5x5", failed=(3,)))
     grasps = {"smpc": grasped(0.08), "psmpc": grasped()}
-    return Reproduction(runs, cells, made_up_fronts(folder / "fronts.h5", failed=(1,)), (HOSTILE,), grasps=grasps)
+    return Reproduction(runs, cells, synthetic_fronts(folder / "fronts.h5", failed=(1,)), (HOSTILE,), grasps=grasps)

@@ -13,7 +13,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.paper.figures import ABLATIONS, SMALLEST, plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.specs.library import find
 
-from ..figures.drawn import check_figure, common_legend, curves, points
+from ..figures.figure_contents import check_figure, common_legend, curves, points
 
 Load = Callable[..., Run]
 

@@ -15,9 +15,9 @@ from psmpc_cli.paper.judge import Claim, Finding, Reproduction, judge, load_clai
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.sweep import SweepCells
 
-from ..made_up_fronts import FALLING, RISING, made_up_fronts
-from ..made_up_sweep import T_H, T_S, Numbers, made_up_sweep, numbers
-from .hand_made import grasped, hand_made, reproduced
+from ..synthetic_fronts import FALLING, RISING, synthetic_fronts
+from ..synthetic_sweep import T_H, T_S, Numbers, numbers, synthetic_sweep
+from .synthetic_runs import grasped, hand_made, reproduced
 
 CLAIMS = {claim.id: claim for claim in load_claims()}
 
@@ -187,7 +187,7 @@ WEIGHTS = ("trend", "floor", "settles", "chosen")
 
 @pytest.fixture
 def sweep(tmp_path: Path) -> Sweep:
-    return lambda sampling="7x7", **given: SweepCells(made_up_sweep(tmp_path / "sweep.h5", sampling, **given))
+    return lambda sampling="7x7", **given: SweepCells(synthetic_sweep(tmp_path / "sweep.h5", sampling, **given))
 
 
 def with_changed(**changes: Callable[[float], Any]) -> Callable[[float], Numbers]:
@@ -248,7 +248,7 @@ def test_without_a_cell_that_ended_nothing_holds(sweep: Sweep, name: str) -> Non
 
 @pytest.fixture
 def study(tmp_path: Path) -> Study:
-    return lambda **given: made_up_fronts(tmp_path / f"{len(list(tmp_path.iterdir()))}.h5", **given)
+    return lambda **given: synthetic_fronts(tmp_path / f"{len(list(tmp_path.iterdir()))}.h5", **given)
 
 
 def of_fronts(name: str, results: Results | None) -> Finding:

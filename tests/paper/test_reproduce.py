@@ -13,9 +13,9 @@ from psmpc_cli.paper.reproduce import METHODS, claims_json, load_grasps, load_va
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.sweep import SweepCells
 
-from ..made_up_fronts import made_up_fronts
-from ..made_up_sweep import made_up_sweep
-from .hand_made import grasped, hand_made
+from ..synthetic_fronts import synthetic_fronts
+from ..synthetic_sweep import synthetic_sweep
+from .synthetic_runs import grasped, hand_made
 
 ENDS = {"htmpc": (10.1, 17.7, 27.8, float("nan")), "smpc": (10.0, 14.8, 24.8, 29.1), "psmpc": (10.2, 13.0, 23.0, 28.8)}
 
@@ -31,8 +31,8 @@ ONE_STAGE = (
 @pytest.fixture
 def made(tmp_path: Path) -> Reproduction:
     """Of hand-made runs, a made-up sweep and made-up fronts."""
-    weights = SweepCells(made_up_sweep(tmp_path / "weights.h5", "3x3", failed=(1,)))
-    fronts = made_up_fronts(tmp_path / "fronts.h5", failed=(1,))
+    weights = SweepCells(synthetic_sweep(tmp_path / "weights.h5", "3x3", failed=(1,)))
+    fronts = synthetic_fronts(tmp_path / "fronts.h5", failed=(1,))
     runs = {method: hand_made(ends, method=method) for method, ends in ENDS.items()}
     return Reproduction(runs, weights, fronts, ("x=1",), grasps={"smpc": grasped(0.08), "psmpc": grasped()})
 

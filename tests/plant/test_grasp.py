@@ -12,14 +12,19 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant import Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
-from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task, load_robot, load_task
 from psmpc_cli.specs.robot import stack
 
 Array = np.ndarray
+
+
 M, TICK = 100, 1e-3
+
+
 FREE = {"object.grasp.strength": None}
+
+
 KNOWN = {**FREE, "object.grasp.known": True}
 
 
@@ -195,15 +200,6 @@ def test_grasp_that_is_pulled_beyond_its_strength_is_lost() -> None:
         np.concatenate([getattr(target_object, name) for target_object in flown]) for name in ("pull", "closed")
     )
     assert (pull[closed] <= 0.3).all() and closed.any(axis=1).sum() > 10
-
-
-def test_tumbling_body_keeps_momentum_and_energy() -> None:
-    body = FreeBody(3.0, [1.0, 2.0, 2.5])
-    Q, v = np.array([1, 2, 3, 0.5, 0.5, 0.5, 0.5]), np.array([0.1, -0.2, 0.3, 0.4, 0.9, -0.2])
-    later = body.predicted(Q, v, 8.0)
-    assert body.momentum(*later) == pytest.approx(body.momentum(Q, v), abs=1e-6)
-    assert body.kinetic_energy(later[1]) == pytest.approx(body.kinetic_energy(v), abs=1e-7)
-    assert body.predicted(*later, -8.0)[0] == pytest.approx(Q, abs=1e-6)
 
 
 def test_grasps_too_stiff_for_the_step_are_rejected() -> None:

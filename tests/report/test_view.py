@@ -20,8 +20,8 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.report.view import view
 from psmpc_cli.simulation.run import simulate
 
-from ..in_space import turning
-from ..simulation.logged import there_and_back
+from ..free_flyer import turning
+from ..short_runs import there_and_back
 from .browser import opened_browser
 
 SIZES = ((360, 740), (800, 1000), (1400, 860))

@@ -5,7 +5,7 @@ import pytest
 from psmpc_cli.simulation.gradient_audit import audit_gradients
 from psmpc_cli.simulation.run import Experiment, build_experiment, converging
 
-from .. import in_space
+from .. import free_flyer
 
 pytestmark = pytest.mark.slow
 
@@ -34,7 +34,7 @@ def test_trajectories_that_begin_with_their_stage_are_in_all_gradients(
 
 
 def test_gradients_agree_in_the_chart_of_a_robot_in_space() -> None:
-    audits = audit_gradients(build_experiment(converging(in_space.reaching("controller.nodes=15"))))
+    audits = audit_gradients(build_experiment(converging(free_flyer.reaching("controller.nodes=15"))))
     assert [audit.switch for audit in audits] == [("fly", "reach"), ("reach", "look")]
     for audit in audits:
         assert audit.holds

@@ -7,7 +7,7 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.replay import replay
 
-from .logged import there_and_back
+from ..short_runs import there_and_back
 
 
 @pytest.fixture(scope="module")

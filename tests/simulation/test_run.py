@@ -22,7 +22,7 @@ from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.run import build_experiment, closed_loop, header, simulate
 from psmpc_cli.specs.load import Task, load_task
 
-from ..little_room import files_of_at_most
+from ..limited_disk import files_of_at_most
 
 COARSE = ("controller.nodes=5", "plant.kind=ideal")
 

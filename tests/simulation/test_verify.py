@@ -8,7 +8,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.simulation.verify import QUANTITIES, Verification
 
-from .logged import there_and_back
+from ..short_runs import there_and_back
 
 RIGID = ("plant.kind=rk4", "log.shares=false")
 

@@ -13,7 +13,7 @@ from psmpc_cli.solvers import NlpSolver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
-from ..ocp.windows import N, coasting, moving, window_over
+from ..ocp.transport_windows import N, coasting, moving, window_over
 
 
 @pytest.fixture(scope="module")

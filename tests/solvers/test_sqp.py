@@ -1,41 +1,21 @@
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from psmpc_cli.control import Command, State
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, build_solver
-from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
-from .windows import CONVERGED, FATROP, ONE, again, changed, chosen, far_away
+from .recorded import RecordedSolve, curved_end, recorded
+from .solving import CONVERGED, FATROP, ONE, again, changed, far_away, middle_window_over
+
+CAPTURE = 106
+"""The sample of the transport mission in which Capture needs less than 2.7 s."""
 
 FEW = SolverSpec(kind="sqp", iterations=40, max_iterations=40)
-TASK = """\
-robot: planar_dual_arm
-initial: {base: [-0.1782, -0.5503, -0.0252], arm_1: [0.7556, -0.8237, 0.1881], arm_2: [0.3979, 0.2407, -0.2723]}
-controller: {nodes: 20}
-solver: sqp
-plant: ideal
-skills:
-  move:  {space: joint, weights: {base: [100, 100, 10], arms: [100, 100, 10], control: 0.03}}
-  reach: {space: task, weights: {base: [100, 100, 100], arms: [10, 10, 1], control: 0.03}}
-stages:
-  - name: reach
-    skill: reach
-    priority: 2.93
-    target: {base: [0.0274, 0.0256, -0.445], arm_1: [1.0229, -0.6876, -1.6485], arm_2: [-1.2303, 0.8117, -0.9274]}
-    ends_when: {coordinates: [arms], tolerance: 4e-3}
-  - name: leave
-    skill: move
-    priority: 66.7
-    target: {base: [-0.3603, -0.4868, -0.6498], arm_1: [-0.0964, -1.3829, -0.6488], arm_2: [0.2388, 0.6594, -1.1601]}
-    ends_when: {coordinates: [base], tolerance: 1e-2}
-"""
-"""Arms are at their poses long before a base that is free to be anywhere, and what waits is urgent."""
 
 
 @pytest.fixture(scope="module")
@@ -44,15 +24,14 @@ def problem(transport: Task) -> Problem:
 
 
 @pytest.fixture(scope="module")
-def two_stages(decisions: list[Command]) -> Solution:
-    return chosen(decisions, 2)
+def two_stages() -> RecordedSolve:
+    return middle_window_over(2)
 
 
 @pytest.mark.parametrize("stages", [1, 2, 3])
-def test_one_iteration_on_the_shifted_plan_comes_near_the_optimum(
-    problem: Problem, decisions: list[Command], stages: int
-) -> None:
-    solved, judge = chosen(decisions, stages), NlpSolver(problem, FATROP)
+def test_one_iteration_on_the_shifted_plan_comes_near_the_optimum(problem: Problem, stages: int) -> None:
+    solved = middle_window_over(stages)
+    judge = NlpSolver(problem, FATROP)
     found, optimum = (again(build_solver(problem, spec), solved) for spec in (ONE, FATROP))
     assert found.iterations == 1
     assert found.outcome.usable
@@ -63,7 +42,7 @@ def test_one_iteration_on_the_shifted_plan_comes_near_the_optimum(
     assert infeasible or abs(found.objective - optimum.objective) <= abs(started - optimum.objective) + 1e-9
 
 
-def test_a_cold_start_is_iterated_until_the_step_is_small(problem: Problem, two_stages: Solution) -> None:
+def test_a_cold_start_is_iterated_until_the_step_is_small(problem: Problem, two_stages: RecordedSolve) -> None:
     """What is not marked as the shifted plan is none, however good it is."""
     guess = replace(two_stages.guess, instants=two_stages.guess.instants + 0.2)
     cold = build_solver(problem, ONE).solve(two_stages.window, guess)
@@ -72,49 +51,54 @@ def test_a_cold_start_is_iterated_until_the_step_is_small(problem: Problem, two_
     assert cold.objective == pytest.approx(again(build_solver(problem, CONVERGED), two_stages).objective, rel=1e-5)
 
 
-@pytest.fixture
-def too_short(decisions: list[Command]) -> Callable[[bool, float], Solution]:
-    """A solve of Capture and Transport, its limits soft or hard, whose guess has a share of the time that is needed."""
-    capture = [d.solution for d in decisions if len(d.instants) == 1 and d.stage.index == 1]
-    chosen = next(each for each in capture if each.plan.instants[0] - each.window.start < 2.7)
+@pytest.fixture(scope="module")
+def capture(problem: Problem) -> Solution:
+    """The optimum of a window of Capture and Transport, in which Capture needs less than 2.7 s."""
+    optimum = again(build_solver(problem, CONVERGED), recorded("transport")[CAPTURE])
+    assert [stage.name for stage in optimum.window.stages] == ["capture", "transport"]
+    assert optimum.plan.instants[0] - optimum.window.start < 2.7
+    return optimum
 
-    def of(soft: bool, share: float) -> Solution:
-        early = chosen.window.start + share * (chosen.plan.instants - chosen.window.start)
-        window = replace(chosen.window, soft=soft)
-        return replace(chosen, window=window, guess=replace(chosen.plan, instants=early))
 
-    return of
+def too_short(capture: Solution, soft: bool, share: float) -> RecordedSolve:
+    """Return a solve of Capture, its limits soft or hard, whose guess has a share of the time that is needed."""
+    start = capture.window.start
+    guess = replace(capture.plan, instants=start + share * (capture.plan.instants - start))
+    window = replace(capture.window, soft=soft)
+    return replace(recorded("transport")[CAPTURE], window=window, guess=guess)
 
 
 @pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
 def test_a_stage_too_short_for_its_end_condition_starts_again_from_a_late_switch(
-    problem: Problem, too_short: Callable[[bool, float], Solution], soft: bool
+    problem: Problem, capture: Solution, soft: bool
 ) -> None:
     """No step of the first program lengthens the stage and speeds it up at once; a later guess replaces it."""
-    short = too_short(soft, 0.1)
-    optimum = build_solver(problem, CONVERGED).solve(short.window, short.plan)
+    short = too_short(capture, soft, 0.1)
+    optimum = build_solver(problem, CONVERGED).solve(short.window, capture.plan)
     found = build_solver(problem, CONVERGED).solve(short.window, short.guess)
     assert found.outcome is Outcome.OPTIMAL
     assert found.plan.instants == pytest.approx(optimum.plan.instants, abs=1e-4)
 
 
 def test_a_first_program_that_only_soft_limits_give_a_solution_is_replaced_by_that_of_a_late_switch(
-    problem: Problem, too_short: Callable[[bool, float], Solution]
+    problem: Problem, capture: Solution
 ) -> None:
     """From the short guess the program's step passes the velocity limits by up to 3 m/s."""
-    short = too_short(True, 0.02)
+    short = too_short(capture, True, 0.02)
     once = CONVERGED.model_copy(update={"max_iterations": 1})
     stepped = build_solver(problem, once).solve(short.window, short.guess)
     assert stepped.violations.max() < FEASIBLE
 
 
-def test_a_program_without_a_solution_is_named_in_the_report(problem: Problem, two_stages: Solution) -> None:
+def test_a_program_without_a_solution_is_named_in_the_report(problem: Problem, two_stages: RecordedSolve) -> None:
     lines: list[str] = []
     again(build_solver(problem, CONVERGED, lines.append), changed(two_stages, far_away, 0), False)
     assert lines[-1].endswith("no step meets the linearized constraints")
 
 
-def test_each_line_of_the_report_leads_from_the_guess_to_the_solution(problem: Problem, two_stages: Solution) -> None:
+def test_each_line_of_the_report_leads_from_the_guess_to_the_solution(
+    problem: Problem, two_stages: RecordedSolve
+) -> None:
     lines: list[str] = []
     found = again(build_solver(problem, CONVERGED, lines.append), two_stages)
     rows = [line.split(maxsplit=6) for line in lines[1:]]
@@ -125,7 +109,9 @@ def test_each_line_of_the_report_leads_from_the_guess_to_the_solution(problem: P
 
 
 @pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
-def test_without_compiled_code_piqp_solves_the_programs(problem: Problem, two_stages: Solution, soft: bool) -> None:
+def test_without_compiled_code_piqp_solves_the_programs(
+    problem: Problem, two_stages: RecordedSolve, soft: bool
+) -> None:
     solved = replace(two_stages, window=replace(two_stages.window, soft=soft))
     specs = (CONVERGED, CONVERGED.model_copy(update={"compiled": False}))
     found, other = (again(build_solver(problem, spec), solved) for spec in specs)
@@ -134,28 +120,18 @@ def test_without_compiled_code_piqp_solves_the_programs(problem: Problem, two_st
 
 
 @pytest.fixture(scope="module")
-def curved(transport: Task) -> dict[bool, Solution]:
-    """Windows of a closed loop whose first stage ends at poses: the first one, cold, and a warm one after it."""
-
-    def solved() -> Iterator[Solution]:
-        experiment = build_experiment(parse_task(TASK, transport.robot_yaml, "reach"))
-        x = experiment.x0
-        for time in 0.1 * np.arange(15):
-            command = experiment.controller.step(time, State.of(x))
-            x = command.plan.states_at(np.array([time + 0.1]))[0]
-            yield command.solution
-
-    found = [solution for solution in solved() if len(solution.window.stages) == 2]
-    return {warm: next(solution for solution in found if solution.warm == warm) for warm in (False, True)}
+def curved() -> Mapping[bool, RecordedSolve]:
+    """Windows whose first stage ends at poses: the mission's first one, cold, and a warm one after it."""
+    return {solve.warm: solve for solve in recorded("curved end").values()}
 
 
 @pytest.fixture(scope="module")
-def reaching(transport: Task) -> Problem:
-    return build_problem(parse_task(TASK, transport.robot_yaml, "reach"))
+def reaching() -> Problem:
+    return build_problem(curved_end())
 
 
 def test_windows_with_a_curved_end_converge_in_a_few_iterations(
-    reaching: Problem, curved: dict[bool, Solution]
+    reaching: Problem, curved: Mapping[bool, RecordedSolve]
 ) -> None:
     optimum = again(build_solver(reaching, FATROP), curved[True])
     warm, cold = (again(build_solver(reaching, FEW), curved[each], each) for each in (True, False))
@@ -166,19 +142,20 @@ def test_windows_with_a_curved_end_converge_in_a_few_iterations(
 
 
 def test_multipliers_of_a_curved_end_are_carried_to_the_next_solve_and_spare_iterations(
-    reaching: Problem, curved: dict[bool, Solution]
+    reaching: Problem, curved: Mapping[bool, RecordedSolve]
 ) -> None:
-    solved, solver = curved[True], build_solver(reaching, FEW)
-    assert np.abs(solved.guess_duals).max() > 1.0
-    with_them = again(solver, solved)
-    np.testing.assert_array_equal(with_them.guess_duals, solved.guess_duals)
-    without = again(solver, replace(solved, guess_duals=np.zeros(0)))
+    solve = curved[True]
+    solver = build_solver(reaching, FEW)
+    assert np.abs(solve.duals).max() > 1.0
+    with_them = again(solver, solve)
+    np.testing.assert_array_equal(with_them.guess_duals, solve.duals)
+    without = again(solver, replace(solve, duals=np.zeros(0)))
     assert with_them.iterations < without.iterations
     assert with_them.duals == pytest.approx(without.duals, abs=1e-2)
 
 
-def test_multipliers_of_another_back_end_are_ignored(reaching: Problem, curved: dict[bool, Solution]) -> None:
-    foreign = replace(curved[True], guess_duals=np.ones(7))
+def test_multipliers_of_another_back_end_are_ignored(reaching: Problem, curved: Mapping[bool, RecordedSolve]) -> None:
+    foreign = replace(curved[True], duals=np.ones(7))
     for kind in ("sqp", "fatrop", "ipopt"):
         found = again(build_solver(reaching, SolverSpec.model_validate({"kind": kind, "iterations": 40})), foreign)
         assert found.outcome is Outcome.OPTIMAL

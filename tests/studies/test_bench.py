@@ -17,8 +17,8 @@ from psmpc_cli.studies.bench import (
     run_bench,
 )
 
-from .. import in_space
-from ..there_and_back import TASK
+from .. import free_flyer
+from ..short_runs import TASK
 
 FARTHER = "stages[0].target.base=[0.3, 0, 0]"
 """So far that the second stage enters the window after some samples, not at once."""
@@ -94,9 +94,9 @@ def test_a_run_without_an_append_is_rejected(task: str) -> None:
 
 def test_windows_of_a_robot_in_space_have_one_optimum_from_every_start() -> None:
     """A turn about one axis and a flight along another: limits of the angular velocity depend on the attitudes."""
-    pose = {"position": [0.1, 0.1, -0.1], "attitude": in_space.attitude([0.6, 0, 0.8], 30)}
+    pose = {"position": [0.1, 0.1, -0.1], "attitude": free_flyer.attitude([0.6, 0, 0.8], 30)}
     changes = [f"stages.{name}.target.base={pose}" for name in ("fly", "unfold")]
-    task = in_space.turning(30, "controller={nodes: 6, horizon: 3}", "plant.kind=ideal", "log.shares=false", *changes)
+    task = free_flyer.turning(30, "controller={nodes: 6, horizon: 3}", "plant.kind=ideal", "log.shares=false", *changes)
     bench = run_bench({"6": [task]}, "sqp", repeat=1, appends=1)
     assert [solve.stages for solve in bench.solves["6", "sqp", "warm"]] == [1, 2, 2]
     for (_, solver, start), solves in bench.solves.items():

@@ -14,7 +14,7 @@ from psmpc_cli.studies.compare import (
     run_tasks,
 )
 
-from ..there_and_back import TASK
+from ..short_runs import TASK
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
 from psmpc_cli.studies.runner import Progress, Study, run_study
 
-from ..made_up_monte_carlo import made_up_monte_carlo
-from ..there_and_back import TASK
+from ..short_runs import TASK
+from ..synthetic_monte_carlo import synthetic_monte_carlo
 
 pytestmark = pytest.mark.slow
 
@@ -91,13 +91,13 @@ def test_a_study_is_resumed_with_more_runs_and_not_with_fewer(tmp_path: Path, ru
     ],
 )
 def test_intervals_are_the_published_ones(tmp_path: Path, successes: int, runs: int, low: float, high: float) -> None:
-    found = made_up_monte_carlo(tmp_path / "study.h5", max(runs, 1), tuple(range(runs, 1)), range(successes, runs))
+    found = synthetic_monte_carlo(tmp_path / "study.h5", max(runs, 1), tuple(range(runs, 1)), range(successes, runs))
     assert found.interval == pytest.approx((low, high), abs=5e-5)
 
 
 @pytest.fixture
 def made_up(tmp_path: Path) -> MonteCarloRuns:
-    return made_up_monte_carlo(tmp_path / "study.h5", waiting=(11,), crashed=(2,), late=(5,), dropped=(7,))
+    return synthetic_monte_carlo(tmp_path / "study.h5", waiting=(11,), crashed=(2,), late=(5,), dropped=(7,))
 
 
 def test_the_worst_runs_failed_then_are_late_then_wrong(made_up: MonteCarloRuns) -> None:

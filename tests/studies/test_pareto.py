@@ -25,7 +25,7 @@ from psmpc_cli.studies.pareto import (
     weighted_sum,
 )
 
-from ..there_and_back import TASK
+from ..short_runs import TASK
 
 pytestmark = pytest.mark.slow
 

@@ -40,7 +40,7 @@ from psmpc_cli.studies.runner import (
 from psmpc_cli.studies.sampling import parse_sampling
 from psmpc_cli.studies.sweep import load_sweep_task, weight_study
 
-from ..there_and_back import TASK
+from ..short_runs import TASK
 
 Call = Callable[[int], int]
 

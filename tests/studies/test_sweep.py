@@ -14,7 +14,7 @@ from psmpc_cli.studies.runner import COMPUTED, FAILED, SHARED, run_study, with_c
 from psmpc_cli.studies.sampling import parse_sampling
 from psmpc_cli.studies.sweep import load_sweep_task, parse_stages, sweep, weight_study
 
-from ..there_and_back import TASK
+from ..short_runs import TASK
 
 COARSE = ("controller.nodes=12", "plant.kind=ideal")
 

@@ -1,0 +1,63 @@
+"""Windows that a sample tries one after another."""
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+
+import pytest
+
+from psmpc_cli.control import Controller
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.window import Window
+from psmpc_cli.simulation.run import Experiment, closed_loop
+from psmpc_cli.solvers import Solution, Solver
+
+from .short_transports import SHORT, run, with_failures
+
+Build = Callable[..., Experiment]
+
+
+def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Build) -> None:
+    fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
+    samples, ending = run(fails)
+    postponed = [s.command for s in samples if "postponed" in s.command.events and s.command.time < 0.95]
+    assert postponed
+    assert all(command.outcome.usable and len(command.instants) == 0 for command in postponed)
+    assert ending.completed
+
+
+def test_an_append_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(experiment_of: Build) -> None:
+    changes = (*SHORT, "solver.kind=sqp")
+    usual = next(s for s in closed_loop(experiment_of(*changes)) if "appended" in s.command.events).command
+    limited = with_failures(experiment_of(*changes), lambda w: len(w.stages) > 1 and w.start < usual.time + 0.25)
+    resumed = next(s for s in closed_loop(limited) if "appended" in s.command.events).command
+    assert resumed.time == pytest.approx(usual.time + 0.3)
+    assert resumed.solution.iterations < usual.solution.iterations
+
+
+class Clocked(Solver):
+    """A solver that records when each solve has to stop, by the beginning of its window."""
+
+    deadline = 0.03
+
+    def __init__(self, solver: Solver) -> None:
+        self.solver = solver
+        self.stops = defaultdict[float, list[float]](list)
+
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        self.stops[window.start].append(self.stop_time(perf_counter()))
+        return self.solver.solve(window, guess, previous, within)
+
+
+def test_all_solves_of_a_sample_share_its_deadline(experiment_of: Build) -> None:
+    fails = with_failures(experiment_of(*SHORT), lambda window: len(window.stages) > 1 and window.start < 0.95)
+    clocked = Clocked(fails.controller.law.solver)
+    list(closed_loop(replace(fails, controller=Controller(fails.problem, clocked))))
+    several = [stops for stops in clocked.stops.values() if len(stops) > 1]
+    assert several
+    for window_with, *windows_without in several:  # which are left a share of it
+        assert len(set(windows_without)) == 1
+        assert 0 < windows_without[0] - window_with < Clocked.deadline
+    lasts = [stops[-1] for stops in clocked.stops.values()]
+    assert len(set(lasts)) == len(lasts)  # each sample has a deadline of its own

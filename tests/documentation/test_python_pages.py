@@ -1,0 +1,44 @@
+"""The Python of pages of the documentation: every line is run, block after block."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import psmpc_cli as psmpc
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("page", "printed"), [("python.md", "LogError"), ("own_robot.md", "(20, 20)"), ("view.md", "")]
+)
+def test_the_page_runs(page: str, printed: str, tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
+    script = tmp_path / "page.py"
+    body = "\n".join(blocks).replace("\n", "\n    ")
+    script.write_text(f'if __name__ == "__main__":\n    {body}\n', encoding="utf-8")
+    ran = subprocess.run(
+        [sys.executable, "-W", "error", str(script)], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert printed in ran.stdout
+
+
+def test_every_public_name_is_there_and_in_the_reference() -> None:
+    reference = (DOCS / "api.md").read_text(encoding="utf-8").splitlines()
+    for name in psmpc.__all__:
+        module = getattr(psmpc, name).__module__
+        assert module == "psmpc_cli.errors" or f"::: psmpc_cli.{name}" in reference
+    assert set(psmpc.__all__) <= set(dir(psmpc))
+    unknown = "simulat"
+    with pytest.raises(AttributeError, match="expected one of"):
+        getattr(psmpc, unknown)
+
+
+def test_nothing_heavy_is_imported_before_it_is_used() -> None:
+    code = "import psmpc_cli, sys; print(sorted({'casadi', 'h5py', 'matplotlib', 'numpy'} & set(sys.modules)))"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "[]\n"

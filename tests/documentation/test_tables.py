@@ -1,0 +1,69 @@
+"""The tables of README.md and docs/ are what their commands print, and so is the tutorial; none is by hand."""
+
+import re
+import subprocess
+import sys
+from itertools import chain
+from pathlib import Path
+
+import pytest
+
+from psmpc_cli.figures import registry
+from psmpc_cli.logs.schema import SCHEMA
+from psmpc_cli.paper.figures import ABLATIONS
+from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
+from psmpc_cli.specs.task import TaskSpec
+
+from .pages import PAGES, ROOT, TABLE, tables
+
+BENCHMARKS = ROOT / "benchmarks"
+TABLES = list(tables())
+QUICK = "tables.py"
+"""The script whose tables take seconds."""
+
+
+def run_benchmark(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run a script of benchmarks/."""
+    command = [sys.executable, *words]
+    return subprocess.run(command, cwd=BENCHMARKS, capture_output=True, text=True, check=False)
+
+
+def test_quick_tables_are_what_their_commands_print() -> None:
+    ran = run_benchmark("pages.py", "--check", "--quick")
+    assert (ran.returncode, ran.stdout) == (0, ""), "python benchmarks/pages.py --quick writes them anew"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
+def test_no_table_of_numbers_is_by_hand(page: Path) -> None:
+    by_hand = TABLE.sub("", page.read_text(encoding="utf-8"))
+    assert "<!-- table:" not in by_hand
+    rows = [line.strip("| ").split("|") for line in by_hand.splitlines() if line.startswith("|")]
+    assert [row for row in rows if sum(bool(re.match(r" *-?\d", cell)) for cell in row) > 1] == []
+
+
+def test_the_script_of_every_table_is_there() -> None:
+    scripts = {command.split()[0] for _, command, _ in TABLES} - {"psmpc"}
+    assert [script for script in scripts if not (BENCHMARKS / script).is_file()] == []
+
+
+def test_every_key_and_every_dataset_is_in_a_table() -> None:
+    commands = [command for _, command, _ in TABLES]
+    roots = (TaskSpec, PlanarRobot, SpatialRobot, UrdfRobot)
+    models = {name for root in roots for name in (root.__name__, *root.model_json_schema()["$defs"])}
+    assert sorted(f"{QUICK} keys {model}" for model in models) == sorted(c for c in commands if f"{QUICK} keys" in c)
+    datasets = "".join(text for _, command, text in TABLES if f"{QUICK} datasets" in command)
+    listed = re.findall(r"^\| `([\w/]+)` \|", datasets, re.MULTILINE)
+    assert sorted(listed) == sorted(column.path for column in SCHEMA if not column.is_scale)
+
+
+@pytest.mark.slow
+def test_who_follows_the_tutorial_sees_what_it_shows() -> None:
+    ran = run_benchmark("tutorial.py", "--check")
+    assert (ran.returncode, ran.stdout) == (0, ""), "python benchmarks/tutorial.py writes the page anew"
+
+
+def test_the_gallery_has_every_figure() -> None:
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    of_the_paper = ["presence", "monitors", "schedule", *(f"ablation_{name}" for name in ABLATIONS)]
+    names = [*chain.from_iterable(registry.FIGURES.values()), *of_the_paper]
+    assert [name for name in names if f"<figcaption>{name}</figcaption>" not in page] == []

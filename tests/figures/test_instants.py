@@ -1,0 +1,71 @@
+"""What figures of decisions show: planned switch times, shares and solves."""
+
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import StepPatch
+
+from psmpc_cli.figures.instants import cost_shares, plot_instants, plot_shares, plot_solve_time
+from psmpc_cli.logs.run import Run
+from psmpc_cli.specs.library import find
+
+from .figure_contents import common_legend, curves, legend, long_curves, points
+
+Load = Callable[..., Run]
+
+
+def test_every_planned_switch_time_is_drawn_and_how_far_it_is_off(run: Run) -> None:
+    figure, instants = plot_instants(run), run["window/instants"]
+    drawn = curves(figure.axes[1])
+    assert list(drawn) == ["approach", "capture", "transport"]
+    for stage, curve in enumerate(drawn.values()):
+        seen = np.isfinite(instants[:, stage])
+        np.testing.assert_array_equal(curve, np.column_stack([run.time[seen], instants[seen, stage]]))
+    for curve, end in zip(long_curves(figure.axes[2]), (10.0, 13.0, 23.0), strict=True):
+        np.testing.assert_allclose(curve[:, 1], 20.0 * (end - curve[:, 0]), atol=1e-6)  # as made up, in ms
+    assert figure.axes[2].get_ylabel() == "Planned minus\nactual (ms)"
+    assert {"present time", "actual switch", "end of the horizon"} <= set(common_legend(figure))
+
+
+def stacks(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Bottom and top of every stage's band, by sample."""
+    found = [patch for patch in axes.patches if isinstance(patch, StepPatch)]
+    data = [(str(patch.get_label()), patch.get_data()) for patch in found]
+    return {name: (np.asarray(one.baseline), one.values) for name, one in data}
+
+
+def test_cost_shares_are_weighted_by_the_priorities_but_under_smpc(run: Run, load: Load) -> None:
+    k = int(np.argmin(np.abs(run.time - 8.0)))  # approach and capture, priorities 1 and 100, cost 1 and 1/2
+    np.testing.assert_allclose(cost_shares(run)[k], [1 / 51, 50 / 51, np.nan, np.nan])
+    smpc = load(task=find("task", "transport").read_text().replace("kind: psmpc", "kind: smpc"))
+    np.testing.assert_allclose(cost_shares(smpc)[k][:2], [2 / 3, 1 / 3])
+
+
+def test_the_bands_of_the_shares_fill_the_panels_and_switches_are_marked(run: Run) -> None:
+    figure = plot_shares(run)
+    for axes in figure.axes[1:]:
+        bottom, found = np.zeros(len(run.time)), stacks(axes)
+        assert list(found) == ["approach", "capture", "transport", "release"]
+        for low, top in found.values():
+            np.testing.assert_allclose(low, bottom)
+            bottom = top
+        np.testing.assert_allclose(bottom, 100.0)
+        assert {line.get_xdata()[0] for line in axes.lines} == {10.0, 13.0, 23.0, 6.4}
+    _, top = stacks(figure.axes[2])["approach"]  # handed over before the switch
+    assert np.all(top[run.time < 5.9] == 100.0) and np.all(top[run.time > 10.1] == 0.0)
+    assert legend(figure.axes[1]) == ["approach", "capture", "transport", "release"]
+    assert set(common_legend(figure)) == {"switch", "next stage already acts", "early start"}
+
+
+def test_every_solve_is_drawn_once_by_the_stages_in_its_window(run: Run) -> None:
+    figure = plot_solve_time(run)
+    for axes, column, unit in zip(figure.axes[1:], ("solver/wall_time", "solver/iterations"), (1e3, 1.0), strict=True):
+        drawn = np.vstack(list(curves(axes).values()))
+        drawn = drawn[np.argsort(drawn[:, 0])]
+        np.testing.assert_allclose(drawn, np.column_stack([run.time, run[column] * unit]))
+        (crosses,) = [line for line in axes.lines if line.get_marker() == "x"]
+        np.testing.assert_array_equal(points(crosses)[:, 0], [20.0])
+    assert legend(figure.axes[1]) == ["1 stage", "2 stages", "3 stages in the window"]
+    assert {"sample time, 100 ms", "failed solve"} <= set(common_legend(figure))
+    assert any(np.all(points(line)[:, 1] == 100.0) for line in figure.axes[1].lines)

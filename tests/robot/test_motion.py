@@ -1,0 +1,57 @@
+"""Laws of the double integrator."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from psmpc_cli.robot.configuration import PLANE
+from psmpc_cli.robot.motion import advanced, braking, mean_control, over_ticks, rollout, step, velocity_shares
+
+K = 4
+N = 3
+
+U = arrays(float, (K, N), elements=st.floats(-3, 3))
+X0 = arrays(float, 2 * N, elements=st.floats(-3, 3))
+STEPS = arrays(float, K, elements=st.floats(0.01, 2))
+
+
+@given(X0, U, STEPS)
+def test_a_rollout_takes_step_after_step(x: np.ndarray, u: np.ndarray, steps: np.ndarray) -> None:
+    X = rollout(x, u, steps)
+    assert X[0] == pytest.approx(x)
+    assert X[1:] == pytest.approx(advanced(X[:-1], u, steps[:, None]), abs=1e-9)
+
+
+@given(X0, U, st.floats(0.01, 2), st.sampled_from(["exact", "euler"]))
+def test_steps_as_expressions_have_the_shares_of_velocities_at_their_ends(
+    x: np.ndarray, u: np.ndarray, h: float, discretization: str
+) -> None:
+    """Q+ - Q = h (a Qdot + b Qdot+)."""
+    after = np.asarray(step(discretization)(ca.DM(x), ca.DM(u[0]), h)).ravel()
+    a, b = velocity_shares(discretization)
+    assert after[:N] - x[:N] == pytest.approx(h * (a * x[N:] + b * after[N:]), abs=1e-9)
+    assert after[N:] == pytest.approx(x[N:] + h * u[0])
+    if discretization == "exact":
+        assert after == pytest.approx(advanced(x[None], u[:1], h)[0], abs=1e-9)
+
+
+@given(X0, st.floats(0.01, 5))
+def test_braking_ends_at_rest_where_it_says(x: np.ndarray, duration: float) -> None:
+    u, at_rest = braking(x, duration)
+    assert advanced(x[None], u[None], duration)[0] == pytest.approx(at_rest, abs=1e-9)
+    assert at_rest[N:] == pytest.approx(np.zeros(N))
+
+
+@given(X0, U, STEPS, st.integers(1, 9))
+def test_ticks_under_the_mean_control_have_the_velocities_of_the_plan(
+    x: np.ndarray, u: np.ndarray, steps: np.ndarray, count: int
+) -> None:
+    times = np.concatenate([[0.0], np.cumsum(steps)])
+    edges = np.linspace(0.0, times[-1], count + 1)
+    mean = mean_control(u, times, edges)
+    tick = times[-1] / count
+    _, velocities = over_ticks(PLANE, x[:N], x[N:], mean, tick)
+    assert velocities[-1] == pytest.approx(rollout(x, u, steps)[-1, N:], abs=1e-9)

@@ -1,0 +1,190 @@
+"""The quadratic programs of windows: our own method, PIQP's, and the conditions of an optimum."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from psmpc_cli.native.library import CompilationError, find_compiler
+from psmpc_cli.ocp.constraints.boxes import PENALTY, scaled_violations
+from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.window import window_numbers, window_shape
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.solvers.quadratic import PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
+from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, window_bounds
+
+from .optimality import energy, objective, optimality
+from .random_programs import Task, random_task, unattainable
+from .recorded import RecordedSolve, windows_over
+from .solving import middle_window_over
+
+SEEDS = st.integers(0, 2**32 - 1)
+FEATURES = st.sets(st.sampled_from(("equal", "fixed", "free", "inputs", "tied")))
+NODES = st.sampled_from([(1,), (4,), (3, 2), (5, 5), (2, 3, 2)])
+
+
+def our_method(task: Task, tolerance: float = 1e-9) -> RiccatiQp:
+    """Our method, which is C; without a compiler there is none, and the test is skipped.
+
+    Where there is a compiler that cannot make it, the test fails.
+    """
+    try:
+        find_compiler()
+    except CompilationError as error:
+        pytest.skip(str(error))
+    grid = task.window.form.grid
+    kernel = load_kernel(grid.n, grid.switches)
+    assert kernel is not None
+    return RiccatiQp(kernel, tolerance)
+
+
+def ours(task: Task, tolerance: float = 1e-9) -> QpSolution:
+    """Solve a program by our method."""
+    return our_method(task, tolerance).solve(task.window, task.model, task.point)
+
+
+def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
+    """Solve a program by PIQP."""
+    return PiqpQp(tolerance).solve(task.window, task.model, task.point)
+
+
+def first_program(model: RobotModel, solve: RecordedSolve) -> Task:
+    """The program at the guess of a recorded window."""
+    window = solve.window
+    guess = solve.guess
+    form = VelocityForm(model, window_shape(window))
+    tau = np.diff(guess.instants, prepend=window.start)
+    point = Point(guess.X, tau)
+    parameters = window_numbers(window, guess.instants)
+    bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
+    return Task(SqpWindow(form, bounds, parameters), form.linearize(point, parameters), point)
+
+
+@pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])
+def tasks(request: pytest.FixtureRequest, model: RobotModel) -> list[Task]:
+    """Programs of a mission: after an append, and warm."""
+    found = windows_over(request.param)
+    return [first_program(model, solve) for solve in (found[0], middle_window_over(request.param), found[-1])]
+
+
+def assert_optimal(task: Task, found: QpSolution) -> None:
+    assert found.status is QpStatus.SOLVED
+    missed = optimality(task, found)
+    scale = 1 + max(np.abs(found.gaps).max(), np.abs(found.rows).max())
+    assert missed.gaps < 1e-9
+    assert missed.limits < 1e-8
+    assert missed.gradient < 1e-8 * scale
+    assert missed.complementarity < 1e-8 * scale
+
+
+def test_programs_of_a_mission_are_solved_like_piqp_solves_them(tasks: Sequence[Task]) -> None:
+    for task in tasks:
+        found = ours(task)
+        other = piqp(task)
+        assert_optimal(task, found)
+        assert other.status is QpStatus.SOLVED
+        assert objective(task.model, found.step) == pytest.approx(objective(task.model, other.step), rel=1e-6, abs=1e-8)
+        assert np.abs(found.step.tau - other.step.tau).max(initial=0.0) < 1e-6
+        assert energy(task.model, found.step, other.step) < 1e-8
+
+
+@settings(max_examples=60)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES)
+def test_random_programs_end_where_their_conditions_hold(seed: int, nodes: tuple[int, ...], what: set[str]) -> None:
+    task = random_task(np.random.default_rng(seed), nodes, what)
+    found = ours(task)
+    assert_optimal(task, found)
+
+
+@settings(max_examples=30)
+@given(seed=SEEDS, what=FEATURES)
+def test_a_program_without_a_solution_is_proved_to_have_none(seed: int, what: set[str]) -> None:
+    task = unattainable(random_task(np.random.default_rng(seed), (3, 2), what))
+    found = ours(task)
+    assert found.status is QpStatus.INFEASIBLE
+    assert found.iterations < 30
+
+
+def test_a_program_with_numbers_that_are_none_fails(tasks: Sequence[Task]) -> None:
+    gradient = tasks[0].model.gradient.copy()
+    gradient[3, 0] = np.nan
+    assert ours(replace(tasks[0], model=replace(tasks[0].model, gradient=gradient))).status is QpStatus.FAILED
+
+
+def test_solving_again_gives_the_same(tasks: Sequence[Task]) -> None:
+    """No memory is left over from the program before."""
+    task = tasks[-1]
+    qp = our_method(task)
+    first = qp.solve(task.window, task.model, task.point)
+    qp.solve(task.window, replace(task.model, gradient=-task.model.gradient), task.point)
+    again = qp.solve(task.window, task.model, task.point)
+    assert np.array_equal(first.step.X, again.step.X)
+    assert np.array_equal(first.rows, again.rows)
+
+
+def softened(task: Task, away: np.ndarray | float = 0.0) -> Task:
+    """The same program with soft bounds of states, some of them moved."""
+    bounds = task.window.bounds
+    at = slice(task.window.states)
+    low = bounds.low.copy()
+    high = bounds.high.copy()
+    low[at], high[at] = moved_apart(low[at] + away, high[at] + away)
+    return task.with_bounds(low=low, high=high, soft=True)
+
+
+def penalties(task: Task) -> np.ndarray:
+    """What a violation of each bound of a state by 1 costs."""
+    n = task.window.form.grid.n
+    return np.repeat(PENALTY * task.window.shares(task.point)[1:], 2 * n)
+
+
+def costs_of_violations(task: Task, step: Point) -> float:
+    bounds = task.window.bounds
+    at = slice(task.window.states)
+    X = (task.point.X + step.X)[1:].ravel()
+    return float((penalties(task) / PENALTY * scaled_violations(X, bounds.low[at], bounds.high[at])).sum())
+
+
+def total_cost(task: Task, found: QpSolution) -> float:
+    return objective(task.model, found.step) + costs_of_violations(task, found.step)
+
+
+@settings(max_examples=40)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES)
+def test_both_methods_violate_what_cannot_be_met_at_the_same_cost(
+    seed: int, nodes: tuple[int, ...], what: set[str]
+) -> None:
+    rng = np.random.default_rng(seed)
+    task = random_task(rng, nodes, what)
+    size = task.window.states
+    task = softened(task, away=np.where(rng.random(size) < 1 / 3, rng.normal(size=size), 0.0))
+    found = ours(task)
+    other = piqp(task)
+    assert found.status is QpStatus.SOLVED
+    assert (np.abs(found.rows[:size]) <= penalties(task) * (1 + 1e-9)).all()
+    if other.status is QpStatus.SOLVED:
+        assert total_cost(task, found) == pytest.approx(total_cost(task, other), rel=1e-6, abs=1e-6)
+
+
+@settings(max_examples=40)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES)
+def test_a_program_that_hard_bounds_allow_has_the_same_solution_with_soft_ones(
+    seed: int, nodes: tuple[int, ...], what: set[str]
+) -> None:
+    task = softened(random_task(np.random.default_rng(seed), nodes, what))
+    hard = ours(task.with_bounds(soft=False))
+    soft = ours(task)
+    assert soft.status is QpStatus.SOLVED
+    if hard.status is QpStatus.SOLVED and (np.abs(hard.rows[: task.window.states]) < penalties(task)).all():
+        assert costs_of_violations(task, soft.step) < 1e-6
+        assert objective(task.model, soft.step) == pytest.approx(objective(task.model, hard.step), rel=1e-6, abs=1e-6)
+
+
+@settings(max_examples=20)
+@given(seed=SEEDS, what=FEATURES)
+def test_soft_bounds_do_not_help_where_an_end_condition_cannot_be_met(seed: int, what: set[str]) -> None:
+    task = softened(unattainable(random_task(np.random.default_rng(seed), (3, 2), what)))
+    assert ours(task).status is QpStatus.INFEASIBLE

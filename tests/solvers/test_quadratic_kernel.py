@@ -1,0 +1,155 @@
+"""Our own method as C: several sizes in one program, the compiler's warnings, sanitizers, on random programs."""
+
+import ctypes
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psmpc_cli.native.library import CompilationError, find_compiler
+from psmpc_cli.solvers.quadratic import (
+    ACCEPTABLE,
+    ARRAYS,
+    BOUND_PUSH,
+    INITIAL_BARRIER,
+    MAX_ITERATIONS,
+    REPORT_SIZE,
+    QpArrays,
+    QpMethod,
+    QpSolution,
+    QpStatus,
+    QuadraticProgram,
+    kernel_source,
+    kernel_symbols,
+)
+
+from . import random_programs
+from .random_programs import Task, random_task
+from .test_quadratic import ours
+
+STRICT = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas", "-Wno-psabi")
+SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+TOLERANCE = 1e-9
+"""Residuals and complementarity at which a program is solved."""
+
+STEP_DIFFERENCE = 1e-10
+"""Other flags round differently: on these programs steps differed by 1e-12 at most."""
+
+SOLVE = """
+#include <stdio.h>
+#include <stdlib.h>
+int {name}(void) {{
+    {arrays}
+    double report[{report_size}];
+    QuadraticProgram program = {{{members}, .report = report}};
+    size_t workspace_size = (size_t){symbols.workspace_size}(&program) * sizeof(double);
+    program.workspace = aligned_alloc(64, (workspace_size + 63) / 64 * 64);
+    int64_t status = {symbols.solve}(&program);
+    printf("%d %d", (int)status, (int){symbols.program_size}());
+    for (size_t i = 0; i < sizeof X / sizeof *X; i++) printf(" %.17g", X[i]);
+    printf("\\n");
+    free(program.workspace);
+    return 0;
+}}
+"""
+
+
+class Recorded(QpMethod):
+    """Records the arrays of a program instead of solving it."""
+
+    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
+        self.arrays = arrays
+        self.soft = soft
+        return QpStatus.FAILED, 0
+
+
+def source_of(task: Task, name: str) -> str:
+    """The C source of the kernel, and of a function that solves one program and prints status, size and step."""
+    method = Recorded()
+    method.solve(task.window, task.model, task.point)
+    arrays = method.arrays
+    grid = task.window.form.grid
+    members = {
+        "K": grid.K,
+        "node_row_count": len(arrays.row_jacobian),
+        "has_input_rows": int(len(arrays.input_low) > 0),
+        "soft_state_bounds": int(method.soft),
+        "max_iterations": MAX_ITERATIONS,
+        "tolerance": TOLERANCE,
+        "acceptable_tolerance": max(ACCEPTABLE, TOLERANCE),
+        "initial_barrier": INITIAL_BARRIER,
+        "bound_push": BOUND_PUSH,
+        **{array: array for array in ARRAYS},
+    }
+    function = SOLVE.format(
+        name=name,
+        arrays="\n    ".join(_declared(array, getattr(arrays, array)) for array in ARRAYS),
+        report_size=REPORT_SIZE,
+        members=", ".join(f".{member} = {value}" for member, value in members.items()),
+        symbols=kernel_symbols(grid.n, grid.switches),
+    )
+    return kernel_source(grid.n, grid.switches) + function
+
+
+def _declared(name: str, values: np.ndarray) -> str:
+    kind = "int64_t" if values.dtype.kind == "i" else "double"
+    each = [repr(value).replace("inf", "INFINITY") for value in values.ravel().tolist()] or ["0"]
+    return f"static {kind} {name}[] = {{{', '.join(each)}}};"
+
+
+def run(command: Sequence[str], folder: Path) -> str:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout
+
+
+def solve_as_one_program(tasks: Sequence[Task], flags: Sequence[str], folder: Path) -> list[list[str]]:
+    """Compile a file for each task, link them, and return what their functions print, word by word."""
+    try:
+        compiler = find_compiler()
+    except CompilationError as error:
+        pytest.skip(str(error))
+    names = [f"solve_{number}" for number in range(len(tasks))]
+    for name, task in zip(names, tasks, strict=True):
+        (folder / f"{name}.c").write_text(source_of(task, name))
+        run([*compiler, *STRICT, *flags, "-O1", "-c", f"{name}.c", "-o", f"{name}.o"], folder)
+    declarations = " ".join(f"int {name}(void);" for name in names)
+    calls = " || ".join(f"{name}()" for name in names)
+    (folder / "main.c").write_text(f"{declarations}\nint main(void) {{ return {calls}; }}\n")
+    objects = [f"{name}.o" for name in names]
+    run([*compiler, *STRICT, *flags, "main.c", *objects, "-o", "solve", "-lm"], folder)
+    return [line.split() for line in run(["./solve"], folder).splitlines()]
+
+
+def assert_same_solution(printed: Sequence[str], expected: QpSolution) -> None:
+    status, program_size, *step = printed
+    assert tuple(QpStatus)[int(status)] is expected.status
+    assert int(program_size) == ctypes.sizeof(QuadraticProgram)
+    np.testing.assert_allclose(np.array(step, float), expected.step.X[1:].ravel(), rtol=0, atol=STEP_DIFFERENCE)
+
+
+def test_kernels_of_several_sizes_solve_side_by_side_in_one_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every name for callers has the sizes in it, and no other name leaves its file: else they would not link."""
+    tasks = []
+    for coordinates, nodes in ((2, (4, 6)), (3, (3, 4, 5))):
+        monkeypatch.setattr(random_programs, "COORDINATES", coordinates)
+        tasks.append(random_task(np.random.default_rng(3), nodes, {"inputs"}))
+    printed = solve_as_one_program(tasks, (), tmp_path)
+    for words, task in zip(printed, tasks, strict=True):
+        assert_same_solution(words, ours(task, TOLERANCE))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
+@pytest.mark.parametrize(("nodes", "what"), [((5,), ""), ((4, 6), "inputs fixed"), ((3, 4, 5), "equal tied")])
+def test_the_kernel_has_no_warning_and_touches_no_foreign_memory(
+    nodes: tuple[int, ...], what: str, soft: bool, tmp_path: Path
+) -> None:
+    task = random_task(np.random.default_rng(3), nodes, set(what.split())).with_bounds(soft=soft)
+    (printed,) = solve_as_one_program([task], SANITIZED, tmp_path)
+    assert_same_solution(printed, ours(task, TOLERANCE))

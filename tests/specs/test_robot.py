@@ -1,0 +1,115 @@
+"""Spatial robots from files: through a URDF, in our own keys, and what is wrong with either."""
+
+from pathlib import Path
+
+import pytest
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.load import load_robot
+from psmpc_cli.specs.robot import SpatialRobot
+
+SERVICER = (Path(__file__).parents[2] / "robots" / "dual_arm_servicer.urdf").read_text()
+
+
+YAML = """name: r
+space: spatial
+base: {mass: 10, inertia: [0.2, 0.2, 0.2]}
+arms:
+  arm:
+    links:
+      - {joint: {axis: [0, 0, 1]}, mass: 1, inertia: [0.01, 0.02, 0.02]}
+limits: {base: {velocity: [0.1, 0.1, 0.1, 0.2, 0.2, 0.2]}}
+"""
+
+
+FILE = """name: r
+urdf: servicer.urdf
+base: servicer
+arms: {left: {tip: left_tool}}
+limits: {left: {velocity: [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]}}
+"""
+
+
+def saved(folder: Path, text: str, urdf: str = SERVICER) -> Path:
+    (folder / "servicer.urdf").write_text(urdf)
+    (folder / "r.yaml").write_text(text)
+    return folder / "r.yaml"
+
+
+def test_a_urdf_gives_bodies_and_limits_and_the_file_tightens_them(tmp_path: Path) -> None:
+    """The arm that is not named is locked: its 16 kg count with the base."""
+    robot = load_robot(saved(tmp_path, FILE))
+    assert robot.parts == {"base": 6, "left": 7}
+    assert robot.bodies[0].mass == pytest.approx(150 + 16)
+    assert robot.limits["left"].velocity == ((-0.1, 0.1),) * 7
+    position = robot.limits["left"].position
+    assert position is not None
+    assert position[1] == pytest.approx((-2.0944, 2.0944))
+
+
+def test_a_urdf_alone_has_an_arm_for_each_leaf(tmp_path: Path) -> None:
+    saved(tmp_path, FILE)
+    robot = load_robot(tmp_path / "servicer.urdf")
+    assert list(robot.parts) == ["base", "left_tool", "right_tool"]
+    assert isinstance(robot, SpatialRobot)
+    assert any("left_tool" in note and "no <inertial>" in note for note in robot.assumed)
+
+
+def test_our_own_keys_give_the_same_robot_as_the_urdf(tmp_path: Path) -> None:
+    robot = load_robot(saved(tmp_path, YAML))
+    assert robot.parts == {"base": 6, "arm": 1}
+    assert robot.limits["base"].velocity is not None
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "where", "words"),
+    [
+        ("[0, 0, 1]", "[0, 0, 2]", "r.yaml:7:24:", ("length 1", "2")),
+        ("[0, 0, 1]", "[0, 1]", "r.yaml:7:24:", ("3 entries",)),
+        ("[0.01, 0.02, 0.02]", "[0.01, 0.02, 0.05]", "r.yaml:7:", ("sum of the others",)),
+        ("[0.01, 0.02, 0.02]", "[-0.01, 0.02, 0.02]", "r.yaml:7:", ("positive principal moments",)),
+        ("[0.01, 0.02, 0.02]", "[0.01]", "r.yaml:7:", ("3 principal moments", "6 numbers")),
+        ("mass: 1,", "mass: 0,", "r.yaml:7:", ("greater than 0",)),
+        ("{axis: [0, 0, 1]}", "{axis: [0, 0, 1], kind: ball}", "r.yaml:7:", ("revolute", "prismatic")),
+        ("[0.1, 0.1, 0.1, 0.2, 0.2, 0.2]", "[0.1, 0.1, 0.1]", "r.yaml:8:", ("6 entries", "rx")),
+        ("spatial", "spacial", "r.yaml:2:", ("spatial",)),
+        (
+            "velocity: [0.1",
+            "position: [null, null, null, [-1, 1], null, null], velocity: [0.1",
+            "r.yaml:8:",
+            ("attitude", "null"),
+        ),
+        ("[0, 0, 1]}", "[0, 0, 1], rpy: [90, 0, 0]}", "r.yaml:7:", ("90 rad", "90 deg")),
+        ("mass: 10, ", "", "r.yaml:3:", ('no key "mass"',)),
+        ("{base: {velocity", "{arm: {position: [[-120, 120]]}, base: {velocity", "r.yaml:8:", ("-120 deg",)),
+        ("    links:", "    mount: arn.1\n    links:", "r.yaml:6:", ("arn.1", "base")),
+    ],
+)
+def test_bad_keys_are_named_where_they_are(
+    tmp_path: Path, right: str, wrong: str, where: str, words: tuple[str, ...]
+) -> None:
+    assert right in YAML
+    with pytest.raises(SpecError) as caught:
+        load_robot(saved(tmp_path, YAML.replace(right, wrong)))
+    assert where in str(caught.value), str(caught.value)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "words"),
+    [
+        ("servicer.urdf", "gone.urdf", ("gone.urdf", "no readable file", "URDF")),
+        ("base: servicer", "base: serviser", ("r.yaml:3:7: base:", "serviser", "servicer")),
+        ("left_tool", "left_tol", ("r.yaml:4:20: arms.left.tip:", "left_tol", "left_tool")),
+        ("{tip: left_tool}", "{tip: servicer}", ("no joint of its own", "servicer")),
+        ("{tip: left_tool}", "{top: left_tool}", ("top", "tip")),
+        ("limits:", "locked: {right_joint_9: 1}\nlimits:", ("right_joint_9", "right_joint_1")),
+        ("velocity: [0.1, ", "velocity: [", ("7 entries", "limits: {left: {velocity: [0.1, 0.1")),
+    ],
+)
+def test_a_urdf_that_does_not_have_what_the_file_names(
+    tmp_path: Path, right: str, wrong: str, words: tuple[str, ...]
+) -> None:
+    with pytest.raises(SpecError) as caught:
+        load_robot(saved(tmp_path, FILE.replace(right, wrong, 1)))
+    assert all(word in str(caught.value) for word in words), str(caught.value)

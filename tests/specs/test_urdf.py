@@ -1,0 +1,246 @@
+"""Files of URDF: what is wrong with them, and what is assumed of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.load import load_robot
+from psmpc_cli.specs.urdf import read_urdf
+
+PARTS = {
+    "base": '<link name="base"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>',
+    "link": '<link name="arm"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>',
+    "joint": '<joint name="j" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="1"/></joint>',
+}
+
+
+def part(name: str, right: str, wrong: str) -> dict[str, str]:
+    """One part with something replaced."""
+    assert right in PARTS[name]
+    return {name: PARTS[name].replace(right, wrong)}
+
+
+def of_links(number: int) -> str:
+    """A robot of so many links without joints."""
+    return "<robot name='r'>" + "".join(f"<link name='l{i}'/>" for i in range(number)) + "</robot>"
+
+
+CIRCLE = '<joint name="k" type="fixed"><parent link="arm"/><child link="base"/></joint>'
+
+
+def written(folder: Path, **changed: str) -> Path:
+    """A robot of two links in a file, some parts of it replaced."""
+    path = folder / "robot.urdf"
+    path.write_text(
+        "<robot name='r'>\n" + "\n".join(part for part in {**PARTS, **changed}.values() if part) + "\n</robot>\n"
+    )
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changed", "line", "words"),
+    [
+        ({"joint": PARTS["joint"].replace('"arm"', '"arn"')}, 4, ("unknown link", "arn", "arm")),
+        ({"joint": PARTS["joint"].replace("revolute", "ball")}, 4, ("ball", "revolute", "fixed")),
+        ({"joint": PARTS["joint"].replace("0 0 1", "0 0 0")}, 4, ("axis", "length 0")),
+        ({"joint": PARTS["joint"].replace("0 0 1", "0 1")}, 4, ("0 1", "3 numbers")),
+        ({"joint": PARTS["joint"].replace('lower="-1"', 'lower="2"')}, 4, ("limits", "lower one first")),
+        ({"joint": PARTS["joint"].replace('<parent link="base"/>', "")}, 4, ("no parent",)),
+        ({"joint": ""}, 1, ("2 links that no joint carries", "base, arm")),
+        ({"more": PARTS["joint"].replace('"j"', '"k"')}, 5, ("carried by two joints", "j", "k")),
+        ({"more": CIRCLE}, 1, ("circle",)),
+        ({"link": PARTS["link"].replace('value="1"', 'value="0"')}, 3, ("no mass", "arm")),
+        ({"link": PARTS["link"].replace('value="1"', 'value="-1"')}, 3, ("mass of -1",)),
+        ({"link": PARTS["link"].replace('value="1"', 'value="one"')}, 3, ("one", "number")),
+        ({"link": PARTS["link"].replace('ixx="1"', 'ixx="-1"')}, 3, ("principal moments", "-1")),
+        ({"link": PARTS["link"].replace('ixx="1"', "")}, 3, ("ixx",)),
+        ({"link": PARTS["base"]}, 3, ("second link", "base", "line 2")),
+        ({"link": PARTS["link"].replace('name="arm"', "")}, 3, ("without a name",)),
+        ({"base": ""}, 3, ("unknown link", "base", "arm")),
+        (
+            part("joint", "<limit", '<axis xyz="1 0 0"/><limit'),
+            4,
+            ("second <axis>", '"j"', "line 4"),
+        ),
+        (part("joint", "<parent", '<parent link="arm"/><parent'), 4, ("second <parent>", '"j"')),
+        (part("joint", "<limit", "<limit/><limit"), 4, ("second <limit>", '"j"', "one at most")),
+        (part("link", "<mass", '<mass value="2"/><mass'), 3, ("second <mass>", '"arm"')),
+        (part("link", "</link>", "<inertial/></link>"), 3, ("second <inertial>", '"arm"')),
+        (part("link", 'value="1"', 'value="1_0"'), 3, ("1_0", 'link "arm"', "number")),
+        (part("link", 'value="1"', 'value="\uff11"'), 3, ("mass value", "number")),
+        (part("link", 'value="1"', 'value="1e13"'), 3, ("1e13", 'link "arm"', "at most 1e+12")),
+        (part("joint", "0 0 1", "0 1e300 1e300"), 4, ("axis", "1e300", 'joint "j"', "at most 1e+12")),
+        (
+            part("joint", "<axis", '<origin xyz="1e300 0 0"/><axis'),
+            4,
+            ("origin xyz", "at most 1e+12"),
+        ),
+        (
+            part("joint", "<axis", '<origin rpy="0 1e300 0"/><axis'),
+            4,
+            ("origin rpy", "at most 1e+12"),
+        ),
+        (part("joint", 'lower="-1"', 'lower="1"'), 4, ("limits 1, 1", '"j"', 'type="fixed"')),
+        (
+            part("joint", 'upper="1"', 'upper="1e16"'),
+            4,
+            ("limits -1, 1e+16", '"j"', "within 1e+12"),
+        ),
+        (part("joint", 'upper="1"', 'upper="inf"'), 4, ("limit upper", "inf", "number")),
+        # what only the robot as a whole shows
+        (part("link", 'ixx="1"', 'ixx="5"'), 3, ('link "arm"', "inertia", "sum of the others")),
+        (part("link", 'value="1"', 'value="1e-13"'), 3, ('link "arm"', "mass", "1e-12")),
+        (part("base", 'ixx="1"', 'ixx="5"'), 2, ('link "base"', "inertia", "sum of the others")),
+        (
+            part("joint", "<limit", '<limit velocity="-1"'),
+            4,
+            ('joint "j"', "velocity", "at least 0"),
+        ),
+        (
+            {key: part.replace('"arm"', '"arm.0"') for key, part in PARTS.items()},
+            3,
+            ('link "arm.0"', "expected a name"),
+        ),
+        (
+            {key: part.replace('"arm"', '"arms"') for key, part in PARTS.items()},
+            3,
+            ('link "arms"', "reserved name"),
+        ),
+    ],
+)
+def test_a_bad_urdf_names_line_and_what_would_be_right(
+    tmp_path: Path, changed: dict[str, str], line: int, words: tuple[str, ...]
+) -> None:
+    with pytest.raises(SpecError) as caught:
+        load_robot(written(tmp_path, **changed))
+    assert f"robot.urdf:{line}:" in str(caught.value)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("<robot name='r'><link", ("no XML", "1:")),
+        ("<sdf version='1.7'/>", ("<sdf>", "<robot>")),
+        (
+            "<robot name='r' xmlns:xacro='http://www.ros.org/wiki/xacro'><xacro:include filename='x'/></robot>",
+            ("xacro",),
+        ),
+        *(
+            (f"<robot name='r' xmlns:{prefix}='{space}'><{prefix}:include filename='x'/></robot>", ("run xacro",))
+            for prefix, space in (
+                ("xacro", "http://ros.org/wiki/xacro"),
+                ("xacro", "http://wiki.ros.org/xacro"),
+                ("xacro", "http://example.org"),
+                ("x", "http://ros.org/wiki/xacro"),
+            )
+        ),
+        ("<robot name='r'><xacro:include filename='x'/></robot>", ("run xacro",)),
+        ("<robot name='$(arg name)'><link name='base'/></robot>", ("run xacro",)),
+        ("<robot name='r'>\n<link name='${prefix}base'/></robot>", ("robot.urdf:2:", "run xacro")),
+        (
+            of_links(8001),
+            ("8001 links", "at most 1000"),
+        ),
+        (
+            of_links(900),
+            ("900 links", "l0, l1", "..."),
+        ),
+        ("<robot name='r'/>", ("without links",)),
+        ("not xml", ("no XML",)),
+    ],
+)
+def test_a_file_that_is_no_robot_is_one_error(tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
+    (tmp_path / "robot.urdf").write_text(text)
+    with pytest.raises(SpecError) as caught:
+        read_urdf(tmp_path / "robot.urdf")
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_a_file_with_many_errors_names_the_first(tmp_path: Path) -> None:
+    joints = (f'<joint name="k{i}" type="fixed"><parent link="m"/><child link="m"/></joint>' for i in range(900))
+    with pytest.raises(SpecError, match='unknown link "m" of joint "k0"') as caught:
+        read_urdf(written(tmp_path, more="\n".join(joints)))
+    assert "more problems" in str(caught.value)
+    assert len(str(caught.value).splitlines()) < 100
+
+
+def test_a_file_of_xacro_is_told_by_its_name_too(tmp_path: Path) -> None:
+    path = written(tmp_path, link=PARTS["link"].replace('value="1"', 'value="${mass}"'))
+    with pytest.raises(SpecError, match=r"robot.urdf.xacro:3: .*run xacro"):
+        load_robot(path.rename(tmp_path / "robot.urdf.xacro"))
+
+
+def test_a_file_that_xacro_wrote_may_still_name_its_namespace(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    path.write_text(path.read_text().replace("<robot ", "<robot xmlns:xacro='http://www.ros.org/wiki/xacro' "))
+    assert load_robot(path).parts == {"base": 6, "arm": 1}
+
+
+def test_errors_of_arms_that_a_file_names_are_at_their_link(tmp_path: Path) -> None:
+    written(tmp_path, **part("link", 'ixx="1"', 'ixx="5"'))
+    (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\narms: {left: {tip: arm}}\n")
+    with pytest.raises(SpecError, match=r'robot.urdf:3: link "arm": arms.left.links\[0\].inertia: found'):
+        load_robot(tmp_path / "robot.yaml")
+
+
+@pytest.mark.parametrize(
+    ("written_limit", "position", "velocity", "words"),
+    [
+        ('lower="-1" upper="1" velocity="0"', ((-1, 1),), None, ("velocity", "is 0", "without a limit")),
+        ('lower="-1" upper="1"', ((-1, 1),), None, ("velocity", "not given", "without a limit")),
+        ('lower="-1" upper="1" velocity="1e16"', ((-1, 1),), None, ("velocity", "beyond 1e+12", "without a limit")),
+        ('lower="0" upper="0" velocity="2"', None, ((-2, 2),), ("limits", "both 0", "without limits")),
+        ('velocity="2"', None, ((-2, 2),), ("limits", "not given", "without limits")),
+        ('lower="-1e16" upper="1e16" velocity="2"', None, ((-2, 2),), ("limits", "beyond 1e+12", "without limits")),
+    ],
+)
+def test_limits_that_say_nothing_are_assumed_to_be_none(
+    tmp_path: Path, written_limit: str, position: object, velocity: object, words: tuple[str, ...]
+) -> None:
+    """Exporters write 0 for what they do not know, or 1e16."""
+    robot = load_robot(written(tmp_path, joint=PARTS["joint"].replace('lower="-1" upper="1"', written_limit)))
+    assert any(all(word in note for word in ('joint "j"', *words)) for note in robot.assumed), robot.assumed
+    assert (robot.limits["arm"].position, robot.limits["arm"].velocity) == (position, velocity)
+
+
+def test_a_long_axis_is_scaled(tmp_path: Path) -> None:
+    robot = load_robot(written(tmp_path, joint=PARTS["joint"].replace("0 0 1", "0 3e11 4e11")))
+    np.testing.assert_allclose(robot.joints[0].axis, (0, 0.6, 0.8))
+    assert any("length 5e+11: scaled to 1" in note for note in robot.assumed)
+
+
+def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
+    joint = PARTS["joint"].replace('<limit lower="-1" upper="1"/>', "").replace("0 0 1", "0 0 2")
+    fixed = '<joint name="k" type="fixed"><parent link="arm"/><child link="tip"/></joint>'
+    tip = '<link name="tip"><odd/><visual><geometry><mesh filename="no.stl"/></geometry></visual></link>'
+    urdf = read_urdf(written(tmp_path, joint=joint, tip=tip, k=fixed))
+    notes = "\n".join(urdf.notes)
+    for word in ("no <limit>", "length 2", "no <inertial>", "<odd>", "meshes"):
+        assert word in notes
+    fast = PARTS["joint"].replace("<limit", '<origin rpy="90 0 0"/><limit velocity="120"')
+    notes = "\n".join(read_urdf(written(tmp_path, joint=fast)).notes)
+    assert "120 rad/s" in notes
+    assert 'rpy="90 0 0"' in notes
+    floating = load_robot(written(tmp_path, joint=PARTS["joint"].replace("revolute", "floating")))
+    assert any("floating: taken as fixed" in note for note in floating.assumed)
+    turned = PARTS["joint"].replace('lower="-1" upper="1"', 'lower="-90" upper="90"')
+    robot = load_robot(written(tmp_path, joint=turned))
+    assert any("limits -90, 90 rad" in note and "degrees" in note for note in robot.assumed)
+    assert robot.limits["arm"].position == ((-90, 90),)
+
+
+def test_locked_and_fixed_joints_leave_their_bodies_mass(tmp_path: Path) -> None:
+    """A locked joint turns what it carries: the base's centre of mass is where the arm's is."""
+    arm = PARTS["link"].replace("<mass", '<origin xyz="0.5 0 0"/><mass')
+    written(tmp_path, link=arm)
+    (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\nlocked: {j: 90 deg}\n")
+    robot = load_robot(tmp_path / "robot.yaml")
+    assert robot.base.mass == 10
+    np.testing.assert_allclose(robot.base.centre_of_mass, [0, 0.05, 0], atol=1e-15)
+    assert any("locked" in note for note in robot.assumed)

@@ -132,8 +132,7 @@ class Attempts:
                 iterate = shift(started, prediction.start, self._spec.horizon, prediction.X[0])
                 if len(iterate.instants) == len(sequence.instants):
                     return iterate
-        same = prediction.instants is sequence.instants
-        return prediction if same else replace(prediction, instants=sequence.instants)
+        return sequence.guess(prediction)
 
 
 def _keeps_limits(solved: Solution, shorter: Solution | None = None) -> bool:

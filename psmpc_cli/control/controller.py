@@ -262,7 +262,7 @@ class ControlLaw:
         if plan is None:
             chart = situation.placement.chart
             return resting_plan(time, horizon, self._spec.uniform_nodes, situation.x, chart)
-        return shift(plan, time, horizon, situation.x, memory.sequence.instants)
+        return shift(plan, time, horizon, situation.x)
 
     def _detect(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
         """Return the sequence with the next stage, where its switch is predicted; else None."""

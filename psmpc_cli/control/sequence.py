@@ -16,6 +16,8 @@ from psmpc_cli.ocp.window import SHORTEST
 class MovingSequence:
     """The stages in the window and when each ends.
 
+    Between two samples switch times live here alone. Those of a plan are the ones that its solve has found.
+
     Attributes:
         first: Index of the current stage.
         instants: Planned switch times in the window [s], absolute; as many as stages that follow the current one.
@@ -50,6 +52,10 @@ class MovingSequence:
     def last(self) -> int:
         """Index of the window's last stage."""
         return self.first + len(self.instants)
+
+    def guess(self, prediction: Plan) -> Plan:
+        """Return a prediction with the switch times of the sequence: what a solve of its window starts from."""
+        return replace(prediction, instants=self.instants)
 
     def with_measurement(
         self, stages: Sequence[Stage], costs: StageCosts, now: float, x: np.ndarray

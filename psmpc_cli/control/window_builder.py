@@ -66,8 +66,9 @@ class WindowBuilder:
         if before is None:
             return replace(window, nodes=first_counts(window, sequence.instants, spec.mesh_tolerance, spec.sample_time))
         had = {stage.index: N for stage, N in zip(before.window.stages, before.window.nodes, strict=True)}
-        plan = replace(prediction, instants=sequence.instants)
-        counts = node_counts(window, plan, self._costs, spec.sample_time, spec.mesh_tolerance, had)
+        counts = node_counts(
+            window, sequence.guess(prediction), self._costs, spec.sample_time, spec.mesh_tolerance, had
+        )
         return replace(window, nodes=counts)
 
 

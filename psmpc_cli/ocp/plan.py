@@ -141,10 +141,10 @@ def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray, chart:
     return Plan(times, motion.rollout(x, u, np.diff(times)), u, np.zeros(0), chart)
 
 
-def shift(plan: Plan, now: float, horizon: float, x: np.ndarray, instants: np.ndarray | None = None) -> Plan:
+def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
     """Return the plan from now on, begun at the measured state x (2n,) and extended to the horizon's new end.
 
-    Its instants are those of the plan that are still to come, if none (S,) [s] are given.
+    Its instants are those of the plan that are still to come.
     """
     end = now + horizon
     first, stop = plan.times.searchsorted((now + 1e-9, end - 1e-9))
@@ -152,8 +152,7 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray, instants: np.nd
     last = motion.advanced(plan.X[stop - 1 : stop], u[-1:], end - plan.times[stop - 1])
     X = np.concatenate((x[None], plan.X[first:stop], last))
     times = np.concatenate(((now,), plan.times[first:stop], (end,)))
-    instants = plan.instants[plan.instants > now] if instants is None else instants
-    return Plan(times, X, u, instants, plan.chart)
+    return Plan(times, X, u, plan.instants[plan.instants > now], plan.chart)
 
 
 def braking_plan(start: float, x: np.ndarray, duration: float, horizon: float = 0.0, chart: Chart = IDENTITY) -> Plan:

@@ -4,11 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import in_own_chart
 from psmpc_cli.ocp.stage import PlacedStage
-from psmpc_cli.ocp.window import Window, durations, normalization
+from psmpc_cli.ocp.window import Window, durations
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.robot import Limits
@@ -82,30 +84,14 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     chart = problem.model.space.chart_at(Q)
     noise = np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
     Q, v = (rows[0] for rows in chart.leave(chart.enter(Q[None], v[None]) + noise))
-    (before, x0), (after, _) = (in_own_chart(problem.model, each, Q, v) for each in problem.stages[first : first + 2])
-    stages = (before, after)
+    placed = [in_own_chart(problem.model, stage, Q, v)[0] for stage in problem.stages]
     chart = problem.model.space.chart_at(Q)
-    plan = resting_plan(0.0, controller.horizon, controller.uniform_nodes, x0, chart)
+    x0 = np.asarray(chart.enter(Q[None], v[None])[0])
+    nodes = controller.uniform_nodes
     instants = np.array([0.4 * controller.horizon])
-    offset, scale = normalization(
-        "nadir", controller.zeta, stages, np.r_[0.0, instants], problem.costs, plan, controller.sample_time
-    )
-    window = Window(
-        stages=stages,
-        start=0.0,
-        elapsed=0.0,
-        x0=x0,
-        omega=np.array([stage.priority for stage in stages]),
-        offset=offset,
-        scale=scale,
-        horizon=controller.horizon,
-        pending_cost=controller.pending_cost,
-        terminal_cost=0.0,
-        nodes=(controller.uniform_nodes,) * len(stages),
-        discretization=controller.discretization,
-        chart=chart,
-    )
-    return window, instants
+    prediction = resting_plan(0.0, controller.horizon, nodes, x0, chart)
+    window = WindowBuilder(problem).build(MovingSequence(first, instants, 0.0), placed, prediction)
+    return replace(window, nodes=(nodes, nodes), terminal_cost=0.0), instants
 
 
 def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes: int) -> float:

@@ -274,7 +274,7 @@ class Counterfactuals:
         if plan is not None:
             prediction = shift(plan.in_chart(chart), command.time, command.solution.window.horizon, x)
         window = self._builder.build(sequence, command.stages, prediction, previous or command.solution)
-        guess = replace(prediction, instants=sequence.instants)
+        guess = sequence.guess(prediction)
         solution = self._solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)
         self._last[key] = solution.plan if solution.outcome.usable else prediction, solution
         return self._last[key][0], solution.outcome.usable

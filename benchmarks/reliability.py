@@ -37,7 +37,7 @@ from faults import Fault, during, injected, meaningless, not_converging, pushed,
 import psmpc_cli as psmpc
 from psmpc_cli.cli.main import main
 from psmpc_cli.ocp.skills import SKILLS
-from psmpc_cli.plant.mujoco_plant import MujocoPlant
+from psmpc_cli.plant.mujoco import MujocoPlant
 
 WINDOW = 5.0
 """Length of an open-loop replay [s]."""

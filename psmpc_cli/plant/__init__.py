@@ -1,14 +1,17 @@
-"""Simulated physics of a robot under its low-level controller: ideal, rk4, mujoco, and what disturbs them."""
+"""Simulated physics of a robot under its low-level controller, and what disturbs them.
+
+A plant is the module here that its `kind` names, with a function `build`.
+"""
+
+from pkgutil import resolve_name
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
-from psmpc_cli.plant.grasp import Capture, CapturePlant
-from psmpc_cli.plant.ideal import IdealPlant
-from psmpc_cli.plant.rk4 import Rk4Plant, Rk4Step
+from psmpc_cli.plant.grasp import Capture, PlantSetup
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import PlantSpec
 
-__all__ = ["Disturbance", "Plant", "Resistance", "Ticks", "build_plant", "ticks_of"]
+__all__ = ["Disturbance", "Plant", "PlantSetup", "Resistance", "Ticks", "build_plant", "ticks_of"]
 
 
 def build_plant(
@@ -28,25 +31,18 @@ def build_plant(
         capture: An object with a mass and its grasps.
 
     Raises:
-        InputError: The plant's package is not installed.
+        InputError: A package that the plant needs is not installed.
     """
     tick, substeps = ticks_of(spec)
-    if spec.kind == "ideal":
-        return IdealPlant(model, tick)
-    if spec.kind == "rk4" and capture is not None:
-        return CapturePlant(capture, Rk4Step(capture.law, capture.body, tick, substeps, native, resistance), resistance)
-    if spec.kind == "rk4":
-        return Rk4Plant(model, tick, substeps, native, resistance)
     try:
-        from psmpc_cli.plant.mujoco_plant import MujocoPlant, MujocoStep
+        build = resolve_name(f"{__name__}.{spec.kind}:build")
     except ImportError as error:
         raise InputError(
-            f"plant mujoco: found no working package mujoco ({error}); "
-            "install it with pip install 'psmpc[mujoco]', or choose plant rk4"
+            f"plant {spec.kind}: found no working package {error.name} ({error}); "
+            f"install it with pip install 'psmpc[{spec.kind}]', or choose plant rk4"
         ) from None
-    if capture is not None:
-        return CapturePlant(capture, MujocoStep(capture.law, capture.body, tick, substeps, resistance), resistance)
-    return MujocoPlant(model, tick, substeps, resistance)
+    plant: Plant = build(PlantSetup(model, tick, substeps, native, resistance, capture))
+    return plant
 
 
 def ticks_of(spec: PlantSpec) -> tuple[float, int]:

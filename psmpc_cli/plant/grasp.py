@@ -417,3 +417,24 @@ class CapturePlant:
         if self._chain is None or not self.capture.closed.all():
             return self.model.inverse_dynamics(Q, v, u, law)
         return self._chain.force(Q, v, u, law, self.capture.parameters[:, :-2])
+
+
+@dataclass(frozen=True, eq=False)
+class PlantSetup:
+    """What a plant is built from.
+
+    Attributes:
+        model: The robot as its controller knows it.
+        tick: Length of a tick of the low-level loop [s].
+        substeps: Steps of the integrator in a tick.
+        native: Whether to run as compiled C, where the plant can.
+        resistance: Friction and force limits of a disturbed plant; None for an undisturbed one.
+        capture: An object with a mass and its grasps; None without.
+    """
+
+    model: RobotModel
+    tick: float
+    substeps: int
+    native: bool
+    resistance: Resistance | None
+    capture: Capture | None

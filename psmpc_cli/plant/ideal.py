@@ -4,6 +4,7 @@ import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.plant.base import Disturbance, Ticks
+from psmpc_cli.plant.grasp import PlantSetup
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.motion import over_ticks
 
@@ -33,3 +34,8 @@ class IdealPlant:
         (F,) = self._force(X[:-1, :nq], v[:-1], u, model.nominal.vector, rows=len(u))
         first, last = model.balance(X[[0, -1], :nq], X[[0, -1], nq:])
         return Ticks(start + tick * np.arange(len(u) + 1), X, F, last - first)
+
+
+def build(setup: PlantSetup) -> IdealPlant:
+    """Build the plant."""
+    return IdealPlant(setup.model, setup.tick)

@@ -4,8 +4,8 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction, compiled
-from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
-from psmpc_cli.plant.grasp import GraspLaw
+from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
@@ -194,3 +194,12 @@ def _runge_kutta(
             q = z[rows]
             z = ca.vertcat(z[: rows.start], q / ca.norm_2(q), z[rows.stop :])
     return z
+
+
+def build(setup: PlantSetup) -> Plant:
+    """Build the plant, of robot and object together where there is something to capture."""
+    capture = setup.capture
+    if capture is None:
+        return Rk4Plant(setup.model, setup.tick, setup.substeps, setup.native, setup.resistance)
+    step = Rk4Step(capture.law, capture.body, setup.tick, setup.substeps, setup.native, setup.resistance)
+    return CapturePlant(capture, step, setup.resistance)

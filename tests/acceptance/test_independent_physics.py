@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.plant.mujoco_plant import MujocoPlant
+from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task

@@ -115,7 +115,7 @@ def test_a_default_output_is_numbered_and_nothing_is_overwritten(psmpc: Psmpc) -
 def test_a_missing_package_is_found_before_a_log_is_touched(
     psmpc: Psmpc, part: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco_plant", raising=False)
+    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco", raising=False)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     before = part.read_bytes()
     ran = psmpc("simulate", "task.yaml", "--plant", "mujoco", "-o", "part.h5", "--force", "--no-figures")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.plant.ideal import IdealPlant
-from psmpc_cli.plant.mujoco_plant import MujocoPlant
+from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
 

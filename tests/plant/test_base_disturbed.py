@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.plant import Disturbance, Plant, Resistance, Ticks
-from psmpc_cli.plant.mujoco_plant import MujocoPlant
+from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel

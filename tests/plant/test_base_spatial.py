@@ -10,7 +10,7 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.plant import Disturbance, Plant, Resistance, Ticks
 from psmpc_cli.plant.adaptive import AdaptiveDynamics
 from psmpc_cli.plant.ideal import IdealPlant
-from psmpc_cli.plant.mujoco_plant import MujocoPlant
+from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.plant.uncertainty import release, take_up
 from psmpc_cli.robot.dynamics import InertialParameters

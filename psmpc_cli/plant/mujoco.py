@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, Resistance, Ticks
-from psmpc_cli.plant.grasp import GraspLaw
+from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
@@ -220,3 +220,12 @@ class MujocoStep:
         for body, sign in ((engine.site_bodyid[site], 1.0), (self._body, -1.0)):
             mujoco.mj_applyFT(engine, data, sign * force, sign * moment, at, body, data.qfrc_applied)
         return float(power[0, 0])
+
+
+def build(setup: PlantSetup) -> Plant:
+    """Build the plant, of robot and object together where there is something to capture."""
+    capture = setup.capture
+    if capture is None:
+        return MujocoPlant(setup.model, setup.tick, setup.substeps, setup.resistance)
+    step = MujocoStep(capture.law, capture.body, setup.tick, setup.substeps, setup.resistance)
+    return CapturePlant(capture, step, setup.resistance)

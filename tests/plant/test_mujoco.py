@@ -8,7 +8,7 @@ import pytest
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant import build_plant
-from psmpc_cli.plant.mujoco_plant import MujocoPlant
+from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import PlantSpec
@@ -49,7 +49,7 @@ def test_a_step_of_the_integrator_is_chosen(model: RobotModel) -> None:
 
 
 def test_without_the_package_the_extra_is_named(model: RobotModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco_plant", raising=False)
+    monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco", raising=False)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match=r"pip install 'psmpc\[mujoco\]', or choose plant rk4"):
         build_plant(PlantSpec(kind="mujoco"), model)

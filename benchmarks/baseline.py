@@ -16,7 +16,11 @@ from psmpc_cli.studies.runner import run_study
 from psmpc_cli.studies.sampling import parse_sampling
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
 
-SINGLE_WEIGHT = ("controller.zeta=1e-3", "onset=control", *(f"skills.{s}.weights.control=1" for s in ("move", "reach")))
+SINGLE_WEIGHT = (
+    "controller.zeta=1e-3",
+    "onset={kind: control}",
+    *(f"skills.{s}.weights.control=1" for s in ("move", "reach")),
+)
 
 RUNS = {
     "psmpc": [],
@@ -56,7 +60,7 @@ WEIGHTS_HEADER = (
 
 def row(summary: Summary) -> dict[str, object]:
     """Return a summary's numbers at full precision: a rerun on one machine repeats every digit."""
-    stages, efforts = summary.stages, ("control_effort", "base_force", "base_torque")
+    stages, efforts = summary.stages, ("squared_acceleration", "base_force", "base_torque")
     return {
         "completed": summary.completed,
         "mission": "succeeded" if summary.succeeded else "failed",

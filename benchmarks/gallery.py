@@ -27,7 +27,7 @@ import psmpc_cli as psmpc
 from psmpc_cli.figures import style
 from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.figures.snapshots import draw_scene, show
-from psmpc_cli.figures.timeline import draw_stages
+from psmpc_cli.figures.timeline import draw_stages, place_bars
 
 FIGURES = ROOT / "docs" / "figures"
 
@@ -41,7 +41,7 @@ COMMANDS: Mapping[str, str] = {
     "A run in space": "psmpc simulate servicing --set controller.nodes=12 --no-figures -o space.h5"
     " && psmpc plot space.h5 --only states --only snapshots",
     "A capture": f"psmpc simulate transport_grasp --controller smpc {COARSE} --set object.grasp.strength.pull=8 "
-    "--no-figures -o capture.h5 && psmpc plot capture.h5 --only pull --only snapshots",
+    "--no-figures -o capture.h5 && psmpc plot capture.h5 --only grasps --only snapshots",
     "A comparison": f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
     "A sweep over the priorities": "psmpc sweep-weights 9x9 --set controller.nodes=12 -o sweep.h5",
     "Random priorities": "psmpc sweep-weights --sampling random:30 --set controller.nodes=12 -o draws.h5",
@@ -81,7 +81,7 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
     latest = max(run.motion.end for run in runs.values())
     columns = figure.subplots(2, 2, height_ratios=[1.0, 2.6]).T
     for (bars, picture), (title, run), scene in zip(columns, runs.items(), scenes, strict=True):
-        draw_stages(bars, run.spans, [span.index for span in run.spans])
+        draw_stages(bars, place_bars(run.spans, (0.0, latest), width=style.AXIS_WIDTH))
         bars.axvline(EARLY, color="black", linewidth=0.8, linestyle=":")
         bars.set_title(f"{title}, done after {run.motion.end:.1f} s", loc="left", fontsize=8.0)
         bars.set(xlim=(0, latest), yticks=[], xlabel="Time (s)")

@@ -86,7 +86,7 @@ def measure(mission: tuple[str, int]) -> Row:
         "actual_start": [round(float(stage.actual_start), 3) for stage in summary.stages],
         "margin": round(held.margin, 4),
         "broken_at": None if held.held else round(held.broken_at, 2),
-        "effort": round(summary.control_effort, 4),
+        "effort": round(summary.squared_acceleration, 4),
         "failed_solves": summary.failed_solves,
     }
 
@@ -111,7 +111,9 @@ def successes(made: dict[str, dict[int, Row]]) -> Iterator[Row]:
             "succeeded": f"{succeeded} of {len(rows)}",
             "success rate": f"{100 * rate.low:.1f} to {100 * rate.high:.1f} %",
             "time less that of `hard` [s]": median([row["time"] - other["time"] for row, other in pairs]),
-            "effort over that of `hard`": median([row["effort"] / other["effort"] for row, other in pairs]),
+            "integral of &#124;u&#124;^2 over that of `hard`": median(
+                [row["effort"] / other["effort"] for row, other in pairs]
+            ),
         }
 
 

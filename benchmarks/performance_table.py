@@ -33,7 +33,8 @@ from psmpc_cli.logs import write as log
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Meter
-from psmpc_cli.simulation.run import build_experiment, closed_loop, header
+from psmpc_cli.simulation.recorder import header
+from psmpc_cli.simulation.run import build_experiment, closed_loop
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task

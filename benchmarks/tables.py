@@ -46,6 +46,7 @@ SECTIONS = {
         "#stages": "StageSpec",
         "#trajectories": "TrajectorySpec",
         "#end-conditions": "EndCondition",
+        "#by-the-object": "ObjectEndSpec",
         "#priorities-from-paired-comparisons": "PrioritiesSpec",
         "#actual-starts": "OnsetSpec",
         "#object-and-monitors": "ObjectSpec MonitorSpec",

@@ -21,8 +21,10 @@ from psmpc_cli.errors import (
 from psmpc_cli.figures.registry import plot as plot
 from psmpc_cli.logs.run import Run as Run
 from psmpc_cli.logs.run import read_run as read_run
+from psmpc_cli.plant import Ticks as Ticks
 from psmpc_cli.report.view import view as view
 from psmpc_cli.robot.model import load_robot as load_robot
+from psmpc_cli.simulation.recorder import Recorder as Recorder
 from psmpc_cli.simulation.run import simulate as simulate
 from psmpc_cli.specs.load import load_task as load_task
 from psmpc_cli.studies.compare import compare as compare

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import settings
 
 from psmpc_cli.ocp.problem import StageCosts, build_stages
-from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, build_experiment
 from psmpc_cli.specs.load import Task, load_task
@@ -39,9 +39,9 @@ def model(transport: Task) -> RobotModel:
 
 
 @pytest.fixture(scope="session")
-def stages(transport: Task, model: RobotModel) -> tuple[Stage, ...]:
-    """The stages of the transport task."""
-    return build_stages(transport.spec, transport.robot, model)
+def stages(transport: Task, model: RobotModel) -> tuple[PlacedStage, ...]:
+    """The stages of the transport task, as a sample finds them."""
+    return tuple(stage.placed() for stage in build_stages(transport.spec, transport.robot, model))
 
 
 @pytest.fixture(scope="session")

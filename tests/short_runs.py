@@ -23,7 +23,7 @@ stages:
     skill: move
     target: {base: [0, 0, 0], arm_1: [0, 0, 0], arm_2: [0, 0, 0]}
     ends_when: {coordinates: [base], tolerance: 0.005}
-object: {shape: [0.4, 0.2], pose: [0, 1, 0], taken_by: go, let_go_by: back}
+object: {shape: [0.4, 0.2], pose: [0, 1, 0], taken_by: go}
 monitors:
   - {name: far apart, quantity: distance, of: [arm_1, arm_2], during: back, at_least: 1.0}
 published:

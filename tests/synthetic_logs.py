@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.logs.schema import MOMENTUM
+from psmpc_cli.logs.schema import MOMENTUM, PEAKS
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.library import find
@@ -167,7 +167,8 @@ def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
         "normalization/nadir": placed(np.ones(count)),
         "cost/current_stage": 1.0,
         **{f"margin/{name}": np.ones(model.n) for name in ("position", "velocity")},
-        **{f"effort/{name}": 1.0 for name in ("control", "base_force", "base_torque")},
+        **{f"effort/{name}": 1.0 for name in ("control", "squared_acceleration", "base_force", "base_torque")},
+        **{f"peak/{name}": 1.0 for name in PEAKS},
         **{f"deviation/{name}": np.full(model.n, np.nan) for name in ("Q", "Qdot")},
         "deviation/end": np.full(stages, np.nan),
         "deviation/end_noise": np.full(stages, np.nan),

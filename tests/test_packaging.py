@@ -103,6 +103,15 @@ def test_the_citation_is_of_this_version_and_licence(project: dict[str, Any]) ->
     assert citation["license"] == project["project"]["license"]
 
 
+def test_the_citation_and_the_readme_name_the_paper_and_say_what_is_not_known_of_it() -> None:
+    title = "Priority-Based Switching Model Predictive Control for Sequential Manipulation of Space Robot"
+    message = yaml.safe_load((ROOT / "CITATION.cff").read_text())["message"]
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    for text in (message, readme):
+        assert title in text
+        assert "names neither its authors nor its year and venue" in text
+
+
 def test_the_changelog_opens_with_this_version_or_what_is_unreleased(project: dict[str, Any]) -> None:
     first = re.search(r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert first is not None

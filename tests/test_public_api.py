@@ -1,5 +1,6 @@
 """Arguments of the public functions that are wrong: each is one error that says what was expected."""
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,13 +173,14 @@ CASES: dict[str, tuple[Callable[[Api], object], str]] = {
     "stage that is not": (lambda api: psmpc.simulate(api.task, until=4), r"until: found 4, .*from 0 to 3"),
     "overwriting as text": (lambda api: psmpc.simulate(api.task, force="no"), r"force: .*True or False"),
     # figures and pages
-    "figure of a path": (lambda api: psmpc.plot("run.h5", "states"), r"run: .*\"run.h5\", expected a Run"),
+    "figure of a number": (lambda api: psmpc.plot(3, "states"), r"run: found 3, expected a Run, the path"),
+    "figure of a path without a name": (lambda api: psmpc.plot("", "states"), r"run: found the text \"\""),
     "figure of a list": (lambda api: psmpc.plot([api.run], "states"), r"run: found a list of 1 entry, expected a Run"),
-    "figure of no run": (lambda api: psmpc.plot({}, "states"), r"run: .*at least one Run"),
-    "figure of paths": (lambda api: psmpc.plot({"psmpc": "run.h5"}, "states"), r"\"psmpc\": .*\"run.h5\""),
+    "figure of no run": (lambda api: psmpc.plot({}, "states"), r"run: .*at least one of them"),
+    "figure of numbers": (lambda api: psmpc.plot({"psmpc": 3}, "states"), r"\"psmpc\": found 3, expected a Run, or"),
     "figures as list": (lambda api: psmpc.plot(api.run, ["states"]), r"figure: .*name of a figure"),
-    "page of a path": (lambda api: psmpc.view("run.h5"), r"run: .*\"run.h5\", expected a Run"),
-    "page of no run": (lambda api: psmpc.view({}), r"run: .*at least one Run"),
+    "page of a list": (lambda api: psmpc.view([api.run]), r"run: found a list of 1 entry, expected a Run"),
+    "page of no run": (lambda api: psmpc.view({}), r"run: .*at least one of them"),
     "page of numbers": (lambda api: psmpc.view({1: api.run}), r"run: found 1"),
     "page without a file": (lambda api: psmpc.view(api.run).save(None), r"path: found None"),
     # studies
@@ -281,3 +283,74 @@ def test_studies_take_paths_as_texts(api: Api) -> None:
     path = str(api.folder / "sweep.h5")
     psmpc.sweep(task, {"seed": [1]}, path, jobs=1)
     assert Path(path).is_file()
+
+
+def test_figures_and_pages_take_the_paths_of_logs(api: Api) -> None:
+    log = api.folder / "run.h5"
+    api.run.save(log)
+    of_run = psmpc.plot(api.run, "states")
+    for path in (log, str(log)):
+        assert len(psmpc.plot(path, "states").axes) == len(of_run.axes)
+        assert psmpc.view(path).html == psmpc.view(api.run).html
+    assert psmpc.view({"one": log, "other": api.run}).html == psmpc.view({"one": api.run, "other": api.run}).html
+
+
+def test_figures_and_pages_take_the_path_of_a_comparison(api: Api) -> None:
+    path = api.folder / "compared.h5"
+    runs = psmpc.compare(api.run.task, ["psmpc"], path, jobs=1)
+    assert psmpc.view(path).html == psmpc.view(runs).html
+    assert psmpc.plot(path, "overlay").axes
+
+
+def test_a_path_that_leads_to_no_log_is_an_error_of_that_file(api: Api) -> None:
+    for call in (lambda: psmpc.plot("none.h5", "states"), lambda: psmpc.view({"psmpc": Path("none.h5")})):
+        with pytest.raises(psmpc.LogError, match=r"none\.h5: found no such file, expected a log"):
+            call()
+
+
+SHOWN: dict[str, tuple[Callable[[Api], object], str]] = {
+    "run": (lambda api: api.run, r"<Run of transport under psmpc: 2 samples, 4 stages; time limit of 0.2 s reached>"),
+    "motion": (lambda api: api.run.motion, r"<Motion: 3 times from 0 s to 0.2 s>"),
+    "summary": (lambda api: api.run.summary(), r"<Summary of 4 stages over 0.2 s, did not succeed: time limit of .*>"),
+    "task": (lambda api: api.task, r"<Task transport: 4 stages, robot planar_dual_arm, controller psmpc>"),
+    "text of a task": (lambda api: api.task.source, r"<Document .*transport.yaml: \d+ lines>"),
+    "robot": (lambda api: api.robot, r"<RobotModel planar_dual_arm: in the plane, 7 bodies, 9 degrees of freedom>"),
+    "problem": (lambda api: api.run.problem, r"<Problem of transport: 4 stages, 9 degrees of freedom>"),
+    "stage": (
+        lambda api: api.run.problem.stages[1],
+        r"<Stage capture: index 1, in task space, priority 100, 9 numbers",
+    ),
+    "limits": (lambda api: api.run.problem.stages[0].limits, r"<Limits of 9 coordinates: 9 of position, .* of acc"),
+    "controller": (
+        lambda api: psmpc.Controller(api.task),
+        r"<Controller psmpc for transport: 4 .*before its first samp",
+    ),
+    "controller in a run": (lambda api: api.controllers["spatial"], r"<Controller psmpc for .* at 0 s>"),
+    "memory": (lambda api: api.controllers["planar"].memory, r"<Memory of 0 s: stages 0 to 0 in the window>"),
+    "state": (lambda api: psmpc.State(np.zeros(40), np.full(40, np.pi)), r"State\(Q=\[0. 0. .*, v=\[3.1416 .*\]\)"),
+    "command": (lambda api: api.command, r"<Command at 0 s: 100 ticks of 9 accelerations, stages approach"),
+    "placed stage": (lambda api: api.command.stage, r"<PlacedStage approach: index 0, in joint space, priority 1, "),
+    "plan": (lambda api: api.command.plan, r"<Plan from 0 s to 4 s: 8 intervals of 9 accelerations, 0 switches>"),
+    "window": (lambda api: api.command.solution.window, r"<Window from 0 s to 4 s: approach \(8 nodes\)>"),
+    "solution": (lambda api: api.command.solution, r"<Solution of approach: \w+ after \d+ iterations, J [\d.]+>"),
+    "page": (lambda api: psmpc.view(api.run), r"<Page: \d+ characters of HTML>"),
+    "sweep": (
+        lambda api: psmpc.sweep(api.run.task, {"seed": [1, 2]}, jobs=1),
+        r"<Results of a sweep: \d+ quantities over .*seed \(2\)",
+    ),
+}
+
+
+@pytest.mark.parametrize(("build", "expected"), SHOWN.values(), ids=list(SHOWN))
+def test_what_is_public_is_shown_on_one_line(api: Api, build: Callable[[Api], object], expected: str) -> None:
+    shown = repr(build(api))
+    assert re.match(expected, shown)
+    assert "\n" not in shown
+    assert len(shown) < (600 if "State" in expected else 200)
+
+
+def test_a_sample_is_shown_on_one_line(api: Api) -> None:
+    samples: list[Any] = []
+    psmpc.simulate(api.run.task, watch=samples.append)
+    assert repr(samples[1]) == "<Sample 1 at 0.1 s: stage approach, 9 coordinates>"
+    assert repr(samples[1].ticks) == "<Ticks from 0.1 s to 0.2 s: 100 ticks of 9 forces>"

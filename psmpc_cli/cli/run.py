@@ -157,7 +157,7 @@ def replay(
     if (largest := max(window.omega)) != 1:
         typer.echo(f"objective in the lines above: J over the largest priority, {largest:g}")
     rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
-    rows.append(("largest of a control in the plan", "", "", f"{found.apart:.1e}"))
+    rows.append(("largest of a control in the plan", "", "", f"{found.largest_of_controls:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
     equal = f"the log is repeated to {EQUAL:g}"
     differs = f"differs from the log by up to {found.largest:.1e}"

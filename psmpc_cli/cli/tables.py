@@ -20,25 +20,34 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import Outlook
 from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.paper.judge import HEADINGS, Reproduction
-from psmpc_cli.report.texts import ALONE, MEASURES, describe_mission, describe_verdict, measure_rows, number, stage_rows
+from psmpc_cli.report.texts import (
+    ALONE,
+    EMPTY,
+    MEASURES,
+    describe_brief_stages,
+    describe_mission,
+    describe_verdict,
+    filled_columns,
+    measure_rows,
+    number,
+    stage_rows,
+)
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
 from psmpc_cli.simulation.replay import unequal_conditions
 from psmpc_cli.simulation.run import build_experiment, converging
 from psmpc_cli.specs.document import counted, plain
 from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.parts import POSITION_AXES, axes_of
+from psmpc_cli.specs.object import GRASP_LOADS, ObjectSpec
+from psmpc_cli.specs.parts import POSITION_AXES, TARGET_AXES, axes_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import RobotSpec, SpatialRobot, labels, resolve_limits
-from psmpc_cli.specs.task import PrioritiesSpec
+from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
 Row = Sequence[str]
-
-NOTHING = ("", "-")
-"""Cells without content; a column that has no others is not printed."""
 
 MOST_ROWS = 49
 """Rows of a sweep's table; of more runs so many are printed, evenly from the smallest to the largest ratio."""
@@ -52,13 +61,12 @@ def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
         rows: Cells by row; columns without any content are left out.
         left: Number of columns that are aligned left.
     """
-    columns = list(enumerate(headings))
-    kept = [i for i, _ in columns if i == 0 or not rows or any(row[i] not in NOTHING for row in rows)]
+    headings, rows = filled_columns(headings, rows)
     table = Table(box=None, show_header=any(headings), pad_edge=False)
-    for i in kept:
-        table.add_column(Text(headings[i]), justify="right" if i >= left else "left", overflow="fold")
+    for i, heading in enumerate(headings):
+        table.add_column(Text(heading), justify="right" if i >= left else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(Text(row[i]) for i in kept))
+        table.add_row(*map(Text, row))
     terminal = Console()
     console = terminal if terminal.is_terminal else Console(width=160)
     with console.capture() as capture:
@@ -71,6 +79,8 @@ def print_summary(run: Run, verbose: bool) -> None:
     summary = run.summary()
     typer.echo(describe_mission(summary))
     print_table(*stage_rows(summary))
+    if brief := describe_brief_stages(summary):
+        typer.echo(brief)
     print_table(("", ""), list(measure_rows(summary, verbose)))
     typer.echo(f"log: {run.path}")
 
@@ -81,7 +91,9 @@ def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
     first, *others = summaries
     for name, summary in summaries.items():
         typer.echo(f"{name}: {describe_mission(summary)}")
-    rows = [row for row in _compared(list(summaries.values())) if any(cell not in NOTHING for cell in row[1:])]
+        if brief := describe_brief_stages(summary):
+            typer.echo(f"{name}: {brief}")
+    rows = [row for row in _compared(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
     print_table(("", *summaries), rows, left=1)
     if others:
         typer.echo(f"in parentheses: difference to {first}")
@@ -246,7 +258,7 @@ def print_claims(made: Reproduction) -> None:
 
 
 def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
-    """Print a task: what runs it, and its stages part by part."""
+    """Print a task: what runs it, its stages part by part, and its object."""
     spec = task.spec
     controller = task.spec.controller
     typer.echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
@@ -262,6 +274,9 @@ def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
         typer.echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
     print_table(headings, [row for outlook in outlooks for row in _stage(task, outlook)], left=len(headings))
+    if spec.object is not None:
+        typer.echo()
+        print_table(("object", ""), list(_object(spec.object)))
 
 
 def print_robot(robot: RobotSpec) -> None:
@@ -314,6 +329,8 @@ def _stage(task: Task, outlook: Outlook) -> list[Row]:
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
     about += [f"follows {stage.trajectory.times[-1]:g} s"] if stage.trajectory else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
+    if spec.ends_when and spec.ends_when.object:
+        about += [f"object within {_object_end(spec.ends_when.object)}"]
     numbers = iter(stage.target)
     row = count()
     parts = []
@@ -331,6 +348,15 @@ def _stage(task: Task, outlook: Outlook) -> list[Row]:
     return [(left or "", *(middle or ("",) * 4), right or "") for left, middle, right in lines]
 
 
+def _object_end(end: ObjectEndSpec) -> str:
+    """Write what an end condition asks of the object."""
+    lengths = ((end.position, "m"), (end.velocity, "m/s"))
+    angles = ((end.angle, "deg"), (end.angular_velocity, "deg/s"))
+    written = [f"{value:g} {unit}" for value, unit in lengths if value is not None]
+    written += [f"{math.degrees(value):.4g} {unit}" for value, unit in angles if value is not None]
+    return ", ".join(written)
+
+
 def _target(values: Sequence[tuple[str, float]]) -> str:
     """Write the target of a part, coordinates by axis: angles in degrees, of an attitude the angle it is turned by."""
     lengths = [f"{value:g}" for axis, value in values if axis in POSITION_AXES]
@@ -339,6 +365,60 @@ def _target(values: Sequence[tuple[str, float]]) -> str:
         turn = 2 * math.atan2(math.hypot(*attitude[1:]), abs(attitude[0]))
         angles = [f"turned by {math.degrees(turn):.4g}"]
     return ", ".join(f"{', '.join(each)} {unit}" for each, unit in ((lengths, "m"), (angles, "deg")) if each)
+
+
+def _object(target_object: ObjectSpec) -> Iterator[Row]:
+    """Yield the rows of a task's object: what it is, how it moves, how it is grasped, and where it has to be."""
+    yield "size", f"{' x '.join(f'{extent:g}' for extent in target_object.shape)} m"
+    yield "pose at the start", _pose(target_object.pose)
+    yield "taken", f"at the end of {target_object.taken_by}"
+    let_go = target_object.let_go_by
+    yield "let go", "never: it is held to the end" if let_go is None else f"at the beginning of {let_go}"
+    capture = target_object.capture
+    if capture is None:
+        return
+    yield "mass", f"{capture.mass:g} kg"
+    yield "inertia", f"{_listed(capture.inertia)} kg m^2"
+    drift = f"{_listed(capture.motion.linear)} m/s, {_listed_in_degrees(capture.motion.angular)} deg/s"
+    yield "drift", drift if capture.motion.moves else "none"
+    grasp = capture.grasp
+    for arm, pose in grasp.at.items():
+        yield f"grasp of {arm}", _pose(pose)
+    envelope = grasp.envelope
+    position = f"{envelope.position:g} m, {math.degrees(envelope.angle):.4g} deg"
+    velocity = f"{envelope.velocity:g} m/s, {math.degrees(envelope.angular_velocity):.4g} deg/s"
+    yield "grippers close within", f"{position}, {velocity}"
+    stiffness, angular_stiffness = grasp.stiffness
+    yield (
+        "stiffness of a grasp",
+        f"{stiffness:g} N/m, {angular_stiffness:g} N m/rad, damping ratio {grasp.damping_ratio:g}",
+    )
+    strength = grasp.strength
+    largest = dict(zip(GRASP_LOADS, grasp.largest_loads, strict=True))
+    bounds = (f"{load} {largest[load]:g} {unit}" for load, unit in GRASP_LOADS.items() if math.isfinite(largest[load]))
+    holds = "any load" if strength is None else f"{', '.join(bounds)}, filtered over {strength.filter:g} s"
+    yield "a grasp holds", holds
+    yield "load known to the low-level law", "yes" if grasp.known else "no"
+    destination = capture.destination
+    if destination is not None:
+        d = len(target_object.shape)
+        angles = _listed_in_degrees(destination.tolerance[d:])
+        yield "destination", _pose(destination.pose)
+        yield "destination within", f"{_listed(destination.tolerance[:d])} m, {angles} deg"
+        yield "speed at the destination", f"at most {destination.speed:g} m/s"
+
+
+def _pose(pose: Sequence[float]) -> str:
+    """Write a pose in the plane or in space, there with the axis about which it is turned."""
+    axes = next(axes for axes in TARGET_AXES.values() if len(axes) == len(pose))
+    length = math.copysign(math.hypot(*pose[4:]), pose[3]) if len(pose) > 3 else 0.0
+    about = f" about {_listed([each / length for each in pose[4:]])}" if length else ""
+    return _target(list(zip(axes, pose, strict=True))) + about
+
+
+def _listed_in_degrees(angles: Sequence[float]) -> str:
+    """Write angles [rad] in a row, in degrees."""
+    return _listed([math.degrees(angle) for angle in angles])
 
 
 def _limits(robot: RobotSpec) -> list[Row]:

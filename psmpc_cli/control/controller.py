@@ -12,17 +12,17 @@ from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.placement import Placement, Placer, Signs
-from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed, is_over
-from psmpc_cli.control.tracking import ObjectEstimate, to_be_closed
+from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.tracking import ROUNDING, ObjectEstimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import SHORTEST
-from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.free_body import body_of
+from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.load import Task
@@ -40,7 +40,6 @@ class Memory:
     Attributes:
         sequence: The stages in the window.
         time: Of the last sample [s].
-        done: The last stage has met its end condition.
         plans: The plans in force.
         solution: The last solve.
         unfinished: A solve with a stage that had appeared, which ran out of iterations or time.
@@ -51,13 +50,15 @@ class Memory:
 
     sequence: MovingSequence
     time: float = -np.inf
-    done: bool = False
     plans: PlansInForce = field(default_factory=PlansInForce)
     solution: Solution | None = None
     unfinished: Solution | None = None
     estimate: Estimate | None = None
     target_object: ObjectEstimate | None = None
     signs: Signs = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Memory of {self.time:g} s: stages {self.sequence.first} to {self.sequence.last} in the window>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,11 +220,7 @@ class ControlLaw:
         sequence, passed = drop_passed(sequence if may_end else sequence.alone, time)
         sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x), stages, costs, time, x)
         sequence = sequence.with_measurement(stages, costs, time, x)
-        done = memory.done
-        if not done and sequence.first == len(stages) - 1:
-            done = is_over(sequence, stages, costs, time, x)
-            met += [Switch(sequence.first, time)] if done else []
-        memory = replace(memory, sequence=sequence, done=done)
+        memory = replace(memory, sequence=sequence)
 
         placement = situation.placement
         if self._placer.follows_object:
@@ -235,13 +232,17 @@ class ControlLaw:
     def _plan_may_end_stage(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> bool:
         """Tell whether the plan may end the current stage, if it wants to.
 
-        One that could not be renewed may not where the measured state is far from where it had the stage end.
+        None may while the object is not where the end condition wants it, unless the grippers have opened already,
+        after a sample at which it was. One that could not be renewed may not where the measured state is far from where
+        it had the stage end.
         """
         stage = situation.stages[sequence.first]
         renewed = solution is None or solution.outcome.usable
-        if renewed or stage.at is not None or sequence.count == 1:
+        if sequence.count == 1:
             return True
-        if sequence.instants[0] > situation.time + SHORTEST:
+        if stage.awaits_object:
+            return bool(sequence.instants[0] < situation.time - ROUNDING)
+        if renewed or stage.at is not None or sequence.instants[0] > situation.time + SHORTEST:
             return True
         return bool(self.problem.costs.met(stage, situation.x[None], self._spec.detection_margin)[0])
 
@@ -289,7 +290,7 @@ class ControlLaw:
         """Take over a solution that counts, refined by the levels of HTMPC; fall back on another plan else."""
         sequence = attempt.sequence
         solution = attempt.solution
-        limits = situation.stages[sequence.first].limits
+        stage = situation.stages[sequence.first]
         used_up = memory.plans.used_up(situation.time, self._spec.sample_time)
         levels: tuple[Solution, ...] = ()
         solved = solution.outcome.usable and (situation.is_measured or not used_up)
@@ -302,10 +303,13 @@ class ControlLaw:
             plan = (levels or (solution,))[-1].plan
             plans = memory.plans.with_plan(plan)
         else:
+            over = situation.time + self._spec.sample_time
+            if stage.awaits_object and sequence.count > 1 and sequence.instants[0] < over:
+                sequence = sequence.alone
             plans, plan = memory.plans.without_plan(
                 situation.time,
                 situation.x,
-                limits,
+                stage.limits,
                 horizon=self._spec.horizon,
                 sample_time=self._spec.sample_time,
                 chart=situation.placement.chart,
@@ -409,6 +413,13 @@ class Controller:
         self.law = ControlLaw(self.problem, solver)
         self.memory = self.law.first
 
+    def __repr__(self) -> str:
+        name = f"{self.problem.spec.controller.kind} for {self.problem.spec.name}"
+        stage = self.problem.stages[self.sequence.first].name
+        began = self.memory.time > -np.inf
+        when = f"{'done' if self.done else stage} at {self.memory.time:g} s" if began else "before its first sample"
+        return f"<Controller {name}: {len(self.problem.stages)} stages; {when}>"
+
     def step(self, time: float, state: State, object_pose: np.ndarray | None = None) -> Command:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
 
@@ -432,7 +443,7 @@ class Controller:
     @property
     def done(self) -> bool:
         """Whether the last stage has met its end condition. A controller that is done holds its target."""
-        return self.memory.done
+        return bool(np.isfinite(self.sequence.ended_at))
 
     @property
     def sequence(self) -> MovingSequence:
@@ -440,11 +451,11 @@ class Controller:
         return self.memory.sequence
 
 
-def _known_load(problem: Problem) -> ClosedChain | None:
+def _known_load(problem: Problem) -> HeldLoad | None:
     """Return the law of a robot that knows what it holds; None where it does not."""
     capture = problem.capture
     if capture and capture.grasp.known:
-        return ClosedChain(problem.model, body_of(capture), capture.grasp)
+        return HeldLoad(problem.model, body_of(capture), capture.grasp)
     return None
 
 

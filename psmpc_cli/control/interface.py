@@ -11,8 +11,8 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage
-from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.configuration import space_of_pose
+from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel, shape_of
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.arguments import rejected
@@ -37,6 +37,10 @@ class State:
 
     Q: np.ndarray
     v: np.ndarray
+
+    def __repr__(self) -> str:
+        Q, v = (np.array2string(each, max_line_width=10_000, precision=4, threshold=100) for each in (self.Q, self.v))
+        return f"State(Q={Q}, v={v})"
 
     def __post_init__(self) -> None:
         for name in ("Q", "v"):
@@ -177,7 +181,13 @@ class Command:
     model: RobotModel = field(repr=False)
     stages: tuple[PlacedStage, ...] = field(repr=False)
     closed: np.ndarray
-    load: ClosedChain | None = field(default=None, repr=False)
+    load: HeldLoad | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        ticks, n = self.u.shape
+        stages = ", ".join(stage.name for stage in self.solution.window.stages)
+        happened = f"; {', '.join(sorted(self.events))}" if self.events else ""
+        return f"<Command at {self.time:g} s: {ticks} ticks of {n} accelerations, stages {stages}{happened}>"
 
     @property
     def instants(self) -> np.ndarray:

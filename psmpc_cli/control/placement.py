@@ -87,9 +87,30 @@ class Placer:
             for stage in stages
         }
         model = self._problem.model
+        if target_object and sequence.first in self._problem.held_stages:
+            stages = self._held(stages, time, x, chart, target_object)
         posture = model.space.posture(x[model.space.joint_rates])
         charted = tuple(stage.in_chart(chart.anchor, posture, found[stage.index]) for stage in stages)
         return Placement(chart, charted, found)
+
+    def _held(
+        self,
+        stages: Sequence[PlacedStage],
+        time: float,
+        x: np.ndarray,
+        chart: Chart,
+        target_object: ObjectEstimate,
+    ) -> tuple[PlacedStage, ...]:
+        """Return the stages with the held object where it is measured in the gripper, if it is measured at all."""
+        controller = self._problem.spec.controller
+        oldest = time - (controller.known_delay + 1.5) * controller.sample_time
+        if target_object.measured_at < oldest or not np.isfinite(x).all():
+            return tuple(stages)
+        model = self._problem.model
+        xi = np.asarray(model.charted(x[: model.n], chart.anchor)).ravel()
+        pose, v = target_object.at(time)
+        grippers = {frame: xi[rows] for frame, rows in model.pose_rows.items()}
+        return tuple(stage.holding(grippers, pose, v) for stage in stages)
 
     def _at_object(
         self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_ends: bool

@@ -8,7 +8,7 @@ import numpy as np
 
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import StageCosts
-from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import SHORTEST
 
 
@@ -25,6 +25,7 @@ class MovingSequence:
         met_since: Since when every sample has met the end condition of the current stage [s], where the stage has to
             hold it; infinite if the last one did not.
         broken: The end condition was met and lost again. The next stage then waits until the current one is over.
+        ended_at: When the task's last stage ended [s]; infinite before. It stays the current one.
     """
 
     first: int
@@ -32,6 +33,7 @@ class MovingSequence:
     entered: float
     met_since: float = np.inf
     broken: bool = False
+    ended_at: float = np.inf
 
     @property
     def count(self) -> int:
@@ -58,7 +60,7 @@ class MovingSequence:
         return replace(prediction, instants=self.instants)
 
     def with_measurement(
-        self, stages: Sequence[Stage], costs: StageCosts, now: float, x: np.ndarray
+        self, stages: Sequence[PlacedStage], costs: StageCosts, now: float, x: np.ndarray
     ) -> "MovingSequence":
         """Return the sequence after a sample at time now [s] that measured x (2n,)."""
         stage = stages[self.first]
@@ -69,7 +71,7 @@ class MovingSequence:
         broken = self.broken or np.isfinite(self.met_since)
         return replace(self.alone if broken else self, met_since=np.inf, broken=broken)
 
-    def hold_left(self, stages: Sequence[Stage], now: float) -> float:
+    def hold_left(self, stages: Sequence[PlacedStage], now: float) -> float:
         """Return for how long the end condition of the current stage must still be met at time now [s] on [s]."""
         hold = stages[self.first].hold
         return min(max(hold - (now - self.met_since), 0.0), hold)
@@ -92,25 +94,35 @@ def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, l
     return sequence, switches
 
 
-def is_over(sequence: MovingSequence, stages: Sequence[Stage], costs: StageCosts, now: float, x: np.ndarray) -> bool:
-    """Tell whether the current stage is over: at its fixed time, or when x meets its end condition and has held it."""
+def is_over(
+    sequence: MovingSequence, stages: Sequence[PlacedStage], costs: StageCosts, now: float, x: np.ndarray
+) -> bool:
+    """Tell whether the current stage is over: at its fixed time, or when its end condition is met and has been held.
+
+    The end condition is that of x (2n,), and of the object where the stage ends by the object that it holds.
+    """
     stage = stages[sequence.first]
+    if stage.awaits_object:
+        return False
     if now - sequence.entered < stage.dwell - 1e-9 or sequence.hold_left(stages, now) > 1e-9:
         return False
     return bool(costs.met(stage, x[None])[0] if stage.at is None else now >= stage.at - SHORTEST)
 
 
 def drop_met(
-    sequence: MovingSequence, stages: Sequence[Stage], costs: StageCosts, now: float, x: np.ndarray
+    sequence: MovingSequence, stages: Sequence[PlacedStage], costs: StageCosts, now: float, x: np.ndarray
 ) -> tuple[MovingSequence, list[Switch]]:
-    """Drop the current stage if it is over; the task's last stage stays."""
-    if sequence.first == len(stages) - 1 or not is_over(sequence, stages, costs, now, x):
+    """Drop the current stage if it is over; the task's last stage ends, and stays."""
+    if np.isfinite(sequence.ended_at) or not is_over(sequence, stages, costs, now, x):
         return sequence, []
-    return MovingSequence(sequence.first + 1, sequence.instants[1:], now), [Switch(sequence.first, now)]
+    switches = [Switch(sequence.first, now)]
+    if sequence.first == len(stages) - 1:
+        return replace(sequence, ended_at=now), switches
+    return MovingSequence(sequence.first + 1, sequence.instants[1:], now), switches
 
 
 def detect(
-    sequence: MovingSequence, stages: Sequence[Stage], costs: StageCosts, guess: Plan, margin: float
+    sequence: MovingSequence, stages: Sequence[PlacedStage], costs: StageCosts, guess: Plan, margin: float
 ) -> MovingSequence | None:
     """Return the sequence with the next stage appended if its switch is seen in the prediction, else None.
 

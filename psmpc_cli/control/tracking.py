@@ -77,8 +77,8 @@ def to_be_closed(holding: range, sequence: MovingSequence, ticks: np.ndarray) ->
     def end(stage: int) -> float:
         if stage < sequence.first:
             return -np.inf
-        ahead = stage - sequence.first
-        return float(sequence.instants[ahead]) if ahead < len(sequence.instants) else np.inf
+        ends = (*sequence.instants, sequence.ended_at, np.inf)
+        return float(ends[min(stage - sequence.first, len(ends) - 1)])
 
     taken = end(holding.start - 1)
     released = end(holding.stop - 1)

@@ -44,11 +44,14 @@ class WindowBuilder:
         offset, scale = normalization(
             self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time
         )
+        hold = sequence.hold_left(stages, prediction.start)
+        if own[0].awaits_object:
+            hold = max(hold, spec.sample_time)  # the object cannot be seen to be there before the next sample
         window = Window(
             stages=tuple(own),
             start=prediction.start,
             elapsed=prediction.start - sequence.entered,
-            hold=sequence.hold_left(stages, prediction.start),
+            hold=hold,
             x0=prediction.X[0],
             omega=self._priorities[sequence.first : sequence.last + 1],
             offset=offset,

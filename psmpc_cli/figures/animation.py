@@ -26,14 +26,20 @@ from psmpc_cli.logs.files import replacing
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 
-RATE = 15
-LONGEST = 150
-"""Frames a second; most frames of motion."""
+FRAME_RATE = 15
+"""Frames a second."""
+
+MAX_FRAMES = 150
+"""Most frames of motion."""
 
 WIDTH = style.COLUMN
-TITLE = 0.3
+"""Width of a frame [in]."""
+
+TITLE_HEIGHT = 0.3
+"""Height of the title above a frame of the film [in]."""
+
 DPI = 144
-"""Width of a frame [in], height of the title above one of the film [in], and resolution."""
+"""Resolution of a frame [1/in]."""
 
 SURROUNDINGS = """
 <mujoco>
@@ -66,7 +72,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
     Raises:
         RunError: One could not be encoded or written.
     """
-    scene, times, extent = _shots(run)
+    scene, times, extent = _frames_of(run)
     figure = style.new_figure(WIDTH)
     axes = figure.add_subplot()
 
@@ -89,14 +95,14 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
         InputError: There is no offscreen renderer here.
         RunError: It failed, or a film could not be encoded or written.
     """
-    scene, times, extent = _shots(run)
+    scene, times, extent = _frames_of(run)
     Q = [run.motion.coordinates_at(time) for time in times]
     joints = [body.name for body in run.problem.model.spec.bodies[1:]]
     poses = [scene.object_frame(time) for time in times]
     frames = _in_process(offscreen_driver(), render, film_model(scene, extent), Q, poses, joints)
     tall = frames.shape[1] / DPI
-    figure = Figure(figsize=(WIDTH, tall + TITLE))
-    shown = figure.add_axes((0, 0, 1, tall / (tall + TITLE))).imshow(frames[0], aspect="auto")
+    figure = Figure(figsize=(WIDTH, tall + TITLE_HEIGHT))
+    shown = figure.add_axes((0, 0, 1, tall / (tall + TITLE_HEIGHT))).imshow(frames[0], aspect="auto")
     shown.axes.set_axis_off()
 
     def draw_frame(number: int) -> list[Artist]:
@@ -106,9 +112,9 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
     _encode(figure, draw_frame, len(times), paths)
 
 
-def _shots(run: Run) -> tuple[Scene, list[float], np.ndarray]:
+def _frames_of(run: Run) -> tuple[Scene, list[float], np.ndarray]:
     """Return a run as a scene, the time of each frame [s], and points (., 3) to show."""
-    times = np.linspace(run.motion.time[0], run.motion.end, min(LONGEST, len(run.motion.time))).tolist()
+    times = np.linspace(run.motion.time[0], run.motion.end, min(MAX_FRAMES, len(run.motion.time))).tolist()
     return scene_of(run), times, scene_of(run).extent(times)
 
 
@@ -120,13 +126,12 @@ def _encode(figure: Figure, draw_frame: Callable[[int], Iterable[Artist]], count
     """Write a figure frame by frame, the last one held, GIF or MP4 by the files' endings."""
     figure.set_figheight(round(figure.get_figheight() * DPI / 2) * 2 / DPI)  # even in pixels, for video encoders
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # laid out anew, the axes would move from frame to frame
     for path in paths:
-        frames = [*range(count), *[count - 1] * RATE]
+        frames = [*range(count), *[count - 1] * FRAME_RATE]
         writer = "pillow" if path.suffix == ".gif" else "ffmpeg"
         try:
             with replacing(path) as part:
-                FuncAnimation(figure, draw_frame, frames, cache_frame_data=False).save(part, writer, RATE, DPI)
+                FuncAnimation(figure, draw_frame, frames, cache_frame_data=False).save(part, writer, FRAME_RATE, DPI)
         except (OSError, subprocess.CalledProcessError) as error:
             raise RunError(f"{path} could not be written: {error}") from None
 
@@ -143,10 +148,20 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
     view = camera.view(extent)
     floor = float(extent[:, 2].min()) - 1.5 * shape.box[2]
     x, y, z = np.mean(view.get_points(), axis=0) @ camera.axes[:2]
-    numbers = {"height": 2 * round(width * view.height / view.width / 2), "width": width, "tall": view.height}
-    numbers |= {"x": x, "y": y, "z": z, "span": 2 * np.ptp(extent, axis=0).max(), "floor": floor}
-    numbers |= {"azimuth": camera.azimuth + 180, "elevation": -camera.elevation}
-    world = mujoco.MjSpec.from_string(SURROUNDINGS.format(**numbers))
+    world = mujoco.MjSpec.from_string(
+        SURROUNDINGS.format(
+            width=width,
+            height=2 * round(width * view.height / view.width / 2),
+            tall=view.height,
+            azimuth=camera.azimuth + 180,
+            elevation=-camera.elevation,
+            x=x,
+            y=y,
+            z=z,
+            span=2 * np.ptp(extent, axis=0).max(),
+            floor=floor,
+        )
+    )
     robot = mujoco_spec(model.spec)
     base = robot.body("base")
     box = shape.box_frame

@@ -1,6 +1,7 @@
 """Coordinates over time: states, velocities, controls, forces, and errors against the tolerances of the stages."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -16,27 +17,72 @@ from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.parts import POSITION_AXES, axes_of
 
-HEIGHT = 0.82
+POSITION = ("position", "m")
+ANGLE = ("angle", "rad")
+"""Names and units of what states are."""
+
+PANEL_HEIGHT = 0.82
 """Height of a panel of coordinates [in]."""
 
-FARTHEST = 4.0
-PEAK = 5.0
-"""Limits farther away than so many times the largest value are not drawn; peaks so many times as large as 19 in 20
-values hide the rest."""
+LIMIT_DISTANCE = 4.0
+"""Limits farther away than so many times the largest value are not drawn."""
 
-SMALLEST = 1e-5
+PEAK_RATIO = 5.0
+"""A peak so many times as large as the 95th percentile of the values hides the rest."""
+
+SMALLEST_ERROR = 1e-5
 """Smaller errors are not shown [m, rad]."""
+
+
+@dataclass(frozen=True)
+class CoordinatePanel:
+    """The coordinates that share a panel.
+
+    Attributes:
+        part: The base or an arm, as it is written.
+        quantity: Name of what is drawn, such as velocity.
+        unit: Of what is drawn.
+        rows: Rows of the coordinates in v.
+        labels: Names of the rows in the legend.
+    """
+
+    part: str
+    quantity: str
+    unit: str
+    rows: slice
+    labels: Sequence[str]
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorCurve:
+    """The largest error of a frame against the target of one stage, over the time of that stage.
+
+    Attributes:
+        span: The stage.
+        frame: Number of the frame: the base, then the arms.
+        angular: Whether the errors are angles.
+        time: Times (K,) [s].
+        error: Largest error at each time (K,) [m] or [rad].
+        tolerance: The tightest tolerance of the end condition [m] or [rad]; NaN where it does not ask for this frame.
+    """
+
+    span: Span
+    frame: int
+    angular: bool
+    time: np.ndarray
+    error: np.ndarray
+    tolerance: float
 
 
 def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot base pose [m, rad] and joint angles [rad], of a run or of several side by side. Paper Figs. 8 to 10.
 
     Of one run it also shows what the controller saw of them. In space the attitude is a rotation vector, beside the
-    angle to the attitude the current stage aims at [deg].
+    angle to the attitude the current stage aims at [rad].
     """
     curves = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs_of(runs)]
     seen = _in_vectors(runs, runs.motion.Q_seen) if isinstance(runs, Run) else None
-    return _plot_quantity(runs, ("position", "m"), ("angle", "rad"), curves, seen)
+    return _plot_quantity(runs, POSITION, ANGLE, curves, seen)
 
 
 def plot_velocities(run: Run) -> Figure:
@@ -56,51 +102,55 @@ def plot_controls(run: Run) -> Figure:
 
 def plot_forces(run: Run) -> Figure:
     """Plot base force [N], base torque and joint torques [N m] at every tick if logged, else at every sample."""
-    curves = (run.ticks["time"], run.ticks["F"]) if len(run.ticks.get("time", ())) else (run.time, run["force/F"])
-    return _plot_quantity(run, ("force", "N"), ("torque", "N m"), [curves], peaked=True)
+    has_ticks = len(run.ticks.get("time", ())) > 0
+    forces = (run.ticks["time"], run.ticks["F"]) if has_ticks else (run.time, run["force/F"])
+    return _plot_quantity(run, ("force", "N"), ("torque", "N m"), [forces], peaked=True)
 
 
 def _in_vectors(run: Run, Q: np.ndarray) -> np.ndarray:
-    """Return coordinates (K, nq) of a run with the attitude in space as a rotation vector continuous over time."""
+    """Return coordinates (K, nq) as (K, n), the attitude in space as a rotation vector that is continuous over time."""
     return run.problem.model.space.unrolled(Q)
 
 
 def attitude_error(run: Run) -> np.ndarray:
-    """Return the angle (N,) [rad] from the base's attitude to the one that the current stage aims at, in space."""
-    found = np.full(len(run.motion.time), np.nan)
+    """Compute the angle (N,) [rad] from the base's attitude to the one that the current stage aims at, in space."""
+    motion = run.motion
+    angle = np.full(len(motion.time), np.nan)
     for span in run.spans:
         stage = run.followed[span.index]
-        now = (run.motion.time >= span.start) & (run.motion.time <= span.end)
-        if now.any():
-            errors = _errors(run.problem, stage, run.motion.Q[now], run.motion.time[now] - span.start)
-            found[now] = np.linalg.norm(errors[:, 3:6], axis=1)
-            found[np.flatnonzero(now)[: span.index > 0]] = np.nan  # a break where the target changes
-    return found
+        during = (motion.time >= span.start) & (motion.time <= span.end)
+        if during.any():
+            errors = _errors(run.problem, stage, motion.Q[during], motion.time[during] - span.start)
+            angle[during] = np.linalg.norm(errors[:, 3:6], axis=1)
+            if span.index > 0:
+                angle[np.flatnonzero(during)[0]] = np.nan  # a gap in the curve where the target changes
+    return angle
 
 
 def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     """Plot every coordinate [m, rad] of several runs on the same axes, with the ends of their stages."""
     model = next(iter(runs.values())).problem.model
-    rows = [
-        (f"{part} {'attitude ' * (unit == 'deg')}{label}\n({unit})", row, factor)
-        for part, _, unit, factor, at, labels in _panels(model, ("position", "m"), ("angle", "rad"))
-        for row, label in zip(range(at.start, at.stop), labels, strict=True)
-    ]
+    labelled_rows: list[tuple[str, int]] = []
+    for panel in _panels(model, POSITION, ANGLE):
+        kind = "attitude " if panel.quantity == "attitude" else ""
+        for row, label in zip(range(panel.rows.start, panel.rows.stop), panel.labels, strict=True):
+            labelled_rows.append((f"{panel.part} {kind}{label}\n({panel.unit})", row))
+
     figure = style.new_figure(style.PAGE)
     across = 3
-    down = -(-len(rows) // across)
+    down = -(-len(labelled_rows) // across)
     grid = figure.subplots(down, across, sharex=True, squeeze=False, height_ratios=[1.3] * down)
-    for axes, (label, row, factor) in zip(grid.flat, rows, strict=False):
+    for axes, (label, row) in zip(grid.flat, labelled_rows, strict=False):
         for number, (name, run) in enumerate(runs.items()):
             motion = run.motion
             look = style.line_look(number)
-            values = factor * _in_vectors(run, motion.Q)[:, row]
+            values = _in_vectors(run, motion.Q)[:, row]
             axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.title_of(name)}", **look)
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             at = np.interp(switches, motion.time, values)
             axes.plot(switches, at, "o", markersize=3, color=look["color"])
         axes.set_ylabel(label)
-    for axes in grid.flat[len(rows) :]:
+    for axes in grid.flat[len(labelled_rows) :]:
         axes.set_visible(False)
     for axes in grid[-1]:
         axes.set_xlabel("Time (s)")
@@ -120,61 +170,70 @@ def _plot_quantity(
 ) -> Figure:
     """Plot a quantity with a value for each generalized coordinate over time.
 
-    There is a row of panels for base position, base angles and each arm, and a column for each run. A quantity has a
-    name and a unit for `linear` and for `angular` coordinates, `curves` of times (K,) [s] and values (K, n) of each
-    run, what the controller has `seen` of it (K, n), drawn where it differs, and the `limits` of the stages that bound
-    it. One that is `peaked` may have short peaks that hide the rest; the axis is then logarithmic far out.
+    There is a row of panels for base position, base angles and each arm, and a column for each run.
+
+    Args:
+        runs: A run, or several by controller.
+        linear: Name and unit of the quantity for linear coordinates.
+        angular: Name and unit for angular coordinates.
+        curves: Times (K,) [s] and values (K, n) of each run.
+        seen: What the controller saw of it (K, n), drawn where it differs.
+        limits: Which limits of the stages bound it.
+        drawstyle: How values are joined.
+        peaked: Whether it may have short peaks that hide the rest; the axis is then logarithmic far out.
     """
     panels = list(_panels(runs_of(runs)[0].problem.model, linear, angular))
-    figure, grid = timeline(runs, len(panels), HEIGHT)
-    for places, (part, word, unit, factor, rows, labels) in zip(grid, panels, strict=True):
+    figure, grid = timeline(runs, len(panels), PANEL_HEIGHT)
+    for row_of_axes, panel in zip(grid, panels, strict=True):
         note = ""
-        for axes, run, (time, every) in zip(places, runs_of(runs), curves, strict=True):
-            values = factor * every[:, rows]
-            for i, label in enumerate(labels):
+        for axes, run, (time, all_values) in zip(row_of_axes, runs_of(runs), curves, strict=True):
+            values = all_values[:, panel.rows]
+            for i, label in enumerate(panel.labels):
                 axes.plot(time, values[:, i], label=label, drawstyle=drawstyle, **style.line_look(i))
             axes.margins(y=0.08)
             if limits is not None:
-                _plot_limits(axes, run, limits, rows, values, factor)
-            if seen is not None and not np.array_equal(seen, every, equal_nan=True):
-                axes.plot(time, factor * seen[:, rows], **style.look("seen by the controller"))
-            if word == "attitude":
-                axes.plot(time, factor * attitude_error(run), label="to the target", color="black", linewidth=0.8)
+                _plot_limits(axes, run, limits, panel.rows, values)
+            if seen is not None and not np.array_equal(seen, all_values, equal_nan=True):
+                axes.plot(time, seen[:, panel.rows], **style.look("seen by the controller"))
+            if panel.quantity == "attitude":
+                axes.plot(time, attitude_error(run), label="to the target", color="black", linewidth=0.8)
             if peaked:
                 note = _compress(axes, values) or note
-        short = len(f"{part} {word}") * style.CHARACTER < HEIGHT
-        label_row(places, f"{part} {word}\n({unit})" if short else f"{part}\n{word} ({unit})", note)
+
+        name = f"{panel.part} {panel.quantity}"
+        on_one_line = len(name) * style.CHARACTER < PANEL_HEIGHT
+        lines = f"{name}\n({panel.unit})" if on_one_line else f"{panel.part}\n{panel.quantity} ({panel.unit})"
+        label_row(row_of_axes, lines, note)
     return style.finish(figure)
 
 
-def _panels(
-    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str]
-) -> Iterator[tuple[str, str, str, float, slice, Sequence[str]]]:
-    """Give the panels of v: part, name, unit, factor to this unit, rows, labels of the rows; attitudes are in degrees.
+def _panels(model: RobotModel, linear: tuple[str, str], angular: tuple[str, str]) -> Iterator[CoordinatePanel]:
+    """Yield the panels of v: base position, base angles and each arm; every angle of a figure is in one unit.
 
     `linear` and `angular` are the quantity's name and SI unit for linear and for angular coordinates.
     """
     base = model.parts["base"]
     d = model.dimension
-    yield "Base", *linear, 1.0, slice(base.start, base.start + d), "xyz"[:d]
-    turns = slice(base.start + d, base.stop)
-    word, unit = angular
+    quantity, unit = angular
+    yield CoordinatePanel("Base", *linear, slice(base.start, base.start + d), "xyz"[:d])
+
+    angles = slice(base.start + d, base.stop)
     if d == 2:
-        yield "Base", word, unit, 1.0, turns, ("θ",)
+        yield CoordinatePanel("Base", quantity, unit, angles, ("θ",))
     else:
-        factor = 180 / np.pi if "rad" in unit else 1.0
-        yield "Base", word.replace("angle", "attitude"), unit.replace("rad", "deg"), factor, turns, "xyz"
+        yield CoordinatePanel("Base", quantity.replace("angle", "attitude"), unit, angles, "xyz")
+
     for name, rows in list(model.parts.items())[1:]:
         joints = rows.stop - rows.start
         labels = [f"joint {i + 1}" if joints <= 4 else str(i + 1) for i in range(joints)]
-        yield style.readable(name).capitalize(), word, unit, 1.0, rows, labels
+        yield CoordinatePanel(style.readable(name).capitalize(), quantity, unit, rows, labels)
 
 
 def _compress(axes: Axes, values: np.ndarray) -> str:
     """Make the axis logarithmic beyond a tenth of the peak's power of ten if peaks hide the rest; return a note."""
     size = np.abs(values[np.isfinite(values)])
     peak = float(np.max(size, initial=0.0))
-    if peak <= PEAK * float(np.quantile(size, 0.95)) or peak == 0.0:
+    if peak <= PEAK_RATIO * float(np.quantile(size, 0.95)) or peak == 0.0:
         return ""
     threshold = 10.0 ** (np.floor(np.log10(peak)) - 1)
     axes.set_yscale("symlog", linthresh=threshold)
@@ -184,25 +243,26 @@ def _compress(axes: Axes, values: np.ndarray) -> str:
     return f"log beyond ±{threshold:g}"
 
 
-def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray, factor: float) -> None:
+def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray) -> None:
     """Draw the limits of the current stage that are not far off the values."""
     time = np.array([edge for span in run.spans for edge in (span.start, span.end)])
-    limits = [run.problem.stages[span.index].limits for span in run.spans for _ in "ab"]
-    sides = [
-        factor * np.array([getattr(limit, f"{kind}_{side}")[rows] for limit in limits]) for side in ("low", "high")
-    ]
-    farthest = FARTHEST * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
-    near = np.unique(np.hstack([np.where(np.abs(side) < farthest, side, np.nan) for side in sides]), axis=1)
-    axes.plot(time, near[:, np.isfinite(near).any(axis=0)], label="_limit", **style.LEVEL)
+    limits = [run.problem.stages[span.index].limits for span in run.spans for _ in ("start", "end")]
+    sides = [np.array([getattr(limit, f"{kind}_{side}")[rows] for limit in limits]) for side in ("low", "high")]
+
+    largest_drawn = LIMIT_DISTANCE * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
+    near = [np.where(np.abs(side) < largest_drawn, side, np.nan) for side in sides]
+    distinct = np.unique(np.hstack(near), axis=1)
+    drawn = distinct[:, np.isfinite(distinct).any(axis=0)]
+    axes.plot(time, drawn, label="_limit", **style.LEVEL)
 
 
 def plot_errors(run: Run) -> Figure:
     """Plot how far base and arms are from the current stage's target, in the coordinates the stage controls.
 
     A curve is the largest error of a group of coordinates: base position [m], base angle [rad], and of each arm its
-    joints [rad], or the position [m] and angle [rad] of its end-effector, by what the stage controls. Of a group on
-    which the end condition stands only the coordinates in it count, and a line shows their tolerance. Where the target
-    is a trajectory, the error is against its present value. Logarithmic.
+    joints [rad], or the position [m] and angle [rad] of its end-effector, by what the stage controls. If the end
+    condition asks for some coordinates of a group, only those count, and a line shows their tolerance. Where the target
+    is a trajectory, the error is against its present value. The axes are logarithmic.
     """
     figure, grid = timeline(run, 2, 1.35)
     panels = list(grid[:, 0])
@@ -210,60 +270,64 @@ def plot_errors(run: Run) -> Figure:
         for frame, name in enumerate(run.problem.model.pose_rows):
             axes.plot([], [], label=style.readable(name), **_frame_look(frame))
     curves = list(error_curves(run))
-    for span, frame, angular, time, size, tolerance in curves:
-        look = _frame_look(frame)
-        panels[angular].plot(time, np.where(size > 0, size, np.nan), label="_", **look)
-        same = {curve[-1] for curve in curves if curve[0] == span and curve[2] == angular and np.isfinite(curve[-1])}
-        line = style.LEVEL if len(same) == 1 else {**style.LEVEL, "color": look["color"]}
-        if np.isfinite(tolerance):
-            panels[angular].hlines(tolerance, span.start, span.end, **line)
-    for row, (axes, what) in enumerate(zip(panels, ("coordinate", "joint or angle"), strict=True)):
+    for curve in curves:
+        axes = panels[curve.angular]
+        look = _frame_look(curve.frame)
+        axes.plot(curve.time, np.where(curve.error > 0, curve.error, np.nan), label="_", **look)
+        beside = [each for each in curves if each.span == curve.span and each.angular == curve.angular]
+        tolerances = {each.tolerance for each in beside if np.isfinite(each.tolerance)}
+        line = style.LEVEL if len(tolerances) == 1 else {**style.LEVEL, "color": look["color"]}
+        if np.isfinite(curve.tolerance):
+            axes.hlines(curve.tolerance, curve.span.start, curve.span.end, **line)
+
+    labels = ("Position error\n(m)", "Angle error\n(rad)")
+    notes = ("largest coordinate", "largest joint or angle")
+    for row_of_axes, label, note in zip(grid, labels, notes, strict=True):
+        axes = row_of_axes[0]
         axes.set_yscale("log")
-        axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST))
+        axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST_ERROR))
         axes.yaxis.set_minor_formatter(NullFormatter())
-        label_row(grid[row], ("Position error\n(m)", "Angle error\n(rad)")[row], f"largest {what}")
-    if np.isfinite([tolerance for *_, tolerance in curves]).any():
+        label_row(row_of_axes, label, note)
+    if np.isfinite([curve.tolerance for curve in curves]).any():
         panels[0].plot([], [], label="_tolerance", **style.LEVEL)
     return style.finish(figure)
 
 
-def error_curves(run: Run) -> Iterator[tuple[Span, int, bool, np.ndarray, np.ndarray, float]]:
-    """Yield the errors against the current stage's target, stage by stage, as `plot_errors` draws them.
-
-    Of each the stage's span, the number of the frame (the base, then the arms), whether they are angles, times (K,)
-    [s], the largest error at those (K,) [m] or [rad], and the tightest tolerance of the end condition, or NaN.
-    """
+def error_curves(run: Run) -> Iterator[ErrorCurve]:
+    """Yield the errors against the current stage's target, stage by stage, as `plot_errors` draws them."""
     motion = run.motion
     parts = run.problem.model.spec.parts
     for span in run.spans:
         inside = (motion.time > span.start) & (motion.time < span.end)
         time = np.r_[span.start, motion.time[inside], span.end]
         stage = run.followed[span.index]
-        first = 0
         Q = np.array([motion.coordinates_at(t) for t in time])
         errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
+
+        first_row = 0
         for frame, axes in enumerate(axes_of(parts, stage.space).values()):
             for angular in (False, True):
-                rows = [row for row, axis in enumerate(axes, start=first) if (axis not in POSITION_AXES) == angular]
-                ending = [row for row in rows if row in tolerances]
+                rows = [row for row, axis in enumerate(axes, start=first_row) if (axis not in POSITION_AXES) == angular]
+                rows_in_end = [row for row in rows if row in tolerances]
                 if rows:
-                    tightest = min((tolerances[row] for row in ending), default=np.nan)
-                    yield span, frame, angular, time, errors[:, ending or rows].max(axis=1), tightest
-            first += len(axes)
+                    largest = errors[:, rows_in_end or rows].max(axis=1)
+                    tightest = min((tolerances[row] for row in rows_in_end), default=np.nan)
+                    yield ErrorCurve(span, frame, angular, time, largest, tightest)
+            first_row += len(axes)
 
 
 def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) -> np.ndarray:
-    """Return a stage's errors (K, rows) at coordinates (K, nq), at times since its start (K,) [s].
+    """Compute a stage's errors (K, rows) at coordinates (K, nq), at times since its start (K,) [s].
 
-    In space the chart is anew at every attitude, and of a target's two quaternions the nearer one counts.
+    In space every attitude has a chart of its own, and of a target's two quaternions the nearer one counts.
     """
-    found = []
+    errors = []
     at_rest = np.zeros(problem.model.n)
     for q, time in zip(Q, since, strict=True):
         placed, x = in_own_chart(problem.model, stage, q, at_rest, time)
-        found.append(problem.costs.errors(placed, x[None], np.array([time]))[0])
-    return np.array(found)
+        errors.append(problem.costs.errors(placed, x[None], np.array([time]))[0])
+    return np.array(errors)
 
 
 def _frame_look(index: int) -> dict[str, Any]:

@@ -35,7 +35,7 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
 
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
-    """Plot final error [tolerances], tightest margins [%] and those of the monitors [m, m/s] of every run.
+    """Plot final error [tolerances], tightest margins [%] and those of the monitors, by unit, of every run.
 
     Failed runs are ringed, or crosses on the lower edge where they have no values.
     """
@@ -43,9 +43,12 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
     margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
     panels = [("Final error\n(tolerances)", {"": error}, 1.0, "tolerance")]
     panels.append(("Tightest margin\n(% of the limit)", margins, 0.0, "limit"))
+    margins_of = {}
     if runs.monitors:
-        monitored = dict(zip(map(style.readable, runs.monitors), runs["monitor_margin"].T, strict=True))
-        panels.append(("Margin of monitor\n(m, m/s)", monitored, 0.0, "bound"))
+        margins_of = dict(zip(runs.monitors, runs["monitor_margin"].T, strict=True))
+    for unit in dict.fromkeys(runs.monitors.values()):
+        monitored = {style.readable(name): margins_of[name] for name, its in runs.monitors.items() if its == unit}
+        panels.append((f"Margin of monitor\n({unit})", monitored, 0.0, "bound"))
     figure, rows = style.stack([label for label, *_ in panels], [1.1] * len(panels), "Seed of the run (1)")
     positive = error[np.isfinite(error) & (error > 0)]
     if len(positive) and positive.max() > 30.0 * positive.min():

@@ -12,60 +12,63 @@ from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.fronts import CONSTRAINED, WEIGHTED, front_points
 
-FRONT: Any = {"linewidth": 0.9, "markersize": 2.2}
+FRONT_LOOK: Any = {"linewidth": 0.9, "markersize": 2.2}
 """Look of a front, besides its colour and marker."""
 
 
-def in_plane(results: Results) -> list[list[tuple[np.ndarray, np.ndarray]]]:
-    """Return J_1 and J_2 of the points with the instant held at the run's optimum, and which are dominated.
+def fronts_by_sample(results: Results) -> list[list[tuple[np.ndarray, np.ndarray]]]:
+    """List J_1 and J_2 of the points with the instant held at the run's optimum, and which are dominated.
 
     By sample, then by method, (P, 2) and (P,).
     """
-    found = [front_points(results, name) for name in (WEIGHTED, CONSTRAINED) if f"{name}_J_1" in results.quantities]
-    return [[(J[i, 0], dominated[i, 0]) for J, dominated in found] for i in range(len(results["instant"]))]
+    methods = [name for name in (WEIGHTED, CONSTRAINED) if f"{name}_J_1" in results.quantities]
+    fronts = [front_points(results, method) for method in methods]
+    return [[(J[i, 0], dominated[i, 0]) for J, dominated in fronts] for i in range(len(results["instant"]))]
 
 
 def has_points(results: Results) -> bool:
     """Return whether a study has a point that could be solved for."""
-    return any(np.isfinite(J).any() for points in in_plane(results) for J, _ in points)
+    return any(np.isfinite(J).any() for points in fronts_by_sample(results) for J, _ in points)
 
 
-def in_space(results: Results) -> bool:
+def has_instant_criterion(results: Results) -> bool:
     """Return whether the instant is a criterion of a study."""
     return "later" in results.quantities
 
 
 def plot_fronts(results: Results) -> Figure:
-    """Plot the fronts in the plane of both costs [s], J_2 to the right and J_1 up, a curve a sample.
+    """Plot the fronts in the plane of both costs [s], J_2 to the right and J_1 upwards, a curve for each sample.
 
     The axes of a second panel are logarithmic if the costs differ so much that a linear one cannot show them all.
     """
-    samples = in_plane(results)
+    samples = fronts_by_sample(results)
     every = np.concatenate([J for points in samples for J, _ in points])
     smallest = np.nanmin(every, axis=0)
     largest = np.nanmax(every, axis=0)
     panels = 2 if np.all(smallest > 0) and np.any(largest > 30.0 * smallest) else 1
     figure, rows = style.stack([""] * panels, [1.9] * panels, "", sharex=False)
     first, second = map(style.readable, results["stage"].tolist())
-    third = in_space(results)
+    three_criteria = has_instant_criterion(results)
     rows[0].xaxis.set_major_locator(MaxNLocator(nbins=6))
     if panels > 1:
         for along, wide in zip("yx", largest > 100.0 * smallest, strict=True):
             style.make_logarithmic(rows[1], along, subs=(1.0,) if wide else (1.0, 2.0, 5.0))
-    for axes, letter in zip(rows, "ab", strict=False):
+    for axes in rows:
         for i, (points, instant, volume) in enumerate(
             zip(samples, results["instant"], results["hypervolume"], strict=True)
         ):
-            _plot_sample(axes, points, i, f"{instant:.1f} s" + ("" if third else f": {volume:.3g} s$^2$"))
-        axes.plot(results["chosen_J_2"], results["chosen_J_1"], **_chosen(results))
+            _plot_sample(axes, points, i, f"{instant:.1f} s" + ("" if three_criteria else f": {volume:.3g} s$^2$"))
+        axes.plot(results["chosen_J_2"], results["chosen_J_1"], **_look_of_run_weights(results))
         axes.set(xlabel=f"Cost of {second}, $J_2$ (s)", ylabel=f"Cost of {first}, $J_1$ (s)")
         axes.margins(0.04)
-        axes.set_title(f"({letter})" if panels > 1 else "")
     rows[0].plot([], [], "k>-", markersize=4, linewidth=0.9, label="_growing $ω_2/ω_1$")
     if len(samples[0]) > 1:
         rows[0].plot([], [], "k+", label="_$J_2$ bounded")
-    title = "Sampling instant $T_0$" + ("" if third else ": hypervolume")
-    rows[0].legend(title=title, loc="upper right", alignment="left")
+    title = "Sampling instant $T_0$" + ("" if three_criteria else ": hypervolume")
+    letters = ("(a)", "(b)") if panels > 1 else ("",)
+    style.panel_legend(rows[0], letters[0], title)
+    for axes, letter in zip(rows[1:], letters[1:], strict=True):
+        axes.set_title(letter)  # the same legend
     return style.finish(figure)
 
 
@@ -75,7 +78,7 @@ def _plot_sample(axes: Axes, found: Sequence[tuple[np.ndarray, np.ndarray]], ind
     for order, (J, dominated) in enumerate(found):
         kept = J[~dominated].T[::-1]
         if order == 0:
-            axes.plot(*kept, label=label, **FRONT, **look)
+            axes.plot(*kept, label=label, **FRONT_LOOK, **look)
         else:
             axes.plot(*kept, "+", color=look["color"], markersize=3.5, markeredgewidth=0.6)
         if dominated.any():
@@ -90,14 +93,14 @@ def _plot_sample(axes: Axes, found: Sequence[tuple[np.ndarray, np.ndarray]], ind
         )
 
 
-def _chosen(results: Results) -> dict[str, Any]:
+def _look_of_run_weights(results: Results) -> dict[str, Any]:
     """Return the look of the run's own weights, with its label."""
     ratio = results["chosen_ratio"]
     same = np.ptp(ratio) <= 1e-9 * ratio[0]
     return style.look("weights of the run", **({"label": f"_$ω_2/ω_1$ = {ratio[0]:g}"} if same else {}))
 
 
-def plot_in_space(results: Results) -> Figure:
+def plot_fronts_over_instant(results: Results) -> Figure:
     """Plot for each sample the fronts with the instant held ever later, over the plane of both costs [s].
 
     On the floor is their projection: fronts of later instants cross those of earlier ones.
@@ -108,13 +111,13 @@ def plot_in_space(results: Results) -> Figure:
     grid: Any = figure.subplots(rows, 3, subplot_kw={"projection": "3d"}, squeeze=False, height_ratios=[2.1] * rows)
     for i, axes in enumerate(grid.flat):
         if i < samples:
-            _plot_in_space(axes, results, i)
+            _plot_sample_over_instant(axes, results, i)
         else:
             axes.remove()
     return style.finish(figure)
 
 
-def _plot_in_space(axes: Any, results: Results, i: int) -> None:
+def _plot_sample_over_instant(axes: Any, results: Results, i: int) -> None:
     """Plot the fronts of one sample; `axes` are three-dimensional ones, for which Matplotlib has no types."""
     method = WEIGHTED if f"{WEIGHTED}_J_1" in results.quantities else CONSTRAINED
     J, marks = front_points(results, method)
@@ -129,14 +132,14 @@ def _plot_in_space(axes: Any, results: Results, i: int) -> None:
         y, x = J[i, later].T
         dominated = marks[i, later]
         kept = np.flatnonzero(~dominated).tolist()
-        axes.plot(x, y, wait, markevery=kept, label="_instant held", **FRONT, **style.mark_look(0))
+        axes.plot(x, y, wait, markevery=kept, label="_instant held", **FRONT_LOOK, **style.mark_look(0))
         axes.plot(x, y, floor, color="#D5D5D5", linewidth=0.9, label="_in the plane of $J_1$ and $J_2$")
         if dominated.any():
             axes.plot(x[dominated], y[dominated], wait, **style.look("dominated", markersize=3.5, markeredgewidth=0.8))
     free = [results[f"free_{name}"][i] for name in ("J_2", "J_1", "wait")]
-    axes.plot(*free, label="_instant free", **FRONT, **style.mark_look(1))
+    axes.plot(*free, label="_instant free", **FRONT_LOOK, **style.mark_look(1))
     chosen = (results["chosen_J_2"][i], results["chosen_J_1"][i], results["t_s"][i] - results["instant"][i])
-    axes.plot(*([value] for value in chosen), **_chosen(results))
+    axes.plot(*([value] for value in chosen), **_look_of_run_weights(results))
     first, second = map(style.readable, results["stage"].tolist())
     axes.set_xlabel(f"{second}, $J_2$ (s)", labelpad=-3)
     axes.set_ylabel(f"{first}, $J_1$ (s)", labelpad=-4)

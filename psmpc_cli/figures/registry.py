@@ -1,6 +1,8 @@
 """Every figure in one table, and what draws them into files."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+import gc
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,14 +15,19 @@ from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, snapsh
 from psmpc_cli.figures.animation import mp4_possible, offscreen_driver, write_animation, write_film
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.files import replacing, writing
-from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
-from psmpc_cli.specs.arguments import rejected, require
-from psmpc_cli.specs.document import quoted
+from psmpc_cli.specs.arguments import require
 from psmpc_cli.studies.sampling import Draws, Grid
 
-FORMATS: Mapping[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
-"""Formats of files, with the metadata with which the same data give the same file."""
+FORMATS: Mapping[str, dict[str, Any]] = {
+    "png": {
+        "pil_kwargs": {"compress_level": 3}
+    },  # without loss at any level; this one takes half the time of the usual
+    "pdf": {"metadata": {"CreationDate": None}},
+    "svg": {"metadata": {"Date": None}},
+}
+"""How files of every format are written, so that the same data give the same file."""
 
 FILMS: Mapping[str, Callable[[Run, Iterable[Path]], None]] = {"animation": write_animation, "render": write_film}
 """What shows a run in motion, by name, which is also the stem of its files."""
@@ -36,7 +43,7 @@ FIGURES: Mapping[str, Mapping[str, Callable[..., Figure]]] = {
         "shares": instants.plot_shares,
         "snapshots": snapshots.plot_snapshots,
         "solve_time": instants.plot_solve_time,
-        "pull": instants.plot_pull,
+        "grasps": instants.plot_grasps,
     },
     COMPARISON: {
         "overlay": coordinates.plot_overlay,
@@ -54,7 +61,7 @@ FIGURES: Mapping[str, Mapping[str, Callable[..., Figure]]] = {
     },
     PARETO: {
         "front": pareto.plot_fronts,
-        "front_3d": pareto.plot_in_space,
+        "front_3d": pareto.plot_fronts_over_instant,
     },
     MONTE_CARLO: {
         "success": monte_carlo.plot_success,
@@ -68,62 +75,50 @@ FIGURES: Mapping[str, Mapping[str, Callable[..., Figure]]] = {
 They are of a Run, of Runs by controller, of the results of a study, of the description of a robot, or of a Task.
 """
 
-ONLY_OF: Mapping[str, Callable[[Any], bool]] = {
-    "pull": lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
+AVAILABLE_IF: Mapping[str, Callable[[Any], bool]] = {
+    "forces": lambda run: bool(np.isfinite(run["force/F"]).any()) or not len(run.time),
+    "grasps": lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
     **dict.fromkeys(("surface", "heat_map"), lambda cells: cells.sampling is Grid),
     "draws": lambda cells: cells.sampling is Draws,
-    "front_3d": pareto.in_space,
+    "front_3d": pareto.has_instant_criterion,
 }
-"""Figures that not every subject has, with what tells whether one has it."""
+"""Figures that not every subject has, with the test whether one has it."""
 
-DRAWABLE: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+REQUIRED_CONTENT: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     SWEEP: ("cell that was run", lambda cells: not cells.waiting.all()),
     MONTE_CARLO: ("run that was made", lambda runs: runs.made.any()),
     PARETO: ("point that could be solved for", pareto.has_points),
 }
-"""What a study needs to be drawn."""
+"""What a study has to hold to be drawn, as messages call it, with the test whether it does."""
 
 
 def figures_of(kind: str, subject: Any = None) -> dict[str, Callable[..., Figure]]:
     """Return the figures of a kind by name; of a subject, those it has."""
-    every = FIGURES[kind]
-    return {name: every[name] for name in every if subject is None or name not in ONLY_OF or ONLY_OF[name](subject)}
+    figures = dict(FIGURES[kind])
+    if subject is None:
+        return figures
+    return {name: make for name, make in figures.items() if name not in AVAILABLE_IF or AVAILABLE_IF[name](subject)}
 
 
-def plot(run: Run | Mapping[str, Run], name: str) -> Figure:
+def plot(run: RunOrPath | Mapping[str, RunOrPath], name: str) -> Figure:
     """Return a figure of a run, or of several runs by controller.
 
     Args:
-        run: A run, or runs by controller such as psmpc, smpc.
+        run: A run, or runs by controller such as psmpc, smpc; the path of a log or of a comparison stands for its runs.
         name: Such as states, instants or snapshots.
 
     Raises:
         InputError: There is no run, or no figure of this name.
+        LogError: A path leads to no log, or no comparison.
     """
-    require_runs(run)
     require("figure", name, str, "the name of a figure")
-    known = figures_of(RUN if isinstance(run, Run) else COMPARISON)
-    (name,) = _chosen("figure", [name], known)
+    subject = resolve_runs(run)
+    known = figures_of(RUN if isinstance(subject, Run) else COMPARISON, subject)
+    (name,) = _select("figure", [name], known)
     with in_style():
-        figure = known[name](run)
+        figure = known[name](subject)
         figure.draw_without_rendering()  # ticks and texts are made in this style, not in the user's
     return figure
-
-
-def require_runs(runs: Run | Mapping[str, Run]) -> None:
-    """Make sure that an argument is a run, or at least one by name.
-
-    Raises:
-        InputError: It is not.
-    """
-    wanted = "a Run, or a mapping of names to at least one Run"
-    require("run", runs, (Run, Mapping), wanted)
-    if isinstance(runs, Mapping):
-        if not runs:
-            raise rejected("run", runs, wanted)
-        for name, run in runs.items():
-            require("run", name, str, wanted)
-            require(f"run of {quoted(name)}", run, Run, "a Run")
 
 
 def draw(
@@ -152,25 +147,28 @@ def draw(
         LogError: There is nothing to draw.
         RunError: A film could not be rendered or encoded.
     """
-    what, drawable = DRAWABLE.get(kind, ("", lambda subject: True))
-    if not drawable(subject):
-        raise LogError(f"{getattr(subject, 'results', subject).path}: found no {what}, expected one at least to draw")
+    content, is_there = REQUIRED_CONTENT.get(kind, ("", lambda subject: True))
+    if not is_there(subject):
+        path = getattr(subject, "results", subject).path
+        raise LogError(f"{path}: found no {content}, expected one at least to draw")
     known = figures_of(kind, subject)
-    names = _chosen("figure", known if only is None else only, known)
-    endings = _chosen("format", formats, FORMATS)
+    names = _select("figure", known if only is None else only, known)
+    endings = _select("format", formats, FORMATS)
+
     figures = {name: [directory / f"{name}.{ending}" for ending in endings] for name in names}
     if films and only is None and not force and any(path.exists() for paths in figures.values() for path in paths):
         figures = {}
-    kinds = ("gif", "mp4") if mp4_possible() else ("gif",)
-    moving = {name: [directory / f"{name}.{ending}" for ending in kinds] for name in FILMS if name in films}
-    files = [path for paths in (*figures.values(), *moving.values()) for path in paths]
+    film_endings = ("gif", "mp4") if mp4_possible() else ("gif",)
+    film_files = {name: [directory / f"{name}.{ending}" for ending in film_endings] for name in FILMS if name in films}
+    files = [path for paths in (*figures.values(), *film_files.values()) for path in paths]
     if "render" in films:
         offscreen_driver()
-    _make_room(files, force)
+    _prepare_files(files, force)
     with in_style():
         for name, paths in figures.items():
-            _save(known[name](subject), paths)
-        for name, paths in moving.items():
+            with uncollected():
+                _save(known[name](subject), paths)
+        for name, paths in film_files.items():
             FILMS[name](subject, paths)
     return files
 
@@ -191,21 +189,33 @@ def save_figure(make: Callable[[], Figure], path: Path, force: bool = False) -> 
     Raises:
         InputError: The ending is unknown, the file exists or cannot be written.
     """
-    _chosen("format", [path.suffix[1:]], FORMATS)
-    _make_room([path], force)
+    _select("format", [path.suffix[1:]], FORMATS)
+    _prepare_files([path], force)
     with in_style():
         _save(make(), [path])
     return path
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Keep Python from looking for garbage while a figure is made: in its thousands of new objects there is none."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def _save(figure: Figure, paths: Iterable[Path]) -> None:
     """Write a figure into files, each whole and in the format of its ending; InputError if one cannot be written."""
     for path in paths:
         with writing(path), replacing(path) as part:
-            figure.savefig(part, metadata=FORMATS[path.suffix[1:]])
+            figure.savefig(part, **FORMATS[path.suffix[1:]])
 
 
-def _make_room(files: Iterable[Path], force: bool) -> None:
+def _prepare_files(files: Iterable[Path], force: bool) -> None:
     """Make the directories of files; InputError if one cannot be made, or without `force` if a file exists."""
     for path in files:
         with writing(path):
@@ -221,7 +231,7 @@ def default_directory(log: Path) -> Path:
     return log.with_suffix("") if log.suffix else log.parent / f"{log.name}_figures"
 
 
-def _chosen(what: str, wanted: Iterable[str], known: Collection[str]) -> list[str]:
+def _select(what: str, wanted: Iterable[str], known: Collection[str]) -> list[str]:
     """Return what is wanted, each once and in the order of what is known; InputError if something is unknown."""
     wanted = list(wanted)
     unknown = [name for name in wanted if name not in known]

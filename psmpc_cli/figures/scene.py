@@ -26,12 +26,12 @@ class Camera:
 
     Attributes:
         azimuth, elevation: Direction from the scene to the viewer, from x towards y and from there towards z [deg].
-        labels: Labels of the axes of the drawing where they are x, y or z.
+        labels: Labels of the axes of the drawing: x, y or z, or the directions in it, from the origin as it is seen.
     """
 
     azimuth: float
     elevation: float
-    labels: tuple[str, str] = ("", "")
+    labels: tuple[str, str] = ("to the right (m)", "upwards (m)")
 
     @property
     def axes(self) -> np.ndarray:
@@ -39,8 +39,8 @@ class Camera:
         (ca, ce), (sa, se) = (np.round(f(np.radians([self.azimuth, self.elevation])), 15) for f in (np.cos, np.sin))
         return np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
-    def see(self, points: ArrayLike) -> np.ndarray:
-        """Return where points (..., 3) are in the drawing (..., 2) [m]."""
+    def project(self, points: ArrayLike) -> np.ndarray:
+        """Project points (..., 3) onto the drawing (..., 2) [m]."""
         return np.asarray(points @ self.axes[:2].T)
 
     def depth(self, points: np.ndarray) -> float:
@@ -49,7 +49,7 @@ class Camera:
 
     def view(self, points: np.ndarray) -> Bbox:
         """Return the smallest part of the drawing, with a margin, that shows these points (., 3) [m]."""
-        seen = self.see(points)
+        seen = self.project(points)
         low = seen.min(axis=0)
         high = seen.max(axis=0)
         size = (high - low) + 0.08 * float(np.max(high - low))
@@ -107,7 +107,7 @@ class Scene:
         if time <= self.taken:
             return pose_frames(spec.pose)
         before, now = map(self.run.motion.coordinates_at, (self.taken, min(time, self.left)))
-        return carried(self.run.problem.model, pose_frames(spec.pose), before, now)
+        return carried_frame(self.run.problem.model, pose_frames(spec.pose), before, now)
 
     def acting(self, time: float) -> list[int]:
         """Return the stages that act from a time [s] on: the current one and those that start early."""
@@ -125,7 +125,8 @@ class Scene:
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
         frames = pose_frames(skill.after(model, before, aim).xi.reshape(len(model.pose_rows), -1))
         frames[:, : model.dimension, 3] = skill.aims(model, aim)
-        frames[1 if followed.space == "point" else len(frames) :, :3, :3] = np.nan
+        if skill.points:
+            frames[1:, :3, :3] = np.nan  # an arm that points at a point has no attitude to take
         return frames
 
     def paths(self, since: float, time: float) -> np.ndarray:
@@ -147,7 +148,7 @@ class Scene:
         every = list(times)
         tracks = self.paths(float(self.run.motion.time[0]), max(every))
         aims = [self.target_frames(stage, time)[:, :3, 3] for time in every for stage in self.acting(time)]
-        return with_shadows([*map(self.points, every)], [*tracks, *aims])
+        return points_with_shadows([*map(self.points, every)], [*tracks, *aims])
 
     def events(self, time: float) -> list[str]:
         """Return what is on at a time [s]: the current stage, those that already act, whether the object is lost."""
@@ -181,28 +182,34 @@ class Scene:
         return kept
 
 
-def with_shadows(bodies: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> np.ndarray:
+def points_with_shadows(bodies: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> np.ndarray:
     """Return all finite points (., 3) [m], with those of the bodies again where the lowest of all is."""
-    found = np.vstack([*bodies, *others])
-    below = np.vstack(bodies)
-    found = found[np.isfinite(found).all(axis=1)]
-    return np.vstack([found, np.c_[below[:, :2], np.full(len(below), found[:, 2].min())]])
+    of_bodies = _finite(np.vstack(bodies))
+    found = np.vstack([of_bodies, _finite(np.vstack([*others, np.zeros((0, 3))]))])
+    lowest = found[:, 2].min(initial=np.inf)
+    return np.vstack([found, np.c_[of_bodies[:, :2], np.full(len(of_bodies), lowest)]])
 
 
-def looked_at(model: RobotModel, stage: Stage) -> np.ndarray:
+def _finite(points: np.ndarray) -> np.ndarray:
+    """Return those of points (., 3) of which all coordinates are finite."""
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def pointing_targets(model: RobotModel, stage: Stage) -> np.ndarray:
     """Return the points (arms, 3) [m] that a stage points at, none if it does not point; NaN of an arm without one."""
-    aims = SKILLS[stage.space].aims(model, stage.target)[1 if stage.space == "point" else len(model.pose_rows) :]
-    return np.pad(aims, ((0, 0), (0, 3 - model.dimension)))
+    skill = SKILLS[stage.space]
+    aims = skill.aims(model, stage.target)
+    points = aims[1:] if skill.points else aims[:0]
+    return np.pad(points, ((0, 0), (0, 3 - model.dimension)))
 
 
 def scene_of(run: Run) -> Scene:
-    """Return a run as a scene."""
+    """Find when the object of a run is taken and let go or lost, and return the run as a scene."""
     spec = run.task.spec.object
     if spec is None:
         return Scene(run, np.inf, np.inf, False)
-    names = run.stage_names
-    ends = np.nan_to_num(run.stages["switch_time"], nan=np.inf)
-    holding = spec.held_stages(names)
+    ends = np.append(np.nan_to_num(run.stages["switch_time"], nan=np.inf), np.inf)  # what follows the last stage too
+    holding = run.task.spec.held_stages
     taken = float(ends[holding.start - 1])
     left = float(ends[holding.stop - 1])
     if "grasp/lost" in run:
@@ -213,7 +220,7 @@ def scene_of(run: Run) -> Scene:
 
 
 def _opened(run: Run, monitor: MonitorSpec) -> float:
-    """Return when a monitor first finds two grippers too far apart [s]; infinite if it does not."""
+    """Find when a monitor first sees two grippers too far apart [s]; infinite if it does not."""
     if monitor.quantity != "distance" or len(monitor.of) != 2 or "base" in monitor.of:
         return np.inf
     upper = monitor.model_copy(update={"below_start_at_most": None, "at_least": None})
@@ -221,13 +228,13 @@ def _opened(run: Run, monitor: MonitorSpec) -> float:
     return verdict.broken_at if np.isfinite(verdict.broken_at) else np.inf
 
 
-def carried(model: RobotModel, frame: np.ndarray, taken: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Return where an object taken in a frame (4, 4) with the robot at `taken` (nq,) is with it at `now` (nq,)."""
-    return np.asarray(grasp(model, now) @ np.linalg.inv(grasp(model, taken)) @ frame)
+def carried_frame(model: RobotModel, frame: np.ndarray, taken: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Compute the frame (4, 4) of an object at `now` (nq,), which the robot took at `taken` (nq,) in this frame."""
+    return np.asarray(grasp_frame(model, now) @ np.linalg.inv(grasp_frame(model, taken)) @ frame)
 
 
-def grasp(model: RobotModel, Q: np.ndarray) -> np.ndarray:
-    """Return the frame the object is held in (4, 4) [m] at Q (nq,)."""
+def grasp_frame(model: RobotModel, Q: np.ndarray) -> np.ndarray:
+    """Compute the frame in which the object is held (4, 4) [m] at Q (nq,), with which it moves."""
     first, *others = pose_frames(model.poses(Q)[1:])
     if others:
         line = others[0][:3, 3] - first[:3, 3]
@@ -244,11 +251,11 @@ def outline(model: RobotModel, Q: np.ndarray) -> np.ndarray:
     parts = [(tool.body, shape.grippers[arm]) for arm, tool in model.spec.tools.items()]
     parts += [(body, ends.reshape(-1, 3)) for body, ends in enumerate(shape.capsules)]
     box = corners(frames[0] @ shape.box_frame, base_half(model))
-    return np.vstack([box, *(placed(frames[body], points) for body, points in parts)])
+    return np.vstack([box, *(in_inertial_frame(frames[body], points) for body, points in parts)])
 
 
-def placed(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return points (..., 3) of a frame (4, 4) in the inertial frame."""
+def in_inertial_frame(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Express points (..., 3) of a frame (4, 4) in the inertial frame."""
     return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
 
 
@@ -265,7 +272,7 @@ def half_edges(shape: Sequence[float]) -> np.ndarray:
 def corners(frame: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return the corners (8, 3) [m] of a box with half edges (3,) in a frame (4, 4)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-    return placed(frame, signs * half)
+    return in_inertial_frame(frame, signs * half)
 
 
 def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> list[np.ndarray]:
@@ -291,9 +298,8 @@ def object_frames(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) ->
     spec = task.spec.object
     if spec is None:
         return []
-    names = [stage.name for stage in task.spec.stages]
-    holding = spec.held_stages(names)
+    holding = task.spec.held_stages
     taken = holding.start
     frame = pose_frames(spec.pose)
-    ends = (min(panel, holding.stop) for panel in range(1, len(names) + 1))
-    return [frame if end <= taken else carried(model, frame, stops[taken], stops[end]) for end in ends]
+    ends = (min(panel, holding.stop) for panel in range(1, len(task.spec.stages) + 1))
+    return [frame if end <= taken else carried_frame(model, frame, stops[taken], stops[end]) for end in ends]

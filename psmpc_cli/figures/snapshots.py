@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from matplotlib.ticker import MaxNLocator, MultipleLocator, NullLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 from matplotlib.transforms import Bbox
 from scipy.spatial import ConvexHull
 
@@ -27,12 +27,12 @@ from psmpc_cli.figures.scene import (
     configurations,
     corners,
     half_edges,
-    looked_at,
+    in_inertial_frame,
     object_frames,
     outline,
-    placed,
+    pointing_targets,
+    points_with_shadows,
     scene_of,
-    with_shadows,
 )
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
@@ -42,17 +42,24 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits
 
-ACROSS = 4
-AROUND = 0.45
-"""Frames, or stages, side by side on a page; width of the axis left of them [in]."""
+PANELS_ACROSS = 4
+"""Most panels side by side on a page."""
 
-NEARER = 100.0
-UNDER = -1e4
-"""Order of a body by how near to the viewer it is [1/m], and of what lies under all bodies of a spatial scene."""
+AXIS_ROOM = 0.45
+"""Width of the axis left of the panels [in]."""
+
+FINER_STEPS = (1.0, 0.5, 0.4, 0.2, 0.1, 0.05, 0.02, 0.01)
+"""Steps of ticks to try on an axis that is so short that it would have one tick or none, in steps of the others."""
+
+DEPTH_ORDER = 100.0
+"""How much later a body is drawn for every metre that it is nearer to the viewer, as drawing order [1/m]."""
+
+BELOW_ALL = -1e4
+"""Drawing order of what lies under all bodies of a spatial scene."""
 
 
 @dataclass(frozen=True)
-class Look:
+class SceneLook:
     """How scenes of robots of a dimension are drawn.
 
     Attributes:
@@ -60,7 +67,7 @@ class Look:
         floor: Whether there are squares below, with shadows.
         triads: Whether targets have the axes of their frames.
         target: How a target is marked besides.
-        paths: What is added to the order of paths.
+        paths: What is added to the drawing order of paths.
     """
 
     views: list[list[Any]]
@@ -70,26 +77,26 @@ class Look:
     paths: float = 0.0
 
 
-LOOKS = {
-    2: Look(views=[[PLAN]]),
-    3: Look(
+SCENE_LOOKS = {
+    2: SceneLook(views=[[PLAN]]),
+    3: SceneLook(
         views=[[OBLIQUE, OBLIQUE], [PLAN, "."], [FRONT, SIDE]],
         floor=True,
         triads=True,
         target={"marker": ".", "markersize": 3.0},
-        paths=UNDER,
+        paths=BELOW_ALL,
     ),
 }
 """By dimension."""
 
-FAINT = 0.25
+FAINT_OPACITY = 0.25
 """Opacity of the robot where a stage begins."""
 
-FLOOR = "#E0E0E0"
-SHADOW = "#EFEFEF"
+FLOOR_COLOR = "#E0E0E0"
+SHADOW_COLOR = "#EFEFEF"
 """Colours of the squares below a scene and of the shadow on them."""
 
-TRIAD = {"x": "#000000", "y": "#808080", "z": "#C0C0C0"}
+TRIAD_COLORS = {"x": "#000000", "y": "#808080", "z": "#C0C0C0"}
 """Colours of the axes of a frame."""
 
 
@@ -99,22 +106,28 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     Several runs have a row, or several, for each controller. A panel shows the targets of the stages that act, the path
     of the base, and the paths of the end-effectors since the panel before.
     """
+    one = isinstance(runs, Run)
     names = [""] if isinstance(runs, Run) else [f"{style.title_of(name)}\n" for name in runs]
     scenes = [scene_of(run) for run in runs_of(runs)]
-    one = isinstance(runs, Run)
-    frames = [scene.key_instants() if one else scene.switches() for scene in scenes]
-    most = max(1, *map(len, frames))
-    width, across = (style.COLUMN, min(2, most)) if one and most <= 10 else (style.PAGE, min(ACROSS, most))
-    room = -(-most // across) * across  # panels of a run
+    instants = [scene.key_instants() if one else scene.switches() for scene in scenes]
+    most = max(1, *map(len, instants))
+    in_one_column = one and most <= 10
+    width = style.COLUMN if in_one_column else style.PAGE
+    across = min(2 if in_one_column else PANELS_ACROSS, most)
+    panels_of_a_run = -(-most // across) * across
+
     titles: list[str] = []
-    for shown in frames:
-        titles += [*(f"{time:.1f}\N{NO-BREAK SPACE}s: {event}" for time, event in shown), *[""] * (room - len(shown))]
-    times = [[float(scene.run.motion.time[0]), *dict(shown)] for scene, shown in zip(scenes, frames, strict=True)]
+    for instants_of_run in instants:
+        titles += [f"{time:.1f}\N{NO-BREAK SPACE}s: {event}" for time, event in instants_of_run]
+        titles += [""] * (panels_of_a_run - len(instants_of_run))
+    times = [[float(scene.run.motion.time[0]), *dict(each)] for scene, each in zip(scenes, instants, strict=True)]
     camera = scenes[0].camera
-    extent = np.vstack([scene.extent(drawn) for scene, drawn in zip(scenes, times, strict=True)])
+    extent = np.vstack([scene.extent(times_of_run) for scene, times_of_run in zip(scenes, times, strict=True)])
+
     figure, grid = _panels(camera, extent, titles, across, width)
-    for block, scene, drawn, name in zip(grid.reshape(len(scenes), -1), scenes, times, names, strict=True):
-        for axes, since, time in zip(block, drawn, drawn[1:], strict=False):
+    blocks = grid.reshape(len(scenes), -1)
+    for block, scene, times_of_run, name in zip(blocks, scenes, times, names, strict=True):
+        for axes, since, time in zip(block, times_of_run, times_of_run[1:], strict=False):
             draw_scene(axes, scene, time, since, extent)
         for axes in block[::across]:
             axes.set_ylabel(f"{name}{axes.get_ylabel()}")
@@ -130,7 +143,7 @@ def _panels(
     """
     titles = [*titles, *[""] * (-len(titles) % columns)]
     figure = style.new_figure(width)
-    characters = int((width - AROUND) / columns / style.CHARACTER)
+    characters = int((width - AXIS_ROOM) / columns / style.CHARACTER)
     grid = figure.subplots(len(titles) // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axes, title) in enumerate(zip(grid, titles, strict=True)):
         if not title:
@@ -153,7 +166,8 @@ def describe(camera: Camera, extent: np.ndarray | None = None, width: float = st
     """Describe from where a spatial scene is seen, and what lies under points (., 3), in lines of a width [in]."""
     if camera != OBLIQUE:
         return ""
-    text = f"Seen from azimuth {camera.azimuth:g}°, elevation {camera.elevation:g}°, in parallel projection"
+    text = f"Seen from azimuth {camera.azimuth:g}°, elevation {camera.elevation:g}°, in parallel projection; "
+    text += "axes: lengths in the drawing from the origin"
     if extent is not None:
         text += f"; squares of 1 m at z = {extent[:, 2].min():.1f} m with the robot's shadow"
     return fill(text.replace("-", "\N{MINUS SIGN}"), int(width / style.CHARACTER))
@@ -162,28 +176,38 @@ def describe(camera: Camera, extent: np.ndarray | None = None, width: float = st
 def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
     """Draw the directions of x, y and z in the corner of a view that is farthest from all points (., 3) in it."""
     view = camera.view(extent)
-    seen = camera.see(extent)
+    seen = camera.project(extent)
     length = 0.08 * view.width
     inner = view.get_points() + 1.7 * length * np.array([[1], [-1]])
     corner = max(Bbox(inner).corners(), key=lambda corner: float(np.linalg.norm(seen - corner, axis=1).min()))
-    for name, direction in zip("xyz", camera.see(length * np.eye(3)), strict=True):
+    for name, direction in zip("xyz", camera.project(length * np.eye(3)), strict=True):
         axes.annotate(
             "",
             tuple(corner + direction),
             tuple(corner),
-            arrowprops={**style.ARROW, "facecolor": "black", "zorder": -UNDER},
+            arrowprops={**style.ARROW, "facecolor": "black", "zorder": -BELOW_ALL},
         )
         x, y = corner + 1.5 * direction
         axes.text(x, y, name, ha="center", va="center")
 
 
 def show(axes: Axes, camera: Camera, view: Bbox, width: float | None = None) -> None:
-    """Set a panel's limits, with equal scales, labels and ticks, some six in a width [m]; none without labels."""
+    """Set a panel's limits, with equal scales, labels and ticks, some six in a width [m], but two at least."""
     step = float(np.ptp(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(0, width or view.width)[:2]))
     axes.set(xlim=view.intervalx, ylim=view.intervaly, aspect="equal")
     for axis, label in zip((axes.xaxis, axes.yaxis), camera.labels, strict=True):
         axis.set_label_text(label)
-        axis.set_major_locator(MultipleLocator(step) if label else NullLocator())
+        axis.set_major_locator(MultipleLocator(_step_of_two(*axis.get_view_interval(), step)))
+
+
+def _step_of_two(low: float, high: float, step: float) -> float:
+    """Return the step, or the first finer one of which two multiples at least are within the limits of an axis."""
+    for part in FINER_STEPS:
+        finer = step * part
+        count = np.floor(high / finer) - np.ceil(low / finer) + 1
+        if count >= 2:
+            return finer
+    return step
 
 
 def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.ndarray) -> None:
@@ -199,7 +223,7 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
     run = scene.run
     camera = scene.camera
     model = scene.run.problem.model
-    look = LOOKS[model.dimension]
+    look = SCENE_LOOKS[model.dimension]
     Q = run.motion.coordinates_at(time)
     draw_robot(axes, camera, model, Q)
     if (frame := scene.object_frame(time)) is not None:
@@ -210,12 +234,14 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
     for stage in scene.acting(time):
         for i, target in enumerate(scene.target_frames(stage, time)):
             color = _arm_color(i - 1) if i else "black"
-            axes.plot(*camera.see(target[:3, 3]), color=color, **style.look("target", zorder=-UNDER, **look.target))
+            axes.plot(
+                *camera.project(target[:3, 3]), color=color, **style.look("target", zorder=-BELOW_ALL, **look.target)
+            )
             if look.triads:
                 _draw_triad(axes, camera, target, 0.25 * model.shape.reach, "target")
-    trail, *_ = camera.see(scene.paths(float(run.motion.time[0]), time))
+    trail, *_ = camera.project(scene.paths(float(run.motion.time[0]), time))
     axes.plot(*trail.T, **style.look("path of the base", zorder=look.paths + 1.2))
-    for i, path in enumerate(camera.see(scene.paths(since, time))[1:]):
+    for i, path in enumerate(camera.project(scene.paths(since, time))[1:]):
         axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=look.paths + 1.3, label="_path of an arm's end")
 
 
@@ -233,15 +259,19 @@ def draw_robot(
         arm = body.name.rpartition(".")[0]
         line: dict[str, Any] = {"color": _arm_color(arms.index(arm)) if arm else style.EDGE, "alpha": alpha}
         name = f"_{style.readable(arm)}" if arm and alpha == 1.0 else "_"
-        lines = [(1.5, placed(frame, ends)) for ends in shape.capsules[number]]
-        lines += [(1.0, placed(frame, points)) for points in grippers.get(number, ())]
+        lines = [(1.5, in_inertial_frame(frame, ends)) for ends in shape.capsules[number]]
+        lines += [(1.0, in_inertial_frame(frame, points)) for points in grippers.get(number, ())]
         for thick, points in lines:
             thick_line = {"linewidth": thick, "solid_capstyle": "round", "label": name, **line}
-            axes.plot(*camera.see(points).T, zorder=3.0 + NEARER * camera.depth(points), **thick_line)
+            axes.plot(*camera.project(points).T, zorder=3.0 + DEPTH_ORDER * camera.depth(points), **thick_line)
         if arm:
-            order = 3.1 + NEARER * max(camera.depth(points) for points in (frame[:3, 3], *(line[1] for line in lines)))
+            order = 3.1 + DEPTH_ORDER * max(
+                camera.depth(points) for points in (frame[:3, 3], *(line[1] for line in lines))
+            )
             joint = {"marker": "s" if model.spec.joints[number - 1].prismatic else "o", "markersize": 2.2, **line}
-            axes.plot(*camera.see(frame[:3, 3]), markeredgewidth=0.7, markerfacecolor="white", zorder=order, **joint)
+            axes.plot(
+                *camera.project(frame[:3, 3]), markeredgewidth=0.7, markerfacecolor="white", zorder=order, **joint
+            )
 
 
 def _draw_box(
@@ -252,19 +282,19 @@ def _draw_box(
     for axis in np.argsort(-np.abs(towards)).tolist():  # the legend has the brightest face
         if abs(towards[axis]) > 1e-6 and np.delete(half, axis).min() > 0:
             signs = np.insert([[1, 1], [-1, 1], [-1, -1], [1, -1]], axis, np.sign(towards[axis]), axis=1)
-            points = placed(frame, signs * half)
+            points = in_inertial_frame(frame, signs * half)
             face = look["facecolor"]
             shaded = face if face == "none" else np.array(to_rgb(face)) * (0.7 + 0.3 * abs(towards[axis]))
-            order = zorder + NEARER * camera.depth(points)
-            axes.add_patch(Polygon(camera.see(points), **{**look, "facecolor": shaded, "zorder": order}))
+            order = zorder + DEPTH_ORDER * camera.depth(points)
+            axes.add_patch(Polygon(camera.project(points), **{**look, "facecolor": shaded, "zorder": order}))
 
 
 def _draw_triad(axes: Axes, camera: Camera, frame: np.ndarray, length: float, of: str) -> None:
     """Draw the axes of a frame (4, 4); none where it has no attitude."""
-    for (name, color), axis in zip(TRIAD.items(), frame[:3, :3].T, strict=True):
-        ends = camera.see(np.array([frame[:3, 3], frame[:3, 3] + length * axis]))
+    for (name, color), axis in zip(TRIAD_COLORS.items(), frame[:3, :3].T, strict=True):
+        ends = camera.project(np.array([frame[:3, 3], frame[:3, 3] + length * axis]))
         if np.ptp(ends, axis=0).max() > 1e-9:
-            axes.plot(*ends.T, color=color, linewidth=0.8, zorder=3.4 - UNDER, label=f"_{name} axis of a {of}")
+            axes.plot(*ends.T, color=color, linewidth=0.8, zorder=3.4 - BELOW_ALL, label=f"_{name} axis of a {of}")
 
 
 def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, extent: np.ndarray) -> None:
@@ -275,17 +305,24 @@ def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, ex
     for axis in (0, 1):
         for at in np.arange(low[axis], high[axis] + 0.5):
             ends = np.insert([[low[1 - axis]], [high[1 - axis]]], axis, at, axis=1)
-            axes.plot(*camera.see(np.column_stack([ends, [floor] * 2])).T, color=FLOOR, linewidth=0.5, zorder=2 * UNDER)
-    below = camera.see([0, 0, 1]) * floor
+            axes.plot(
+                *camera.project(np.column_stack([ends, [floor] * 2])).T,
+                color=FLOOR_COLOR,
+                linewidth=0.5,
+                zorder=2 * BELOW_ALL,
+            )
+    below = camera.project([0, 0, 1]) * floor
     flat = np.diag([1.0, 1.0, 0.0])
     shape = model.shape
     frames = model.body_frames(Q)
     hull = corners(frames[0] @ shape.box_frame, shape.box) @ flat
     shadow = ConvexHull(hull[:, :2]).vertices
-    axes.add_patch(Polygon(camera.see(hull[shadow]) + below, facecolor=SHADOW, zorder=1.5 * UNDER))
+    axes.add_patch(Polygon(camera.project(hull[shadow]) + below, facecolor=SHADOW_COLOR, zorder=1.5 * BELOW_ALL))
     for frame, capsules in zip(frames, shape.capsules, strict=True):
-        for ends in placed(frame, capsules):
-            axes.plot(*(camera.see(ends @ flat) + below).T, color=SHADOW, linewidth=2.0, zorder=1.5 * UNDER)
+        for ends in in_inertial_frame(frame, capsules):
+            axes.plot(
+                *(camera.project(ends @ flat) + below).T, color=SHADOW_COLOR, linewidth=2.0, zorder=1.5 * BELOW_ALL
+            )
 
 
 def _arm_color(index: int) -> str:
@@ -303,13 +340,15 @@ def plot_robot(spec: RobotSpec) -> Figure:
     Q = np.r_[model.neutral[: model.nq - len(rest)], rest]
     size = 0.2 * model.shape.reach
     frames = pose_frames(model.poses(Q))
-    points = np.vstack([outline(model, Q), *(placed(frame, size * np.eye(3)[: model.dimension]) for frame in frames)])
+    points = np.vstack(
+        [outline(model, Q), *(in_inertial_frame(frame, size * np.eye(3)[: model.dimension]) for frame in frames)]
+    )
     box = np.array([points.min(axis=0), points.max(axis=0)]) + 0.04 * np.ptp(points) * np.array([[-1], [1]])
     figure = style.new_figure()
     wide = np.ptp(box, axis=0)[: model.dimension - 1]
-    panels: dict[Any, Axes] = figure.subplot_mosaic(LOOKS[model.dimension].views, width_ratios=wide)
+    panels: dict[Any, Axes] = figure.subplot_mosaic(SCENE_LOOKS[model.dimension].views, width_ratios=wide)
     for camera, axes in panels.items():
-        show(axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.see(box)), wide.sum())
+        show(axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.project(box)), wide.sum())
         draw_robot(axes, camera, model, Q)
         for frame in frames:
             _draw_triad(axes, camera, frame, size, "frame")
@@ -330,14 +369,14 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
             of, _, number = body.name.rpartition(".")
             if of != arm:
                 continue
-            at = camera.see(frame[:3, 3])
+            at = camera.project(frame[:3, 3])
             if not places or np.linalg.norm(at - places[-1][0]) > near:
                 places.append((at, []))
             places[-1][1].append(number)
-            ends = placed(frame, 1.5 * model.shape.radius * np.multiply.outer([-1, 1], joint.axis))
-            axes.plot(*camera.see(ends).T, color="black", linewidth=0.6, zorder=3.3 - UNDER)
+            ends = in_inertial_frame(frame, 1.5 * model.shape.radius * np.multiply.outer([-1, 1], joint.axis))
+            axes.plot(*camera.project(ends).T, color="black", linewidth=0.6, zorder=3.3 - BELOW_ALL)
         for (x, y), names in places:
-            look: dict[str, Any] = {"ha": "center", "color": _arm_color(index), "zorder": 3.6 - UNDER}
+            look: dict[str, Any] = {"ha": "center", "color": _arm_color(index), "zorder": 3.6 - BELOW_ALL}
             axes.annotate(", ".join(names), (x, y), (0, -10 if index % 2 else 4), textcoords="offset points", **look)
     axes.plot([], [], "ko-", linewidth=0.6, markersize=2.2, markerfacecolor="white", label="_joint, its axis")
 
@@ -354,17 +393,21 @@ def plot_scenario(task: Task) -> Figure:
     camera = CAMERAS[model.dimension]
     half = half_edges(target_object.shape if target_object else (0.0, 0.0))
     objects = object_frames(task, model, stops)
-    points = [looked_at(model, stage) for stage in stages]
-    extent = with_shadows([outline(model, Q) for Q in stops], [*(corners(frame, half) for frame in objects), *points])
+    points = [pointing_targets(model, stage) for stage in stages]
+    extent = points_with_shadows(
+        [outline(model, Q) for Q in stops], [*(corners(frame, half) for frame in objects), *points]
+    )
     titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]
     figure, grid = _panels(camera, extent, titles, min(2, len(stages)), style.COLUMN)
     for i, axes in enumerate(grid[: len(stages)]):
-        if LOOKS[model.dimension].floor:
+        if SCENE_LOOKS[model.dimension].floor:
             _draw_floor(axes, camera, model, stops[i + 1], extent)
         for frame in objects[i : i + 1]:
             _draw_box(axes, camera, frame, half, style.look("object"))
-        draw_robot(axes, camera, model, stops[i], "where the stage begins", FAINT)
+        draw_robot(axes, camera, model, stops[i], "where the stage begins", FAINT_OPACITY)
         draw_robot(axes, camera, model, stops[i + 1], "base at the target")
-        for arm, point in enumerate(camera.see(points[i])):
-            axes.plot(*point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=-UNDER))
+        for arm, point in enumerate(camera.project(points[i])):
+            axes.plot(
+                *point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=-BELOW_ALL)
+            )
     return style.finish(figure, describe(camera, extent))

@@ -5,12 +5,15 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
 from matplotlib.style import context
+from matplotlib.textpath import text_to_path
 from matplotlib.ticker import LogLocator, NullLocator
+
+from psmpc_cli.figures.layout import PAD, arrange, new_canvas
 
 COLUMN = 3.5
 PAGE = 7.16
@@ -97,6 +100,7 @@ STYLE: Mapping[str, Any] = {
     "axes.titlesize": TEXT,
     "axes.titlelocation": "left",
     "axes.titlepad": 3.5,
+    "axes.titley": 1.0,
     "axes.linewidth": 0.6,
     "axes.axisbelow": True,
     "axes.formatter.useoffset": False,
@@ -120,8 +124,6 @@ STYLE: Mapping[str, Any] = {
     "savefig.dpi": 300,
     "pdf.fonttype": 42,
     "svg.hashsalt": "psmpc",
-    "figure.constrained_layout.w_pad": 0.02,
-    "figure.constrained_layout.hspace": 0.0,
 }
 """Matplotlib settings in force while a figure is drawn and written."""
 
@@ -134,7 +136,7 @@ def in_style() -> AbstractContextManager[None]:
 
 def new_figure(width: float = COLUMN) -> Figure:
     """Return an empty figure of a width [in], without a window and unknown to pyplot; `finish` sets its height."""
-    return Figure(figsize=(width, 20.0), layout="constrained")  # taller than any, so that no panel collapses
+    return new_canvas(width)
 
 
 def stack(
@@ -146,7 +148,6 @@ def stack(
     for axes, label in zip(rows, labels, strict=True):
         axes.set_ylabel(label)
     rows[-1].set_xlabel(xlabel)
-    figure.align_ylabels()
     return figure, list(rows)
 
 
@@ -172,6 +173,20 @@ def readable(name: str) -> str:
     return words if len(words) <= LONGEST_NAME else f"{words[:half].rstrip()}…{words[1 - half :].lstrip()}"
 
 
+def text_width(text: str) -> float:
+    """Measure how wide a text of the smallest size is [in]."""
+    points, _, _ = text_to_path.get_text_width_height_descent(text, FontProperties(size=TEXT), ismath=False)
+    return float(points) / 72
+
+
+def shortened(text: str, width: float) -> str:
+    """Shorten a text at its end to a width [in], to its first letter at least; one that fits stays as it is."""
+    kept = text
+    while text_width(kept) > width and len(kept) > 2:
+        kept = f"{kept.removesuffix('…')[:-1].rstrip()}…"
+    return kept
+
+
 def title_of(controller: str) -> str:
     """Return the name of a controller as figures write it."""
     return TITLES.get(controller, readable(controller))
@@ -188,34 +203,20 @@ def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:
     for artist in artists:
         if re.match("_(?!child|nolegend).", label := str(artist.get_label())):
             entries.setdefault(label[1:], artist)
+    room = {"upper": 0.0, "lower": 0.0}
     if entries:
         content: dict[str, Any] = {"handles": [*entries.values()], "labels": [*entries], "title": title or None}
-        place = f"outside {'upper' if above else 'lower'} center"
-        _fit_legend(figure, figure.get_figwidth() - 0.05, loc=place, alignment="left", **content)
+        side = "upper" if above else "lower"
+        _fit_legend(figure, figure.get_figwidth() - 0.05, loc=f"{side} center", alignment="left", **content)
         for patch in figure.legends[0].get_patches():
             patch.set(edgecolor=EDGE, linewidth=0.4)
-    engine = figure.get_layout_engine()
-    first = figure.axes[0].get_subplotspec()
-    if engine is not None and first is not None:
-        equal = [axes for axes in figure.axes if axes.get_aspect() != "auto"]
-        for axes in equal:
-            axes.set_aspect("auto")  # a panel narrower than its cell seems to need less room for its labels
-        engine.execute(figure)
-        width, height = figure.get_size_inches()
-        heights = np.array(first.get_gridspec().get_height_ratios(), dtype=float)
-        taken = 0.0
-        rows = {spot.rowspan.start: axes for axes in figure.axes[::-1] if (spot := axes.get_subplotspec())}
-        for row, axes in rows.items():
-            box = axes.get_position(original=True)
-            taken += height * box.height
-            if axes in equal:
-                heights[row] = width * box.width * axes.get_data_ratio()
-        first.get_gridspec().set_height_ratios(heights.tolist())
-        figure.set_figheight(height + heights.sum() - taken)
-        if equal:
-            engine.execute(figure)
-        for axes in equal:
-            axes.set_aspect("equal")
+        room[side] = figure.legends[0].get_window_extent().height / figure.dpi + 2 * PAD
+    if heading := figure.get_suptitle():
+        written = figure.suptitle(heading, va="top")
+        room["upper"] = written.get_window_extent().height / figure.dpi + 2 * PAD
+    arrange(figure, below=room["lower"], above=room["upper"])
+    if heading:
+        figure.suptitle(heading, y=1.0 - PAD / figure.get_figheight(), va="top")
     return figure
 
 

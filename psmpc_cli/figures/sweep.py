@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from psmpc_cli.figures import style
 from psmpc_cli.studies.sweep import ALLOWED_ERROR, COMPLETION_TOLERANCE, AlongRatio, SweepCells, recommend
 
-FLOOR = "$t_s - T_h$"
+EARLIEST_START = "$t_s - T_h$"
 
 
 def plot_heat_map(cells: SweepCells) -> Figure:
@@ -23,29 +23,29 @@ def plot_heat_map(cells: SweepCells) -> Figure:
     start is the first sample after t_s - T_h.
     """
     figure, (axes,) = style.stack([""], [2.4], "")
-    starts, scale, label = _shown(cells)
+    starts, scale, label = _starts_of_threshold(cells)
     x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
     start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.floor))
     axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
     _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
     if cells.waiting.any():
         axes.bar(x[0], 0, color="white", label=["_waiting"])
-    _mark(axes, cells, {"failed": cells.failed})
+    _mark_cells(axes, cells, {"failed": cells.failed})
     return _finish_plane(figure, axes, cells, scale, label)
 
 
 def plot_draws(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_1 and omega_2 as the colour of a point for every draw."""
     figure, (axes,) = style.stack([""], [2.4], "")
-    starts, scale, label = _shown(cells)
+    starts, scale, label = _starts_of_threshold(cells)
     edge: dict[str, Any] = {"edgecolors": style.EDGE, "linewidths": 0.3}
     x, y = np.log10(cells.omega)[cells.ended].T
     axes.scatter(x, y, 16, starts[cells.ended], norm=scale, **edge)
-    _mark(axes, cells, {"failed": cells.failed, "waiting": cells.waiting})
+    _mark_cells(axes, cells, {"failed": cells.failed, "waiting": cells.waiting})
     return _finish_plane(figure, axes, cells, scale, label)
 
 
-def _mark(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) -> None:
+def _mark_cells(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) -> None:
     """Mark cells in the plane of both priorities by what became of them (cells,)."""
     for name, which in marks.items():
         if which.any():
@@ -55,29 +55,28 @@ def _mark(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) -> Non
 def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, label: str) -> Figure:
     """Label the plane of both priorities, and add the bar of its colours if there are any."""
     first, second = (style.readable(name) for name in cells.names)
-    _count_decades(axes, 7)
+    _tick_decades(axes, 7)
     axes.set(xlabel=f"Priority of {first}, ω₁ (1)", ylabel=f"Priority of {second}, ω₂ (1)")
     if cells.ended.any():
-        bar = figure.colorbar(ScalarMappable(scale), ax=axes, pad=0.02, aspect=22)
+        bar = figure.colorbar(ScalarMappable(scale), cax=axes.inset_axes((1.05, 0.0, 0.045, 1.0)))
         bar.set_label(label)
         bar.ax.set_title("$t_s$", loc="center")
-        bar.ax.set_xlabel(FLOOR, fontsize=style.TEXT, labelpad=4, loc="left")
+        bar.ax.set_xlabel(EARLIEST_START, fontsize=style.TEXT, labelpad=4, loc="left")
     return style.finish(figure, above=True)
 
 
 def plot_surface(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_1 and omega_2 as a surface, between frames at t_s and at t_s - T_h."""
     figure = style.new_figure()
-    figure.set_layout_engine("none")  # it makes no room for the labels of axes in three dimensions
     figure.set_figheight(3.0)
     axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
-    starts, scale, label = _shown(cells)
+    starts, scale, label = _starts_of_threshold(cells)
     shape = cells.results["status"].shape
     failed = cells.failed
     x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
     corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
-        axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{FLOOR}", **style.LEVEL)
+        axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{EARLIEST_START}", **style.LEVEL)
         colors = ScalarMappable(scale).to_rgba(starts.reshape(shape))
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, starts.reshape(shape), facecolors=colors, **look)
@@ -96,14 +95,14 @@ def plot_surface(cells: SweepCells) -> Figure:
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_tick_params(pad=-3)
         axis.pane.set_facecolor("white")
-    _count_decades(axes, 4)
+    _tick_decades(axes, 4)
     if not cells.ended.any():
         axes.set_zticks([])
     return style.finish(figure, above=True)
 
 
-def _shown(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]:
-    """Return the actual starts for the one threshold that is shown, their scale and their label.
+def _starts_of_threshold(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]:
+    """Take the actual starts for the one threshold that is shown, with their scale and their label.
 
     They are NaN where no cell has ended (cells,) [s]; the scale is from the earliest t_s - T_h to the latest t_s.
     """
@@ -114,27 +113,27 @@ def _shown(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]:
     return starts, Normalize(cells.floor[cells.ended].min(), cells.instant[cells.ended].max()), label
 
 
-def _count_decades(axes: Axes, most: int) -> None:
-    """Put ticks of axes of logarithms at whole powers of ten."""
+def _tick_decades(axes: Axes, most: int) -> None:
+    """Put the ticks of axes that show logarithms at whole powers of ten, so many at most."""
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(nbins=most, integer=True))
         axis.set_major_formatter("$10^{{{x:.0f}}}$")
 
 
 def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, sample: float) -> None:
-    """Part the cells whose start is less than a sample above t_s - T_h from the others."""
+    """Draw the contour between the cells that start less than a sample after t_s - T_h and the others."""
     known = np.isfinite(above)
     near = above < sample + 1e-6
     if near[known].all() or not near[known].any():
         return
     for color, width in (("white", 2.0), ("black", 1.0)):  # visible on every colour
         axes.contour(x, y, np.ma.masked_where(~known, near.astype(float)), levels=[0.5], colors=color, linewidths=width)
-    axes.plot([], [], color="black", linewidth=1.0, label=f"_{FLOOR}, to one sample")
+    axes.plot([], [], color="black", linewidth=1.0, label=f"_{EARLIEST_START}, to one sample")
 
 
 def plot_starts(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
-    figure, (axes,) = _over_ratio(cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3)
+    figure, (axes,) = _panels_over_ratio(cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3)
     if cells.ended.any():
         instant = AlongRatio(cells, cells.instant)
         floor = AlongRatio(cells, cells.floor)
@@ -142,7 +141,7 @@ def plot_starts(cells: SweepCells) -> Figure:
         low = float(floor.lowest.min()) - room
         high = float(instant.highest.max()) + room
         axes.plot(instant.ratio, instant.middle, label="$t_s$", **style.LEVEL)
-        axes.plot(floor.ratio, floor.middle, linestyle=style.DOTTED, label=FLOOR, **style.LEVEL)
+        axes.plot(floor.ratio, floor.middle, linestyle=style.DOTTED, label=EARLIEST_START, **style.LEVEL)
         axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)  # in no window
         axes.set_ylim(low, high)
         starts = cells.of("actual_start")
@@ -163,7 +162,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     completion, effort, error = found = [AlongRatio(cells, cells.of(name)) for name in quantities]
     labels = [f"Completion\nof {second} (s)", "Control effort\n(m²/s³, rad²/s³)", "Final error\n(tolerances)"]
     shown = 3 if np.isfinite(error.middle).any() else 2
-    figure, rows = _over_ratio(cells, labels[:shown], 1.1)
+    figure, rows = _panels_over_ratio(cells, labels[:shown], 1.1)
     best = recommend(cells).ratio
     for axes, values in zip(rows, found, strict=False):
         if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
@@ -192,7 +191,7 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     return style.finish(figure)
 
 
-def _over_ratio(cells: SweepCells, labels: Sequence[str], height: float) -> tuple[Figure, list[Axes]]:
+def _panels_over_ratio(cells: SweepCells, labels: Sequence[str], height: float) -> tuple[Figure, list[Axes]]:
     """Return panels over all ratios of a sweep, run or not, with those of failed cells along the first one's edge."""
     figure, rows = style.stack(labels, [height] * len(labels), "Ratio of the priorities, ω₂/ω₁ (1)")
     low = float(cells.ratio.min())

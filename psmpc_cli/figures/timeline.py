@@ -2,8 +2,9 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import chain, count
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,9 +18,12 @@ from psmpc_cli.logs.run import Run, Span
 STRIP_ROW = 0.15
 """Height of a row of the strip [in]."""
 
+NAME_GAP = 0.03
+"""Least distance of a name from the ends of its bar, and from what is beside it [in]."""
+
 
 def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bool = True) -> tuple[Figure, np.ndarray]:
-    """Return a figure of panels (rows, runs) along time, in columns that share their axes, below a strip of the stages.
+    """Make a figure of panels (rows, runs) along time, in columns that share their axes, below a strip of the stages.
 
     Args:
         runs: A run, or several by controller, whose names then stand above their columns.
@@ -28,29 +32,33 @@ def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bo
         shaded: Whether the panels are shaded by stage.
     """
     several = not isinstance(runs, Run)
-    every = runs_of(runs)
-    ends = [run.motion.time[[0, -1]] for run in every]
+    all_runs = runs_of(runs)
+    ends = [run.motion.time[[0, -1]] for run in all_runs]
     start = float(np.min(ends))
     end = float(np.max(ends))
-    page, width = (style.PAGE, (style.PAGE - 1.3) / len(every)) if several else (style.COLUMN, style.AXIS_WIDTH)
-    bars = [bar_rows(run.spans, style.CHARACTER * (end - start) / width) for run in every]
-    strip = max(2, *(1 + max(placed) for placed in bars))
+
+    page = style.PAGE if several else style.COLUMN
+    width = (style.PAGE - 1.3) / len(all_runs) if several else style.AXIS_WIDTH
+    room = 0.012 * (end - start) or 0.55 * all_runs[0].task.spec.controller.sample_time
+    view = (start - room, end + room)
+    bars = [place_bars(run.spans, view, width) for run in all_runs]
+    strip_rows = max(2, *(1 + bar.row for placed in bars for bar in placed))
+
     figure = style.new_figure(page)
-    heights = [STRIP_ROW * strip] + [height] * rows
-    axes = figure.subplots(rows + 1, len(every), sharex=True, sharey="row", squeeze=False, height_ratios=heights)
-    room = 0.012 * (end - start) or 0.55 * every[0].task.spec.controller.sample_time
-    axes[0, 0].set_xlim(start - room, end + room)
+    heights = [STRIP_ROW * strip_rows] + [height] * rows
+    axes = figure.subplots(rows + 1, len(all_runs), sharex=True, sharey="row", squeeze=False, height_ratios=heights)
+    axes[0, 0].set_xlim(*view)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=4 if several else 7, steps=[1, 2, 5, 10]))
-    axes[0, 0].set_ylim(strip, 0)
-    for column, placed, run in zip(axes.T, bars, every, strict=True):
+    axes[0, 0].set_ylim(strip_rows, 0)
+
+    for column, placed, run in zip(axes.T, bars, all_runs, strict=True):
         column[0].set_axis_off()
-        draw_stages(column[0], run.spans, placed)
+        draw_stages(column[0], placed)
         for panel in column[1:] if shaded else ():
             _shade(panel, run.spans)
         column[-1].set_xlabel("Time (s)")
     for column, name in zip(axes[0], () if isinstance(runs, Run) else runs, strict=False):
         column.set_title(style.title_of(name), loc="center", fontsize=8.0)
-    figure.align_ylabels(axes[1:, 0])
     return figure, axes[1:]
 
 
@@ -68,35 +76,81 @@ def runs_of(runs: Mapping[str, Run] | Run) -> list[Run]:
     return [runs] if isinstance(runs, Run) else list(runs.values())
 
 
-def bar_rows(spans: Sequence[Span], character: float) -> list[int]:
-    """Return the row in which each stage has its bar: no two bars or names of a row overlap.
+@dataclass(frozen=True)
+class StageBar:
+    """Where a stage has its bar and its name, in rows that count downwards.
 
-    Stages that follow each other alternate between two rows, which leaves room for their names; a character of a name
-    is as wide as this time [s].
+    Attributes:
+        span: The stage.
+        row: Row of both.
+        left: Where the bar begins [s]; it ends where the span does.
+        name: What is written.
+        name_at: Where it is written [s].
+        align: Which part of it is there: its center on the bar, its left beside the bar's end, its right before it.
     """
-    rows: list[int] = []
+
+    span: Span
+    row: int
+    left: float
+    name: str
+    name_at: float
+    align: Literal["center", "left", "right"]
+
+
+def place_bars(spans: Sequence[Span], view: tuple[float, float], width: float) -> list[StageBar]:
+    """Place the bars of stages in rows, so that no two bars or names overlap and no name leaves its bar or the axis.
+
+    Stages that follow each other alternate between two rows. A name that is wider than its bar stands behind the bar,
+    or before it where there is no room behind it; where there is none at all it is shortened.
+
+    Args:
+        spans: The stages, in order.
+        view: First and last time on the axis [s].
+        width: Of the axis [in].
+    """
+    first, last = view
+    second = (last - first) / width  # [s/in]
+    bars: list[StageBar] = []
     ends: dict[int, float] = defaultdict(lambda: -np.inf)  # up to where each row is taken
     for span in spans:
         left = span.start if span.early is None else span.early
-        beyond = max(0.0, character * (1 + len(style.readable(span.name))) - (span.end - left)) / 2
-        rows.append(next(row for row in chain([span.index % 2], count()) if ends[row] <= left - beyond))
-        ends[rows[-1]] = span.end + beyond
-    return rows
+        gap = NAME_GAP * second
+        room = max(span.end - left, last - span.end, left - first) - 2 * gap
+        name = style.shortened(style.readable(span.name), room / second)
+        wide = style.text_width(name) * second + 2 * gap
+
+        taken = (left, span.end)
+        name_at = (left + span.end) / 2
+        align: Literal["center", "left", "right"] = "center"
+        if wide > span.end - left and span.end + wide <= last:
+            taken = (left, span.end + wide)
+            name_at = span.end + gap
+            align = "left"
+        elif wide > span.end - left:
+            taken = (left - wide, span.end)
+            name_at = left - gap
+            align = "right"
+
+        row = next(row for row in chain([span.index % 2], count()) if ends[row] <= taken[0])
+        ends[row] = taken[1]
+        bars.append(StageBar(span, row, left, name, name_at, align))
+    return bars
 
 
-def draw_stages(axes: Axes, spans: Sequence[Span], rows: Sequence[float]) -> None:
-    """Draw stages as bars with their names, each in its row."""
-    frame: dict[str, Any] = {"fill": False, "edgecolor": style.EDGE, "linewidth": 0.5, "clip_on": False}
-    for span, row in zip(spans, rows, strict=True):
-        left = span.start if span.early is None else span.early
+def draw_stages(axes: Axes, bars: Sequence[StageBar], first_row: float = 0.0) -> None:
+    """Draw stages as bars with their names, from a row on."""
+    outline: dict[str, Any] = {"fill": False, "edgecolor": style.EDGE, "linewidth": 0.5, "clip_on": False}
+    stroke = withStroke(linewidth=1.5, foreground="white")
+    for bar in bars:
+        span = bar.span
+        middle = first_row + bar.row + 0.5
         if span.early is not None:
             acts = ["_next stage already acts"]  # a list labels the patch instead of its container
-            axes.barh(row + 0.5, span.start - left, 0.86, left, facecolor=style.EARLY, label=acts)
+            axes.barh(middle, span.start - bar.left, 0.86, bar.left, facecolor=style.EARLY, label=acts)
         face = style.STAGE if span.index % 2 else "white"
-        axes.barh(row + 0.5, span.end - span.start, 0.86, span.start, facecolor=face)
-        outline = axes.barh(row + 0.5, span.end - left, 0.86, left, **frame)
-        stroke = withStroke(linewidth=1.5, foreground="white")
-        axes.bar_label(outline, [style.readable(span.name)], label_type="center", path_effects=[stroke])
+        axes.barh(middle, span.end - span.start, 0.86, span.start, facecolor=face)
+        axes.barh(middle, span.end - bar.left, 0.86, bar.left, **outline)
+        axes.text(bar.name_at, middle, bar.name, ha=bar.align, va="center_baseline", path_effects=[stroke])
 
 
 def _shade(axes: Axes, spans: Sequence[Span]) -> None:

@@ -39,7 +39,7 @@ class Difference:
     Attributes:
         path: The dataset.
         units: Of its numbers.
-        what: What differs, if it is not the numbers alone.
+        what: What differs, where it is more than the numbers.
         largest: Largest difference of two numbers; NaN where none can be compared.
         row: Row of the first difference; -1 where there is none.
     """
@@ -60,7 +60,10 @@ class Comparison:
 
 
 def compare_runs(log: Run, again: Run) -> Comparison:
-    """Compare every dataset of two runs but the wall times; of a log that was cut short, the rows that it has."""
+    """Compare every dataset of two runs but the wall times.
+
+    Of a log that was cut short the rows are compared that it has.
+    """
     columns = [
         column
         for path, column in sorted(COLUMNS.items())
@@ -72,26 +75,29 @@ def compare_runs(log: Run, again: Run) -> Comparison:
 
 
 def _difference(column: Column, log: Run, again: Run) -> Difference | None:
+    """Compare one dataset of two runs; None where it is equal to the bit."""
     path = column.path
     units = column.units
     what = ""
     if path not in log or path not in again:
         return Difference(path, units, f"only the {'log' if path in log else 'run'} has it")
-    a = log[path]
-    b = again[path]
+    logged = log[path]
+    repeated = again[path]
     if log.interrupted:
-        b = b[tuple(map(slice, a.shape))]
-    if a.shape != b.shape:
-        what = "shapes " + " and ".join("x".join(map(str, each.shape)) for each in (a, b))
-        common = tuple(map(slice, np.minimum(a.shape, b.shape)))
-        a = a[common]
-        b = b[common]
-    numbers = a.dtype.kind in "fiu"
-    same = np.isclose(a, b, 0, 0, equal_nan=True) if numbers else a == b
-    if np.all(same):
+        repeated = repeated[tuple(map(slice, logged.shape))]
+    if logged.shape != repeated.shape:
+        what = "shapes " + " and ".join("x".join(map(str, each.shape)) for each in (logged, repeated))
+        common = tuple(map(slice, np.minimum(logged.shape, repeated.shape)))
+        logged = logged[common]
+        repeated = repeated[common]
+    are_numbers = logged.dtype.kind in "fiu"
+    is_same = np.isclose(logged, repeated, 0, 0, equal_nan=True) if are_numbers else logged == repeated
+    if np.all(is_same):
         return Difference(path, units, what) if what else None
-    row = int(np.argwhere(~np.atleast_1d(same))[0, 0])
-    apart = np.abs(a.astype(float) - b.astype(float))[~same] if numbers else np.array([np.nan])
-    if not np.isfinite(apart).all():
-        what = what or ("values only one of them has" if numbers else "texts")
-    return Difference(path, units, what, float(np.nanmax(apart, initial=0.0)) if numbers else np.nan, row)
+    first_row = int(np.argwhere(~np.atleast_1d(is_same))[0, 0])
+    if not are_numbers:
+        return Difference(path, units, what or "texts", row=first_row)
+    differences = np.abs(logged.astype(float) - repeated.astype(float))[~is_same]
+    if not np.isfinite(differences).all():
+        what = what or "values only one of them has"
+    return Difference(path, units, what, float(np.nanmax(differences, initial=0.0)), first_row)

@@ -58,6 +58,11 @@ class Results:
     attributes: Mapping[str, object]
     quantities: Mapping[str, Quantity]
 
+    def __repr__(self) -> str:
+        sizes = (f"{name} ({len(each.values)})" for name, each in self.quantities.items() if each.dims == (name,))
+        kind = self.attributes.get("kind", "study")
+        return f"<Results of a {kind}: {len(self.quantities)} quantities over {', '.join(sizes)}>"
+
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.quantities:
             raise LogError(f"{self.path}: found no {name}, expected results as psmpc writes them")
@@ -83,6 +88,7 @@ class Results:
             raise RunError(f"{self.path} cannot be written any further: {error.strerror or error}") from None
 
     def _write(self, file: h5py.File) -> None:
+        """Write attributes and arrays into an empty file, coordinates first: the others are tied to them as scales."""
         file.attrs.update(self.attributes)
         for each in sorted(self.quantities.values(), key=lambda each: each.dims != (each.name,)):
             values = each.values
@@ -111,7 +117,7 @@ def new_results(
 
 
 def read_results(path: Path, kind: str) -> Results:
-    """Return the results of a study of this kind.
+    """Read the results of a study of this kind.
 
     Raises:
         LogError: The file is missing, damaged, of another version, or of another kind.

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from io import StringIO
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,14 +13,16 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
-from psmpc_cli.logs.files import check_output, new_image, read_array, read_attributes, read_file, write_new
+from psmpc_cli.logs.files import check_output, kind_of, new_image, read_array, read_attributes, read_file, write_new
 from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
-from psmpc_cli.logs.summary import Summary
+from psmpc_cli.logs.summary import Summary, early_starts
 from psmpc_cli.logs.walk import RUNS, misfit
 from psmpc_cli.logs.write import create_log
-from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.problem import ObjectState, Problem, build_problem
 from psmpc_cli.ocp.stage import Stage, Trajectory
-from psmpc_cli.specs.arguments import as_path
+from psmpc_cli.robot.free_body import body_of
+from psmpc_cli.specs.arguments import as_path, rejected, require
+from psmpc_cli.specs.document import quoted
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.robot import labels
 
@@ -45,7 +48,7 @@ class Span:
     Attributes:
         index, name: The stage.
         start, end: First and last instant; the end of the run for a stage that the run did not end.
-        early: Its actual start if that lies before `start`, else None.
+        early: Its actual start if that lies before `start` and it goes on acting (`early_starts`), else None.
     """
 
     index: int
@@ -74,6 +77,9 @@ class Motion:
     Q_seen: Array
     v_seen: Array
 
+    def __repr__(self) -> str:
+        return f"<Motion: {len(self.time)} times from {self.time[0]:g} s to {self.end:g} s>"
+
     @property
     def end(self) -> float:
         """Last time [s]."""
@@ -88,7 +94,13 @@ class Motion:
         return np.asarray(self._at(np.array([time]), self.Q, (3,))[0])
 
     def _at(self, time: Array, values: Array, quaternions: Iterable[int]) -> Array:
-        """Interpolate values (N, columns), of a spatial robot with unit quaternions that begin at some columns."""
+        """Interpolate values (N, columns) at times (K,) [s]; the quaternions of a spatial robot stay of length 1.
+
+        Args:
+            time: The times.
+            values: The values, one row a time of the motion.
+            quaternions: First columns of the quaternions.
+        """
         found = np.column_stack([np.interp(time, self.time, column) for column in values.T])
         for first in quaternions if self.Q.shape[1] > self.v.shape[1] else ():
             found[:, first : first + 4] /= np.linalg.norm(found[:, first : first + 4], axis=1, keepdims=True)
@@ -112,6 +124,11 @@ class Run:
     path: Path
     attributes: Mapping[str, Any]
     arrays: Mapping[str, Array]
+
+    def __repr__(self) -> str:
+        name = f"{self.attributes['task_name']} under {self.attributes['controller']}"
+        size = f"{len(self.time)} samples, {len(self.stage_names)} stages"
+        return f"<Run of {name}: {size}; {self.attributes['end_reason'] or 'not ended'}>"
 
     def __getitem__(self, path: str) -> Array:
         return self.arrays[path]
@@ -165,17 +182,17 @@ class Run:
 
         Also epsilon (E,), and actual_start_by_epsilon (S, E) [s]. A time is NaN if it never came.
         """
-        return self._below("stages")
+        return self._datasets_in("stages")
 
     @property
     def monitors(self) -> dict[str, Array]:
         """Table of the monitors: name, held (-1 if unknown), margin [m, m/s]."""
-        return self._below("monitors")
+        return self._datasets_in("monitors")
 
     @property
     def ticks(self) -> dict[str, Array]:
         """Low-level ticks: time (M,) [s], Q (M, nq), v, F (M, n); empty unless the task logs them."""
-        return {"v" if name == "Qdot" else name: values for name, values in self._below("ticks").items()}
+        return {"v" if name == "Qdot" else name: values for name, values in self._datasets_in("ticks").items()}
 
     @property
     def final(self) -> dict[str, Array]:
@@ -246,15 +263,16 @@ class Run:
         """The stages that were reached, in order; a stage that only started early has `start` at the end of the run.
 
         Raises:
-            LogError: The run has no samples.
+            LogError: The run has no samples; or as for `task`.
         """
         spans: list[Span] = []
         end = self.motion.end
         start = float(self.time[0])
         stages = self.stages
+        starts_early = early_starts(self.arrays, self.task.spec.onset.epsilon)
         for index, name in enumerate(self.stage_names):
             actual, switch = (float(stages[key][index]) for key in ("actual_start", "switch_time"))
-            early = actual if index and stages["early"][index] and actual < start else None
+            early = actual if index and starts_early[index] and actual < start else None
             if spans and start >= end and early is None:
                 break
             spans.append(Span(index, name, start, switch if np.isfinite(switch) else end, early))
@@ -263,11 +281,11 @@ class Run:
 
     @cached_property
     def followed(self) -> tuple[Stage, ...]:
-        """The stages of the problem; what one aims at relative to the object with mass is where the object was."""
+        """The stages of the problem, with targets relative to an object with a mass where that object was over time."""
         rows = self.problem.model.pose_rows
         starts = {span.index: span.start for span in self.spans}
 
-        def placed(stage: Stage) -> Stage:
+        def following_the_object(stage: Stage) -> Stage:
             if not stage.on_object or "object/pose" not in self or len(self.time) < 2 or stage.index not in starts:
                 return stage
             states = zip(self["object/pose"], self["object/velocity"], strict=True)
@@ -275,7 +293,21 @@ class Run:
             path = Trajectory(self.time - starts[stage.index], values, tuple(stage.attitudes.values()))
             return replace(stage, trajectory=path)
 
-        return tuple(map(placed, self.problem.stages))
+        return tuple(map(following_the_object, self.problem.stages))
+
+    def object_state_at(self, time: float) -> ObjectState | None:
+        """Return pose and velocity of an object with a mass at a time [s]; None where the log has no such object.
+
+        Since the sample before it moves as if it was free; at the end of the run they are those of the log.
+        """
+        capture = self.task.spec.capture
+        if capture is None or "object/pose" not in self:
+            return None
+        if time >= self.final["time"]:
+            return self["final/object_pose"], self["final/object_velocity"]
+        sample = max(int(np.searchsorted(self.time, time, side="right")) - 1, 0)
+        state = self["object/pose"][sample], self["object/velocity"][sample]
+        return body_of(capture).predicted(*state, time - float(self.time[sample]))
 
     def with_problem(self, problem: Problem) -> "Run":
         """Return the run with the problem that was run, which otherwise is built from the texts in the log."""
@@ -284,7 +316,7 @@ class Run:
         return run
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled: the fields, not what is computed from them when it is asked for."""
+        """Return the fields alone, so that what is computed from them on demand is not pickled."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
     def summary(self) -> Summary:
@@ -350,25 +382,31 @@ class Run:
             import xarray
         except ImportError:
             raise InputError("found no xarray, which Run.to_xarray needs: pip install xarray") from None
-        sampled = self._along("time")
+        sampled = self._columns_along("time")
         about = {column: {"units": column.units, "long_name": column.long_name} for column in sampled}
         variables = {column.path: (column.dims, self[column.path], about[column]) for column in sampled}
         names = {dim: self[dim] for column in sampled for dim in column.dims}
         return xarray.Dataset(variables, names, dict(self.attributes))
 
-    def _below(self, group: str) -> dict[str, Array]:
+    def _datasets_in(self, group: str) -> dict[str, Array]:
+        """Return the datasets of a group of the log by their names in it."""
         paths = [path for path in self.arrays if path.startswith(f"{group}/")]
         return {path.removeprefix(f"{group}/"): self.arrays[path] for path in paths}
 
-    def _along(self, dim: str) -> tuple[Column, ...]:
-        """Return the columns along a dimension that the run has, without its scale."""
+    def _columns_along(self, dim: str) -> tuple[Column, ...]:
+        """Return the datasets that the run has along a dimension and that fit into a table: equal rows, no scale."""
         found = columns(dim, self.Q_has_a_scale)
         return tuple(column for column in found if column.path in self.arrays and not column.ragged)
 
     def _table(self, dim: str, without: str = "") -> dict[str, Array]:
-        """Return everything along a dimension as columns of numbers or texts, by heading."""
+        """Build the table of everything along a dimension, for a CSV file: columns by heading.
+
+        Args:
+            dim: Path of the scale of the dimension.
+            without: Beginning of paths that headings leave out.
+        """
         table = {"time [s]": self.time} if dim == "time" else {}
-        for column in self._along(dim):
+        for column in self._columns_along(dim):
             name = column.path.removeprefix(without)
             values = self[column.path]
             if values.ndim == 1:
@@ -387,6 +425,40 @@ def read_run(path: Path | str) -> Run:
     """
     path = as_path("path", path)
     return read_file(path, lambda file: run_in(file, path), kind=RUN)
+
+
+RunOrPath = Run | Path | str
+"""A run, or the path of its log."""
+
+
+def resolve_runs(runs: RunOrPath | Mapping[str, RunOrPath]) -> Run | dict[str, Run]:
+    """Read the runs that a public function was given as paths; keep those that it was given in memory.
+
+    Args:
+        runs: A run, the path of its log or of a comparison, or several runs by name, each as a run or a path.
+
+    Returns:
+        A run, or several by name.
+
+    Raises:
+        InputError: There is no run.
+        LogError: As for `read_run`, of a file that a path leads to.
+    """
+    wanted = "a Run, the path of its log, or a mapping of names to at least one of them"
+    require("run", runs, (Run, str, PathLike, Mapping), wanted)
+    if isinstance(runs, Run):
+        return runs
+    if not isinstance(runs, Mapping):
+        path = as_path("run", runs)
+        return read_comparison(path) if kind_of(path) == COMPARISON else read_run(path)
+    if not runs:
+        raise rejected("run", runs, wanted)
+    found = {}
+    for name, run in runs.items():
+        require("run", name, str, wanted)
+        require(f"run of {quoted(name)}", run, (Run, str, PathLike), "a Run, or the path of its log")
+        found[name] = run if isinstance(run, Run) else read_run(run)
+    return found
 
 
 def read_comparison(path: Path) -> dict[str, Run]:
@@ -420,8 +492,8 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
         if not isinstance(attributes[name], kind):
             raise misfit(group, repr(attributes[name]), f"a {kind.__name__}", f" attribute {name}")
     columns = layout(Q_COORDINATE in group)
-    has = {"", *(column.only for column in columns if column.path in group)}
-    present = [part for column in columns if column.only in has for part in column.parts]
+    kinds_present = {"", *(column.only for column in columns if column.path in group)}
+    present = [part for column in columns if column.only in kinds_present for part in column.parts]
     _check_datasets(group, present)
     arrays = {column.path: read_array(group[column.path]) for column in present}
     _check_values(group, arrays)
@@ -429,7 +501,11 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
 
 
 def _check_datasets(group: h5py.Group, present: Iterable[Column]) -> None:
-    """Make sure, before any is read, that the datasets are those of the schema and fit together, or raise LogError."""
+    """Make sure, before any is read, that the datasets are those of the schema and fit together.
+
+    Raises:
+        LogError: They are not, or do not.
+    """
     known = {column.path: column for column in present}
     groups = {path.rpartition("/")[0] for path in known}
     found: list[str] = []
@@ -446,7 +522,11 @@ def _check_datasets(group: h5py.Group, present: Iterable[Column]) -> None:
 
 
 def _check_values(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
-    """Make sure that times rise, and that indices and lengths are within what they are of, or raise LogError."""
+    """Make sure that times rise, and that indices and lengths lie within the arrays that they refer to.
+
+    Raises:
+        LogError: They do not.
+    """
     stages = len(arrays["stage"])
     bounds = {"window/first": stages - 1, "window/count": stages - arrays["window/first"]}
     bounds |= {f"{path}_length": values.shape[1] for path, values in arrays.items() if f"{path}_length" in arrays}

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.control.interface import Command
 from psmpc_cli.plant import Ticks
+from psmpc_cli.specs.object import GRASP_LOADS
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 """Changes when a reader of the old format would misread the new one."""
 
 RUN = "run"
@@ -48,9 +49,14 @@ class Sample:
     measure: Callable[[], None] = field(repr=False)
     measured: dict[str, Any] = field(default_factory=dict, repr=False)
 
+    def __repr__(self) -> str:
+        return (
+            f"<Sample {self.number} at {self.command.time:g} s: stage {self.command.stage.name}, {self.n} coordinates>"
+        )
+
     @property
     def metrics(self) -> Mapping[str, Any]:
-        """What was measured of both, by the paths of the log; what is by stage as a mapping from its index."""
+        """What was measured of both, by the paths of the log; values by stage are mappings from its index."""
         if not self.measured:
             self.measure()
         return self.measured
@@ -62,7 +68,7 @@ class Sample:
 
     @property
     def tick_numbers(self) -> np.ndarray:
-        """Numbers of its ticks (M,), from the start of the run."""
+        """Numbers of the sample's ticks (M,), counted from the start of the run."""
         ticks = len(self.ticks.F)
         return self.number * ticks + np.arange(ticks)
 
@@ -118,53 +124,55 @@ class Column:
         return self, length, Column(element, "1", f"index into a row of {path}", value, "i4", (element,))
 
 
-Read = str | Callable[[Any], Any]
-"""What reads a value of a sample: a function, or the name of an attribute such as `command.time`."""
+ValueReader = str | Callable[[Any], Any]
+"""What reads a value of a sample: a function, or the path of an attribute such as `command.time`."""
 
 
-def _read(value: Read) -> Callable[[Any], Any]:
+def _reader(value: ValueReader) -> Callable[[Any], Any]:
+    """Make a function of what reads a value of a sample."""
     return attrgetter(value) if isinstance(value, str) else value
 
 
 def _metric(path: str) -> Callable[[Any], Any]:
+    """Make the function that reads a metric of a sample, which is measured when it is first read."""
     return lambda sample: sample.metrics[path]
 
 
-def _column(path: str, units: str, long_name: str, value: Read = "", dtype: str = "f8", **more: Any) -> Column:
-    """Return a column; without a value it is a metric in a row a sample, else it does not grow."""
+def _column(path: str, units: str, long_name: str, value: ValueReader = "", dtype: str = "f8", **more: Any) -> Column:
+    """Define a dataset: read by `value`; without one a metric where it has a row a sample, or known from elsewhere."""
     measured = _metric(path) if more.get("dims", ())[:1] == ("time",) else None
-    return Column(path, units, long_name, _read(value) if value else measured, dtype, **more)
+    return Column(path, units, long_name, _reader(value) if value else measured, dtype, **more)
 
 
-def _window(path: str, units: str, long_name: str, values: Read) -> Column:
-    """Return the column of values of the stages in the window, in the places of those stages."""
-    read = _read(values)
+def _window(path: str, units: str, long_name: str, values: ValueReader) -> Column:
+    """Define a dataset along all stages whose values a sample has for the stages in its window alone."""
+    read = _reader(values)
 
-    def placed(sample: Sample) -> list[float]:
+    def row(sample: Sample) -> list[float]:
         sequence = sample.command.sequence
         found = read(sample)[: sequence.count]
-        row = [np.nan] * sample.stages
-        row[sequence.first : sequence.first + len(found)] = found
-        return row
+        values_of_stages = [np.nan] * sample.stages
+        values_of_stages[sequence.first : sequence.first + len(found)] = found
+        return values_of_stages
 
-    return Column(path, units, f"{long_name}; NaN outside the window", placed, dims=("time", "stage"))
+    return Column(path, units, f"{long_name}; NaN outside the window", row, dims=("time", "stage"))
 
 
-def _by_stage(path: str, units: str, long_name: str, values: Read = "", **more: Any) -> Column:
-    """Return the column of values by stage index, by default a metric, in the places of their stages."""
-    read = _read(values or _metric(path))
+def _by_stage(path: str, units: str, long_name: str, values: ValueReader = "", **more: Any) -> Column:
+    """Define a dataset along all stages whose values a sample has by stage index; by default a metric."""
+    read = _reader(values or _metric(path))
     unknown = more.get("unknown", np.nan)
 
-    def placed(sample: Sample) -> list[float]:
+    def row(sample: Sample) -> list[float]:
         found = read(sample)
         return [found.get(stage, unknown) for stage in range(sample.stages)]
 
-    return Column(path, units, long_name, placed, dims=("time", "stage"), **more)
+    return Column(path, units, long_name, row, dims=("time", "stage"), **more)
 
 
-def _level(name: str, units: str, long_name: str, value: Read, **more: Any) -> Column:
-    """Return the column of a value of each level, in the place of its stage."""
-    read = _read(value)
+def _level(name: str, units: str, long_name: str, value: ValueReader, **more: Any) -> Column:
+    """Define a dataset along all stages whose values are those of the levels of HTMPC, the current stage first."""
+    read = _reader(value)
 
     def values(sample: Sample) -> Any:
         return dict(enumerate(map(read, sample.command.levels), start=sample.command.sequence.first))
@@ -173,10 +181,12 @@ def _level(name: str, units: str, long_name: str, value: Read, **more: Any) -> C
 
 
 def _costs(sample: Sample) -> ArrayLike:
+    """Return the costs of the stages in the window; none where the solve failed, since they are of no plan in force."""
     return () if "solve_failed" in sample.command.events else sample.command.solution.costs
 
 
 def _optimum(level: Any) -> float:
+    """Return the cost that a level minimizes, that of its last stage; NaN where it did not converge."""
     return float(level.costs[-1]) if level.outcome.usable else np.nan
 
 
@@ -187,61 +197,91 @@ def _level_costs(sample: Sample) -> Mapping[int, float]:
 
 
 def _event(name: str, long_name: str) -> Column:
+    """Define the dataset that flags the samples of an event of the controller."""
     return Column(f"events/{name}", "1", long_name, lambda s: name in s.command.events, "i1", ("time",))
 
 
 def _plan(name: str, long_name: str, value: str) -> Column:
+    """Define a dataset of vectors of the solves, whose lengths differ with the stages and nodes of the windows."""
     return _column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
 
 
-def _tick_of_object(dim: str, name: str, units: str, long_name: str, value: Read) -> Column:
+def _tick_of_object(dim: str, name: str, units: str, long_name: str, value: ValueReader) -> Column:
+    """Define a dataset of the object with a mass, or of its grasps, with a row a tick."""
     path = f"ticks/{name}"
     dims = ("ticks/tick", dim)
     return _column(path, units, f"{long_name} at every tick", value, dims=dims, only="object at ticks")
 
 
+def _load_of_grasp(number: int, load: str) -> Column:
+    """Define the dataset of a load on the grasps."""
+    what = f"largest filtered {load} until the next sample"
+    return _by_gripper(
+        f"grasp/{load}", GRASP_LOADS[load], what, lambda s: s.ticks.target_object.load[:, :, number].max(axis=0)
+    )
+
+
+def _tick_of_grasp_load(number: int, load: str) -> Column:
+    """Define the dataset of a load on the grasps at every tick."""
+    what = f"filtered {load} on each grasp"
+    return _tick_of_object("gripper", load, GRASP_LOADS[load], what, lambda s: s.ticks.target_object.load[:, :, number])
+
+
 def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str = "") -> Column:
+    """Define what runs along a dimension of other datasets."""
     return Column(path, units, long_name, None, dtype, (path,), only)
 
 
-_Q = "m, rad"
-_V = "m/s, rad/s"
-_A = "m/s^2, rad/s^2"
-_F = "N, N m"
-_t = partial(_column, dims=("time",))
-_n = partial(_column, dims=("time",), dtype="i4")
-_tq = partial(_column, dims=("time", Q_COORDINATE))
-_tn = partial(_column, dims=("time", "coordinate"))
-_momentum = partial(_column, dims=("time", "momentum"))
-_disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
-_tick_q = partial(_column, dims=("ticks/tick", Q_COORDINATE), only="ticks")
-_tick = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
-_pose = partial(_column, dims=("time", "object_coordinate"), only="object")
-_axis = partial(_column, dims=("time", "object_axis"), only="object")
-_grip = partial(_column, dims=("time", "gripper"), only="object")
-_thing = partial(_column, only="object")
-_stage = partial(_column, dims=("stage",))
-_final_q = partial(_column, dims=(Q_COORDINATE,))
-_final = partial(_column, dims=("coordinate",))
-_monitor = partial(_column, dims=("monitors/name",))
-_body = partial(_column, dims=("uncertainty/body",), only="drawn")
-_offset = partial(_column, dims=("uncertainty/body", "uncertainty/axis"), only="drawn")
-_missed = partial(_column, dims=("gripper", "grasp/measure"), only="object")
-_why = partial(_column, dims=("gripper",), only="object", dtype="i1", unknown=-1)
-_wrench = partial(_column, dims=("time", "grasp_axis"), only="object")
-_levels = partial(_by_stage, only="levels")
-_solved = partial(_level, dtype="i1", unknown=-1)
+POSITION_UNITS = "m, rad"
+VELOCITY_UNITS = "m/s, rad/s"
+ACCELERATION_UNITS = "m/s^2, rad/s^2"
+FORCE_UNITS = "N, N m"
+EFFORT_UNITS = "m^2/s^3, rad^2/s^3"
+
+PEAKS = {
+    "base_force": ("N", "largest norm of the force on the base"),
+    "base_torque": ("N m", "largest norm of the torque on the base"),
+    "joint_torque": ("N m", "largest torque of a joint"),
+    "base_acceleration": ("m/s^2", "largest norm of the base's commanded linear acceleration"),
+    "base_angular_acceleration": ("rad/s^2", "largest norm of the base's commanded angular acceleration"),
+    "joint_acceleration": ("rad/s^2", "largest commanded acceleration of a joint"),
+}
+"""Units and meanings of the largest forces and commanded accelerations at ticks."""
+
+_sampled = partial(_column, dims=("time",))
+_sampled_count = partial(_column, dims=("time",), dtype="i4")
+_sampled_coordinates = partial(_column, dims=("time", Q_COORDINATE))
+_sampled_velocities = partial(_column, dims=("time", "coordinate"))
+_sampled_momentum = partial(_column, dims=("time", "momentum"))
+_sampled_disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
+_ticks_coordinates = partial(_column, dims=("ticks/tick", Q_COORDINATE), only="ticks")
+_ticks_velocities = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
+_object_pose = partial(_column, dims=("time", "object_coordinate"), only="object")
+_object_twist = partial(_column, dims=("time", "object_axis"), only="object")
+_by_gripper = partial(_column, dims=("time", "gripper"), only="object")
+_of_object = partial(_column, only="object")
+_of_stage = partial(_column, dims=("stage",))
+_final_coordinates = partial(_column, dims=(Q_COORDINATE,))
+_final_velocities = partial(_column, dims=("coordinate",))
+_of_monitor = partial(_column, dims=("monitors/name",))
+_of_body = partial(_column, dims=("uncertainty/body",), only="drawn")
+_offset_of_body = partial(_column, dims=("uncertainty/body", "uncertainty/axis"), only="drawn")
+_miss_of_gripper = partial(_column, dims=("gripper", "grasp/measure"), only="object")
+_reason_of_opening = partial(_column, dims=("gripper",), only="object", dtype="i1", unknown=-1)
+_grasp_wrench = partial(_column, dims=("time", "grasp_axis"), only="object")
+_level_metric = partial(_by_stage, only="levels")
+_level_flag = partial(_level, dtype="i1", unknown=-1)
 
 SCHEMA = (
     # what runs along the dimensions
-    _t("time", "s", "sample time", "command.time"),
+    _sampled("time", "s", "sample time", "command.time"),
     _column("ticks/tick", "1", "number of the tick, from 0", "tick_numbers", "i8", dims=("ticks/tick",), only="ticks"),
     _scale("coordinate", "1", "generalized coordinate"),
     _scale(Q_COORDINATE, "1", "coordinate of Q, with the attitude as unit quaternion", only=Q_COORDINATE),
     _scale("pose_coordinate", "1", "pose coordinate"),
     _scale("stage", "1", "stage"),
     _scale("momentum", "1", "component of momentum"),
-    _scale("stages/epsilon", _A, "threshold on a stage's presence that marks its actual start", "f8"),
+    _scale("stages/epsilon", ACCELERATION_UNITS, "threshold on a stage's presence that marks its actual start", "f8"),
     _scale("monitors/name", "1", "name of the monitor"),
     _scale("uncertainty/body", "1", "body", only="drawn"),
     _scale("uncertainty/axis", "1", "axis of the body", only="drawn"),
@@ -252,73 +292,89 @@ SCHEMA = (
     _scale("grasp_axis", "1", "component of a gripper's force and moment", only="object"),
     _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only="object"),
     # a row a sample
-    _tq("state/Q", _Q, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: -s.n]),
-    _tn("state/Qdot", _V, "generalized velocities, as the controller saw them", lambda s: s.command.x[-s.n :]),
-    _tn("control/u", _A, "applied acceleration over the first tick"),
-    _tn("force/F", _F, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]),
-    _column("pose/xi", _Q, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
-    _n("window/first", "1", "index of the current stage", "command.sequence.first"),
-    _n("window/count", "1", "number of stages in the window", "command.sequence.count"),
+    _sampled_coordinates(
+        "state/Q", POSITION_UNITS, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: -s.n]
+    ),
+    _sampled_velocities(
+        "state/Qdot",
+        VELOCITY_UNITS,
+        "generalized velocities, as the controller saw them",
+        lambda s: s.command.x[-s.n :],
+    ),
+    _sampled_velocities("control/u", ACCELERATION_UNITS, "applied acceleration over the first tick"),
+    _sampled_velocities(
+        "force/F", FORCE_UNITS, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]
+    ),
+    _column("pose/xi", POSITION_UNITS, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
+    _sampled_count("window/first", "1", "index of the current stage", "command.sequence.first"),
+    _sampled_count("window/count", "1", "number of stages in the window", "command.sequence.count"),
     _window("window/instants", "s", "planned switch time that ends each stage", "command.instants"),
     _window("window/cost", "1", "normalized cost integral of each stage", _costs),
-    _n(
+    _sampled_count(
         "window/basin",
         "1",
         "guess of the switch times that won, 0 the last plan's; -1 if alone",
         "command.solution.basin",
     ),
     _window("window/nodes", "1", "intervals N_s of each stage", "command.solution.window.nodes"),
-    _by_stage("window/presence", _A, "how much of a waiting stage is in the control; NaN if not looked at"),
+    _by_stage(
+        "window/presence", ACCELERATION_UNITS, "how much of a waiting stage is in the control; NaN if not looked at"
+    ),
     _by_stage("window/share", "1", "share of each stage in the applied control; NaN where it has none"),
     _event("appended", "a stage entered the window"),
     _event("postponed", "a stage was seen, but the window with it had no solution yet"),
     _event("solve_failed", "the solve failed and the shifted plan went on"),
     _event("braking", "the plan was used up and the robot braked to rest"),
     _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
-    _t("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
-    _t("solver/warm", "1", "the solve started from the last solution, shifted", "command.solution.warm", "i1"),
-    _n("solver/iterations", "1", "iterations of the solve", "command.iterations"),
-    _t("solver/wall_time", "s", "wall time of the solve alone", "command.solve_time"),
-    _t("solver/objective", "1", "objective J", "command.solution.J"),
+    _sampled("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
+    _sampled("solver/warm", "1", "the solve started from the last solution, shifted", "command.solution.warm", "i1"),
+    _sampled_count("solver/iterations", "1", "iterations of the solve", "command.iterations"),
+    _sampled("solver/wall_time", "s", "wall time of the solve alone", "command.solve_time"),
+    _sampled("solver/objective", "1", "objective J", "command.solution.J"),
     _window("normalization/nadir", "1", "divisor of each window stage's cost", "command.solution.window.scale"),
-    _t("cost/current_stage", "1", "cost Lbar of the current stage"),
-    _tn("margin/position", _Q, "smallest distance to a position limit until the next sample"),
-    _tn("margin/velocity", _V, "smallest distance to a velocity limit until the next sample"),
-    _t("effort/control", "m^2/s^3, rad^2/s^3", "integral of |u|^2 until the next sample"),
-    _t("effort/base_force", "N s", "integral of the norm of the base force"),
-    _t("effort/base_torque", "N m s", "integral of the norm of the base torque"),
-    _tn("deviation/Q", _Q, "generalized coordinates at the next sample less the plan's"),
-    _tn("deviation/Qdot", _V, "generalized velocities at the next sample less the plan's"),
+    _sampled("cost/current_stage", "1", "cost Lbar of the current stage"),
+    _sampled_velocities(
+        "margin/position", POSITION_UNITS, "smallest distance to a position limit until the next sample"
+    ),
+    _sampled_velocities(
+        "margin/velocity", VELOCITY_UNITS, "smallest distance to a velocity limit until the next sample"
+    ),
+    _sampled("effort/control", EFFORT_UNITS, "T_s |dv / T_s|^2, dv the integral of u over the sample"),
+    _sampled("effort/squared_acceleration", EFFORT_UNITS, "integral of |u|^2 until the next sample"),
+    _sampled("effort/base_force", "N s", "integral of the norm of the base force"),
+    _sampled("effort/base_torque", "N m s", "integral of the norm of the base torque"),
+    *(_sampled(f"peak/{name}", unit, f"{meaning} until the next sample") for name, (unit, meaning) in PEAKS.items()),
+    _sampled_velocities("deviation/Q", POSITION_UNITS, "generalized coordinates at the next sample less the plan's"),
+    _sampled_velocities("deviation/Qdot", VELOCITY_UNITS, "generalized velocities at the next sample less the plan's"),
     _by_stage("deviation/end", "1", "error of an end condition over its tolerance, where its stage ends"),
     _by_stage("deviation/end_noise", "1", "the same over its tolerance plus 2 sigma of its measurement"),
-    _momentum("balance/momentum", "N s, N m s", "momentum less the integral of the external wrench"),
-    _t("balance/energy", "J", "kinetic energy less the work of the generalized forces"),
+    _sampled_momentum("balance/momentum", "N s, N m s", "momentum less the integral of the external wrench"),
+    _sampled("balance/energy", "J", "kinetic energy less the work of the generalized forces"),
     _level("objective", "1", "optimum of the cost each level minimizes; NaN where none converged", _optimum),
-    _levels("levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs),
+    _level_metric("levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs),
     _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),
-    _solved("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable"),
-    _tq("state/Q_true", _Q, "generalized coordinates, true", only="true state"),
-    _tn("state/Qdot_true", _V, "generalized velocities, true", only="true state"),
-    _t("payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1", only="payload"),
-    _t("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", only="payload"),
-    _disturbance("control/disturbance", _A, "estimated disturbance, taken off the control", "command.disturbance"),
-    _pose("object/pose", _Q, "pose of the object", lambda s: s.ticks.target_object.pose[0]),
-    _axis(
+    _level_flag("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable"),
+    _sampled_coordinates("state/Q_true", POSITION_UNITS, "generalized coordinates, true", only="true state"),
+    _sampled_velocities("state/Qdot_true", VELOCITY_UNITS, "generalized velocities, true", only="true state"),
+    _sampled(
+        "payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1", only="payload"
+    ),
+    _sampled("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", only="payload"),
+    _sampled_disturbance(
+        "control/disturbance", ACCELERATION_UNITS, "estimated disturbance, taken off the control", "command.disturbance"
+    ),
+    _object_pose("object/pose", POSITION_UNITS, "pose of the object", lambda s: s.ticks.target_object.pose[0]),
+    _object_twist(
         "object/velocity",
-        _V,
+        VELOCITY_UNITS,
         "velocity of the object, angular about its own axes",
         lambda s: s.ticks.target_object.v[0],
     ),
-    _grip(
-        "grasp/pull",
-        "N",
-        "largest filtered pull until the next sample",
-        lambda s: s.ticks.target_object.pull.max(axis=0),
-    ),
-    _grip("grasp/closed", "1", "whether each gripper is closed", lambda s: s.ticks.target_object.closed[0], "i1"),
-    _wrench(
+    *(_load_of_grasp(number, load) for number, load in enumerate(GRASP_LOADS)),
+    _by_gripper("grasp/closed", "1", "whether each gripper is closed", lambda s: s.ticks.target_object.closed[0], "i1"),
+    _grasp_wrench(
         "grasp/wrench",
-        _F,
+        FORCE_UNITS,
         "force and moment of each gripper on the object, at the gripper, in the inertial frame",
         lambda s: s.ticks.target_object.wrench[0].ravel(),
     ),
@@ -332,45 +388,64 @@ SCHEMA = (
     _plan("solution", "solution of each solve, as plan/guess", "command.solution.plan.flat"),
     # a row a tick
     _column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only="ticks"),
-    _tick_q("ticks/Q", _Q, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : -s.n]),
-    _tick("ticks/Qdot", _V, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, -s.n :]),
-    _tick("ticks/F", _F, "generalized force held from the tick on", "ticks.F"),
-    _tick_of_object(
-        "object_coordinate", "object_pose", _Q, "pose of the object", lambda s: s.ticks.target_object.pose[:-1]
+    _ticks_coordinates(
+        "ticks/Q", POSITION_UNITS, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : -s.n]
     ),
-    _tick_of_object("gripper", "pull", "N", "filtered pull on each grasp", "ticks.target_object.pull"),
+    _ticks_velocities(
+        "ticks/Qdot", VELOCITY_UNITS, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, -s.n :]
+    ),
+    _ticks_velocities("ticks/F", FORCE_UNITS, "generalized force held from the tick on", "ticks.F"),
+    _tick_of_object(
+        "object_coordinate",
+        "object_pose",
+        POSITION_UNITS,
+        "pose of the object",
+        lambda s: s.ticks.target_object.pose[:-1],
+    ),
+    *(_tick_of_grasp_load(number, load) for number, load in enumerate(GRASP_LOADS)),
     # what does not grow
-    _stage("stages/name", "1", "name of the stage", dtype="text"),
-    _stage("stages/priority", "1", "priority omega of the stage"),
-    _stage("stages/switch_time", "s", "switch time that ends the stage; NaN if it never ended"),
-    _stage("stages/actual_start", "s", "first sample at which the stage acts on the control; NaN if never"),
-    _stage("stages/early", "1", "whether it acts before the stage before it has ended", dtype="i1", unknown=0),
+    _of_stage("stages/name", "1", "name of the stage", dtype="text"),
+    _of_stage("stages/priority", "1", "priority omega of the stage"),
+    _of_stage("stages/switch_time", "s", "switch time that ends the stage; NaN if it never ended"),
+    _of_stage("stages/actual_start", "s", "first sample at which the stage acts on the control; NaN if never"),
+    _of_stage("stages/early", "1", "whether it acts before the stage before it has ended", dtype="i1", unknown=0),
     _column("stages/actual_start_by_epsilon", "s", "actual start for each threshold", dims=("stage", "stages/epsilon")),
     # not `time`: netCDF readers would take it for the dimension of that name
     _column("final/end_time", "s", "end of the run; NaN if it was stopped before"),
-    _final_q("final/Q", _Q, "generalized coordinates at the end of the run"),
-    _final("final/Qdot", _V, "generalized velocities at the end of the run"),
-    _column("final/xi", _Q, "poses of base and end-effectors at the end of the run", dims=("pose_coordinate",)),
-    _final_q("final/Q_true", _Q, "generalized coordinates at the end of the run, true", only="true state"),
-    _final("final/Qdot_true", _V, "generalized velocities at the end of the run, true", only="true state"),
-    _monitor("monitors/held", "1", "1 if the monitor held, 0 if not, -1 if not known", dtype="i1", unknown=-1),
-    _monitor("monitors/margin", "m, m/s", "smallest distance of the signal to its bounds"),
-    _thing("object/mass", "kg", "true mass of the object"),
-    _thing("object/inertia", "kg m^2", "its true inertia", dims=("object/moment",)),
-    _thing("object/left_at", "s", "first instant at which a gripper opened; NaN if none did"),
-    _thing("object/left_pose", _Q, "pose of the object then", dims=("object_coordinate",)),
-    _thing("object/left_velocity", _V, "velocity of the object then", dims=("object_axis",)),
-    _thing("final/object_pose", _Q, "pose of the object at the end", dims=("object_coordinate",)),
-    _thing("final/object_velocity", _V, "its velocity at the end", dims=("object_axis",)),
-    _thing("grasp/closed_at", "s", "when each gripper closed; NaN if never", dims=("gripper",)),
-    _missed("grasp/missed_by", f"{_Q}, {_V}", "how far each gripper was from its grasp when it was to close"),
-    _thing("grasp/opened_at", "s", "when each gripper opened; NaN if never", dims=("gripper",)),
-    _why(
-        "grasp/lost", "1", "why it opened: 1 because it was pulled beyond its strength, 0 to let go, -1 if it did not"
+    _final_coordinates("final/Q", POSITION_UNITS, "generalized coordinates at the end of the run"),
+    _final_velocities("final/Qdot", VELOCITY_UNITS, "generalized velocities at the end of the run"),
+    _column(
+        "final/xi", POSITION_UNITS, "poses of base and end-effectors at the end of the run", dims=("pose_coordinate",)
     ),
-    _body("uncertainty/mass_factor", "1", "true mass over the described one"),
-    _body("uncertainty/inertia_factor", "1", "true inertia over the described one"),
-    _offset("uncertainty/centre_of_mass", "m", "offset of the true centre of mass from the described one"),
+    _final_coordinates(
+        "final/Q_true", POSITION_UNITS, "generalized coordinates at the end of the run, true", only="true state"
+    ),
+    _final_velocities(
+        "final/Qdot_true", VELOCITY_UNITS, "generalized velocities at the end of the run, true", only="true state"
+    ),
+    _of_monitor("monitors/held", "1", "1 if the monitor held, 0 if not, -1 if not known", dtype="i1", unknown=-1),
+    _of_monitor("monitors/margin", "m, m/s, 1", "smallest distance of the signal to its bounds, in its unit"),
+    _of_monitor("monitors/unit", "1", "unit of the signal and its margin", dtype="text"),
+    _of_object("object/mass", "kg", "true mass of the object"),
+    _of_object("object/inertia", "kg m^2", "its true inertia", dims=("object/moment",)),
+    _of_object("object/left_at", "s", "first instant at which a gripper opened; NaN if none did"),
+    _of_object("object/left_pose", POSITION_UNITS, "pose of the object then", dims=("object_coordinate",)),
+    _of_object("object/left_velocity", VELOCITY_UNITS, "velocity of the object then", dims=("object_axis",)),
+    _of_object("final/object_pose", POSITION_UNITS, "pose of the object at the end", dims=("object_coordinate",)),
+    _of_object("final/object_velocity", VELOCITY_UNITS, "its velocity at the end", dims=("object_axis",)),
+    _of_object("grasp/closed_at", "s", "when each gripper closed; NaN if never", dims=("gripper",)),
+    _miss_of_gripper(
+        "grasp/missed_by",
+        f"{POSITION_UNITS}, {VELOCITY_UNITS}",
+        "how far each gripper was from its grasp when it was to close",
+    ),
+    _of_object("grasp/opened_at", "s", "when each gripper opened; NaN if never", dims=("gripper",)),
+    _reason_of_opening(
+        "grasp/lost", "1", "why it opened: 1 because of a load beyond its strength, 0 to let go, -1 if it did not"
+    ),
+    _of_body("uncertainty/mass_factor", "1", "true mass over the described one"),
+    _of_body("uncertainty/inertia_factor", "1", "true inertia over the described one"),
+    _offset_of_body("uncertainty/centre_of_mass", "m", "offset of the true centre of mass from the described one"),
 )
 """Every dataset of a log, scales first."""
 
@@ -380,7 +455,11 @@ MOMENTUM = {2: ("x", "y", "angular"), 3: ("x", "y", "z", "angular_x", "angular_y
 
 @lru_cache
 def layout(Q_has_a_scale: bool) -> tuple[Column, ...]:
-    """Return the datasets of logs where Q has a scale of its own, as in space, or is along `coordinate` as v is."""
+    """Return the datasets of a log.
+
+    Args:
+        Q_has_a_scale: Whether Q has a scale of its own, as in space, or is along `coordinate` as v is.
+    """
     if Q_has_a_scale:
         return SCHEMA
     dims = [tuple("coordinate" if dim == Q_COORDINATE else dim for dim in column.dims) for column in SCHEMA]
@@ -389,7 +468,12 @@ def layout(Q_has_a_scale: bool) -> tuple[Column, ...]:
 
 
 def columns(along: str, Q_has_a_scale: bool = True) -> tuple[Column, ...]:
-    """Return the datasets whose first dimension it is, or those that do not grow for an empty `along`; no scales."""
+    """Return the datasets along a dimension, without scales.
+
+    Args:
+        along: Path of the scale of their first dimension; empty for the datasets that do not grow.
+        Q_has_a_scale: As for `layout`.
+    """
     return tuple(
         column
         for column in layout(Q_has_a_scale)

@@ -6,20 +6,26 @@ from typing import Any
 
 import numpy as np
 
+from psmpc_cli.logs.schema import PEAKS
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
-from psmpc_cli.specs.object import CaptureSpec
+from psmpc_cli.specs.object import GRASP_LOADS, CaptureSpec
 from psmpc_cli.specs.task import OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec
 
 Arrays = Mapping[str, np.ndarray]
 
+NO_SHARE = 0.01
+"""A stage with no larger share in the control than this does not visibly act on it [1]."""
+
 
 @dataclass(frozen=True)
 class StageSummary:
-    """One stage: when it started and ended [s], and the published values where there are any; NaN where unknown.
+    """When a stage of a run started and ended [s], with published values to compare with; NaN where unknown.
 
-    `duration` is the time from the switch time of the stage before it to its own [s].
+    Attributes:
+        actual_start: A start that `early_starts` does not count is the switch time of the stage before.
+        duration: Time from the switch time of the stage before to its own [s].
     """
 
     name: str
@@ -34,7 +40,13 @@ class StageSummary:
 
 @dataclass(frozen=True)
 class SolveSummary:
-    """Wall time of the solves [s] and iterations, over all windows or those with a switch in them."""
+    """Statistics of the solves of a run, of all windows or of those with a switch.
+
+    Attributes:
+        count: Number of solves.
+        median, p95, p99, largest: Quantiles of their wall times, and the largest one [s].
+        iterations: Median of their iterations.
+    """
 
     count: int
     median: float
@@ -46,7 +58,14 @@ class SolveSummary:
 
 @dataclass(frozen=True)
 class LimitSummary:
-    """The smallest margin to a kind of limit over all ticks, its coordinate, and it over half the limits' distance."""
+    """The smallest margin to a kind of limit over all ticks of a run.
+
+    Attributes:
+        kind: `position` or `velocity`.
+        coordinate: The coordinate that comes nearest to its limit.
+        margin: Its distance from the limit [m, rad] or [m/s, rad/s].
+        relative: The margin over half the distance of the two limits.
+    """
 
     kind: str
     coordinate: str
@@ -56,17 +75,26 @@ class LimitSummary:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a monitor held, and by what margin: the smallest distance of the signal to its bounds.
+    """Whether a monitor held, and by what margin.
 
     Attributes:
-        margin: In the signal's unit; negative where it was broken; NaN where no sample falls into the stage.
-        broken_at: First sample at which it was broken [s], NaN if it held.
+        name: The monitor.
+        held: Whether it held.
+        margin: Smallest distance of the signal to its bounds; negative where a bound was broken; NaN where no sample
+            falls into the stage; infinite where nothing is bounded.
+        unit: Of the margin, `1` where it is over what is allowed.
+        broken_at: First sample at which a bound was broken [s]; NaN if it held.
+        instead: What became of the object where a check of it did not hold; empty for a monitor.
+        details: The values behind the margin, where it is the smallest of several.
     """
 
     name: str
     held: bool
     margin: float
+    unit: str
     broken_at: float
+    instead: str = ""
+    details: str = ""
 
 
 @dataclass(frozen=True)
@@ -74,10 +102,10 @@ class Largest:
     """The largest value of a quantity.
 
     Attributes:
-        value: [m, rad, m/s, rad/s], or [1] for an end condition.
+        value: The value [m, rad, m/s, rad/s], or [1] for an end condition.
         where: The coordinate, its velocity, or the stage.
-        time: When, or of the sample after which it was measured [s].
-        sample: In the horizon, or in the closed loop after the state, of which sample.
+        time: When it occurred [s], or the time of the sample after which it was measured.
+        sample: The sample in whose horizon, or after whose state, it occurred.
     """
 
     value: float
@@ -86,48 +114,43 @@ class Largest:
     sample: int
 
 
-class _Computed:
-    """What is computed when it is made, shown by its attributes."""
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
-
-
-class CaptureSummary(_Computed):
+class CaptureSummary:
     """What became of an object with a mass; NaN where it never came to that.
 
     Attributes:
         closed_at: When its last gripper closed [s].
         missed_by: Largest distance [m], angle [rad], velocity [m/s] and angular velocity [rad/s] of a gripper from its
             grasp when it was to close.
-        pull: Largest filtered pull on a grasp [N].
+        loads: Largest filtered loads on a grasp, by `GRASP_LOADS` [N, N, N m].
         lost: Arms whose grippers were pulled open.
         left_at: When the first gripper opened [s].
-        distance, angle: Of the object from its destination then [m], [rad].
+        distance, angle: Of the object from its destination then [m], [rad]; of one that is held to the end, at the end.
         speed: Of the object then [m/s].
     """
 
     def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
-        """Take it from the datasets of a log."""
+        """Read what became of the object from the datasets of a log."""
         destination = task.capture.destination if task.capture else None
-        pose = arrays["object/left_pose"]
-        v = arrays["object/left_velocity"]
+        _, pose, v = _leaves(task, arrays)
         space = space_of_pose(len(pose))
-        d = space.dimension
+        dimension = space.dimension
         error = np.full(len(v), np.nan)
         if destination is not None:
             error = space.pose_error(pose, destination.pose)
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
-        self.pull = float(np.max(arrays["grasp/pull"], initial=0.0))
+        self.loads = {load: float(np.max(arrays[f"grasp/{load}"], initial=0.0)) for load in GRASP_LOADS}
         self.lost: tuple[str, ...] = tuple(arrays["gripper"][arrays["grasp/lost"] == 1].tolist())
         self.left_at = float(arrays["object/left_at"])
-        self.distance = float(np.linalg.norm(error[:d]))
-        self.angle = float(np.linalg.norm(error[d:]))
-        self.speed = float(np.linalg.norm(v[:d]))
+        self.distance = float(np.linalg.norm(error[:dimension]))
+        self.angle = float(np.linalg.norm(error[dimension:]))
+        self.speed = float(np.linalg.norm(v[:dimension]))
+
+    def __repr__(self) -> str:
+        return f"CaptureSummary({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
 
 
-class Summary(_Computed):
+class Summary:
     """The results of a run.
 
     Attributes:
@@ -137,6 +160,7 @@ class Summary(_Computed):
         reason: Why the run stopped.
         duration: Simulated time [s].
         stages: By stage.
+        sample_time: Of the controller [s].
         solves, switching_solves: All solves, and those of windows with a switch.
         missed: Samples whose solve took longer than the sample time.
         appended, postponed, failed_solves: How often each happened.
@@ -144,8 +168,10 @@ class Summary(_Computed):
         basins: How often another guess of the switch times than the last plan's won; None if there was no other.
         unsolved_levels: Levels of a lexicographic controller that did not converge; None under any other.
         limits: The tightest position and velocity margins.
-        control_effort: Integral of |u|^2.
+        control_effort: Sum over samples of T_s |dv / T_s|^2, dv the integral of the commanded accelerations.
+        squared_acceleration: Integral of |u|^2, which grows where the last interval before a switch shrinks.
         base_force, base_torque: Integrals of their norms [N s], [N m s].
+        peaks: Largest forces and commanded accelerations at a tick, by `PEAKS`; NaN where they are not known.
         variation_base_position, variation_base_angle, variation_joints: Total variation of the control at the samples,
             sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2].
         momentum_error, energy_error: Largest drift of the balances of momentum and energy.
@@ -172,7 +198,9 @@ class Summary(_Computed):
         self.succeeded = self.completed and all(verdict.held for verdict in self.monitors)
         self.reason = str(attributes["end_reason"]) or "the run was killed, or goes on"
         self.duration = end if self.ended else float(time[-1]) if len(time) else 0.0
-        self.stages = _stages(arrays, spec.published.get(str(attributes["controller"]), PublishedRun()))
+        published = spec.published.get(str(attributes["controller"]), PublishedRun())
+        self.stages = _stages(arrays, spec.onset.epsilon, published)
+        self.sample_time = spec.controller.sample_time
         self.solves = _solves(arrays, np.ones(len(time), bool))
         self.switching_solves = _solves(arrays, arrays["window/count"] > 1)
         self.missed = int(np.sum(arrays["solver/wall_time"] > spec.controller.sample_time))
@@ -184,9 +212,11 @@ class Summary(_Computed):
         self.basins = int(np.sum(basin > 0)) if np.any(basin >= 0) else None
         self.unsolved_levels = None if levels is None else int(np.sum(levels == 0))
         self.limits = _limits(arrays, problem.stages)
-        self.control_effort, self.base_force, self.base_torque = (
-            float(arrays[f"effort/{name}"].sum()) for name in ("control", "base_force", "base_torque")
-        )
+        self.control_effort = float(arrays["effort/control"].sum())
+        self.squared_acceleration = float(arrays["effort/squared_acceleration"].sum())
+        self.base_force = float(arrays["effort/base_force"].sum())
+        self.base_torque = float(arrays["effort/base_torque"].sum())
+        self.peaks = {name: float(np.max(arrays[f"peak/{name}"], initial=0.0)) for name in PEAKS}
         coordinates = tuple(arrays["coordinate"])
         varied = variation(np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates)
         self.variation_base_position, self.variation_base_angle, self.variation_joints = varied
@@ -196,52 +226,123 @@ class Summary(_Computed):
         )
         self.distances = _distances(arrays)
         velocities = tuple(f"{name} velocity" for name in coordinates)
-        kinds = (("Q", "position", coordinates), ("Qdot", "velocity", velocities))
-        self.off_plan = tuple(
-            filter(None, (largest(np.abs(arrays[f"deviation/{q}"]), names, time) for q, _, names in kinds))
+        deviations = (
+            largest(np.abs(arrays["deviation/Q"]), coordinates, time),
+            largest(np.abs(arrays["deviation/Qdot"]), velocities, time),
         )
-        beyond = (largest(-arrays[f"margin/{kind}"], names, time) for _, kind, names in kinds)
-        self.beyond_limits = tuple(each for each in beyond if each is not None and each.value > 0)
+        violations = (
+            largest(-arrays["margin/position"], coordinates, time),
+            largest(-arrays["margin/velocity"], velocities, time),
+        )
+        self.off_plan = tuple(each for each in deviations if each is not None)
+        self.beyond_limits = tuple(each for each in violations if each is not None and each.value > 0)
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
         self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
+
+    def __repr__(self) -> str:
+        outcome = f"{'succeeded' if self.succeeded else 'did not succeed'}: {self.reason}"
+        return f"<Summary of {len(self.stages)} stages over {self.duration:g} s, {outcome}>"
 
 
 def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
     """Judge a task's monitors, and what becomes of an object with a mass, by the datasets of a log."""
     monitored = (judge_monitor(monitor, arrays) for monitor in task.monitors)
-    of_object = _object_checks(task.capture, arrays) if task.capture else ()
-    return (*monitored, *of_object)
+    if task.capture is None:
+        return tuple(monitored)
+    if "grasp/pull" in arrays:
+        return (*monitored, *_object_checks(task, task.capture, arrays))
+    # nobody knows what became of the object in a loop of the user's own
+    return (*monitored, *(Verdict(name, False, np.nan, "1", np.nan) for name in task.object_checks))
 
 
-def _object_checks(target_object: CaptureSpec, arrays: Arrays) -> Iterator[Verdict]:
+def _leaves(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return when the object left the grippers [s], and its pose and velocity then; of one held to the end, its end."""
+    left = float(arrays["object/left_at"])
+    if np.isfinite(left) or not task.holds_to_the_end:
+        return left, arrays["object/left_pose"], arrays["object/left_velocity"]
+    return float(arrays["final/end_time"]), arrays["final/object_pose"], arrays["final/object_velocity"]
+
+
+def _object_checks(task: TaskSpec, target_object: CaptureSpec, arrays: Arrays) -> Iterator[Verdict]:
     """Judge whether every gripper closed, none was pulled open, and the object left where and as slow as it should.
 
-    The margin of the second is in N, those of the others are over what is allowed; unlike a monitor that is not judged
-    an object that was never let go is not delivered.
+    Margins are over what is allowed, that of the grasps is the smallest of their loads. Unlike a monitor that is not
+    judged an object that should have been let go and was not is not delivered.
     """
     grasp = target_object.grasp
     destination = target_object.destination
     allowed = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
     missed = arrays["grasp/missed_by"]
     end = float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
-    margin = float(np.min(1 - missed / allowed))
-    taken = bool(np.isfinite(arrays["grasp/closed_at"]).all())
-    yield Verdict(OBJECT_CHECKS[0], taken, margin, np.nan if taken else end)
+    closed = np.isfinite(arrays["grasp/closed_at"])
+    taken = bool(closed.all())
+    yield Verdict(
+        name=OBJECT_CHECKS[0],
+        held=taken,
+        margin=float(np.min(1 - missed / allowed)),
+        unit="1",
+        broken_at=np.nan if taken else end,
+        instead="" if taken else _why_not_taken(arrays, end),
+    )
     lost = arrays["grasp/lost"] == 1
-    first = float(np.min(arrays["grasp/opened_at"][lost])) if lost.any() else np.nan
-    held = grasp.largest_pull - float(np.max(arrays["grasp/pull"], initial=-np.inf))
-    yield Verdict(OBJECT_CHECKS[1], taken and not lost.any(), held, first)
+    lost_at = float(np.min(arrays["grasp/opened_at"][lost])) if lost.any() else np.nan
+    pulled_open = f"{', '.join(arrays['gripper'][lost])} pulled open at {lost_at:.1f} s" if lost.any() else ""
+    loads = {load: float(np.max(arrays[f"grasp/{load}"], initial=0.0)) for load in GRASP_LOADS}
+    strength = dict(zip(GRASP_LOADS, grasp.largest_loads, strict=True))
+    yield Verdict(
+        name=OBJECT_CHECKS[1],
+        held=taken and not lost.any(),
+        margin=min(1 - loads[load] / strength[load] for load in GRASP_LOADS),
+        unit="1",
+        broken_at=lost_at,
+        instead=pulled_open,
+        details=_loads_over_strength(loads, strength),
+    )
     if destination is None:
         return
-    left = float(arrays["object/left_at"])
+    left, pose, v = _leaves(task, arrays)
     space = space_of_pose(len(destination.pose))
-    error = space.pose_error(arrays["object/left_pose"], destination.pose)
+    error = space.pose_error(pose, destination.pose)
     over = np.abs(error) / destination.tolerance
-    linear = arrays["object/left_velocity"][: space.dimension]
+    linear = v[: space.dimension]
     margin = 1 - float(max(*over, np.linalg.norm(linear) / destination.speed))
     delivered = taken and not lost.any() and margin >= 0
-    yield Verdict(OBJECT_CHECKS[2], delivered, margin, np.nan if delivered else left if np.isfinite(left) else end)
+    ends = "held to the end" if task.holds_to_the_end else "let go"
+    instead = f"{ends} at {left:.1f} s, too far from its destination or too fast"
+    if not np.isfinite(left):
+        instead = f"still held at {end:.1f} s, when the run ended"
+    if lost.any():
+        instead = pulled_open
+    if not taken:
+        instead = "it was not taken"
+    yield Verdict(
+        name=OBJECT_CHECKS[2],
+        held=delivered,
+        margin=margin,
+        unit="1",
+        broken_at=np.nan if delivered else left if np.isfinite(left) else end,
+        instead="" if delivered else instead,
+    )
+
+
+def _loads_over_strength(loads: Mapping[str, float], strength: Mapping[str, float]) -> str:
+    """Write the largest loads on a grasp, and what it holds of each."""
+    found = []
+    for load, unit in GRASP_LOADS.items():
+        bound = f" of {strength[load]:g}" if np.isfinite(strength[load]) else ""
+        found.append(f"{load} {loads[load]:.3g}{bound} {unit}")
+    return ", ".join(found)
+
+
+def _why_not_taken(arrays: Arrays, end: float) -> str:
+    """Say which grippers did not close on an object, and why: they were too far away, or the run ended before [s]."""
+    grippers = arrays["gripper"]
+    tried = np.isfinite(arrays["grasp/missed_by"]).all(axis=1)
+    too_far = grippers[tried & ~np.isfinite(arrays["grasp/closed_at"])]
+    if len(too_far):
+        return f"{', '.join(too_far)} outside the envelope when the grippers were to close"
+    return f"the run ended at {end:.1f} s, before {', '.join(grippers[~tried])} had to close"
 
 
 def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
@@ -263,43 +364,81 @@ def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
 
 def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> tuple[float, float, float]:
     """Sum the total variation of each coordinate (n,) over base position, base angle and joints."""
-    base = np.array([name.startswith("base.") for name in coordinates], bool)
-    position = np.array([name in ("base.x", "base.y", "base.z") for name in coordinates], bool)
-    at, angles, joints = (float(by_coordinate[group].sum()) for group in (position, base & ~position, ~base))
-    return at, angles, joints
+    of_base = np.array([name.startswith("base.") for name in coordinates], bool)
+    of_position = np.array([name in ("base.x", "base.y", "base.z") for name in coordinates], bool)
+    position = float(by_coordinate[of_position].sum())
+    angle = float(by_coordinate[of_base & ~of_position].sum())
+    joints = float(by_coordinate[~of_base].sum())
+    return position, angle, joints
 
 
-def _stages(arrays: Arrays, published: PublishedRun) -> tuple[StageSummary, ...]:
-    names = arrays["stages/name"].tolist()
-    switch = arrays["stages/switch_time"]
-    known = published.actual_start, published.switch_time
-    starts, ends = ([times.get(name, np.nan) for name in names] for times in known)
-    priority, actual, early = (arrays[f"stages/{name}"].tolist() for name in ("priority", "actual_start", "early"))
-    durations = np.diff(switch, prepend=0.0).tolist()
-    columns = zip(names, priority, actual, starts, map(bool, early), switch.tolist(), ends, durations, strict=True)
-    return tuple(StageSummary(*row) for row in columns)
+def early_starts(arrays: Arrays, threshold: float) -> np.ndarray:
+    """Tell which stages act on the control before their time and go on doing so, (S,).
+
+    A stage acts at a sample if its presence reaches the threshold of actual starts, or if its share in the control is
+    more than `NO_SHARE`. One that acts at a single sample before the switch to it, and at no other, has no early start:
+    nothing of it is left. Where its shares are not known, an early start stands as logged.
+    """
+    switch_to = np.r_[0.0, arrays["stages/switch_time"][:-1]]
+    before = ~(arrays["time"][:, None] >= switch_to)  # also where the stage before has not ended
+    share = np.where(before, arrays["window/share"], np.nan)
+    presence = np.where(before, arrays["window/presence"], np.nan)
+    acts = (share > NO_SHARE) | (presence >= threshold)
+    goes_on = np.count_nonzero(acts, axis=0) > 1
+    unknown = np.isnan(share).all(axis=0)
+    return np.asarray(arrays["stages/early"].astype(bool) & (goes_on | unknown))
+
+
+def _stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[StageSummary, ...]:
+    """Summarize the stages, each with the published values of the same controller."""
+    switch_time = arrays["stages/switch_time"]
+    early = early_starts(arrays, threshold)
+    passing = arrays["stages/early"].astype(bool) & ~early
+    actual_start = np.where(passing, np.r_[0.0, switch_time[:-1]], arrays["stages/actual_start"])
+    duration = np.diff(switch_time, prepend=0.0)
+    return tuple(
+        StageSummary(
+            name=str(name),
+            priority=float(arrays["stages/priority"][stage]),
+            actual_start=float(actual_start[stage]),
+            published_start=published.actual_start.get(str(name), np.nan),
+            early=bool(early[stage]),
+            switch_time=float(switch_time[stage]),
+            published_switch=published.switch_time.get(str(name), np.nan),
+            duration=float(duration[stage]),
+        )
+        for stage, name in enumerate(arrays["stages/name"])
+    )
 
 
 def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
+    """Summarize the solves of the chosen samples (K,)."""
     wall_time = arrays["solver/wall_time"][chosen]
     iterations = arrays["solver/iterations"][chosen]
     if not len(wall_time):
         return SolveSummary(0, np.nan, np.nan, np.nan, np.nan, np.nan)
-    median, p95, p99, longest = np.percentile(wall_time, [50, 95, 99, 100])
-    return SolveSummary(len(wall_time), median, p95, p99, longest, float(np.median(iterations)))
+    median, p95, p99, largest_time = np.percentile(wall_time, [50, 95, 99, 100])
+    return SolveSummary(
+        count=len(wall_time),
+        median=median,
+        p95=p95,
+        p99=p99,
+        largest=largest_time,
+        iterations=float(np.median(iterations)),
+    )
 
 
 def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ...]:
-    """Find for positions and velocities the coordinate whose margin is smallest relative to its limit."""
+    """Find the coordinate whose margin is smallest relative to its limit, of positions and of velocities."""
     tightest = []
     for kind in ("position", "velocity"):
         margin = arrays[f"margin/{kind}"]
         if not np.isfinite(margin).any():
             continue
         spans = [getattr(stage.limits, f"{kind}_high") - getattr(stage.limits, f"{kind}_low") for stage in stages]
-        width = np.array(spans)[arrays["window/first"]] / 2
-        bounded = np.isfinite(width) & (width > 0)
-        relative = np.where(np.isfinite(margin), margin / np.where(bounded, width, 1.0), np.inf)
+        half_span = np.array(spans)[arrays["window/first"]] / 2
+        has_two_limits = np.isfinite(half_span) & (half_span > 0)
+        relative = np.where(np.isfinite(margin), margin / np.where(has_two_limits, half_span, 1.0), np.inf)
         row, column = np.unravel_index(np.argmin(relative), relative.shape)
         coordinate = str(arrays["coordinate"][column])
         tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
@@ -310,26 +449,42 @@ def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:
     """Compute the last stage's end errors of the final state, as the controller saw it and true."""
     if "final/Q_true" not in arrays or np.isnan(arrays["final/end_time"]):
         return None
-    states = ((arrays[f"final/Q{which}"], arrays[f"final/Qdot{which}"]) for which in ("", "_true"))
-    seen, true = (problem.costs.end_error(*in_own_chart(problem.model, problem.stages[-1], Q, v)) for Q, v in states)
+    object_state = None
+    if "final/object_pose" in arrays:
+        object_state = arrays["final/object_pose"], arrays["final/object_velocity"]
+    errors = []
+    for which in ("", "_true"):
+        Q = arrays[f"final/Q{which}"]
+        v = arrays[f"final/Qdot{which}"]
+        placed = in_own_chart(problem.model, problem.stages[-1], Q, v, object_state=object_state)
+        errors.append(problem.costs.end_error(*placed))
+    seen, true = errors
     return seen, true
 
 
 def _distances(arrays: Arrays) -> tuple[float, ...]:
+    """Compute the distance between the first two end-effectors where each stage ends [m], which shows a lost object."""
     names = list(arrays["pose_coordinate"])
     time = np.append(arrays["time"], arrays["final/end_time"])
     arms = [name.removesuffix(".x") for name in names if name.endswith(".x") and name != "base.x"]
     if len(arms) < 2 or len(time) < 2:
         return (np.nan,) * len(arrays["stages/name"])
     xi = np.vstack([arrays["pose/xi"], arrays["final/xi"]])
-    apart = _position(xi, names, arms[0]) - _position(xi, names, arms[1])
-    known = np.isfinite(time)
-    distance = np.linalg.norm(apart, axis=1)
-    return tuple(float(np.interp(t, time[known], distance[known])) for t in arrays["stages/switch_time"])
+    difference = _position(xi, names, arms[0]) - _position(xi, names, arms[1])
+    distance = np.linalg.norm(difference, axis=1)
+    is_known = np.isfinite(time)  # the end of a run that was stopped is not
+    return tuple(float(np.interp(t, time[is_known], distance[is_known])) for t in arrays["stages/switch_time"])
 
 
 def largest(values: np.ndarray, names: Sequence[str], time: np.ndarray, sample: int | None = None) -> Largest | None:
-    """Find the largest of values (T, names) at times (T,) [s], of a sample or each of its own; None if all are NaN."""
+    """Find the largest value; None if all are NaN.
+
+    Args:
+        values: The values (T, names).
+        names: What each column is of.
+        time: Times of the rows (T,) [s].
+        sample: The sample that all rows are of; by default each row is of the sample of its number.
+    """
     found = np.where(np.isnan(values), -np.inf, values)
     if not np.isfinite(found).any():
         return None
@@ -341,21 +496,26 @@ def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
     """Judge a monitor by the datasets of a log."""
     during = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
     if not during.any():
-        return Verdict(monitor.name, False, np.nan, np.nan)
+        return Verdict(monitor.name, False, np.nan, monitor.unit, np.nan)
     values = signal(monitor, arrays)[during]
     time = arrays["time"][during]
     margins = [side * (bound - values) for bound, side in monitor_bounds(monitor, float(values[0]))]
     margin = np.min(margins, axis=0, initial=np.inf)
     broken = np.flatnonzero(~(margin >= 0))  # a signal that is not a number holds no bound
     broken_at = float(time[broken[0]]) if len(broken) else np.nan
-    return Verdict(monitor.name, not len(broken), float(margin.min()), broken_at)
+    return Verdict(monitor.name, not len(broken), float(margin.min()), monitor.unit, broken_at)
 
 
 def monitor_bounds(monitor: MonitorSpec, start: float) -> list[tuple[float, int]]:
-    """List the bounds of a monitored signal that begins with a value, each with 1 for an upper, -1 for a lower one."""
-    beside = ((monitor.above_start_at_most, 1), (monitor.below_start_at_most, -1))
+    """List the bounds of a monitored signal, each with 1 for an upper and -1 for a lower bound.
+
+    Args:
+        monitor: The monitor.
+        start: Value of the signal at the start of the stage, to which some bounds are relative.
+    """
+    relative = ((monitor.above_start_at_most, 1), (monitor.below_start_at_most, -1))
     bounds = ((monitor.at_most, 1), (monitor.at_least, -1))
-    found = [(start + side * apart, side) for apart, side in beside if apart is not None]
+    found = [(start + side * apart, side) for apart, side in relative if apart is not None]
     return found + [(bound, side) for bound, side in bounds if bound is not None]
 
 

@@ -131,7 +131,7 @@ class LogWriter:
             self._file.close()
 
     def _write_file(self) -> None:
-        """Put the log as it is now in the place of the file."""
+        """Write the log as it is now as a whole file, which takes the place of the last one."""
         self._move_rows()
         began = monotonic()
         if self.path is not None:
@@ -147,7 +147,10 @@ class LogWriter:
         self._next_write = ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)
 
     def _move_rows(self) -> None:
-        """Move the rows that wait to the log in memory; done again after an interruption, it does no harm."""
+        """Move the rows that wait to the log in memory.
+
+        `_rows` counts them last, so that after an interruption the same rows are written again to the same place.
+        """
         rows = rows_of(self._pending, self._growing)
         for column in self._growing if rows else ():
             values = [np.asarray(row[column.path]) for row in rows]
@@ -160,23 +163,24 @@ class LogWriter:
         self._pending = []
 
     def _extend_ragged(self, column: Column, values: list[np.ndarray]) -> None:
+        """Add rows of different lengths: padded with NaN to the longest one, with their lengths beside them."""
         lengths = [len(each) for each in values]
         block = np.full((len(values), max(lengths)), np.nan)
-        for row, each in zip(block, values, strict=True):
-            row[: len(each)] = each
+        for padded, each in zip(block, values, strict=True):
+            padded[: len(each)] = each
         _extend(self._file[column.path], self._rows, block)
         _extend(self._file[f"{column.path}_length"], self._rows, np.array(lengths))
         _extend(self._file[column.dims[1]], 0, np.arange(self._file[column.path].shape[1]))
 
 
 def rows_of(samples: Sequence[Sample | Row], columns: Sequence[Column]) -> list[Row]:
-    """Return what samples leave in the columns, by path."""
-    values = [(column.path, column.value) for column in columns if column.value is not None]
-    return [{path: of(each) for path, of in values} if isinstance(each, Sample) else each for each in samples]
+    """Read the rows of samples in some datasets, by path; rows that were read already stay as they are."""
+    readers = [(column.path, column.value) for column in columns if column.value is not None]
+    return [{path: read(each) for path, read in readers} if isinstance(each, Sample) else each for each in samples]
 
 
 def _extend(dataset: h5py.Dataset, first: int, rows: np.ndarray) -> None:
-    """Write rows from row `first` on, which become the last; rows that are too long widen the dataset."""
+    """Write rows of a dataset from row `first` to its end; rows longer than those before widen the dataset."""
     dataset.resize((first + len(rows), *map(max, dataset.shape[1:], rows.shape[1:])))
     dataset[(slice(first, None), *map(slice, rows.shape[1:]))] = rows.astype(dataset.dtype)
 
@@ -206,6 +210,7 @@ def create_log(
 
 
 def _create(group: h5py.Group, column: Column, known: ArrayLike | None) -> h5py.Dataset:
+    """Create a dataset: in chunks that can grow, or of a fixed size beside the metadata, which have checksums."""
     text = column.dtype == "text"
     widths = [len(group[scale]) for scale in column.dims if scale != column.path]
     dtype = h5py.string_dtype() if text else np.dtype(column.dtype)

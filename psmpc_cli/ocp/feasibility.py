@@ -93,10 +93,9 @@ def review(task: Task) -> list[Fault]:
 def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     """Give what of a capture's end condition and targets lets grippers be outside their envelope when they close."""
     target_object = task.spec.capture
-    if task.spec.object is None or target_object is None:
+    if target_object is None:
         return
-    holding = task.spec.object.held_stages([each.stage.name for each in outlooks])
-    stage = outlooks[holding.start - 1].stage
+    stage = outlooks[task.spec.held_stages.start - 1].stage
     envelope = target_object.grasp.envelope
     if stage.space != "task" or not stage.end_rows:
         return

@@ -17,8 +17,9 @@ from itertools import pairwise
 import numpy as np
 
 from psmpc_cli.ocp.constraints import node_rows
-from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid
+from psmpc_cli.ocp.stage import cost_shape
 from psmpc_cli.ocp.window import Parameters, WindowShape, reference
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.motion import velocity_shares
@@ -98,7 +99,7 @@ class VelocityForm:
 
     def __init__(self, model: RobotModel, shape: WindowShape, native: bool = False) -> None:
         self.grid = Grid(model.n, shape.nodes)
-        self.costs = [stage_functions(model, StageShape(stage.space), native) for stage in shape.stages]
+        self.costs = [stage_functions(model, cost_shape(stage), native) for stage in shape.stages]
         self.node_rows = node_rows(model, shape)
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)

@@ -5,10 +5,13 @@ The discrete adjoint, algorithmic differentiation and differences hold U fixed o
 instants; the paper's costate formula holds u(t) fixed in physical time: it agrees where the control is stationary.
 """
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.objective import stage_functions
+from psmpc_cli.ocp.stage import stage_shape, without_end
 from psmpc_cli.ocp.window import Window, reference, window_numbers
 from psmpc_cli.robot.model import RobotModel
 
@@ -118,7 +121,7 @@ class Rollout:
 def _stage_terms(model: RobotModel, window: Window, s: int) -> ca.Function:
     """Bind a stage's numbers into its step, its weighted and normalized cost L, its flow f, and their derivatives."""
     stage = window.stages[s]
-    functions = stage_functions(model, StageShape(stage.space, stage.input))
+    functions = stage_functions(model, replace(without_end(stage_shape(stage)), moving=False))
     x = ca.SX.sym("x", 2 * model.n)
     dt = ca.SX.sym("dt")
     r = ca.SX.sym("r", len(stage.target))

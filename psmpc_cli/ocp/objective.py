@@ -4,7 +4,6 @@ The running cost of a stage is Lbar = |e|^2_W + |u|^2_Wr with the residual e of 
 of the NLP, its Gauss-Newton model, stage costs on arrays and the audits of the gradient are derived from it.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -12,33 +11,15 @@ import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.ocp.skills.base import anchored_poses
+from psmpc_cli.ocp.stage import StageShape
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import add, conjugate, product, rotate
 
 SLACK = 1e-6
 """By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s]: solvers stop at a tolerance."""
-
-
-@dataclass(frozen=True)
-class StageShape:
-    """What of a stage decides the structure of a window's optimization; all numbers are parameters.
-
-    Attributes:
-        space: Space of its skill.
-        input: Whether its control is the acceleration of Q (`joint`) or of xi (`task`).
-        end_rows: Rows of the error with an end condition at the stage's end; empty: none.
-        end_velocity: The rates of those rows are bounded too.
-        fixed_end: The stage switches at a given instant.
-        moving: The cost follows a desired trajectory.
-    """
-
-    space: str
-    input: str = "joint"
-    end_rows: tuple[int, ...] = ()
-    end_velocity: bool = False
-    fixed_end: bool = False
-    moving: bool = False
 
 
 def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
@@ -110,7 +91,10 @@ class StageFunctions:
         self.shape = shape
         self._native = native
         self.rows = skill.rows(model)
-        self.numbers = skill.numbers(model) + model.space.n_sample_numbers
+        self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
+        self._measures = shape.object_end[1:]
+        of_object = 2 * model.space.n_pose + len(self._measures) if shape.object_end else 0
+        self.numbers = self._numbers_of_skill + of_object
         self.inputs = n if shape.input == "joint" else model.m
         self._Q = ca.SX.sym("Q", n)
         self._Qdot = ca.SX.sym("Qdot", n)
@@ -119,7 +103,7 @@ class StageFunctions:
         self._x = ca.vertcat(self._Q, self._Qdot)
         self._W = ca.SX.sym("W", self.rows)
         self._W_r = ca.SX.sym("W_r", self.inputs)
-        self._e = ca.densify(skill.error(model, self._Q, self._target))
+        self._e = ca.densify(skill.error(model, self._Q, self._target[: self._numbers_of_skill]))
         self._L = weighted_square(self._e, self._W)
 
     @cached_property
@@ -157,17 +141,50 @@ class StageFunctions:
 
     @cached_property
     def _end(self) -> ca.SX:
-        """Rows of the error the stage ends by, then of its rate where that counts. Paper eq. (18)."""
+        """Rows of the error the stage ends by, then of its rate where that counts, then of the object. Eq. (18)."""
         rows = list(self.shape.end_rows)
         if not rows:
-            return ca.SX(0, 1)
+            return self._object_end
         end = self._e[rows]
-        return ca.vertcat(end, self._rate[rows]) if self.shape.end_velocity else end
+        return ca.vertcat(end, self._rate[rows] if self.shape.end_velocity else ca.SX(0, 1), self._object_end)
+
+    @property
+    def _object_end(self) -> ca.SX:
+        """Rows |d|^2 / tolerance of what is bounded of the object: d its position, turn and velocities.
+
+        The object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
+        pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
+        quaternion's vector doubled. The squares are smooth where the object is at its destination; a row is at its
+        tolerance where |d| is.
+        """
+        if not self.shape.ends_by_object:
+            return ca.SX(0, 1)
+        space = self.model.space
+        frame = self.model.pose_rows[self.shape.object_end[0]]
+        of_skill = self._target[: self._numbers_of_skill]
+        sizes = np.cumsum([0, space.n_pose, space.n_pose, len(self._measures)])
+        inside, destination, tolerance = ca.vertsplit(self._target[self._numbers_of_skill :], sizes.tolist())
+        p, q = space.lifted(ca.vertsplit(anchored_poses(self.model, self._Q, of_skill)[frame]))
+        r, q_r = space.lifted(ca.vertsplit(inside))
+        wanted_position, wanted_attitude = space.lifted(ca.vertsplit(destination))
+        position = ca.vertcat(*add(p, rotate(q, r)))
+        attitude = product(q, q_r)
+        turned = product(conjugate(wanted_attitude), attitude)
+        velocity = ca.jtimes(position, self._Q, self._Qdot)
+        quaternion_rate = ca.jtimes(ca.vertcat(*attitude), self._Q, self._Qdot)
+        squares = {
+            "position": ca.sumsqr(position - ca.vertcat(*wanted_position)),
+            "angle": 4 * ca.sumsqr(ca.vertcat(*turned[1:])),
+            "velocity": ca.sumsqr(velocity),
+            "angular_velocity": 4 * ca.sumsqr(quaternion_rate),
+        }
+        return ca.SX(ca.vertcat(*(squares[measure] for measure in self._measures)) / tolerance)
 
     @property
     def end_rows(self) -> int:
-        """Number of rows of the end condition, rates included."""
-        return len(self.shape.end_rows) * (2 if self.shape.end_velocity else 1)
+        """Number of rows of the end condition, rates and those of the object included."""
+        of_object = len(self._measures) if self.shape.ends_by_object else 0
+        return len(self.shape.end_rows) * (2 if self.shape.end_velocity else 1) + of_object
 
     @cached_property
     def end(self) -> "ConstraintFunctions":
@@ -181,12 +198,17 @@ class StageFunctions:
 
     @cached_property
     def met(self) -> RowFunction:
-        """x, [target; drift; tolerance], margin -> whether the end condition holds within margin * tolerance."""
+        """x, [target; drift; tolerance], margin -> whether the end condition holds within margin * tolerance.
+
+        The rows of the object are squares over a tolerance, so the margin counts squared there.
+        """
         sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
         margin = ca.SX.sym("margin")
         numbers = ca.SX.sym("numbers", int(sizes[-1]))
         target, drift, tolerance = ca.vertsplit(numbers, sizes.tolist())
-        holds = ca.fabs(self.end.value.function(self._x, target) - drift) <= tolerance * margin + SLACK
+        of_object = len(self._measures) if self.shape.ends_by_object else 0
+        margins = ca.vertcat(ca.repmat(margin, self.end_rows - of_object), ca.repmat(margin**2, of_object))
+        holds = ca.fabs(self.end.value.function(self._x, target) - drift) <= tolerance * margins + SLACK
         return RowFunction(ca.Function("met", [self._x, numbers, margin], [ca.mmin(holds)]))
 
     def prepare(self) -> tuple[RowFunction | None, ...]:

@@ -73,6 +73,11 @@ class Plan:
     instants: np.ndarray
     chart: Chart = IDENTITY
 
+    def __repr__(self) -> str:
+        intervals, n = self.u.shape
+        size = f"{intervals} intervals of {n} accelerations, {len(self.instants)} switches"
+        return f"<Plan from {self.times[0]:g} s to {self.times[-1]:g} s: {size}>"
+
     def in_chart(self, chart: Chart) -> "Plan":
         """Return the plan in another chart: the same motion at its nodes, accelerations from its velocities."""
         if chart.is_same(self.chart):

@@ -7,9 +7,17 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
-from psmpc_cli.ocp.objective import StageFunctions, StageShape, stage_functions
+from psmpc_cli.ocp.objective import StageFunctions, stage_functions
 from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.ocp.stage import PlacedStage, Stage, Trajectory
+from psmpc_cli.ocp.stage import (
+    MEASURES,
+    ObjectEnd,
+    PlacedStage,
+    Stage,
+    Trajectory,
+    stage_shape,
+    without_end,
+)
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
@@ -17,6 +25,9 @@ from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, rows, stack
 from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
+
+ObjectState = tuple[np.ndarray, np.ndarray]
+"""Pose of the object (3,) or (7,) and its velocity (3,) or (6,)."""
 
 POSTURE = 1e-3
 """Weight of a redundant arm's posture, over the largest of its pose."""
@@ -28,12 +39,16 @@ class StageCosts:
     def __init__(self, model: RobotModel, native: bool = False) -> None:
         self.model = model
         self._native = native
-        self._functions: dict[tuple[str, str, tuple[int, ...], bool], StageFunctions] = {}
+        self._functions: dict[tuple[object, ...], StageFunctions] = {}
 
-    def _of(self, stage: Stage, end_rows: tuple[int, ...] = ()) -> StageFunctions:
-        key = (stage.space, stage.input, end_rows, bool(end_rows) and stage.end_velocity is not None)
+    def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
+        """Return the functions of a stage; without its end condition stages of one skill share them."""
+        end = (stage.end_rows, stage.end_velocity is not None) if with_end else ()
+        key = (stage.space, stage.input, stage.object_end.names, *end)
         if key not in self._functions:
-            self._functions[key] = stage_functions(self.model, StageShape(*key), self._native)
+            shape = stage_shape(stage) if with_end else without_end(stage_shape(stage))
+            shape = replace(shape, fixed_end=False, moving=False)
+            self._functions[key] = stage_functions(self.model, shape, self._native)
         return self._functions[key]
 
     def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
@@ -45,7 +60,7 @@ class StageCosts:
 
     def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
-        return np.asarray(self._of(stage, stage.end_rows).end.value(X, stage.target, rows=len(X))[0] - stage.end_drift)
+        return np.asarray(self._of(stage, True).end.value(X, stage.target, rows=len(X))[0] - stage.end_drift)
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
@@ -71,9 +86,9 @@ class StageCosts:
 
     def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
-        if not stage.end_rows:
+        if not stage.has_end_condition:
             return np.zeros(len(X), bool)
-        return np.asarray(self._of(stage, stage.end_rows).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
+        return np.asarray(self._of(stage, True).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
 
     def end_error(self, stage: Stage, x: np.ndarray, allowance: np.ndarray | float = 0.0) -> float:
         """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one.
@@ -83,34 +98,46 @@ class StageCosts:
             x: The state.
             allowance: What is added to the tolerance of each row, (rows,) or () [m, rad, m/s, rad/s].
         """
-        if not stage.end_rows:
+        if not stage.has_end_condition:
             return np.nan
-        return float(np.max(np.abs(self.ends(stage, x[None])) / (stage.end_tolerance + allowance)))
+        ratios = np.abs(self.ends(stage, x[None])[0]) / (stage.end_tolerance + allowance)
+        of_object = slice(len(ratios) - len(stage.object_end.measures), None)
+        ratios[of_object] = np.sqrt(ratios[of_object])  # these rows are squares over the tolerance
+        return float(np.max(ratios))
 
     def end_deviations(self, stage: Stage, x: np.ndarray, deviations: np.ndarray) -> np.ndarray:
         """Return the standard deviations of the rows of an end condition (rows,), measured at x (2n,).
 
         Those of the measured state's errors, (2n,) and independent, through the rows' derivatives: sqrt(J^2 sigma^2).
         """
-        _, J = self._of(stage, stage.end_rows).end.with_jacobian(x, stage.target)
+        _, J = self._of(stage, True).end.with_jacobian(x, stage.target)
         return np.asarray(np.sqrt(J.reshape(-1, len(x)) ** 2 @ deviations**2))
 
 
 def in_own_chart(
-    model: RobotModel, stage: Stage, Q: np.ndarray, v: np.ndarray, since: float | None = None
+    model: RobotModel,
+    stage: Stage,
+    Q: np.ndarray,
+    v: np.ndarray,
+    since: float | None = None,
+    object_state: ObjectState | None = None,
 ) -> tuple[PlacedStage, np.ndarray]:
     """Return a stage of a problem and a state (2n,), both in the chart about the attitude in Q (nq,).
 
     Of the two quaternions for an attitude of the target it has the nearer one; of a trajectory the target is that at a
-    time `since` the stage began [s], its end without one.
+    time `since` the stage began [s], its end without one; a target relative to the object is where the object has it,
+    without a state of the object where that was at the start.
     """
+    placed = stage.placed()
+    if stage.on_object and object_state is not None:
+        placed = placed.at_object(model.pose_rows, *object_state)
     chart = model.space.chart_at(Q)
     x = np.asarray(chart.enter(Q[None], v[None])[0])
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
-    target = stage.reference(since)
+    target = placed.reference(since)
     nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}
     signs = {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}
-    return stage.placed().in_chart(chart.anchor, model.space.posture(Q[model.space.joint_coordinates]), signs), x
+    return placed.in_chart(chart.anchor, model.space.posture(Q[model.space.joint_coordinates]), signs), x
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +156,9 @@ class Problem:
     stages: tuple[Stage, ...]
     costs: StageCosts
 
+    def __repr__(self) -> str:
+        return f"<Problem of {self.spec.name}: {len(self.stages)} stages, {self.model.n} degrees of freedom>"
+
     @property
     def spec(self) -> TaskSpec:
         """The task as validated data."""
@@ -142,9 +172,7 @@ class Problem:
     @cached_property
     def held_stages(self) -> range:
         """The stages in which grippers hold an object with a mass; none without one."""
-        if self.spec.object and self.capture:
-            return self.spec.object.held_stages([stage.name for stage in self.stages])
-        return range(0)
+        return self.spec.held_stages if self.capture else range(0)
 
 
 def build_problem(task: Task) -> Problem:
@@ -159,7 +187,27 @@ def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[S
     """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""
     waypoints = _unwrapped_waypoints(task, robot, model)
     stages = (_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
-    return tuple(_on_object(stage, task, model) for stage in stages)
+    return tuple(_ends_by_object(_on_object(stage, task, model), task, model) for stage in stages)
+
+
+def _ends_by_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
+    """Return a stage with what its end condition asks of the object, which is in its gripper as the task has it."""
+    end = task.stages[stage.index].ends_when
+    capture = task.capture
+    if end is None or end.object is None or capture is None or capture.destination is None:
+        return stage
+    frame, at = next(iter(capture.grasp.at.items()))
+    space = space_of_pose(len(at))
+    bounds = {measure: getattr(end.object, measure) for measure in MEASURES}
+    given = {measure: bound for measure, bound in bounds.items() if bound is not None}
+    object_end = ObjectEnd(
+        frame=frame,
+        measures=tuple(given),
+        tolerance=np.array(list(given.values())),
+        destination=np.array(capture.destination.pose),
+        inside=space.relative(space.neutral, at),
+    )
+    return replace(stage, object_end=object_end)
 
 
 def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:

@@ -30,34 +30,99 @@ class Trajectory:
     values: np.ndarray
     attitudes: tuple[int, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<Trajectory of {self.values.shape[1]} numbers: {len(self.times)} times to {self.times[-1]:g} s>"
+
     @cached_property
     def _angles(self) -> np.ndarray:
         """Angle by which the quaternion of each column turns from row to row (T - 1, rows) [rad]; 0 of a number."""
         angles = np.zeros((len(self.times) - 1, self.values.shape[1]))
         for at in self.attitudes:
             q = self.values[:, at : at + 4]
-            apart, near = (np.linalg.norm(q[1:] + sign * q[:-1], axis=1) for sign in (-1, 1))
-            angles[:, at : at + 4] = 2 * np.arctan2(apart, near)[:, None]
+            difference = np.linalg.norm(q[1:] - q[:-1], axis=1)
+            total = np.linalg.norm(q[1:] + q[:-1], axis=1)
+            angles[:, at : at + 4] = 2 * np.arctan2(difference, total)[:, None]
         return angles
 
     def at(self, since: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the values at times since the stage began (...,) [s], and their rates just after, (..., rows) each."""
-        k = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
-        steps = np.diff(self.times)[k][..., None]
-        angles = self._angles[k]
-        inside = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
-        s = np.clip((since - self.times[k])[..., None] / steps, 0.0, 1.0)
-        before = self.values[k]
-        after = self.values[k + 1]
-        whole = _sinc(angles)
-        values = ((1 - s) * _sinc((1 - s) * angles) * before + s * _sinc(s * angles) * after) / whole
-        rates = (np.cos(s * angles) * after - np.cos((1 - s) * angles) * before) / whole / steps
-        return values, rates * inside[..., None]
+        """Interpolate the trajectory: what a stage's cost is to follow at given times, and how fast that moves.
+
+        Between the rows a and b, which lie an angle phi apart, at the fraction s of the interval (Shoemake's slerp),
+
+            value(s) = (sin((1 - s) phi) a + sin(s phi) b) / sin(phi).
+
+        A number has phi = 0, where the limit is linear interpolation; so sin(x) is written as x sinc(x), which needs no
+        case of its own. Before the first time and after the last one the trajectory stands still.
+
+        Args:
+            since: Times since the stage began (...,) [s].
+
+        Returns:
+            The values (..., rows) [m, rad], and their rates just after these times (..., rows) [m/s, rad/s].
+        """
+        interval = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
+        duration = np.diff(self.times)[interval][..., None]
+        fraction = np.clip((since - self.times[interval])[..., None] / duration, 0.0, 1.0)
+        moves = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
+        phi = self._angles[interval]
+        before = self.values[interval]
+        after = self.values[interval + 1]
+        weight_before = (1 - fraction) * _sinc((1 - fraction) * phi) / _sinc(phi)
+        weight_after = fraction * _sinc(fraction * phi) / _sinc(phi)
+        values = weight_before * before + weight_after * after
+        rates = (np.cos(fraction * phi) * after - np.cos((1 - fraction) * phi) * before) / _sinc(phi) / duration
+        return values, rates * moves[..., None]
 
 
 def _sinc(angle: np.ndarray) -> np.ndarray:
     """Return sin(angle) / angle."""
     return np.asarray(np.sinc(angle / np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectEnd:
+    """The part of an end condition that is about the object a stage holds: near its destination, and at rest.
+
+    In a window the object moves rigidly with the first gripper that holds it.
+
+    Attributes:
+        frame: The gripper.
+        measures: What is bounded, of `MEASURES`; empty: nothing, and all else is empty too.
+        tolerance: Its bounds, one for each measure [m, rad, m/s, rad/s].
+        destination: Where the object has to be, (3,) or (7,).
+        inside: Its pose in the frame of the gripper, (3,) or (7,).
+    """
+
+    frame: str
+    measures: tuple[str, ...]
+    tolerance: np.ndarray
+    destination: np.ndarray
+    inside: np.ndarray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The gripper and the measures, which decide the structure of an optimization; empty without any."""
+        return (self.frame, *self.measures) if self.measures else ()
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """What `StageFunctions` takes of it behind the numbers of a target."""
+        return np.concatenate([self.inside, self.destination, self.tolerance])
+
+    def is_met(self, pose: np.ndarray, v: np.ndarray) -> bool:
+        """Tell whether an object of a pose, (3,) or (7,), and a velocity, (3,) or (6,), is where it has to be."""
+        space = space_of_pose(len(pose))
+        d = space.dimension
+        error = space.pose_error(pose, self.destination)
+        found = dict(zip(MEASURES, map(np.linalg.norm, (error[:d], error[d:], v[:d], v[d:])), strict=True))
+        return all(found[measure] <= most for measure, most in zip(self.measures, self.tolerance, strict=True))
+
+
+MEASURES = ("position", "angle", "velocity", "angular_velocity")
+"""What an object's end condition may bound [m, rad, m/s, rad/s]."""
+
+NO_OBJECT_END = ObjectEnd("", (), np.zeros(0), np.zeros(0), np.zeros(0))
+"""Of a stage that does not end by an object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +143,7 @@ class Stage:
         onset_rows: Rows of the control whose norm marks the actual start.
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
         on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
+        object_end: What the end condition asks of the object that the stage holds.
     """
 
     index: int
@@ -99,13 +165,23 @@ class Stage:
     onset_rows: tuple[int, ...]
     attitudes: Mapping[str, int] = field(default_factory=dict)
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
+    object_end: ObjectEnd = NO_OBJECT_END
+
+    def __repr__(self) -> str:
+        size = f"{len(self.target)} numbers of its target"
+        name = f"{type(self).__name__} {self.name}"
+        return f"<{name}: index {self.index}, in {self.space} space, priority {self.priority:g}, {size}>"
+
+    @property
+    def has_end_condition(self) -> bool:
+        """Whether an end condition (18) ends the stage, by the robot or by the object that it holds."""
+        return bool(self.end_rows or self.object_end.measures)
 
     @cached_property
     def end_tolerance(self) -> np.ndarray:
-        """Tolerance of each end row, positions first, then rates where they count. Paper eq. (18)."""
-        if self.end_velocity is None:
-            return self.tolerance
-        return np.concatenate([self.tolerance, np.full(len(self.end_rows), self.end_velocity)])
+        """Tolerance of each end row, positions first, then rates where they count, then the object's. Eq. (18)."""
+        rates = np.full(0 if self.end_velocity is None else len(self.end_rows), self.end_velocity or 0.0)
+        return np.concatenate([self.tolerance, rates, self.object_end.tolerance])
 
     @property
     def end_drift(self) -> np.ndarray:
@@ -134,18 +210,20 @@ class Stage:
         return PlacedStage(**{each.name: getattr(self, each.name) for each in fields(self)})
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PlacedStage(Stage):
     """A stage with what a sample sets: the numbers of its target, and those of the trajectory its cost follows.
 
     Attributes:
         signs: In a chart, by which each of the target's quaternions was multiplied.
         drift: Rate of the target's rows of error, due to an object that moves, (rows,) [m/s, rad/s]; 0 of one at rest.
+        awaits_object: The object that it holds is not yet where the end condition wants it.
         object_state: Pose and velocity of the object that the target is for, (6,) or (13,); empty if it is for none.
     """
 
     signs: tuple[float, ...] = ()
     drift: np.ndarray | float = 0.0
+    awaits_object: bool = False
     object_state: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
@@ -154,7 +232,26 @@ class PlacedStage(Stage):
         rows = list(self.end_rows)
         counts = self.end_velocity is not None
         drift = np.broadcast_to(self.drift, self.weights.shape)[rows]
-        return np.concatenate([np.zeros(len(rows)), drift[: len(rows) * counts]])
+        return np.concatenate(
+            [np.zeros(len(rows)), drift[: len(rows) * counts], np.zeros(len(self.object_end.measures))]
+        )
+
+    def holding(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
+        """Return a stage that ends by the object with the object where it is in the gripper that holds it.
+
+        Args:
+            grippers: Poses of all frames, (3,) or (7,).
+            pose: Estimated pose of the object, as theirs.
+            v: Its estimated velocity, (3,) or (6,).
+        """
+        if not self.object_end.measures:
+            return self
+        inside = space_of_pose(len(pose)).relative(pose, grippers[self.object_end.frame])
+        return replace(
+            self,
+            object_end=replace(self.object_end, inside=inside),
+            awaits_object=not self.object_end.is_met(pose, v),
+        )
 
     def at_object(self, pose_rows: Mapping[str, slice], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
         """Return the stage with its target where an object of a pose and a velocity has it.
@@ -205,9 +302,59 @@ class PlacedStage(Stage):
             more = np.broadcast_to(of_sample, (*numbers.shape[:-1], len(of_sample)))
             return np.concatenate([numbers, more], axis=-1)
 
-        of_sample = np.concatenate([anchor, joints])
+        of_sample = np.concatenate([anchor, joints, self.object_end.numbers])
         if not self.attitudes and not len(of_sample):
             return self
         path = self.trajectory and replace(self.trajectory, values=placed(self.trajectory.values))
         taken = tuple(signs[frame] for frame in self.attitudes)
         return replace(self, target=placed(self.target), trajectory=path, signs=taken)
+
+
+@dataclass(frozen=True)
+class StageShape:
+    """What of a stage decides the structure of a window's optimization; all numbers are parameters.
+
+    Attributes:
+        space: Space of its skill.
+        input: Whether its control is the acceleration of Q (`joint`) or of xi (`task`).
+        end_rows: Rows of the error with an end condition at the stage's end; empty: none.
+        end_velocity: The rates of those rows are bounded too.
+        object_end: What the target's numbers say of the object behind those of the skill: the gripper that holds it,
+            and what is bounded; empty: nothing.
+        ends_by_object: This is an end condition at the stage's end.
+        fixed_end: The stage switches at a given instant.
+        moving: The cost follows a desired trajectory.
+    """
+
+    space: str
+    input: str = "joint"
+    end_rows: tuple[int, ...] = ()
+    end_velocity: bool = False
+    object_end: tuple[str, ...] = ()
+    ends_by_object: bool = False
+    fixed_end: bool = False
+    moving: bool = False
+
+
+def stage_shape(stage: Stage) -> StageShape:
+    """Return the shape of a stage before the last of a window."""
+    return StageShape(
+        space=stage.space,
+        input=stage.input,
+        end_rows=stage.end_rows,
+        end_velocity=stage.end_velocity is not None,
+        object_end=stage.object_end.names,
+        ends_by_object=bool(stage.object_end.measures),
+        fixed_end=stage.at is not None,
+        moving=stage.trajectory is not None,
+    )
+
+
+def without_end(shape: StageShape) -> StageShape:
+    """Return the shape of a stage whose end is not imposed: of the last one in a window."""
+    return replace(shape, end_rows=(), end_velocity=False, ends_by_object=False, fixed_end=False)
+
+
+def cost_shape(shape: StageShape) -> StageShape:
+    """Return the shape that all stages share whose error and target are the same functions."""
+    return StageShape(shape.space, object_end=shape.object_end)

@@ -9,10 +9,9 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from psmpc_cli.ocp.objective import StageShape
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import StageCosts
-from psmpc_cli.ocp.stage import PlacedStage, Stage
+from psmpc_cli.ocp.stage import PlacedStage, Stage, StageShape, stage_shape, without_end
 from psmpc_cli.robot.configuration import IDENTITY, Chart
 
 T = TypeVar("T")
@@ -84,17 +83,23 @@ class Window:
     chart: Chart = IDENTITY
     rate_shift: np.ndarray | None = None
 
+    def __repr__(self) -> str:
+        end = self.start + self.horizon
+        stages = (f"{stage.name} ({N} nodes)" for stage, N in zip(self.stages, self.nodes, strict=True))
+        return f"<Window from {self.start:g} s to {end:g} s: {', '.join(stages)}>"
+
     @property
     def record(self) -> np.ndarray:
         """What the task and the measured state do not say, for a log; `window_record.read_window` is the inverse.
 
         elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),). In space the signs of the quaternions of each stage
-        follow, then the states of the object that targets are for.
+        follow, then the states of the object that targets are for, then its poses in the gripper that holds it.
         """
         times = [self.elapsed, self.hold]
         signs = [stage.signs for stage in self.stages]
         objects = [stage.object_state for stage in self.stages]
-        return np.concatenate([times, self.omega, self.offset, self.scale, *signs, *objects])
+        inside = [stage.object_end.inside for stage in self.stages]
+        return np.concatenate([times, self.omega, self.offset, self.scale, *signs, *objects, *inside])
 
     @property
     def K(self) -> int:
@@ -151,28 +156,16 @@ class WindowShape:
     kept_errors: bool = False
 
 
-def stage_shape(stage: Stage) -> StageShape:
-    """Return the shape of a stage before the last of a window."""
-    return StageShape(
-        space=stage.space,
-        input=stage.input,
-        end_rows=stage.end_rows,
-        end_velocity=stage.end_velocity is not None,
-        fixed_end=stage.at is not None,
-        moving=stage.trajectory is not None,
-    )
-
-
 def window_shape(window: Window) -> WindowShape:
     """Return the shape of a window; the last stage's end condition is not imposed."""
     *before, last = window.stages
     return WindowShape(
-        stages=(*map(stage_shape, before), StageShape(last.space, last.input, moving=last.trajectory is not None)),
+        stages=(*map(stage_shape, before), without_end(stage_shape(last))),
         nodes=window.nodes,
         discretization=window.discretization,
         soft=window.soft,
         bounded=np.isfinite(window.cost_bound),
-        kept=tuple(StageShape(each.stage.space, moving=each.stage.trajectory is not None) for each in window.kept),
+        kept=tuple(replace(without_end(stage_shape(each.stage)), input="joint") for each in window.kept),
         kept_errors=any(each.bound.ndim for each in window.kept),
     )
 

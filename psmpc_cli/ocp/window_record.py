@@ -1,6 +1,6 @@
 """Windows from their records in a log."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -42,12 +42,14 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     stages = problem.stages[frame.first : frame.first + count]
     signs_sizes = [len(stage.attitudes) for stage in stages]
     object_sizes = [(space.n_pose + space.n_twist) * bool(stage.on_object) for stage in stages]
-    ends = np.cumsum([2, count, count, count, *signs_sizes, *object_sizes])
+    inside_sizes = [len(stage.object_end.inside) for stage in stages]
+    ends = np.cumsum([2, count, count, count, *signs_sizes, *object_sizes, *inside_sizes])
     (elapsed, hold), omega, offset, scale, *parts = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
     placed = list[PlacedStage]()
-    for stage, signs, object_state in zip(stages, parts[:count], parts[count:], strict=True):
-        at_sample = stage.placed()
+    by_stage = zip(stages, parts[:count], parts[count : 2 * count], parts[2 * count :], strict=True)
+    for stage, signs, object_state, inside in by_stage:
+        at_sample = replace(stage.placed(), object_end=replace(stage.object_end, inside=inside))
         if stage.on_object:
             follows = stage.index == frame.first and not frame.end_is_planned
             at_sample = _about_object(problem, at_sample, object_state, float(elapsed), follows)

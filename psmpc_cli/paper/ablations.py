@@ -15,6 +15,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import SHORTEST, Window, normalization
+from psmpc_cli.robot.motion import rollout
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.run import converging
 from psmpc_cli.solvers import Solver, build_solver
@@ -172,7 +173,12 @@ def _pending_cost(logs: Logs, windows: Sequence[SwitchWindow], points: int) -> A
 def _normalization(logs: Logs) -> Ablation:
     """Compare the normalization by the nadir with none, and with the range of eq. (12) as printed."""
     runs = (OURS, NONE, RANGE, ALL_PRINTED)
-    stages = {name: (logs[name].stages["actual_start"], logs[name].stages["switch_time"]) for name in runs}
+    stages = {}
+    for name in runs:
+        summaries = logs[name].summary().stages
+        starts = np.array([stage.actual_start for stage in summaries])
+        ends = np.array([stage.switch_time for stage in summaries])
+        stages[name] = (starts, ends)
     return Ablation("normalization", {"stages": stages, **_over_time(logs, runs)}, _measured(logs, runs))
 
 
@@ -338,20 +344,11 @@ def on_mesh(one: SwitchWindow, nodes: int, discretization: str) -> tuple[float, 
     solved = build_solver(one.problem).solve(window, one.plan)
     if not solved.outcome.usable:
         return np.nan, np.nan
-    real = led_to(solved.plan)
+    plan = solved.plan
+    X = rollout(plan.X[0], plan.u, np.diff(plan.times))
     n = one.problem.model.n
-    error = float(np.abs(solved.plan.X[:, :n] - real[:, :n]).max())
-    return error, one.problem.costs.end_error(one.window.stages[0], real[nodes])
-
-
-def led_to(plan: Plan) -> np.ndarray:
-    """Return the states at the nodes (K + 1, 2n) to which the plan's control leads from its first one."""
-    n = plan.u.shape[1]
-    dt = np.diff(plan.times)[:, None]
-    nothing = np.zeros((1, n))
-    Qdot = plan.X[0, n:] + np.vstack([nothing, np.cumsum(dt * plan.u, axis=0)])
-    Q = plan.X[0, :n] + np.vstack([nothing, np.cumsum(dt * Qdot[:-1] + dt**2 / 2 * plan.u, axis=0)])
-    return np.hstack([Q, Qdot])
+    error = float(np.abs(plan.X[:, :n] - X[:, :n]).max())
+    return error, one.problem.costs.end_error(one.window.stages[0], X[nodes])
 
 
 def instant_grid(horizon: float, points: int) -> np.ndarray:

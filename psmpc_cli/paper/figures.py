@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.figures.registry import save_figure
-from psmpc_cli.figures.timeline import bar_rows, draw_stages, label_row, timeline
+from psmpc_cli.figures.timeline import draw_stages, label_row, place_bars, timeline
 from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.logs.summary import judge_monitor, monitor_bounds, signal
 from psmpc_cli.paper.ablations import Ablation
@@ -137,13 +137,14 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
 def _draw_schedule(axes: Axes, schedules: Mapping[str, Sequence[Span]]) -> None:
     """Draw the stages of each run in rows beside its name."""
     end = max((span.end for spans in schedules.values() for span in spans), default=1.0)
-    rows = [bar_rows(spans, style.CHARACTER * end / style.AXIS_WIDTH) for spans in schedules.values()]
-    deep = 1.7 + max((row for placed in rows for row in placed), default=1)
-    axes.set_yticks(deep * np.arange(len(rows)) + 1, [fill(name, 12) for name in schedules])
+    view = (0.0, 1.01 * end)
+    bars = [place_bars(spans, view, style.AXIS_WIDTH) for spans in schedules.values()]
+    deep = 1.7 + max((bar.row for placed in bars for bar in placed), default=1)
+    axes.set_yticks(deep * np.arange(len(bars)) + 1, [fill(name, 12) for name in schedules])
     axes.tick_params(axis="y", length=0)
-    axes.set(ylim=(deep * len(rows), -0.7), xlim=(0, 1.01 * end))
-    for number, (spans, placed) in enumerate(zip(schedules.values(), rows, strict=True)):
-        draw_stages(axes, spans, [deep * number + row for row in placed])
+    axes.set(ylim=(deep * len(bars), -0.7), xlim=view)
+    for number, placed in enumerate(bars):
+        draw_stages(axes, placed, first_row=deep * number)
 
 
 def plot_pending_cost(panels: Panels) -> Figure:

@@ -7,7 +7,7 @@ from functools import partial
 from itertools import groupby
 
 from psmpc_cli.figures.coordinates import plot_states
-from psmpc_cli.figures.instants import plot_instants, plot_pull
+from psmpc_cli.figures.instants import plot_grasps, plot_instants
 from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.snapshots import plot_snapshots
@@ -59,6 +59,6 @@ def _figures(reproduction: Reproduction) -> Iterator[tuple[str, Draw]]:
     if found is not None and any(row["failed"] < row["points"] for row in fronts.front_rows(found)):
         yield "fronts", partial(plot_fronts, found)
     for method, run in reproduction.grasps.items():
-        yield f"{method} pull", partial(plot_pull, run)
+        yield f"{method} grasps", partial(plot_grasps, run)
     for one in reproduction.ablations:
         yield f"ablation_{one.name}", partial(ABLATIONS[one.name], one.panels)

@@ -27,6 +27,19 @@ METHODS = ("htmpc", "smpc", "psmpc")
 GRASP = "transport_grasp"
 """The task of the claim by mechanics: the object has a mass and is held by grasps of stated strength."""
 
+BARE_ROBOT = (
+    "object.grasp.known=false",
+    "limits={}",
+    "stages.transport.ends_when.object=null",
+    "object.destination.tolerance=[0.05, 0.05, 2 deg]",
+    "object.destination.speed=0.3",
+)
+"""Changes of `GRASP` for a controller that plans, as in the paper, for the robot alone.
+
+It knows nothing of the load, does not wait for the object and does not limit accelerations. Delivered is what is let go
+near enough.
+"""
+
 LOGS = "runs.h5"
 WEIGHTS = "weights.h5"
 FRONTS = "fronts.h5"
@@ -132,7 +145,7 @@ def load_grasps(changes: Sequence[str] = ()) -> dict[str, Task]:
     Raises:
         SpecError: The changes do not fit the task.
     """
-    task = load_task(built_ins("task")[GRASP], _shared_changes(changes, SHARED_KEYS[:2]))
+    task = load_task(built_ins("task")[GRASP], (*BARE_ROBOT, *_shared_changes(changes, SHARED_KEYS[:2])))
     return compared_tasks(task, ("smpc", "psmpc"))
 
 

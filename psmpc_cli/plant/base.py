@@ -1,6 +1,6 @@
 """The interface of all plants: advance over one sample under the low-level controller, return what happened."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +17,7 @@ class GraspEvent:
         time: When [s].
         what: `closed`, `missed` (it was outside its envelope), `let go` or `lost`.
         values: Of the first two, distance [m], angle [rad], velocity [m/s] and angular velocity [rad/s] relative to its
-            grasp; of the others, the filtered pull [N].
+            grasp; of the others, the filtered loads [N, N, N m].
     """
 
     gripper: str
@@ -35,7 +35,7 @@ class ObjectTicks:
         v: Velocity then, angular about the object's own axes (M + 1, 3 or 6).
         wrench: Force and moment that each gripper puts on the object at its own point, inertial frame (M, A, 3 or 6)
             [N, N m].
-        pull: Filtered pull on each grasp (M, A) [N].
+        load: Filtered pull, shear and moment on each grasp (M, A, 3) [N, N, N m].
         closed: Whether each gripper is closed (M, A).
         events: What the grippers did.
     """
@@ -43,7 +43,7 @@ class ObjectTicks:
     pose: np.ndarray
     v: np.ndarray
     wrench: np.ndarray
-    pull: np.ndarray
+    load: np.ndarray
     closed: np.ndarray
     events: tuple[GraspEvent, ...]
 
@@ -57,15 +57,20 @@ class Ticks:
         X: States [Q; v] at those times (M + 1, nq + n).
         F: Generalized force commanded over each tick, within its limits (M, n) [N, N m].
         gained: Integral of the external wrench over the sample, linear [N s] and angular about the inertial origin
-            [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,).
+            [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,). NaN where
+            it is not known.
         target_object: What an object with a mass did; None without one.
     """
 
     time: np.ndarray
     X: np.ndarray
     F: np.ndarray
-    gained: np.ndarray
+    gained: np.ndarray = field(default_factory=lambda: np.array(np.nan))
     target_object: ObjectTicks | None = None
+
+    def __repr__(self) -> str:
+        ticks, n = self.F.shape
+        return f"<Ticks from {self.time[0]:g} s to {self.time[-1]:g} s: {ticks} ticks of {n} forces>"
 
 
 @dataclass(frozen=True, eq=False)

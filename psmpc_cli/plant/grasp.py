@@ -18,13 +18,13 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, GraspEvent, ObjectTicks, Resistance, Ticks
 from psmpc_cli.plant.uncertainty import stream
-from psmpc_cli.robot.closed_chain import ClosedChain
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody, body_of, velocity_of
+from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, log, product, rotate, scaled, shorter
-from psmpc_cli.specs.object import CaptureSpec
+from psmpc_cli.specs.object import GRASP_LOADS, CaptureSpec
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import TaskSpec
@@ -96,7 +96,7 @@ class GraspLaw:
             parameters -> wrench on the gripper at its point, wrench on the object about its centre, power [W].
         forces: Q, v, pose and velocity of the object, parameters of all grippers -> generalized force on the robot
             (n,), wrench on the object about its centre, power; then for each gripper the wrench it puts on the object
-            at its point, and the pull on it.
+            at its point, and the load on it (3, A): pull, shear and moment.
     """
 
     def __init__(self, model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> None:
@@ -139,7 +139,7 @@ class GraspLaw:
         wrench = ca.SX.zeros(self.size)
         power = ca.SX(0)
         puts = []
-        pulls = []
+        loads = []
         for i in range(len(self.grippers)):
             at, moving, J = self.gripper(i, Q, v)
             own = p[self.parameters * i : self.parameters * (i + 1)]
@@ -150,10 +150,13 @@ class GraspLaw:
             inside, _ = self.space.lifted(ca.vertsplit(own)[: self.sizes[0]])
             _, attitude = self.space.lifted(ca.vertsplit(pose))
             outwards = rotate(attitude, inside)
-            on_object, _ = self.space.lifted_twist(ca.vertsplit(-w))
+            on_object, moment = self.space.lifted_twist(ca.vertsplit(-w))
+            distance = ca.sqrt(dot(outwards, outwards))
+            pull = dot(on_object, outwards) / ca.fmax(distance, TINY)
+            shear = ca.sqrt(ca.fmax(dot(on_object, on_object) - pull**2, 0))
             puts.append(-w)
-            pulls.append(dot(on_object, outwards) / ca.fmax(ca.sqrt(dot(outwards, outwards)), TINY))
-        outputs = ca.cse([force, wrench, power, ca.horzcat(*puts), ca.vertcat(*pulls)])
+            loads.append(ca.vertcat(pull, shear, ca.sqrt(dot(moment, moment))))
+        outputs = ca.cse([force, wrench, power, ca.horzcat(*puts), ca.horzcat(*loads)])
         return ca.Function("forces", [*symbols, p], outputs)
 
     def approach(
@@ -169,18 +172,35 @@ class GraspLaw:
         at, moving, J = (each.full() for each in self.gripper(number, Q, v))
         found = compared(self.space, at.ravel(), moving.ravel(), pose, rate, anchor)
         missed = (np.linalg.norm(each) for each in (found.r, found.phi, found.rdot, found.omega))
-        inverse = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T) + self._inverse_mass(pose, found.lever)
+        robot = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T)
+        inverse = robot + self._inverse_mass(pose, found.lever, found.lever)
         return np.array([*missed, inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
 
-    def _inverse_mass(self, pose: np.ndarray, lever: Vector) -> np.ndarray:
-        """Return the acceleration of the object's point at a lever by the wrench on it there."""
+    def inverse_mass(self, Q: np.ndarray, pose: np.ndarray, anchors: np.ndarray) -> np.ndarray:
+        """Compute the accelerations of all grippers relative to the object by the wrenches between them, at rest.
+
+        J H^-1 J' + J_o M_o^-1 J_o' (A n_twist, A n_twist): a wrench on each gripper and the opposite on the object.
+
+        Args:
+            Q: Position of the robot (nq,).
+            pose: Of the object.
+            anchors: Poses of the grippers in the object's frame (A, 3) or (A, 7); they may not be there yet.
+        """
+        J = np.vstack([self.gripper(i, Q, np.zeros(self.model.n))[2].full() for i in range(len(self.grippers))])
+        _, attitude = self.space.lifted(pose)
+        levers = [rotate(attitude, self.space.lifted(anchor)[0]) for anchor in anchors]
+        of_object = np.block([[self._inverse_mass(pose, there, here) for there in levers] for here in levers])
+        return np.asarray(J @ np.linalg.solve(self.model.mass_matrix(Q), J.T) + of_object)
+
+    def _inverse_mass(self, pose: np.ndarray, there: Vector, here: Vector) -> np.ndarray:
+        """Return the acceleration of the object's point at the lever `here` by a wrench on it at the lever `there`."""
         columns = []
         space = self.space
         for force, moment in map(space.lifted_twist, np.eye(self.size)):
-            wrench = space.twist(force, add(moment, cross(lever, force)))
+            wrench = space.twist(force, add(moment, cross(there, force)))
             linear, angular = space.lifted_twist(self.body.rates(pose, np.zeros(self.size), wrench)[1])
             angular = rotate(space.lifted(pose)[1], angular)
-            columns.append(space.twist(add(linear, cross(angular, lever)), angular))
+            columns.append(space.twist(add(linear, cross(angular, here)), angular))
         return np.array(columns, dtype=float).T
 
 
@@ -189,7 +209,7 @@ TINY = 1e-12
 
 
 class Capture:
-    """The object of a run and the state of its grasps: which are closed, where, and how hard they are pulled.
+    """The object of a run and the state of its grasps: which are closed, where, and what load they bear.
 
     Attributes:
         law: The bushings.
@@ -222,7 +242,7 @@ class Capture:
         self.parameters = np.hstack([self._at, np.zeros((count, 4))])
         self.closed = np.zeros(count, bool)
         self._wanted = False
-        self._pull = np.zeros(count)
+        self._load = np.zeros((count, len(GRASP_LOADS)))
         self._events = list[GraspEvent]()
         self._rows: list[tuple[np.ndarray, ...]] = []
         self._forces = ArrayFunction(law.forces)
@@ -265,13 +285,30 @@ class Capture:
         pose, _ = self.pose_and_velocity
         return np.array(self.law.space.integrate(pose, step))
 
-    def fastest_rate(self, Q: np.ndarray) -> float:
-        """Return the fastest rate of a bushing [1/s] if grippers closed with the robot at Q (nq,)."""
-        approaches = [
-            self.law.approach(i, Q, np.zeros(self.law.model.n), self.state, at) for i, at in enumerate(self._at)
-        ]
-        natural = float(np.sqrt(np.max(np.array(approaches)[:, 4:] * self.spec.stiffness)))
-        return natural * max(1.0, 2 * self.spec.damping_ratio)
+    def rates(self, Q: np.ndarray) -> np.ndarray:
+        """Compute the eigenvalues [1/s] of robot and object held by all grippers at once, the robot being at Q (nq,).
+
+        With displacements r of the grippers, r'' = -W (K r + D r'): W as in `GraspLaw.inverse_mass`, K and D the
+        stiffnesses and dampings of the bushings, as they are set at closing.
+        """
+        pose, _ = self.pose_and_velocity
+        d = self.law.model.dimension
+        W = self.law.inverse_mass(Q, pose, self._at)
+        directions = np.r_[np.zeros(d, int), np.ones(self.law.size - d, int)]
+        stiffness = []
+        damping = []
+        for i in range(len(self._at)):
+            own = W.diagonal()[i * self.law.size : (i + 1) * self.law.size]
+            inverse = np.array([own[:d].mean(), own[d:].mean()])
+            stiffness.append(np.array(self.spec.stiffness)[directions])
+            damping.append(self._damping(inverse)[directions])
+        nothing = np.zeros_like(W)
+        linear = np.block([[nothing, np.eye(len(W))], [-W * np.concatenate(stiffness), -W * np.concatenate(damping)]])
+        return np.linalg.eigvals(linear)
+
+    def _damping(self, inverse: np.ndarray) -> np.ndarray:
+        """Return both dampings of a bushing from the inverses of effective mass and inertia (2,) at it."""
+        return np.asarray(2 * self.spec.damping_ratio * np.sqrt(self.spec.stiffness / inverse))
 
     def update(self, time: float, x: np.ndarray, wanted: bool) -> None:
         """Close, open and lose grasps at the beginning of a tick, the robot being at x.
@@ -286,22 +323,21 @@ class Capture:
         elif self._wanted and not wanted:
             self._open(time, self.closed, "let go")
         self._wanted = wanted
-        wrench = self._pulled(x)
-        pull = self._pull.copy()
-        if self.spec.strength is not None:
-            lost = self.closed & (pull > self.spec.strength.pull)
-            self._open(time, lost, "lost")
-            wrench[lost] = 0.0
-        self._rows.append((self.state, wrench, pull, self.closed.copy()))
+        wrench = self._loaded(x)
+        load = self._load.copy()
+        lost = self.closed & (load > self.spec.largest_loads).any(axis=1)
+        self._open(time, lost, "lost")
+        wrench[lost] = 0.0
+        self._rows.append((self.state, wrench, load, self.closed.copy()))
 
     def ticks(self) -> ObjectTicks:
         """Return what happened in the sample, and begin the next one."""
-        states, wrench, pull, closed = (np.array(column) for column in zip(*self._rows, strict=True))
+        states, wrench, load, closed = (np.array(column) for column in zip(*self._rows, strict=True))
         pose, v = np.split(np.vstack([states, self.state]), [self.law.sizes[0]], axis=1)
         events = tuple(self._events)
         self._rows = []
         self._events = []
-        return ObjectTicks(pose, v, wrench, pull, closed, events)
+        return ObjectTicks(pose, v, wrench, load, closed, events)
 
     def _close(self, time: float, x: np.ndarray) -> None:
         """Close every gripper that is inside its envelope."""
@@ -314,27 +350,27 @@ class Capture:
             inside = bool((missed <= allowed).all())
             self._events.append(GraspEvent(gripper, time, "closed" if inside else "missed", tuple(missed.tolist())))
             if inside:
-                stiffness = np.array(self.spec.stiffness)
-                damping = 2 * self.spec.damping_ratio * np.sqrt(stiffness / inverse)
-                self.parameters[i] = [*self.law.space.relative(poses[gripper], pose), *stiffness, *damping]
+                anchor = self.law.space.relative(poses[gripper], pose)
+                self.parameters[i] = [*anchor, *self.spec.stiffness, *self._damping(inverse)]
                 self.closed[i] = True
-                self._pull[i] = 0.0
+                self._load[i] = 0.0
 
     def _open(self, time: float, which: np.ndarray, why: str) -> None:
         for i in np.flatnonzero(which):
-            self._events.append(GraspEvent(self.law.grippers[i], time, why, (float(self._pull[i]),)))
+            self._events.append(GraspEvent(self.law.grippers[i], time, why, tuple(self._load[i].tolist())))
             self.parameters[i, -4:] = 0.0
             self.closed[i] = False
-            self._pull[i] = 0.0
+            self._load[i] = 0.0
 
-    def _pulled(self, x: np.ndarray) -> np.ndarray:
-        """Return the wrenches on the object at the grippers (A, 3) or (A, 6), and let the filter follow the pulls."""
+    def _loaded(self, x: np.ndarray) -> np.ndarray:
+        """Return the wrenches on the object at the grippers (A, 3) or (A, 6), and let the filter follow the loads."""
         if not self.closed.any():
             return np.zeros((len(self.closed), self.law.size))
         nq = self.law.model.nq
         pose, v = self.pose_and_velocity
-        *_, wrench, pull = self._forces(x[:nq], x[nq:], pose, v, self.parameters.ravel())
-        self._pull += np.where(self.closed, self._filter * (pull.ravel() - self._pull), 0.0)
+        *_, wrench, load = self._forces(x[:nq], x[nq:], pose, v, self.parameters.ravel())
+        rising = self._filter * (load - self._load)
+        self._load += np.where(self.closed[:, None], rising, 0.0)
         return wrench
 
 
@@ -347,18 +383,30 @@ def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
     if task.capture is None:
         return None
     capture = Capture(task, model, task.capture)
-    fastest = capture.fastest_rate(stack(task.initial, model.spec, "joint"))
+    rates = capture.rates(stack(task.initial, model.spec, "joint"))
     step = task.plant.step or 1 / task.plant.low_level_rate
-    if step * fastest > STEADY:
+    if not is_stable(rates * step * RESERVE):
+        allowed = step
+        while not is_stable(rates * allowed * RESERVE):
+            allowed *= 0.98
         raise InputError(
-            f"object.grasp.stiffness: found a step of {step:g} s, expected at most {STEADY / fastest:.2g} s for grasps "
+            f"object.grasp.stiffness: found a step of {step:g} s, expected at most {allowed:.2g} s for grasps "
             "of this stiffness and damping: take a smaller plant.step, or softer grasps"
         )
     return capture
 
 
-STEADY = 2.0
-"""Largest step over the fastest rate of a bushing; classical Runge-Kutta steps are stable up to 2.8."""
+RESERVE = 1.3
+"""By how much the step may be too short: effective masses change with the posture, and the grippers close elsewhere."""
+
+
+def is_stable(z: np.ndarray) -> bool:
+    """Tell whether steps of the classical Runge-Kutta method, |R(z)| <= 1 with z = step times rate, let no rate grow.
+
+    R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24. Hairer and Wanner (1996), section IV.2.
+    """
+    growth = np.abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4))))
+    return bool((growth <= 1 + 1e-9).all())
 
 
 Step = Callable[
@@ -384,7 +432,7 @@ class CapturePlant:
         self.model = capture.law.model
         self.tick = capture.tick
         self._largest = np.full(self.model.n, np.inf) if resistance is None else resistance.largest
-        self._chain = ClosedChain(self.model, capture.described, capture.spec) if capture.spec.known else None
+        self._chain = HeldLoad(self.model, capture.described, capture.spec) if capture.spec.known else None
 
     def advance(
         self,

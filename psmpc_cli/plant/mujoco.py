@@ -118,7 +118,7 @@ class MujocoPlant:
             Q = data.qpos[self.q]
             v = data.qvel[self.v]
             step = np.array(space.difference(before, Q))
-            step = step - space.noncommuting_turn(slower[None], v[None], self.engine.opt.timestep)[0]
+            step = step - space.magnus_correction(slower[None], v[None], self.engine.opt.timestep)[0]
             work += float(acting @ step)
         return np.concatenate([Q, v]), work
 

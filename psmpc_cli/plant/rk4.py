@@ -43,19 +43,27 @@ class Rk4Plant:
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
     ) -> Ticks:
-        """Advance over len(u) ticks."""
-        M = len(u)
+        """Simulate the robot over one sample: len(u) ticks of the low-level law, integrated in one compiled call.
+
+        The integrated state is z = [x; external impulse; work]; the last two begin at 0 and say afterwards what the
+        robot gained. See `Plant.advance` for the arguments.
+        """
+        ticks = len(u)
         nx = len(x)
-        if M not in self._sample:
-            self._sample[M] = ArrayFunction(self._tick.mapaccum(M))
-        differences: tuple[np.ndarray, ...] = ()
+        if ticks not in self._sample:
+            self._sample[ticks] = ArrayFunction(self._tick.mapaccum(ticks))
+        what_differs: tuple[np.ndarray, ...] = ()  # from the robot that the low-level law knows
         if self.resistance is not None and disturbance is not None:
-            vectors = disturbance.robot.vector, disturbance.law.vector, self.resistance.vector
-            differences = disturbance.noise, disturbance.push, np.concatenate(vectors)
-        Z, F = self._sample[M](np.concatenate([x, np.zeros(self.model.parts["base"].stop + 1)]), u, *differences)
-        X = np.concatenate([x[None], Z[:, :nx]])
-        time = start + self.tick * np.arange(M + 1)
-        return Ticks(time, X, F, Z[-1, nx:])
+            parameters = disturbance.robot.vector, disturbance.law.vector, self.resistance.vector
+            what_differs = disturbance.noise, disturbance.push, np.concatenate(parameters)
+        nothing_gained = np.zeros(self.model.parts["base"].stop + 1)
+        Z, F = self._sample[ticks](np.concatenate([x, nothing_gained]), u, *what_differs)
+        return Ticks(
+            time=start + self.tick * np.arange(ticks + 1),
+            X=np.concatenate([x[None], Z[:, :nx]]),
+            F=F,
+            gained=Z[-1, nx:],
+        )
 
 
 class Rk4Step:

@@ -48,9 +48,7 @@ class Uncertainty:
 
     def __init__(self, task: TaskSpec, model: RobotModel) -> None:
         self.spec = task.uncertainty
-        self._holding = range(0)
-        if task.uncertainty.payload and task.object:
-            self._holding = task.object.held_stages([stage.name for stage in task.stages])
+        self._holding = task.held_stages if task.uncertainty.payload else range(0)
         self._task = task
         self._model = model
         self.draw = draw_bodies(self.spec, model.spec, task.seed)

@@ -18,7 +18,7 @@ from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.style import in_style, readable, title_of
 from psmpc_cli.logs.files import write_new
 from psmpc_cli.logs.run import Run
-from psmpc_cli.report.texts import describe_mission, measure_rows, stage_rows
+from psmpc_cli.report.texts import describe_brief_stages, describe_mission, filled_columns, measure_rows, stage_rows
 from psmpc_cli.specs.arguments import as_path, require
 
 DPI = 200
@@ -50,6 +50,9 @@ class Page:
     """
 
     html: str
+
+    def __repr__(self) -> str:
+        return f"<Page: {len(self.html)} characters of HTML>"
 
     def _repr_html_(self) -> str:
         style = "width: 100%; height: 760px; border: 1px solid #d0d7de"
@@ -83,7 +86,10 @@ def _environment(room: str) -> Environment:
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.globals |= {"source": lambda name: Markup(loader.get_source(environment, name)[0])}
+    environment.globals |= {
+        "source": lambda name: Markup(loader.get_source(environment, name)[0]),
+        "filled_columns": filled_columns,
+    }
     environment.filters["unbroken"] = partial(re.sub, r"(?<=\d) (?=s\b)", "\N{NO-BREAK SPACE}")
     environment.filters |= {"title": title_of, "png": _png, "mission": describe_mission}
     environment.filters["shown"] = lambda value: f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -121,6 +127,7 @@ def report_run(run: Run) -> Page:
         run=run,
         summary=summary,
         stages=stage_rows(summary),
+        brief_stages=describe_brief_stages(summary),
         measures=list(measure_rows(summary, verbose=True)),
         figures={CAPTIONS.get(name, f"{readable(name)}."): partial(known[name], run) for name in names},
         versions=versions_of(run.attributes),

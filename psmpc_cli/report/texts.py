@@ -1,22 +1,35 @@
 """A run's summary as sentences and rows of text, for tables in a terminal and on a page."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
 
 from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summary, Verdict
+from psmpc_cli.specs.object import GRASP_LOADS
 
 Row = tuple[str, ...]
 
+EMPTY = ("", "-")
+"""Cells without content."""
+
+ROUNDING = 1e-9
+"""A stage of one sample lasts this much less at most, by rounding [s]."""
+
 DETAIL = "detail"
+"""Marks what a short summary leaves out."""
+
 ALONE = "alone"
+"""Marks what a comparison leaves out."""
 
 
 def _solves(solves: SolveSummary) -> str:
+    """Write median, 95th and 99th percentile and maximum of the wall times [ms]."""
     times = (solves.median, solves.p95, solves.p99, solves.largest)
     return " / ".join(f"{1e3 * time:.1f}" for time in times) if solves.count else "none"
 
 
 def _largest(*found: Largest | None) -> str:
+    """Write the largest values that there are, each with where and when."""
     return " / ".join(f"{each.where}: {each.value:.3g} at {each.time:.1f} s" for each in found if each is not None)
 
 
@@ -26,7 +39,7 @@ def _margin(summary: Summary, kind: str) -> str:
     return next((f"{100 * each.relative:.3f} % ({each.margin:.1e}) {each.coordinate}" for each in found), "")
 
 
-def _missed(capture: CaptureSummary | None) -> str:
+def _closing_error(capture: CaptureSummary | None) -> str:
     """Write by how much grippers were apart from their grasps when they were to close."""
     if capture is None or math.isnan(capture.missed_by[0]):
         return ""
@@ -35,17 +48,38 @@ def _missed(capture: CaptureSummary | None) -> str:
     return apart if math.isfinite(capture.closed_at) else f"{apart}: outside their envelope"
 
 
-def _left(capture: CaptureSummary | None) -> str:
-    """Write when and how an object left the grippers, and how far from its destination."""
-    if capture is None or math.isnan(capture.left_at):
+def _loads(capture: CaptureSummary | None) -> str:
+    """Write the largest loads on a grasp."""
+    if capture is None:
+        return ""
+    return ", ".join(f"{load} {capture.loads[load]:.3g} {unit}" for load, unit in GRASP_LOADS.items())
+
+
+ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_acceleration")
+"""The commanded accelerations among the peaks: the base's linear and angular one, and a joint's."""
+
+
+def _peaks(summary: Summary, *names: str) -> str:
+    """Write peaks of one row; nothing where they are not known."""
+    values = [summary.peaks[name] for name in names]
+    return " / ".join(f"{value:.3g}" for value in values) if all(map(math.isfinite, values)) else ""
+
+
+def _departure(capture: CaptureSummary | None) -> str:
+    """Write when and how an object left the grippers, or is held at the end, and how far from its destination."""
+    held_to_the_end = capture is not None and math.isnan(capture.left_at) and math.isfinite(capture.distance)
+    if capture is None or (math.isnan(capture.left_at) and not held_to_the_end):
         return ""
     how = f"LOST by {', '.join(capture.lost)}" if capture.lost else "let go"
-    where = f"{1e3 * capture.distance:.1f} mm and {math.degrees(capture.angle):.2f} deg from its destination, "
-    where = "" if math.isnan(capture.distance) else where
-    return f"{how} at {capture.left_at:.2f} s, {where}at {1e3 * capture.speed:.1f} mm/s"
+    how = "still held" if held_to_the_end else f"{how} at {capture.left_at:.2f} s"
+    where = ""
+    if not math.isnan(capture.distance):
+        where = f"{1e3 * capture.distance:.1f} mm and {math.degrees(capture.angle):.2f} deg from its destination, "
+    return f"{how}, {where}at {1e3 * capture.speed:.1f} mm/s"
 
 
 def _end_errors(summary: Summary) -> str:
+    """Write the last stage's end errors over tolerance, of the state that was seen and of the true one."""
     if summary.end_errors is None:
         return ""
     return "{:.4f} as the controller saw it, {:.4f} true".format(*summary.end_errors)
@@ -70,10 +104,14 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), 0, DETAIL + ALONE),
     ("end error over tolerance, at switches", lambda run: _largest(run.end_condition), 0, DETAIL),
     ("end error over tolerance, at the end", _end_errors, 0, ALONE),
-    ("grippers from their grasps at closing", lambda run: _missed(run.capture), 0, ""),
-    ("largest filtered pull on a grasp [N]", lambda run: math.nan if run.capture is None else run.capture.pull, 2, ""),
-    ("object leaves the grippers", lambda run: _left(run.capture), 0, ""),
-    ("control effort, integral of |u|^2", lambda run: run.control_effort, 2, ""),
+    ("grippers from their grasps at closing", lambda run: _closing_error(run.capture), 0, ""),
+    ("largest filtered loads on a grasp", lambda run: _loads(run.capture), 0, ""),
+    ("object leaves the grippers", lambda run: _departure(run.capture), 0, ""),
+    ("control effort, sum of T_s |dv/T_s|^2", lambda run: run.control_effort, 2, ""),
+    ("integral of |u|^2", lambda run: run.squared_acceleration, 2, DETAIL),
+    ("largest force, torque of the base [N, N m]", lambda run: _peaks(run, "base_force", "base_torque"), 0, ""),
+    ("largest torque of a joint [N m]", lambda run: run.peaks["joint_torque"], 2, ""),
+    ("largest accelerations [m/s^2, rad/s^2, rad/s^2]", lambda run: _peaks(run, *ACCELERATIONS), 0, ""),
     ("base thrusters, force [N s]", lambda run: run.base_force, 2, ""),
     ("base thrusters, torque [N m s]", lambda run: run.base_torque, 2, ""),
     ("variation of u, base position [m/s^2]", lambda run: run.variation_base_position, 2, DETAIL),
@@ -89,6 +127,13 @@ and where it is shown: `DETAIL`, not in a short summary; `ALONE`, not in a compa
 def number(value: float, digits: int, form: str = "f") -> str:
     """Write a number with so many decimals, a dash for NaN."""
     return "-" if math.isnan(value) else f"{value:.{digits}{form}}"
+
+
+def filled_columns(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> tuple[Sequence[str], list[Sequence[Any]]]:
+    """Leave out the columns of a table that have no content in any row; the first one and a table without rows stay."""
+    cells = list(rows)
+    kept = [i for i in range(len(headings)) if i == 0 or not cells or any(row[i] not in EMPTY for row in cells)]
+    return [headings[i] for i in kept], [[row[i] for i in kept] for row in cells]
 
 
 def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
@@ -122,16 +167,31 @@ def measure_rows(summary: Summary, verbose: bool = False) -> Iterator[Row]:
 
 def describe_mission(summary: Summary) -> str:
     """Write whether the mission succeeded, why the run ended, and which monitors did not hold."""
-    outcome = ("succeeded" if summary.succeeded else "failed") if summary.ended else "not finished"
     broken = [verdict.name for verdict in summary.monitors if not (verdict.held or math.isnan(verdict.broken_at))]
+    outcome = "succeeded" if summary.succeeded else "failed"
+    if summary.completed and not summary.succeeded and not broken:
+        outcome = "not judged"
+    if not summary.ended:
+        outcome = "not finished"
     monitors = f"; monitor did not hold: {', '.join(broken)}" if broken else ""
     return f"mission {outcome}: {summary.reason}{monitors}, after {summary.duration:.1f} s"
 
 
+def describe_brief_stages(summary: Summary) -> str:
+    """Name the stages that lasted less than a sample, which tables round to nothing; empty if there is none."""
+    brief = [stage for stage in summary.stages if stage.duration < summary.sample_time - ROUNDING]
+    lasted = ", ".join(f"stage {stage.name} lasted {1e3 * stage.duration:.2g} ms" for stage in brief)
+    return f"{lasted}, less than a sample of {1e3 * summary.sample_time:g} ms" if brief else ""
+
+
 def describe_verdict(verdict: Verdict) -> str:
-    """Write whether a monitor held, and its smallest margin."""
-    if verdict.held:
-        return f"held, margin {verdict.margin:.3f}"
-    return (
-        "not judged" if math.isnan(verdict.broken_at) else f"BROKEN at {verdict.broken_at:.1f} s ({verdict.margin:.3f})"
-    )
+    """Write whether a monitor held, what happened instead where it did not, and its smallest margin."""
+    if not verdict.held and math.isnan(verdict.broken_at):
+        return "not judged"
+    outcome = "held"
+    if not verdict.held:
+        outcome = f"BROKEN: {verdict.instead}" if verdict.instead else f"BROKEN at {verdict.broken_at:.1f} s"
+    unit = "" if verdict.unit == "1" else f" {verdict.unit}"
+    margin = f", margin {verdict.margin:.3f}{unit}" if math.isfinite(verdict.margin) else ""
+    details = f" ({verdict.details})" if verdict.details else ""
+    return f"{outcome}{margin}{details}"

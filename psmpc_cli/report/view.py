@@ -12,54 +12,59 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.coordinates import SMALLEST, error_curves
-from psmpc_cli.figures.registry import require_runs
+from psmpc_cli.figures.coordinates import SMALLEST_ERROR, error_curves
 from psmpc_cli.figures.scene import Scene, scene_of
-from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.report.pages import Page, render
 from psmpc_cli.report.texts import describe_mission
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.replay import logged_solve
+from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.robot import Attachment, Joint
 
-MOST_FRAMES = 3000
-MOST_PLANS = 750
-MOST_NODES = 24
-"""Times at which a run is shown, plans, and nodes of a plan besides those at its switches, at most."""
+MAX_FRAMES = 3000
+"""Most times at which a run is shown."""
 
-STAGES = ("#77AADD", "#EE8866", "#44BB99", "#EEDD88", "#FFAABB", "#99DDFF", "#BBCC33", "#DDDDDD")
+MAX_PLANS = 750
+"""Most plans that are shown of a run."""
+
+MAX_NODES = 24
+"""Most nodes that are shown of a plan, besides those at its switches."""
+
+STAGE_COLORS = ("#77AADD", "#EE8866", "#44BB99", "#EEDD88", "#FFAABB", "#99DDFF", "#BBCC33", "#DDDDDD")
 """Colours of the stages in turn: the light scheme of Paul Tol, distinct for colour-blind readers, below dark text."""
 
 Json = dict[str, Any]
 
 
-def view(runs: Run | Mapping[str, Run]) -> Page:
+def view(runs: RunOrPath | Mapping[str, RunOrPath]) -> Page:
     """Show a run, or several by name, as an interactive page: the robot in motion, its plans and curves.
 
     A notebook shows the page in place; `save` writes it into a file that a browser opens without a server or a network.
 
     Args:
-        runs: A run, or several by name, such as the result of `compare`.
+        runs: A run, or several by name, such as the result of `compare`; the path of a log or of a comparison stands
+            for its runs.
 
     Raises:
-        LogError: A run has no samples, or its log holds another task than it says.
+        LogError: A run has no samples, its log holds another task than it says, or a path leads to no log.
         InputError: There is no run.
     """
-    require_runs(runs)
-    by_name = {style.title_of(str(runs.attributes["controller"])): runs} if isinstance(runs, Run) else dict(runs)
+    found = resolve_runs(runs)
+    by_name = {style.title_of(str(found.attributes["controller"])): found} if isinstance(found, Run) else found
     tasks = dict.fromkeys(style.readable(str(run.attributes["task_name"])) for run in by_name.values())
-    shown = [_run(style.title_of(name), run) for name, run in by_name.items()]
+    shown = [_run_data(style.title_of(name), run) for name, run in by_name.items()]
     return render("view.html.j2", title=", ".join(tasks), runs=shown)
 
 
-def _run(name: str, run: Run) -> Json:
-    """Return all that the page shows of a run."""
+def _run_data(name: str, run: Run) -> Json:
+    """Collect all that the page shows of a run."""
     scene = scene_of(run)
     model = run.problem.model
     motion = run.motion
-    frames = _thinned(len(motion.time), MOST_FRAMES)
-    samples = _thinned(len(run.time), MOST_PLANS)
+    frames = _evenly_chosen(len(motion.time), MAX_FRAMES)
+    samples = _evenly_chosen(len(run.time), MAX_PLANS)
     time = motion.time[frames]
     spans = {span.index: {"start": span.start, "end": span.end, "early": span.early} for span in run.spans}
     return {
@@ -67,16 +72,16 @@ def _run(name: str, run: Run) -> Json:
         "mission": describe_mission(run.summary()),
         "notes": list(_notes(run)),
         "robot": _robot(model),
-        "time": _packed(time, "f8"),
-        "Q": _packed(motion.Q[frames], "f8"),
+        "time": _pack(time, "f8"),
+        "Q": _pack(motion.Q[frames], "f8"),
         "stages": [
-            {"name": style.readable(stage), "color": STAGES[number % len(STAGES)], **spans.get(number, {})}
+            {"name": style.readable(stage), "color": STAGE_COLORS[number % len(STAGE_COLORS)], **spans.get(number, {})}
             for number, stage in enumerate(run.stage_names)
         ],
-        "samples": _packed(run.time[samples], "f8"),
-        "instants": _packed(run["window/instants"][samples]),
+        "samples": _pack(run.time[samples], "f8"),
+        "instants": _pack(run["window/instants"][samples]),
         "plans": _plans(run, samples) if run.has_plans else None,
-        "targets": _packed(_targets(scene, time)),
+        "targets": _pack(_targets(scene, time)),
         "object": _object(scene, time),
         "plots": list(_plots(run, frames)),
     }
@@ -90,8 +95,8 @@ def _notes(run: Run) -> Iterator[str]:
         yield "The log holds no plans (log.plans is false), so no plan is drawn."
     elif "levels/solved" in run:
         yield "The plan drawn is that of the first level, which is all that the log holds of HTMPC."
-    if len(run.time) > MOST_PLANS:
-        yield f"Plans are drawn at {MOST_PLANS} of the {len(run.time)} samples."
+    if len(run.time) > MAX_PLANS:
+        yield f"Plans are drawn at {MAX_PLANS} of the {len(run.time)} samples."
 
 
 def _robot(model: RobotModel) -> Json:
@@ -131,24 +136,29 @@ def _frame(at: Attachment) -> Json:
 
 
 def _plans(run: Run, samples: np.ndarray) -> Json:
-    """Return node times (K, nodes) [s] and coordinates (K, nodes, nq) of the plans at samples; the last one is repeated
-    where a solve failed, and its last node up to equal lengths.
+    """Collect node times (K, nodes) [s] and coordinates (K, nodes, nq) of the plans at samples.
+
+    Where a solve failed the plan before it is repeated; the last node of a plan is repeated up to equal lengths.
     """
-    found: list[tuple[Plan, np.ndarray]] = []
+    plans: list[tuple[Plan, np.ndarray]] = []
     for sample in samples:
-        if not found or not run["events/solve_failed"][sample]:
+        if not plans or not run["events/solve_failed"][sample]:
             solve = logged_solve(run, int(sample))
-            ends = np.cumsum(solve.window.nodes)
-            nodes = np.union1d(np.linspace(0, ends[-1], min(ends[-1], MOST_NODES) + 1).astype(int), ends)
-        found.append((solve.plan, nodes))
-    most = max((len(nodes) for _, nodes in found), default=0)
-    plans = [(plan, np.pad(nodes, (0, most - len(nodes)), mode="edge")) for plan, nodes in found]
-    Q = [plan.chart.leave(plan.X[nodes])[0] for plan, nodes in plans]
-    return {"time": _packed(np.array([plan.times[nodes] for plan, nodes in plans])), "Q": _packed(np.array(Q))}
+            stage_end_nodes = np.cumsum(solve.window.nodes)
+            last_node = stage_end_nodes[-1]
+            evenly = np.linspace(0, last_node, min(last_node, MAX_NODES) + 1).astype(int)
+            nodes = np.union1d(evenly, stage_end_nodes)
+        plans.append((solve.plan, nodes))
+
+    most = max((len(nodes) for _, nodes in plans), default=0)
+    padded = [(plan, np.pad(nodes, (0, most - len(nodes)), mode="edge")) for plan, nodes in plans]
+    time = [plan.times[nodes] for plan, nodes in padded]
+    Q = [plan.chart.leave(plan.X[nodes])[0] for plan, nodes in padded]
+    return {"time": _pack(np.array(time)), "Q": _pack(np.array(Q))}
 
 
 def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
-    """Return the frames at which the acting stages aim (T, S, frames, 7): position [m] and quaternion x, y, z, w.
+    """Compute the frames at which the acting stages aim (T, S, frames, 7): position [m] and quaternion x, y, z, w.
 
     NaN of stages that do not act, and of the attitude where a target has none.
     """
@@ -163,7 +173,7 @@ def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
 
 
 def _object(scene: Scene, time: np.ndarray) -> Json | None:
-    """Return size (3,) [m] and poses (T, 7) of the object: position [m] and quaternion x, y, z, w."""
+    """Collect size (3,) [m] and poses (T, 7) of the object: position [m] and quaternion x, y, z, w."""
     spec = scene.run.task.spec.object
     frames = [scene.object_frame(float(t)) for t in time]
     if spec is None:
@@ -171,11 +181,11 @@ def _object(scene: Scene, time: np.ndarray) -> Json | None:
     known = np.array([frame for frame in frames if frame is not None])
     poses = np.hstack([known[:, :3, 3], Rotation.from_matrix(known[:, :3, :3]).as_quat()])
     size = [*spec.shape, *(2.6 * scene.run.problem.model.shape.radius for _ in range(3 - len(spec.shape)))]
-    return {"size": size, "pose": _packed(poses, "f8"), "lost": scene.left if scene.lost else None}
+    return {"size": size, "pose": _pack(poses, "f8"), "lost": scene.left if scene.lost else None}
 
 
 def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
-    """Return the tabs of plots, each with its panels."""
+    """Yield the tabs of plots, each with its panels."""
     motion = run.motion
     model = run.problem.model
     time = motion.time[frames]
@@ -194,7 +204,7 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
 
 
 def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
-    """Return coordinates (T, n) with the attitude of a spatial base as unwrapped angles about z, y and x [rad]."""
+    """Convert coordinates to (T, n), with the attitude of a spatial base as unwrapped angles about z, y and x [rad]."""
     if model.dimension == 2:
         return Q
     turns = Rotation.from_quat(Q[:, [4, 5, 6, 3]]).as_euler("ZYX")
@@ -204,7 +214,7 @@ def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
 def _panels(
     model: RobotModel, time: np.ndarray, values: np.ndarray, units: tuple[str, str], stepped: bool = False
 ) -> Iterator[Json]:
-    """Return a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s]."""
+    """Yield a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s]."""
     base = model.parts["base"].stop
     d = model.dimension
     angles = ("θ",) if d == 2 else ("yaw", "pitch", "roll") if units[0] == "m" else ("x", "y", "z")
@@ -217,24 +227,24 @@ def _panels(
 
 
 def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
-    """Return the largest errors against the current stage's target, and the tolerances of its end condition."""
+    """Yield the largest errors against the current stage's target, with the tolerances of its end condition."""
     time = run.motion.time[frames]
     names = [style.readable(name) for name in run.problem.model.pose_rows]
-    found = np.full((2, 2, len(names), len(time)), np.nan)  # error or tolerance, position or angle
-    for span, frame, angular, when, size, tolerance in error_curves(run):
-        inside = (time >= span.start - 1e-9) & (time <= span.end + 1e-9)
-        found[0, int(angular), frame, inside] = np.interp(time[inside], when, size)
-        found[1, int(angular), frame, inside] = tolerance
-    found[0] = np.where(found[0] > SMALLEST, found[0], np.nan)
-    for kind, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
-        errors, tolerances = found[:, kind]
-        limits = [("tolerance", np.fmin.reduce(tolerances))]
-        yield _panel(label, time, zip(names, errors, strict=True), limits, log=True)
+    error = np.full((2, len(names), len(time)), np.nan)  # of positions, of angles
+    tolerance = np.full((2, len(names), len(time)), np.nan)
+    for curve in error_curves(run):
+        inside = (time >= curve.span.start - 1e-9) & (time <= curve.span.end + 1e-9)
+        error[int(curve.angular), curve.frame, inside] = np.interp(time[inside], curve.time, curve.error)
+        tolerance[int(curve.angular), curve.frame, inside] = curve.tolerance
+    error = np.where(error > SMALLEST_ERROR, error, np.nan)
+    for angular, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
+        limits = [("tolerance", np.fmin.reduce(tolerance[angular]))]
+        yield _panel(label, time, zip(names, error[angular], strict=True), limits, log=True)
 
 
 def _stage_panels(run: Run) -> Iterator[Json]:
-    """Return planned switch times, shares of the stages in the control if logged, and the wall times of the solves."""
-    samples = _thinned(len(run.time), MOST_FRAMES)
+    """Yield planned switch times, shares of the stages in the control if logged, and the wall times of the solves."""
+    samples = _evenly_chosen(len(run.time), MAX_FRAMES)
     names = [style.readable(name) for name in run.stage_names]
     time = run.time[samples]
     for label, path in (("planned switch time (s)", "window/instants"), ("share in control (1)", "window/share")):
@@ -243,18 +253,20 @@ def _stage_panels(run: Run) -> Iterator[Json]:
 
 
 def _grasp_panels(run: Run) -> Iterator[Json]:
-    """Return the filtered pull on each grasp, with the strength at which it is lost, and the object's velocities."""
-    samples = _thinned(len(run.time), MOST_FRAMES)
-    names = map(style.readable, run["gripper"].tolist())
+    """Yield the filtered loads on each grasp, with the strength at which it is lost, and the object's velocities."""
+    samples = _evenly_chosen(len(run.time), MAX_FRAMES)
+    names = [style.readable(name) for name in run["gripper"].tolist()]
     time = run.time[samples]
     capture = run.task.spec.capture
-    strength = capture.grasp.largest_pull if capture else np.inf
-    limits = [("strength", np.full(len(time), strength))] if np.isfinite(strength) else []
-    yield _panel("pull on grasp (N)", time, zip(names, run["grasp/pull"][samples].T, strict=True), limits)
-    curves = list(zip(run["object_axis"].tolist(), run["object/velocity"][samples].T, strict=True))
-    linear = len(curves) // 3 + 1
-    yield _panel("object (m/s)", time, curves[:linear])
-    yield _panel("object (rad/s)", time, curves[linear:])
+    strengths = capture.grasp.largest_loads if capture else np.full(len(GRASP_LOADS), np.inf)
+    for (load, unit), strength in zip(GRASP_LOADS.items(), strengths, strict=True):
+        limits = [("strength", np.full(len(time), strength))] if np.isfinite(strength) else []
+        curves = zip(names, run[f"grasp/{load}"][samples].T, strict=True)
+        yield _panel(f"{load} on grasp ({unit})", time, curves, limits)
+    axes = list(zip(run["object_axis"].tolist(), run["object/velocity"][samples].T, strict=True))
+    linear = len(axes) // 3 + 1
+    yield _panel("object (m/s)", time, axes[:linear])
+    yield _panel("object (rad/s)", time, axes[linear:])
 
 
 def _panel(
@@ -265,24 +277,24 @@ def _panel(
     log: bool = False,
     stepped: bool = False,
 ) -> Json:
-    """Return a panel of curves (T,) by label over times (T,) [s], those that have values; limits are dashed."""
+    """Collect a panel of curves (T,) by label over times (T,) [s], those that have values; limits are dashed."""
     series = [
-        {"label": name, "color": color, "dash": color == style.EDGE, "values": _packed(values)}
+        {"label": name, "color": color, "dash": color == style.EDGE, "values": _pack(values)}
         for name, values, color in (
             *((name, values, style.line_look(number)["color"]) for number, (name, values) in enumerate(curves)),
             *((name, values, style.EDGE) for name, values in limits),
         )
         if np.isfinite(values).any()
     ]
-    return {"label": label, "time": _packed(time, "f8"), "series": series, "log": log, "stepped": stepped}
+    return {"label": label, "time": _pack(time, "f8"), "series": series, "log": log, "stepped": stepped}
 
 
-def _thinned(count: int, most: int) -> np.ndarray:
-    """Return the numbers below `count`, or so many of them, evenly."""
+def _evenly_chosen(count: int, most: int) -> np.ndarray:
+    """Choose the numbers below `count`, or at most so many of them, evenly."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
-def _packed(values: np.ndarray, dtype: str = "f4") -> Json:
+def _pack(values: np.ndarray, dtype: str = "f4") -> Json:
     """Pack an array as its type, shape and bytes in base64, which is smaller and exacter than decimal numbers."""
     array = np.ascontiguousarray(values, f"<{dtype}")
     return {"type": dtype, "shape": array.shape, "data": b64encode(array.tobytes()).decode("ascii")}

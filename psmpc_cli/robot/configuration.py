@@ -256,10 +256,19 @@ class ConfigurationSpace(ABC):
         """Return the coordinates before and after each of consecutive steps (M, n), (M + 1, nq)."""
 
     @abstractmethod
-    def noncommuting_turn(self, before: Array, after: Array, time: float) -> Array:
-        """Return by how much steps differ from the integral of velocities (M, n) that change linearly over a time [s].
+    def magnus_correction(self, before: Array, after: Array, time: float) -> Array:
+        """Compute what has to be added to the integral of a velocity to get the step of coordinates.
 
-        What is left is of the order of time^5.
+        Turns about different axes do not commute, so that a body whose angular velocity changes its direction does not
+        turn by the integral of that velocity. With the correction the error of a step is of the order of time^5.
+
+        Args:
+            before: Velocities at the beginning of each interval (M, n); in between they change linearly.
+            after: Velocities at its end (M, n).
+            time: Its length [s].
+
+        Returns:
+            The corrections of the steps (M, n), or what broadcasts to them [m, rad].
         """
 
     def normalized(self, Q: Array) -> Array:
@@ -406,7 +415,7 @@ class PlanarSpace(ConfigurationSpace):
         """Return cumulative sums."""
         return np.cumsum(np.vstack([Q, steps]), axis=0)
 
-    def noncommuting_turn(self, before: Array, after: Array, time: float) -> Array:
+    def magnus_correction(self, before: Array, after: Array, time: float) -> Array:
         """Return 0: turns in the plane commute."""
         return np.zeros((1, 1))
 
@@ -550,11 +559,11 @@ class SpatialSpace(ConfigurationSpace):
         """Integrate step after step."""
         return np.array(list(accumulate(steps.tolist(), self.integrate, initial=Q.tolist())))
 
-    def noncommuting_turn(self, before: Array, after: Array, time: float) -> Array:
-        """Return the second term of the Magnus expansion, time^2 / 12 omega_before x omega_after.
+    def magnus_correction(self, before: Array, after: Array, time: float) -> Array:
+        """Compute the second term of the Magnus expansion, time^2 / 12 omega_before x omega_after.
 
-        Angular velocities at different times do not commute. Iserles, Norsett: On the solution of linear differential
-        equations in Lie groups (1999).
+        The first term is the integral of omega. Iserles, Norsett: On the solution of linear differential equations in
+        Lie groups (1999).
         """
         steps = np.zeros(before.shape)
         steps[..., 3:6] = time**2 / 12 * np.cross(before[..., 3:6], after[..., 3:6])

@@ -70,6 +70,10 @@ class RobotModel:
         self.dynamics = derive_dynamics(spec)
         self.body_poses = function("body_poses", {"Q": Q}, {"poses": body_poses})
 
+    def __repr__(self) -> str:
+        size = f"{len(self.spec.bodies)} bodies, {self.n} degrees of freedom"
+        return f"<RobotModel {self.spec.name}: in {'the plane' if self.dimension == 2 else 'space'}, {size}>"
+
     def owned(self, key: Hashable, build: Callable[[], T]) -> T:
         """Return what is built for this robot under a key; the same object for every call while it lives."""
         if key not in self._owned:

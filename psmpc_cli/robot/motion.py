@@ -100,5 +100,5 @@ def over_ticks(space: ConfigurationSpace, Q: Array, v: Array, vdot: Array, tick:
     """Return coordinates (M + 1, nq) and velocities (M + 1, n) while rates of v (M, n) hold for a tick [s] each."""
     velocities = np.vstack([v, v + tick * np.cumsum(vdot, axis=0)])
     steps = tick * velocities[:-1] + tick**2 / 2 * vdot
-    steps = steps + space.noncommuting_turn(velocities[:-1], velocities[1:], tick)
+    steps = steps + space.magnus_correction(velocities[:-1], velocities[1:], tick)
     return space.path(Q, steps), velocities

@@ -9,7 +9,7 @@ from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import in_own_chart
-from psmpc_cli.ocp.stage import PlacedStage
+from psmpc_cli.ocp.stage import NO_OBJECT_END, PlacedStage
 from psmpc_cli.ocp.window import Window, durations
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
@@ -19,9 +19,9 @@ AD_TOLERANCE = 1e-8
 DIFFERENCE_TOLERANCE = 1e-6
 """Largest relative difference of the discrete adjoint from algorithmic differentiation and from central differences."""
 
-SHRINKS = 1.5
-"""By how much the costate formula's gap shrinks at least when the mesh doubles: O(1/N_s) halves it, less the solver's
-tolerance."""
+LEAST_SHRINKAGE = 1.5
+"""Least factor by which the costate formula's gap shrinks when the mesh doubles. An error O(1/N_s) halves; the solver's
+tolerance takes some of that."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Audit:
         """Whether adjoint, AD and differences agree, and the costate formula's gap shrinks with the mesh."""
         coarse, fine = self.costate_gaps
         agree = self.to_differentiation <= AD_TOLERANCE and self.to_differences <= DIFFERENCE_TOLERANCE
-        return agree and (coarse < 1e-9 or fine <= coarse / SHRINKS)
+        return agree and (coarse < 1e-9 or fine <= coarse / LEAST_SHRINKAGE)
 
 
 def audit_gradients(experiment: Experiment) -> tuple[Audit, ...]:
@@ -55,6 +55,7 @@ def audit_gradients(experiment: Experiment) -> tuple[Audit, ...]:
 
 
 def _audit(experiment: Experiment, first: int) -> Audit:
+    """Compare the gradient by the switch after a stage, computed in four ways, at random inputs."""
     random = np.random.default_rng(experiment.problem.spec.seed)
     window, instants = _window(experiment, first, random)
     tau = durations(instants, window.start, window.horizon)
@@ -75,7 +76,11 @@ def _audit(experiment: Experiment, first: int) -> Audit:
 
 
 def _window(experiment: Experiment, first: int, random: np.random.Generator) -> tuple[Window, np.ndarray]:
-    """Return the window over two consecutive stages from a state near the initial one, and its instant (1,)."""
+    """Build a window over two consecutive stages from a random state near the initial one.
+
+    Returns:
+        The window, and its switching instant (1,) [s].
+    """
     problem = experiment.problem
     controller = experiment.problem.spec.controller
     n = experiment.problem.model.n
@@ -95,7 +100,10 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
 
 
 def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes: int) -> float:
-    """Return how far the costate formula is from the adjoint at the optimum without limits and end conditions."""
+    """Compute the difference of the costate formula from the adjoint at an optimum without limits and end conditions.
+
+    The formula assumes such an optimum: with multipliers of constraints the costate has further terms.
+    """
     free = tuple(_unconstrained(stage) for stage in window.stages)
     window = replace(window, nodes=(nodes,) * len(free), stages=free)
     instants = window.start + np.cumsum(tau)[:-1]
@@ -111,7 +119,16 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
 
 
 def _unconstrained(stage: PlacedStage) -> PlacedStage:
-    """Return a stage without limits and end condition."""
+    """Remove limits and end condition of a stage."""
     none = np.full_like(stage.limits.position_low, np.inf)
     limits = Limits(*(sign * none for _ in range(3) for sign in (-1, 1)))
-    return replace(stage, limits=limits, end_rows=(), tolerance=np.zeros(0), end_velocity=None, at=None, dwell=0.0)
+    return replace(
+        stage,
+        limits=limits,
+        end_rows=(),
+        tolerance=np.zeros(0),
+        end_velocity=None,
+        object_end=NO_OBJECT_END,
+        at=None,
+        dwell=0.0,
+    )

@@ -17,7 +17,7 @@ from psmpc_cli.control.interface import Command
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Plan, shift, states_of
-from psmpc_cli.ocp.problem import in_own_chart
+from psmpc_cli.ocp.problem import ObjectState, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import Ticks
@@ -102,9 +102,12 @@ class Meter:
         u = np.array([each[0] for each in applied])
         ends = np.array([each.X[-1] for each in ticks])
         charted = [chart.entered(each.X) for each in ticks]
-        squares = np.array([each.F[:, self._base] for each in ticks]) ** 2
-        parts = squares[..., : model.dimension], squares[..., model.dimension :]
-        force, torque = (self._tick * np.sqrt(part.sum(axis=2)).sum(axis=1) for part in parts)
+        force, torque, joint_torque = self._norms(np.array([each.F for each in ticks]))
+        accelerations = np.array(applied)
+        linear, angular, joint = self._norms(accelerations)
+        # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
+        mean = accelerations.mean(axis=1)
+        sample_time = self._tick * accelerations.shape[1]
         passed = np.stack([each[1:] for each in charted], axis=1)
         passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)  # limits are of v
         low = passed.min(axis=0)
@@ -127,9 +130,16 @@ class Meter:
             "window/share": shares,
             "margin/position": margin[:, :n],
             "margin/velocity": margin[:, n:],
-            "effort/control": [self._tick * np.vdot(each, each) for each in applied],
-            "effort/base_force": force,
-            "effort/base_torque": torque,
+            "effort/control": sample_time * (mean**2).sum(axis=1),
+            "effort/squared_acceleration": self._tick * (accelerations**2).sum(axis=(1, 2)),
+            "effort/base_force": self._tick * force.sum(axis=1),
+            "effort/base_torque": self._tick * torque.sum(axis=1),
+            "peak/base_force": force.max(axis=1),
+            "peak/base_torque": torque.max(axis=1),
+            "peak/joint_torque": joint_torque.max(axis=1),
+            "peak/base_acceleration": linear.max(axis=1),
+            "peak/base_angular_acceleration": angular.max(axis=1),
+            "peak/joint_acceleration": joint.max(axis=1),
             "deviation/Q": deviation[:, :n],
             "deviation/Qdot": deviation[:, n:],
             "deviation/end": [{stage: error for stage, (error, _) in each.items()} for each in at_ends],
@@ -145,6 +155,15 @@ class Meter:
             sample.measured.update(zip(columns, row, strict=True))
         return np.asarray(expected[-1])
 
+    def _norms(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return linear and angular norms of the base's forces or rates (K, M, n), and the joints' largest (K, M)."""
+        d = self._problem.model.dimension
+        of_base = values[..., self._base]
+        joints = np.delete(values, self._base, axis=-1)
+        linear = np.linalg.norm(of_base[..., :d], axis=-1)
+        angular = np.linalg.norm(of_base[..., d:], axis=-1)
+        return linear, angular, np.abs(joints).max(axis=-1, initial=0.0)
+
     def _kept(self, stage: int, x: np.ndarray) -> np.ndarray:
         """Return momentum [N s, N m s] and energy [J] of the robot at states (K, nq + n) in a stage, (K, 4 or 7)."""
         nq = self._problem.model.nq
@@ -156,26 +175,50 @@ class Meter:
         """Return the end errors of stages that end with a sample, by stage index: see `_end_errors`.
 
         By the plan before the next sample, at their planned switch times, which may lie up to `SHORTEST` after it: so
-        far the motion is carried on. Or by the measured state, at the sample; a target relative to the object is not
-        known then any more. X are the states of the ticks in the chart of the sample (M + 1, 2n).
+        far the motion is carried on. Or by the measured state, at the sample. A target relative to the object is where
+        the object is then, not where it was foreseen. X are the states of the ticks in the chart of the sample (M + 1,
+        2n).
         """
         stages = self._problem.stages
-        by_measurement = [stages[s] for s, time in command.switches if time == command.time]
+        chart = command.solution.window.chart
         Q, v = np.split(ticks.X[0], [self._problem.model.nq])
         found = {
-            stage.index: self._end_errors(*in_own_chart(self._problem.model, stage, Q, v))
-            for stage in by_measurement
-            if not stage.on_object
+            index: self._errors_at(stages[index], Q, v, ticks, time)
+            for index, time in command.switches
+            if time == command.time
         }
         for stage, instant in zip(command.solution.window.stages, command.instants, strict=False):
-            if instant <= ticks.time[-1] + SHORTEST:
-                found[stage.index] = self._end_errors(stage, state_at(ticks.time, X, float(instant)))
+            if instant > ticks.time[-1] + SHORTEST:
+                continue
+            time = float(instant)
+            x = state_at(ticks.time, X, time)
+            if stage.on_object:
+                Q, v = (each[0] for each in chart.leave(x[None]))
+                found[stage.index] = self._errors_at(stages[stage.index], Q, v, ticks, time)
+            else:
+                found[stage.index] = self._end_errors(stage, x)
         return found
+
+    def _errors_at(self, stage: Stage, Q: np.ndarray, v: np.ndarray, ticks: Ticks, time: float) -> tuple[float, float]:
+        """Return the end errors of a stage in a state, with the object where it is at a time [s]; NaN if unknown."""
+        object_state = self._object_state(ticks, time)
+        if stage.on_object and object_state is None and self._problem.capture is not None:
+            return np.nan, np.nan
+        return self._end_errors(*in_own_chart(self._problem.model, stage, Q, v, object_state=object_state))
+
+    def _object_state(self, ticks: Ticks, time: float) -> ObjectState | None:
+        """Return pose and velocity of an object with a mass at a time [s]; since the tick before it moves freely."""
+        target_object = ticks.target_object
+        if target_object is None or self._capture is None:
+            return None
+        tick = int(np.clip(np.searchsorted(ticks.time, time, side="right") - 1, 0, len(ticks.time) - 1))
+        since = time - float(ticks.time[tick])
+        return self._capture.body.predicted(target_object.pose[tick], target_object.v[tick], since)
 
     def _end_errors(self, stage: Stage, x: np.ndarray) -> tuple[float, float]:
         """Return the error of a stage's end condition over its tolerance, and over that plus 2 sigma of the rows."""
         costs = self._problem.costs
-        if not stage.end_rows:
+        if not stage.has_end_condition:
             return np.nan, np.nan
         allowance = 2 * costs.end_deviations(stage, x, self._noise)
         return costs.end_error(stage, x), costs.end_error(stage, x, allowance)

@@ -18,7 +18,8 @@ from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.library import describe_compiler, describe_processor
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window_record import WindowFrame, read_window
-from psmpc_cli.simulation.run import Watch, simulate
+from psmpc_cli.simulation.recorder import OWN_LOOP, Watch
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome, Solution, build_solver
 from psmpc_cli.specs.load import parse_task
 
@@ -55,6 +56,7 @@ def logged_solve(run: Run, sample: int) -> Solution:
 
 
 def _frame(run: Run, sample: int) -> WindowFrame:
+    """Read what a log says of a window beside its record: stages, nodes, time and state."""
     first = int(run["window/first"][sample])
     count = int(run["window/count"][sample])
     problem = run.problem
@@ -77,7 +79,7 @@ class Replay:
         solution: What came out again.
         iterations: The solver's table of iterations, line by line; its objective is J over the largest priority.
         compared: Objective, planned switch times and the control of the first tick: as logged, and again.
-        apart: Largest difference of a control in the plan [m/s^2, rad/s^2].
+        largest_of_controls: Largest difference of a control in the plan [m/s^2, rad/s^2].
         remarks: What was logged that is not the solve behind the applied control.
         same_solver: Whether the solver is the run's.
     """
@@ -86,14 +88,14 @@ class Replay:
     solution: Solution
     iterations: tuple[str, ...]
     compared: Mapping[str, tuple[float, float]]
-    apart: float
+    largest_of_controls: float
     remarks: tuple[str, ...]
     same_solver: bool
 
     @property
     def largest(self) -> float:
         """The largest of all differences."""
-        return max(self.apart, *(abs(again - logged) for logged, again in self.compared.values()))
+        return max(self.largest_of_controls, *(abs(again - logged) for logged, again in self.compared.values()))
 
 
 def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
@@ -105,33 +107,34 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     """
     task = log.task
     logged = logged_solve(log, sample)
-    lines = list[str]()
+    iterations = list[str]()
     if solver is not None:
         change = (f"--solver {solver}", f"solver.kind={json.dumps(solver)}")
         task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, [change])
     spec = task.spec.solver.model_copy(update={"deadline": None})
-    same = task.spec.solver.kind == log.task.spec.solver.kind
-    back_end = build_solver(build_problem(task), spec, lines.append)
-    duals = logged.guess_duals if same else np.zeros(0)
+    same_solver = task.spec.solver.kind == log.task.spec.solver.kind
+    back_end = build_solver(build_problem(task), spec, iterations.append)
+    duals = logged.guess_duals if same_solver else np.zeros(0)
     previous = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=duals) if logged.warm else None
     solution = back_end.solve(logged.window, logged.guess, previous)
-    tick = logged.window.start + np.array([0.0, 1 / task.spec.plant.low_level_rate])
+    first_tick = logged.window.start + np.array([0.0, 1 / task.spec.plant.low_level_rate])
     ends = (f"{stage.name} ends [s]" for stage in logged.window.stages[:-1])
     controls = log.coordinates
     names = ["objective J", *ends, *(f"control of {name}" for name in controls)]
-    solves = [np.r_[each.J, each.plan.instants, each.plan.mean_control(tick)[0]] for each in (logged, solution)]
+    solves = [np.r_[each.J, each.plan.instants, each.plan.mean_control(first_tick)[0]] for each in (logged, solution)]
     return Replay(
         logged=logged,
         solution=solution,
-        iterations=tuple(lines),
+        iterations=tuple(iterations),
         compared=dict(zip(names, zip(*np.array(solves).tolist(), strict=True), strict=True)),
-        apart=float(np.abs(solution.plan.u - logged.plan.u).max()),
+        largest_of_controls=float(np.abs(solution.plan.u - logged.plan.u).max()),
         remarks=tuple(_remarks(log, sample)),
-        same_solver=same,
+        same_solver=same_solver,
     )
 
 
 def _remarks(log: Run, sample: int) -> Iterator[str]:
+    """Say where a logged solve is not the one behind the applied control."""
     names = log.stage_names
     last = int(log["window/first"][sample] + log["window/count"][sample]) - 1
     if log["events/postponed"][sample] and last + 1 < len(names):
@@ -208,7 +211,7 @@ def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sampl
 
 
 def unequal_conditions(log: Run) -> tuple[str, ...]:
-    """Return what makes it pointless to expect equal numbers: other versions, several threads, a deadline."""
+    """List the conditions under which a repeated run need not be equal: other versions, several threads, a deadline."""
     here = {"psmpc": __version__, "casadi": version("casadi"), "numpy": np.__version__}
     logged = {name: str(log.attributes.get(f"{name}_version", "unknown")) for name in here}
     found = [
@@ -218,6 +221,9 @@ def unequal_conditions(log: Run) -> tuple[str, ...]:
         found.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")
     if (deadline := log.task.spec.solver.deadline) is not None:
         found.append(f"solves have a deadline of {deadline:g} s: how far they come depends on the machine")
+    if log.attributes.get("plant") == OWN_LOOP:
+        plant = log.task.spec.plant.kind
+        found.append(f"the log was recorded in a loop of its own, this is a simulation with plant {plant}")
     return (*found, *_other_machine(log))
 
 

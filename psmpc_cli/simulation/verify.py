@@ -57,8 +57,8 @@ class Verification:
         task = self._problem.spec
         levels = "levels/solved" in log
         uncertain = task.uncertainty.in_force or task.controller.offset_free
-        seen = np.hstack([log.motion.Q_seen, log.motion.v_seen])
-        self._states = np.vstack([seen, np.full_like(seen[:1], np.nan)])  # after a kill the last one is not known
+        states = np.hstack([log.motion.Q_seen, log.motion.v_seen])
+        self._states = np.vstack([states, np.full_like(states[:1], np.nan)])  # after a kill the last one is not known
         self.horizons: Peaks = {}
         self.loop: Peaks = {}
         self.count = 0
@@ -70,86 +70,111 @@ class Verification:
                 plan = None if levels else solve.plan
                 if sample % every == 0:
                     self.count += 1
-                    _keep(self.horizons, sample, self._of_horizon(solve.plan, solve.window))
+                    _update_peaks(self.horizons, sample, self._measure_horizon(solve.plan, solve.window))
             applied = None if log["events/braking"][sample] else plan
-            if not uncertain and (flow := self._flow(sample, applied)) is not None:
+            if not uncertain and (flow := self._integrate_sample(sample, applied)) is not None:
                 self.samples += 1
-                _keep(self.loop, sample, self._of_loop(sample, flow, applied))
+                _update_peaks(self.loop, sample, self._measure_loop(sample, flow, applied))
         self.remarks = tuple(_remarks(levels, uncertain, len(log.time) - self.samples))
 
-    def _of_horizon(self, plan: Plan, window: Window) -> Iterator[Measured]:
-        """Integrate a plan; limits count by how much more than at the measured state, which the horizon leaves free."""
+    def _measure_horizon(self, plan: Plan, window: Window) -> Iterator[Measured]:
+        """Integrate the dynamics along the plan of a horizon and compare the motion with the plan.
+
+        A limit counts as violated by how much more than at the measured state, where the horizon starts and which it
+        cannot change.
+        """
         u = np.hstack([plan.u, np.tile(plan.chart.anchor, (len(plan.u), 1))])
         flow = self._integrate("law", np.hstack(plan.chart.leave(plan.X[:1]))[0], plan.times, u)
         X = plan.chart.entered(flow.between_pieces)
-        yield from self._halves("", np.abs(X - plan.X), plan.times)
+        yield from self._positions_and_velocities("", np.abs(X - plan.X), plan.times)
         for stage, N, last in zip(window.stages, window.nodes, np.cumsum(window.nodes), strict=True):
             inside = slice((last - N) * INSIDE, last * INSIDE + 1)
-            beyond = self._beyond(stage, flow)
-            yield from self._halves(" limit", np.maximum(beyond - beyond[0], 0.0)[inside], flow.times[inside])
+            beyond = self._limit_violations(stage, flow)
+            yield from self._positions_and_velocities(
+                " limit", np.maximum(beyond - beyond[0], 0.0)[inside], flow.times[inside]
+            )
             if stage is not window.stages[-1]:
-                yield self._end(stage, X[last], plan.times[last])
+                yield self._end_error(stage, X[last], plan.times[last])
 
     def _integrate(self, what: str, x: Vector, times: Vector, inputs: Vector) -> Flow:
-        """Integrate the physics; LogError where its numbers are not those of a motion."""
+        """Integrate the physics as `AdaptiveDynamics.under` does.
+
+        Raises:
+            LogError: The numbers are not those of a motion.
+        """
         try:
             return self._physics.under(what, x, times, inputs)
         except RuntimeError:
             raise LogError(f"{self._log.path}: the motion from {times[0]:g} s on cannot be integrated") from None
 
-    def _flow(self, sample: int, plan: Plan | None) -> Flow | None:
-        """Integrate the closed loop over a sample under its logged forces, or those of its plan; None without both."""
+    def _integrate_sample(self, sample: int, plan: Plan | None) -> Flow | None:
+        """Integrate the closed loop over a sample under its logged forces, else under those of its plan.
+
+        Returns:
+            The motion; None where neither is known.
+        """
         log = self._log
         task = self._problem.spec
         ticks = round(task.controller.sample_time * task.plant.low_level_rate)
         edges = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
         x = self._states[sample]
-        if log.ticks:
-            return self._integrate("force", x, edges, log.ticks["F"][sample * ticks : (sample + 1) * ticks])
+        forces = log.ticks["F"][sample * ticks : (sample + 1) * ticks] if log.ticks else np.zeros(0)
+        if len(forces) and np.isfinite(forces).all():  # those of a loop of the user's own may be unknown
+            return self._integrate("force", x, edges, forces)
         if plan is None:
             return None
         _, v = plan.chart.leave(plan.states_at(edges))
         return self._integrate("ticks", x, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
 
-    def _of_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[Measured]:
-        """Compare the closed loop over a sample with its plan, limits, next logged state and ends of stages."""
+    def _measure_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[Measured]:
+        """Compare the integrated motion over a sample with its plan, limits, next logged state and ends of stages."""
         log = self._log
         end = flow.times[-1:]
         if plan is not None:
-            yield from self._halves("", np.abs(plan.chart.entered(flow.X[-1:]) - plan.states_at(end)), end)
-        beyond = self._beyond(self._problem.stages[int(log["window/first"][sample])], flow)
-        yield from self._halves(" limit", beyond, flow.times)
+            yield from self._positions_and_velocities(
+                "", np.abs(plan.chart.entered(flow.X[-1:]) - plan.states_at(end)), end
+            )
+        beyond = self._limit_violations(self._problem.stages[int(log["window/first"][sample])], flow)
+        yield from self._positions_and_velocities(" limit", beyond, flow.times)
         names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
         after = self._states[sample + 1]
-        yield "plant", np.abs(np.diff(self._chart(after).entered(np.vstack([flow.X[-1], after])), axis=0)), end, names
+        yield (
+            "plant",
+            np.abs(np.diff(self._chart_at(after).entered(np.vstack([flow.X[-1], after])), axis=0)),
+            end,
+            names,
+        )
         switch_times = log.stages["switch_time"]
-        chart = self._chart(flow.X[0])
+        chart = self._chart_at(flow.X[0])
         for index in np.flatnonzero((switch_times > flow.times[0] + 1e-9) & (switch_times <= end + 1e-9)):
             time = float(switch_times[index])
             Q, v = chart.leave(state_at(flow.times, chart.entered(flow.X), time)[None])
-            yield self._end(*in_own_chart(self._model, self._problem.stages[index], Q[0], v[0]), time)
+            stage = self._problem.stages[index]
+            object_state = log.object_state_at(time)
+            yield self._end_error(*in_own_chart(self._model, stage, Q[0], v[0], object_state=object_state), time)
 
-    def _chart(self, x: Vector) -> Chart:
+    def _chart_at(self, x: Vector) -> Chart:
         """Return the chart about the attitude in a state (nq + n,)."""
         return self._model.space.chart_at(x[: self._model.nq])
 
-    def _beyond(self, stage: Stage, flow: Flow) -> Vector:
-        """Return by how much a motion exceeds the limits of a stage (T, 2n)."""
-        X = np.hstack([self._chart(flow.X[0]).entered(flow.X)[:, : self._model.n], flow.X[:, self._model.nq :]])
+    def _limit_violations(self, stage: Stage, flow: Flow) -> Vector:
+        """Return by how much a motion exceeds the limits of a stage (T, 2n); 0 within them."""
+        X = np.hstack([self._chart_at(flow.X[0]).entered(flow.X)[:, : self._model.n], flow.X[:, self._model.nq :]])
         return np.asarray(np.maximum(np.maximum(stage.limits.state_low - X, X - stage.limits.state_high), 0.0))
 
-    def _halves(self, of: str, values: Vector, times: Vector) -> Iterator[Measured]:
-        """Give what is measured of positions and of velocities, (T, 2n)."""
+    def _positions_and_velocities(self, of: str, values: Vector, times: Vector) -> Iterator[Measured]:
+        """Split what is measured of states (T, 2n) into quantities of positions and of velocities."""
         for name, part in zip(("position", "velocity"), np.hsplit(values, 2), strict=True):
             yield f"{name}{of}", part, times, self._log.coordinates
 
-    def _end(self, stage: Stage, x: Vector, time: float) -> Measured:
-        """Give the error of a stage's end condition over its tolerance. Paper eq. (18)."""
+    def _end_error(self, stage: Stage, x: Vector, time: float) -> Measured:
+        """Measure the error of a stage's end condition over its tolerance. Paper eq. (18)."""
         error = self._problem.costs.end_error(stage, x)
         return "end condition", np.array([[error]]), np.array([time]), [stage.name]
 
 
 def _remarks(levels: bool, uncertain: bool, left_out: int) -> Iterator[str]:
+    """Say what was left out of a verification, and why."""
     if levels:
         yield "the log of HTMPC holds the windows of the first levels alone, and those were integrated"
     if uncertain:
@@ -160,8 +185,8 @@ def _remarks(levels: bool, uncertain: bool, left_out: int) -> Iterator[str]:
         yield f"{left_out} samples of the closed loop were left out, {why}"
 
 
-def _keep(peaks: Peaks, sample: int, found: Iterator[Measured]) -> None:
-    """Keep the largest values that are larger than what is known."""
+def _update_peaks(peaks: Peaks, sample: int, found: Iterator[Measured]) -> None:
+    """Replace peaks by what was found at a sample, where that is larger."""
     for quantity, values, times, names in found:
         peak = largest(values, names, times, sample)
         if peak is not None and (quantity not in peaks or peak.value > peaks[quantity].value):

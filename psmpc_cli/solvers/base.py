@@ -82,6 +82,11 @@ class Solution:
     bound_multiplier: float = np.nan
     basin: int = -1
 
+    def __repr__(self) -> str:
+        stages = ", ".join(stage.name for stage in self.window.stages)
+        outcome = self.outcome.name.lower().replace("_", " ")
+        return f"<Solution of {stages}: {outcome} after {self.iterations} iterations, J {self.J:g}>"
+
     @property
     def J(self) -> float:
         """The objective in the task's own priorities."""

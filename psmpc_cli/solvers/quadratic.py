@@ -464,7 +464,11 @@ def _order_unknowns(arrays: QpArrays, soft: bool) -> _Unknowns:
 
 
 def _sort_rows(arrays: QpArrays, unknowns: _Unknowns, soft: bool) -> _RowKinds:
-    """Return what each row is."""
+    """Sort the rows low <= C x <= high of a program into the kinds that PIQP takes in different ways.
+
+    A row whose bounds coincide is an equation. The first rows of C are each a single unknown, so that their bounds are
+    those of a box; those on states may be soft. All others are inequalities of several unknowns.
+    """
     row = np.arange(len(arrays.low))
     low_is_finite = np.isfinite(arrays.low)
     high_is_finite = np.isfinite(arrays.high)

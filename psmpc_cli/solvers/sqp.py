@@ -17,10 +17,11 @@ from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import make_all
 from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
-from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.window import Window, plan_on_mesh, stage_shape, window_numbers, window_shape
+from psmpc_cli.ocp.stage import cost_shape, stage_shape
+from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, kernel_library, load_kernel
@@ -108,7 +109,7 @@ class SqpSolver(Solver):
         if spec.compiled:
             make_all(libraries(problem))
         for stage in problem.stages:  # before the robot moves: of a spatial robot it takes a second
-            stage_functions(problem.model, StageShape(stage.space), spec.compiled).prepare()
+            stage_functions(problem.model, cost_shape(stage_shape(stage)), spec.compiled).prepare()
             stage_functions(problem.model, stage_shape(stage)).prepare()
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
@@ -158,8 +159,8 @@ class SqpSolver(Solver):
 
 def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
     """Yield what makes the libraries that the windows of a problem need, whichever stages are in them."""
-    for space in sorted({stage.space for stage in problem.stages}):
-        functions = stage_functions(problem.model, StageShape(space))
+    for shape in dict.fromkeys(cost_shape(stage_shape(stage)) for stage in problem.stages):
+        functions = stage_functions(problem.model, shape)
         yield maker_of(functions.gauss_newton.function)
         yield maker_of(functions.cost.function)
     for switches in range(len(problem.stages)):

@@ -70,6 +70,9 @@ BY_CONTROLLER = "by_controller"
 NO_CONTROLLERS_OWN: tuple[Location, ...] = (("robot",), ("controller",), ("controller", "kind"), (BY_CONTROLLER,))
 """Keys that cannot depend on the controller."""
 
+SECTIONS_WITH_A_KIND = ("controller", "solver", "plant", "onset")
+"""Sections of a task for which a text stands for their `kind`."""
+
 Change = str | tuple[str, str]
 """One key to change: `path=value`, or an option as it was typed and the `path=value` that it is short for."""
 
@@ -133,6 +136,9 @@ class Document:
     origins: Mapping[Location, Origin] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
     changed: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Document {self.name}: {counted(len(self.text.splitlines()), 'line', 'lines')}>"
 
     @property
     def yaml(self) -> str:
@@ -434,7 +440,7 @@ def for_controller(document: Document, kind: str) -> Document:
                 wanted = f"any key but {', '.join(map(dotted, NO_CONTROLLERS_OWN))}"
                 raise SpecError(f"found the key {quoted(key)}, expected {wanted}")
             inside = {place[len(at) :]: origin for place, origin in document.origins.items() if lies_inside(place, at)}
-            document = _put(document, path, value, inside)
+            document = _put(document, _place_of_change(document, path, value), value, inside)
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(at, str(error), at_key=True)))
     return document
@@ -449,6 +455,7 @@ def _apply(document: Document, typed: str, number: int, text: str) -> Document:
     new = read("--set", value_text)
     if new.faults:
         raise SpecError(new.faults[0].message)
+    path = _place_of_change(document, path, new.data)
     origins = {
         at: replace(origin, place=Place(number, origin.place.column), override=typed)
         for at, origin in (new.origins or {(): Origin(Place(1, 1))}).items()
@@ -474,6 +481,17 @@ def _path(document: Document, written: str) -> Location:
         if value is None or (isinstance(value, str) and len(path) == 1):  # such as `controller: htmpc`
             value = {}
     return path
+
+
+def _place_of_change(document: Document, path: Location, value: Data) -> Location:
+    """Return the path at which a value is put: that of the kind where a text is set in place of a whole section.
+
+    So `controller=hard` keeps the other keys of a section that is written as a mapping.
+    """
+    if len(path) != 1 or path[0] not in SECTIONS_WITH_A_KIND:
+        return path
+    names_the_kind = isinstance(value, str) and isinstance(document.value(path), dict)
+    return (*path, "kind") if names_the_kind else path
 
 
 def _key(document: Document, value: Data, step: str | int, path: Location) -> str | int:

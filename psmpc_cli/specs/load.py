@@ -59,6 +59,10 @@ class Task:
     robot_yaml: str
     source: Document
 
+    def __repr__(self) -> str:
+        size = f"{len(self.spec.stages)} stages"
+        return f"<Task {self.spec.name}: {size}, robot {self.robot.name}, controller {self.spec.controller.kind}>"
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the task and its robot as data, however their files are written."""

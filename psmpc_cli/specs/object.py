@@ -81,13 +81,36 @@ class EnvelopeSpec(Spec):
     angular_velocity: fields.Width = Field(description="largest relative angular velocity [rad/s]")
 
 
-class StrengthSpec(Spec):
-    """What a grasp holds."""
+GRASP_LOADS = {"pull": "N", "shear": "N", "moment": "N m"}
+"""What a grasp bears, in the order of its arrays, with its units: outwards from the object's centre of mass, across
+that direction, and the moment about the gripper."""
 
-    pull: fields.Positive = Field(
-        description="largest filtered pull on the object, outwards from its centre of mass [N]"
+
+def _bounds_a_load(strength: "StrengthSpec", before: Fields, context: Context) -> RuleErrors:
+    """Give a strength that bounds nothing."""
+    if np.isinf(strength.of_loads).all():
+        yield (), expected(f"at least one of {', '.join(GRASP_LOADS)}", "none", at_key=True)
+
+
+class StrengthSpec(Spec):
+    """What a grasp holds: it is lost when a filtered load exceeds this. What is not given is not limited."""
+
+    pull: fields.Sparse[fields.Positive | None] = Field(
+        None, description="largest filtered pull on the object, outwards from its centre of mass [N]"
     )
-    filter: fields.Positive = Field(0.2, description="time constant of the pull's low-pass filter [s]")
+    shear: fields.Sparse[fields.Positive | None] = Field(
+        None, description="largest filtered force across that direction [N]"
+    )
+    moment: fields.Sparse[fields.Positive | None] = Field(
+        None, description="largest filtered moment, about the gripper [N m]"
+    )
+    filter: fields.Positive = Field(0.2, description="time constant of the loads' low-pass filter [s]")
+
+    @property
+    def of_loads(self) -> np.ndarray:
+        """The largest loads (3,) in the order of `GRASP_LOADS`; infinite where there is no limit."""
+        found = (getattr(self, load) for load in GRASP_LOADS)
+        return np.array([np.inf if largest is None else largest for largest in found])
 
 
 class GraspSpec(Spec):
@@ -101,13 +124,15 @@ class GraspSpec(Spec):
         description="stiffness against displacement and against turning [N/m, N m/rad]"
     )
     damping_ratio: fields.NotNegative = Field(1.0, description="damping over the critical one of the two bodies")
-    strength: StrengthSpec | None = Field(None, description="what it holds; default anything")
+    strength: Annotated[StrengthSpec, holds(_bounds_a_load)] | None = Field(
+        None, description="what it holds; default anything"
+    )
     known: fields.Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
 
     @property
-    def largest_pull(self) -> float:
-        """The filtered pull that a grasp holds [N]; infinite where it holds anything."""
-        return np.inf if self.strength is None else self.strength.pull
+    def largest_loads(self) -> np.ndarray:
+        """The filtered loads that a grasp holds (3,), see `GRASP_LOADS`; infinite where there is no limit."""
+        return np.full(len(GRASP_LOADS), np.inf) if self.strength is None else self.strength.of_loads
 
 
 class ObjectSpec(Spec):
@@ -116,7 +141,9 @@ class ObjectSpec(Spec):
     shape: _Extent = Field(description="length and width, [l, w]; in space with the height [m]")
     pose: PoseNumbers = Field(description="pose at the start: [x, y, angle] [m, rad]; in space position and attitude")
     taken_by: _StageName = Field(description="the stage at whose end it is taken")
-    let_go_by: _StageName = Field(description="the stage at whose beginning it is let go")
+    let_go_by: fields.Sparse[_StageName | None] = Field(
+        None, description="the stage at whose beginning it is let go; default it is held to the end"
+    )
     mass: fields.Sparse[fields.Positive | None] = Field(None, description="mass; without one it is drawn alone [kg]")
     inertia: fields.Sparse[Annotated[fields.OneOrMore[fields.Positive], by_dimension(1, 3)] | None] = Field(
         None, description="inertia about its centre of mass, in space about its axes [kg m^2]"
@@ -147,9 +174,11 @@ class ObjectSpec(Spec):
     def held_stages(self, names: Sequence[str]) -> range:
         """Return the stages in which grippers hold it, of a task's stages by name.
 
-        It is taken where the stage before the first of them ends, and let go where the last one ends.
+        It is taken where the stage before the first of them ends, and let go where the last one ends. An object that
+        is held to the end is held in what follows the last stage too, whose index is the number of stages.
         """
-        return range(names.index(self.taken_by) + 1, names.index(self.let_go_by))
+        end = len(names) + 1 if self.let_go_by is None else names.index(self.let_go_by)
+        return range(names.index(self.taken_by) + 1, end)
 
 
 @dataclass(frozen=True)
@@ -174,23 +203,28 @@ class CaptureSpec:
 
 
 def complete(target_object: ObjectSpec, before: Fields, context: Context) -> RuleErrors:
-    """Give an object that is let go before it is taken, or is half a body."""
-    order = context.stages
-    grasp = target_object.grasp
-    if order and order.index(target_object.let_go_by) <= order.index(target_object.taken_by):
-        yield ("let_go_by",), expected(f"a stage after {quoted(target_object.taken_by)}, which takes the object")
-    of_body = ("inertia", "motion", "destination", "grasp") if target_object.mass is None else ()
-    for key in (key for key in of_body if getattr(target_object, key) is not None):
-        yield (key,), expected('also "mass": an object without one is drawn alone', "no mass", at_key=True)
-    if target_object.mass is not None and (target_object.inertia is None or grasp is None):
-        missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if getattr(target_object, key) is None)
+    """Give an object that nothing holds between taking it and letting it go, or that is half a body."""
+    let_go_by = target_object.let_go_by
+    if context.stages and let_go_by and not target_object.held_stages(context.stages):
+        wanted = f"a later stage than the one after {quoted(target_object.taken_by)}, so that a stage holds the object"
+        yield ("let_go_by",), expected(wanted, quoted(let_go_by))
+    given = target_object.model_dump(exclude_none=True)
+    if "mass" in given:
+        yield from _of_a_body(given, before)
+        return
+    for key in ("inertia", "motion", "destination", "grasp"):
+        if key in given:
+            yield (key,), expected('also "mass": an object without one is drawn alone', "no mass", at_key=True)
+
+
+def _of_a_body(given: Mapping[str, Any], before: Fields) -> RuleErrors:
+    """Give what an object with a mass lacks, and moments of inertia that no body has."""
+    missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if key not in given)
+    if missing:
         yield ("mass",), expected(f"also {missing}", "a mass alone", at_key=True)
-    if grasp is not None and grasp.known and len(grasp.at) == 1:
-        wanted = "false with one gripper: it closes no chain, which the low-level law would have to know"
-        yield ("grasp", "known"), expected(wanted)
     plant = before.get("plant")
-    moments = target_object.inertia or ()
-    if target_object.mass is not None and plant is not None and not plant.traits.has_forces:
+    if plant and not plant.traits.has_forces:
         yield ("mass",), expected("plant rk4 or mujoco: ideal has no forces", "a mass with plant ideal", at_key=True)
+    moments = given.get("inertia", ())
     if len(moments) == 3 and 2 * max(moments) > sum(moments):
         yield ("inertia",), expected("none larger than the sum of the other two", "moments that no body has")

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import WrapValidator
 
@@ -11,10 +11,15 @@ from psmpc_cli.specs.document import Document, Location, counted, mapping
 from psmpc_cli.specs.fields import Fields, RuleErrors, expected, holds, within_a_turn
 
 Space = Literal["joint", "task", "point"]
+"""In which space a skill's cost is; each is the name of a file in `psmpc_cli.ocp.skills`."""
+
 Axes = Mapping[str, tuple[str, ...]]
 """Names of the numbers of every part."""
 
-SPACES: tuple[Space, ...] = ("joint", "task", "point")
+AxesByDimension = Mapping[int, tuple[str, ...]]
+"""Names of numbers in the plane (2) and in space (3)."""
+
+SPACES: tuple[Space, ...] = get_args(Space)
 
 TARGET_AXES = {2: ("x", "y", "theta"), 3: ("x", "y", "z", "qw", "qx", "qy", "qz")}
 """Coordinates of a pose in the plane, and in space, as they are in Q, xi and targets."""
@@ -26,6 +31,15 @@ POSITION_AXES = ("x", "y", "z")
 
 POINTING_AXES = {2: ("direction",), 3: ("direction_y", "direction_z")}
 """Rows of the error of an arm that points at a point: angles about the end-effector's axes."""
+
+POINT_AXES = {2: POSITION_AXES[:2], 3: POSITION_AXES}
+"""Coordinates of a point."""
+
+ARM_AXES: dict[Space, tuple[AxesByDimension, AxesByDimension]] = {
+    "task": (ERROR_AXES, TARGET_AXES),
+    "point": (POINTING_AXES, POINT_AXES),
+}
+"""Rows of an arm's error and numbers of its target, by space; where there is none they are the arm's joints."""
 
 QUANTITIES = ("position", "velocity", "acceleration")
 
@@ -67,11 +81,12 @@ def stands_for(key: str, part: str) -> bool:
 
 def axes_of(parts: Mapping[str, int], space: Space, of_error: bool = True) -> dict[str, tuple[str, ...]]:
     """Return the names of the rows of the error, or of the numbers of a target, by part; `parts` are the robot's."""
-    d = dimension_of(parts)
-    pose = (ERROR_AXES if of_error else TARGET_AXES)[d]
-    of_arm = {"task": pose, "point": POINTING_AXES[d] if of_error else POSITION_AXES[:d]}.get(space)
-    joints = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
-    return {part: pose if part == "base" else of_arm or joints[part] for part in parts}
+    dimension = dimension_of(parts)
+    kind = 0 if of_error else 1
+    axes = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
+    if space in ARM_AXES:
+        axes = dict.fromkeys(parts, ARM_AXES[space][kind][dimension])
+    return {**axes, "base": (ERROR_AXES, TARGET_AXES)[kind][dimension]} if "base" in parts else axes
 
 
 def dimension_of(parts: Mapping[str, int]) -> int:

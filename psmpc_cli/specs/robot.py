@@ -398,6 +398,13 @@ class Limits:
     acceleration_low: Vector
     acceleration_high: Vector
 
+    def __repr__(self) -> str:
+        bounded = []
+        for quantity in QUANTITIES:
+            low, high = (getattr(self, f"{quantity}_{side}") for side in ("low", "high"))
+            bounded.append(f"{np.count_nonzero(np.isfinite(low) | np.isfinite(high))} of {quantity}")
+        return f"<Limits of {len(self.position_low)} coordinates: {', '.join(bounded)}>"
+
     @cached_property
     def state_low(self) -> Vector:
         """Lower bounds of [Q; Qdot] (2n,)."""

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.document import choice, counted, quoted
+from psmpc_cli.specs.document import choice, counted, mapping, quoted
 from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import Context, Space, axes_of, in_joint_space, names, part_faults, stands_for
@@ -60,6 +60,11 @@ class MonitorSpec(Spec):
     )
     at_most: fields.Number | None = Field(None, description="upper bound [m, m/s]")
     at_least: fields.Number | None = Field(None, description="lower bound [m, m/s]")
+
+    @property
+    def unit(self) -> str:
+        """Unit of the signal and its margin."""
+        return "m" if self.quantity == "distance" else "m/s"
 
 
 class PublishedRun(Spec):
@@ -249,12 +254,21 @@ def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErr
 class SkillSpec(Spec):
     """A reusable cost and its limits. Paper eqs. (9), (10), (30), (31)."""
 
-    space: Literal["joint", "task", "point"] = Field(
+    space: Space = Field(
         description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31); point: end-effectors point at points"
     )
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
     weights: Annotated[SkillWeights, holds(_weights)] = Field(description="weights by part, and of the control")
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
+
+
+class ObjectEndSpec(Spec):
+    """How near its destination, and how much at rest, the object is at the end of a stage that holds it; norms."""
+
+    position: fields.Positive | None = Field(None, description="largest distance from the destination [m]")
+    angle: fields.Width | None = Field(None, description="largest angle to the attitude there [rad]")
+    velocity: fields.Positive | None = Field(None, description="largest speed of its centre of mass [m/s]")
+    angular_velocity: fields.Width | None = Field(None, description="largest angular velocity [rad/s]")
 
 
 class EndCondition(Spec):
@@ -263,9 +277,12 @@ class EndCondition(Spec):
     A coordinate is a part (`base`), `arms`, `all`, or one of a part (`base.x`, `arm_1.2`).
     """
 
-    coordinates: fields.OneOrMore[str] = Field(description="what must be at the target")
+    coordinates: fields.OneOrMore[str] = Field((), description="what must be at the target")
     tolerance: _Tolerance = Field(3e-3, description="how near, one number or numbers by part [m, rad]")
     velocity: fields.Width | None = Field(None, description="how much at rest [m/s, rad/s]")
+    object: fields.Sparse[ObjectEndSpec | None] = Field(
+        None, description="where the held object must be, and how much at rest"
+    )
     hold: fields.Sparse[fields.Seconds] = Field(0.0, description="how long it must be met without a break [s]")
 
     def tolerances(self, robot: RobotSpec, space: Space) -> Vector:
@@ -329,8 +346,31 @@ def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
             yield (key,), expected('an "object" with a mass', "no such object", at_key=True)
 
 
+def _object_end(end: ObjectEndSpec, before: Fields, context: Context) -> RuleErrors:
+    """Give an end condition of the object that bounds nothing, or in a stage that does not hold it all the time."""
+    if not end.model_dump(exclude_none=True):
+        yield (), expected(f"at least one of {', '.join(ObjectEndSpec.model_fields)}", "none")
+    target_object = mapping(context.file.value(("object",)))
+    if not {"mass", "destination"} <= {key for key, value in target_object.items() if value}:
+        yield (), expected('an "object" with a mass and a destination', "no such object", at_key=True)
+        return
+    order = context.stages
+    name = before.get("name")
+    taken_by, let_go_by = (target_object.get(key) for key in ("taken_by", "let_go_by"))
+    if name not in order or taken_by not in order:
+        return
+    let_go = order.index(let_go_by) if let_go_by in order else len(order)
+    if not order.index(taken_by) < order.index(name) < let_go:
+        wanted = f"it in a stage that holds the object, from the one after {quoted(taken_by)} on"
+        yield (), expected(wanted, f"it in {quoted(name)}", at_key=True)
+
+
 def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
+    if end.object is not None:
+        yield from (((("object", *at)), error) for at, error in _object_end(end.object, before, context))
+    elif not end.coordinates:
+        yield (), expected('"coordinates", "object" or both', "neither", at_key=True)
     sizes = context.sizes
     space = context.spaces.get(before.get("skill", ""))
     if not sizes or space is None:
@@ -589,17 +629,40 @@ class TaskSpec(Spec):
     seed: fields.Whole = Field(0, ge=0, description="seed of everything random")
 
     @property
-    def judged(self) -> tuple[str, ...]:
-        """Names of what decides whether the mission succeeded: the monitors, and what becomes of a massive object."""
-        names = tuple(monitor.name for monitor in self.monitors)
+    def judged(self) -> dict[str, str]:
+        """What decides whether the mission succeeded, monitors and what becomes of a massive object; units by name."""
+        units = {monitor.name: monitor.unit for monitor in self.monitors}
+        return units | dict.fromkeys(self.object_checks, "1")
+
+    @property
+    def object_checks(self) -> tuple[str, ...]:
+        """Names of what is judged of an object with a mass; none without one."""
         if self.capture is None:
-            return names
-        return (*names, *OBJECT_CHECKS[: 2 if self.capture.destination is None else 3])
+            return ()
+        return OBJECT_CHECKS[: 2 if self.capture.destination is None else 3]
 
     @property
     def capture(self) -> CaptureSpec | None:
         """The task's object, where it has a mass; None where the task has no such object."""
         return None if self.object is None else self.object.capture
+
+    @property
+    def held_stages(self) -> range:
+        """The stages in which grippers hold the object; none of a task without one. See `ObjectSpec.held_stages`."""
+        if self.object is None:
+            return range(0)
+        return self.object.held_stages([stage.name for stage in self.stages])
+
+    @property
+    def holds_to_the_end(self) -> bool:
+        """Whether the object is still held when the last stage is over."""
+        return len(self.stages) in self.held_stages
+
+    @property
+    def time_after_end(self) -> float:
+        """For how long a run goes on after its last stage [s]: grippers that close only then are seen to hold."""
+        closes_at_end = self.capture is not None and self.held_stages.start == len(self.stages)
+        return 1.0 if closes_at_end else 0.0
 
     @property
     def measurement_noise(self) -> StateNoiseSpec:

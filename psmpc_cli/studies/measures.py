@@ -12,7 +12,7 @@ import numpy as np
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.schema import Column
+from psmpc_cli.logs.schema import EFFORT_UNITS, PEAKS, Column
 from psmpc_cli.ocp.problem import in_own_chart
 
 
@@ -55,7 +55,9 @@ def _error_at_end(run: Run, stage: int) -> float:
     """Compute the error of a stage's end condition at the end of the run, over its tolerance. Paper eq. (18)."""
     problem = run.problem
     final = run.final
-    return problem.costs.end_error(*in_own_chart(problem.model, problem.stages[stage], final["Q"], final["v"]))
+    at_end = run.object_state_at(float(final["time"]))
+    placed = in_own_chart(problem.model, problem.stages[stage], final["Q"], final["v"], object_state=at_end)
+    return problem.costs.end_error(*placed)
 
 
 def _errors_at_ends(path: str) -> Callable[[Run], np.ndarray]:
@@ -73,6 +75,10 @@ def _monitor_margins(run: Run) -> list[float]:
     return [verdict.margin for verdict in run.summary().monitors]
 
 
+def _peak(name: str) -> Callable[[Run], float]:
+    return lambda run: run.summary().peaks[name]
+
+
 def _stage_cost(run: Run) -> np.ndarray:
     weights = run["cost/current_stage"] * float(np.asarray(run.attributes["sample_time"]))
     return np.bincount(run["window/first"], weights, minlength=len(run.stage_names))
@@ -88,7 +94,7 @@ _AT_ENDS = "largest error of each stage's end condition at its end, but the last
 _AND_NOISE = "the same over its tolerance plus 2 sigma of its measurement"
 _BEYOND = "tightest distance to a {} limit at a tick; negative beyond it"
 _OVER = "the same distance to a {} limit, over half the limits' distance"
-_MARGINS = "smallest distance of each monitor's signal to its bounds"
+_MARGINS = "smallest distance of each monitor's signal to its bounds, in the unit of the monitor"
 _VARIES = "total variation of the {} acceleration"
 _MOST = "largest number of iterations of a solve"
 _BASINS = "windows in which another guess of the instants than the last plan's won"
@@ -106,16 +112,18 @@ OUTCOME = (
     _number("velocity_margin", "m/s, rad/s", _BEYOND.format("velocity"), _margin("velocity", "margin")),
     _number("relative_position_margin", "1", _OVER.format("position"), _margin("position", "relative")),
     _number("relative_velocity_margin", "1", _OVER.format("velocity"), _margin("velocity", "relative")),
-    _number("monitor_margin", "m, m/s", _MARGINS, _monitor_margins, dims=("monitor",)),
+    _number("monitor_margin", "m, m/s, 1", _MARGINS, _monitor_margins, dims=("monitor",)),
     _whole("unmeasured", "samples whose state was not measured, at least in part"),
 )
 """What became of a run."""
 
 EFFORT = (
     _number("stage_cost", "s", _CURRENT, _stage_cost, dims=("stage",)),
-    _number("control_effort", "m^2/s^3, rad^2/s^3", "integral of |u|^2"),
+    _number("control_effort", EFFORT_UNITS, "sum over samples of T_s |dv / T_s|^2, dv the integral of u over one"),
+    _number("squared_acceleration", EFFORT_UNITS, "integral of |u|^2"),
     _number("base_force", "N s", "integral of the norm of the base force"),
     _number("base_torque", "N m s", "integral of the norm of the base torque"),
+    *(_number(f"peak_{name}", unit, meaning, _peak(name)) for name, (unit, meaning) in PEAKS.items()),
     _number("variation_base_position", "m/s^2", _VARIES.format("base's linear")),
     _number("variation_base_angle", "rad/s^2", _VARIES.format("base's angular")),
     _number("variation_joints", "rad/s^2", _VARIES.format("joints'")),

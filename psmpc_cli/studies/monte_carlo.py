@@ -10,7 +10,7 @@ import numpy as np
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.schema import MONTE_CARLO, Column, Sample
+from psmpc_cli.logs.schema import MONTE_CARLO, PEAKS, Column, Sample
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import require_callable, require_options, require_whole
 from psmpc_cli.specs.document import printable
@@ -40,6 +40,7 @@ COORDINATES = (
     Column("seed", "1", "seed of the run", dtype="i8", dims=("run",)),
     Column("stage", "1", "stage", dtype="text", dims=("stage",)),
     Column("monitor", "1", "monitor", dtype="text", dims=("monitor",)),
+    Column("monitor_unit", "1", "unit of its margin", dtype="text", dims=("monitor",)),
 )
 """What runs along the dimensions of the results."""
 
@@ -121,8 +122,9 @@ class MonteCarloRuns:
         results: The content of its file.
         made: Which runs were made, those that crashed among them (runs,).
         succeeded, failed: Which of these succeeded, and which did not (runs,).
-        stages, monitors: Their names.
-        end_time: End of the mission (runs,) [s]; NaN where it was not completed.
+        stages: Their names.
+        monitors: Units of their margins by name.
+        end_time: End of the mission (runs,) [s]; NaN where it did not succeed.
 
     Raises:
         LogError: The results are not those of such a study.
@@ -136,8 +138,14 @@ class MonteCarloRuns:
         self.succeeded = self["succeeded"] == 1
         self.failed = self.made & ~self.succeeded
         self.stages: list[str] = self["stage"].tolist()
-        self.monitors: list[str] = self["monitor"].tolist() if "monitor" in results.quantities else []
-        self.end_time = np.where(self["completed"] == 1, self["end_time"], np.nan)
+        self.monitors: dict[str, str] = {}
+        if "monitor" in results.quantities:
+            self.monitors = dict(zip(self["monitor"].tolist(), self["monitor_unit"].tolist(), strict=True))
+        self.end_time = np.where(self.succeeded, self["end_time"], np.nan)
+
+    def __repr__(self) -> str:
+        of_made = f"{np.count_nonzero(self.made)} made, {np.count_nonzero(self.succeeded)} succeeded"
+        return f"<MonteCarloRuns: {len(self.made)} runs, {of_made}>"
 
     def __getitem__(self, name: str) -> Array:
         return self.results[name]
@@ -159,7 +167,7 @@ class MonteCarloRuns:
 
     def quantiles(self) -> Iterator[tuple[str, int, tuple[float, ...]]]:
         """Yield how every quantity spreads: what it is, how many runs have it, and its 5, 50 and 95 % quantiles."""
-        values = {"mission ends, completed runs [s]": self.end_time}
+        values = {"mission ends, successful runs [s]": self.end_time}
         for number, stage in enumerate(self.stages):
             if number:
                 values[f"{stage} starts [s]"] = self["actual_start"][:, number]
@@ -168,9 +176,11 @@ class MonteCarloRuns:
         values["final error [tolerances]"] = self["final_error"]
         for kind in ("position", "velocity"):
             values[f"tightest {kind} margin [% of the limit]"] = 100 * self[f"relative_{kind}_margin"]
-        for number, monitor in enumerate(self.monitors):
-            values[f"margin of {monitor} [m, m/s]"] = self["monitor_margin"][:, number]
+        for number, (monitor, unit) in enumerate(self.monitors.items()):
+            values[f"margin of {monitor} [{unit}]"] = self["monitor_margin"][:, number]
         values["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]
+        for name, (unit, meaning) in PEAKS.items():
+            values[f"{meaning} [{unit}]"] = self[f"peak_{name}"]
         for name, each in values.items():
             known = each[np.isfinite(each)]
             yield name, len(known), tuple(np.quantile(known, (0.05, 0.5, 0.95)) if len(known) else [np.nan] * 3)

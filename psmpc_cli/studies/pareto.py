@@ -17,8 +17,9 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import PARETO
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import SHORTEST, Window
+from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.replay import logged_solve
-from psmpc_cli.simulation.run import build_experiment, converging, header
+from psmpc_cli.simulation.run import build_experiment, converging
 from psmpc_cli.solvers import NlpSolver, Solution
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.fronts import CONSTRAINED, FREE, STATUS, WEIGHTED, dominated, extents, hypervolume

@@ -253,9 +253,13 @@ def task_in(results: Results, changes: Sequence[str] = ()) -> Task:
 
 
 def names_along(task: Task) -> list[Quantity]:
-    """Build the further coordinates of a whole run's quantities, without empty ones."""
-    names = {"stage": [each.name for each in task.spec.stages], "monitor": list(task.spec.judged)}
-    return [Quantity(name, (name,), np.array(found), "1", name) for name, found in names.items() if found]
+    """Build the further coordinates of a whole run's quantities: stages, and monitors where there are any."""
+    judged = task.spec.judged
+    found = [Quantity("stage", ("stage",), np.array([each.name for each in task.spec.stages]), "1", "stage")]
+    if judged:
+        found.append(Quantity("monitor", ("monitor",), np.array(list(judged)), "1", "monitor"))
+        found.append(Quantity("monitor_unit", ("monitor",), np.array(list(judged.values())), "1", "unit of its margin"))
+    return found
 
 
 def _resumed(study: Study, new: Results) -> Results:

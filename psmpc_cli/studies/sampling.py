@@ -43,7 +43,11 @@ class Sampling:
         return np.asarray(self.omega[:, 1] / self.omega[:, 0])
 
     def coordinates(self, stages: Sequence[str]) -> list[Quantity]:
-        """Build the coordinates of the cells, and the priorities of the two stages of these names."""
+        """Build the arrays that say in a file of results which priorities each cell has.
+
+        Args:
+            stages: Names of the two stages whose priorities differ from cell to cell.
+        """
         first, second = stages
         return [
             Quantity("ratio", self.dims, self.ratio, "1", OVER),
@@ -82,13 +86,17 @@ class Grid(Sampling):
     scales = dims
 
     def coordinates(self, stages: Sequence[str]) -> list[Quantity]:
-        """Build the priorities along both axes, and the ratio of each cell."""
+        """Build the priorities along both axes of the grid, and the ratio in each of its cells (omega_2, omega_1).
+
+        All cells of one omega_2 follow each other, so the number of those with the first one is that of the columns.
+        """
         first, second = stages
-        omega = self.omega
-        columns = np.count_nonzero(omega[:, 1] == omega[0, 1])
+        omega_1 = self.omega[:, 0]
+        omega_2 = self.omega[:, 1]
+        columns = np.count_nonzero(omega_2 == omega_2[0])
         return [
-            Quantity("omega_2", ("omega_2",), omega[::columns, 1], "1", f"priority of {second}"),
-            Quantity("omega_1", ("omega_1",), omega[:columns, 0], "1", f"priority of {first}"),
+            Quantity("omega_2", ("omega_2",), omega_2[::columns], "1", f"priority of {second}"),
+            Quantity("omega_1", ("omega_1",), omega_1[:columns], "1", f"priority of {first}"),
             Quantity("ratio", self.dims, self.ratio.reshape(-1, columns), "1", OVER),
         ]
 

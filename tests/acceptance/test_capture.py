@@ -10,6 +10,8 @@ from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.simulation.replay import replay
+from psmpc_cli.simulation.verify import Verification
+from psmpc_cli.studies.measures import second_stage
 
 pytestmark = pytest.mark.slow
 COARSE = {"controller.nodes": 15, "log.shares": False}
@@ -35,6 +37,20 @@ def test_object_moves_freely_before_and_after(drifting: Run) -> None:
     assert drifting["object/velocity"][0] == pytest.approx([0.02, 0, np.radians(2)])
 
 
+def test_end_errors_of_targets_on_the_object_are_against_where_it_is_then(drifting: Run) -> None:
+    """Stages end at their tolerance, capture within what two samples at coarse nodes leave of the foreseen state."""
+    ends = np.nanmax(drifting["deviation/end"][:, :2], axis=0)
+    assert ends == pytest.approx([1.0, 1.0], abs=0.05)
+    loop = Verification(drifting, every=1000).loop["end condition"]
+    assert loop.value < 1.2
+
+
+def test_a_run_up_to_the_end_of_a_stage_on_the_object_has_met_its_end_condition() -> None:
+    run = psmpc.simulate(psmpc.load_task("catch_drifting", {**COARSE, "controller.kind": "hard"}), until=0)
+    (final_error,) = (column.value for column in second_stage(0) if column.path == "final_error")
+    assert final_error is not None and final_error(run) <= 1
+
+
 @pytest.mark.parametrize("share", [0.25, 0.5])
 def test_windows_with_moving_targets_are_replayed(drifting: Run, share: float) -> None:
     first = drifting["window/first"] if share < 0.3 else drifting["window/first"] + 1
@@ -51,8 +67,8 @@ def test_one_stage_after_another_a_drifting_object_is_caught_too(kind: str) -> N
 
 
 def test_pull_is_drawn_where_there_are_grasps(drifting: Run, tmp_path: Path) -> None:
-    assert "pull" in figures_of("run", drifting)
-    assert [path.name for path in draw("run", drifting, tmp_path, only=["pull"])] == ["pull.png"]
+    assert "grasps" in figures_of("run", drifting)
+    assert [path.name for path in draw("run", drifting, tmp_path, only=["grasps"])] == ["grasps.png"]
 
 
 def test_a_sweep_over_strength_finds_the_grasps_that_are_lost() -> None:
@@ -90,3 +106,50 @@ def test_tumbling_object_is_caught_with_both_hands_and_brought_to_rest() -> None
         assert summary.capture.speed < 0.01
         assert summary.momentum_error < 1e-6
     assert np.linalg.norm(SPACE.pose_error(one["final/object_pose"], other["final/object_pose"])[:3]) < 1e-3
+
+
+def first_stages(count: int, **changes: object) -> psmpc.Run:
+    """Return a run of the first stages of `catch_drifting`, whose object nothing lets go."""
+    task = psmpc.load_task("catch_drifting", COARSE)
+    keys = {"stages": task.source.data["stages"][:count], "object.let_go_by": None, "by_controller": {}}
+    return psmpc.simulate(psmpc.load_task("catch_drifting", {**COARSE, **keys, **changes}))
+
+
+def test_an_object_that_nothing_lets_go_is_held_to_the_end_and_judged_there() -> None:
+    run = first_stages(3)
+    summary = run.summary()
+    found = summary.capture
+    assert summary.succeeded and found is not None
+    assert np.isnan(found.left_at) and np.isnan(run["grasp/opened_at"]).all()
+    assert found.distance < 5e-3 and found.speed < 0.03
+    assert summary.duration == pytest.approx(run.stages["switch_time"][-1])
+    elsewhere = first_stages(3, **{"object.destination.pose": [0.5, 0.978, "0 deg"], "time_limit": 45})
+    assert not elsewhere.summary().succeeded
+
+
+def test_grippers_that_close_where_the_last_stage_ends_are_seen_to_hold() -> None:
+    run = first_stages(2, **{"object.destination": None})
+    end = run.stages["switch_time"][-1]
+    assert run.summary().succeeded
+    assert run["grasp/closed_at"] == pytest.approx(end, abs=2e-3)
+    assert run.summary().duration == pytest.approx(end + 1.0, abs=0.1)
+    assert run["grasp/closed"][-1].all()
+    v = run["final/object_velocity"]
+    assert np.linalg.norm(v[:2]) < 0.05
+
+
+def test_one_gripper_that_knows_its_load_carries_it_and_opens_once() -> None:
+    """The stage ends by the object, which the planned switch meets and the measured pose after it may not."""
+    one_gripper = {
+        "object.mass": 2,
+        "object.inertia": 0.3,
+        "object.grasp.at": {"arm_1": [0.6415, 0, "135 deg"]},
+        "object.grasp.stiffness": [1e5, 1e4],
+        "plant.step": 2e-4,
+        "stages.capture.target.arm_2": [-3.04, 2.52, "-105 deg"],
+    }
+    run = psmpc.simulate(psmpc.load_task("transport_grasp", {**COARSE, **one_gripper}))
+    assert np.abs(np.diff(run["grasp/closed"][:, 0])).sum() == 2
+    found = run.summary().capture
+    assert run.summary().completed and found is not None and not found.lost
+    assert found.distance < 0.01 and found.speed < 0.05

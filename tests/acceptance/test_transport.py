@@ -133,7 +133,7 @@ def test_the_runs_are_where_the_baseline_has_them(log_of: Callable[[str], Run], 
     summary, baseline = log_of(name).summary(), BASELINE[name]
     assert ends(summary) == pytest.approx(baseline["switch_time"], abs=0.05)
     assert starts(summary) == pytest.approx(baseline["actual_start"], abs=0.15)
-    assert summary.control_effort == pytest.approx(baseline["control_effort"], rel=0.03)
+    assert summary.squared_acceleration == pytest.approx(baseline["squared_acceleration"], rel=0.03)
     assert summary.base_force == pytest.approx(baseline["base_force"], rel=0.03)
     distances = dict(zip(ends(summary), summary.distances, strict=True))
     assert distances == pytest.approx(baseline["gripper_distance"], abs=0.02)

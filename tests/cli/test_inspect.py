@@ -123,3 +123,29 @@ def test_check_prints_a_urdf_s_bodies_limits_and_what_was_assumed(psmpc: Psmpc) 
         '"left_tool" has no <inertial>',
     ):
         assert words in found
+
+
+def test_check_prints_the_object_its_grasps_and_its_destination(psmpc: Psmpc) -> None:
+    found = " ".join(psmpc("check", "catch_drifting").stdout.split())
+    for words in (
+        "mass 20 kg",
+        "pose at the start -2.489, 2.847 m, 30 deg",
+        "drift 0.02 0 m/s, 2 deg/s",
+        "taken at the end of capture",
+        "let go at the beginning of release",
+        "grasp of arm_2 -0.6415, 0 m, -135 deg",
+        "stiffness of a grasp 10000 N/m, 100 N m/rad, damping ratio 1",
+        "a grasp holds pull 12 N, filtered over 0.2 s",
+        "destination 0, 0.978 m, 0 deg",
+        "destination within 0.005 0.005 m, 1 deg",
+        "speed at the destination at most 0.03 m/s",
+    ):
+        assert words in found
+    in_space = " ".join(psmpc("check", "catch_tumbling").stdout.split())
+    assert "inertia 0.6 0.4 0.5 kg m^2" in in_space
+    assert "drift 0.004 -0.008 0.004 m/s, 0.6 1.2 1.2 deg/s" in in_space
+    assert "pose at the start 2.5, 0.7, 0 m, turned by 30 deg about 0.6 0 0.8" in in_space
+    assert "destination 1.5, 0, -0.4 m, turned by 0 deg destination within" in in_space
+    drawn_alone = psmpc("check", "transport").stdout
+    assert "taken" in drawn_alone
+    assert "mass" not in drawn_alone.partition("object")[2]

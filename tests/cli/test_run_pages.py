@@ -50,6 +50,7 @@ def test_a_page_says_what_its_log_lacks(psmpc: Psmpc, ended: Path, part: Path) -
     assert len({run["name"] for run in shown("both.html")}) == 2
 
 
+@pytest.mark.slow
 def test_a_run_of_a_study_is_repeated_from_its_seed(psmpc: Psmpc, ended: Path) -> None:
     assert psmpc(*NOISY, "--set", "uncertainty.noise.position=1e-3").code == 0
     assert psmpc("view", "study.h5", "--run", "1", "-q").code == 0
@@ -101,3 +102,11 @@ def test_a_report_has_verdict_stages_figures_and_settings(psmpc: Psmpc, ended: P
     assert all(stage in text for stage in (*run.stage_names, "held", run.task.digest))
     assert str(run.attributes["task_yaml"]) in "".join(page.itertext())
     assert len(list(page.iter("img"))) == 9
+
+
+def test_a_report_leaves_out_what_is_in_no_row_of_a_table_as_the_summary_does(psmpc: Psmpc, ended: Path) -> None:
+    assert psmpc("report", str(ended), "-o", "report.html").code == 0
+    stages, *_ = ElementTree.parse("report.html").getroot().iter("table")
+    headings = ["".join(cell.itertext()) for cell in next(stages.iter("tr"))]
+    assert headings == ["stage", "priority", "actual start [s]", "ends [s]", "grippers apart [m]"]
+    assert psmpc("show", str(ended)).stdout.splitlines()[1].split() == " ".join(headings).split()

@@ -95,6 +95,7 @@ def test_draws_and_thresholds_of_a_sweep(psmpc: Psmpc) -> None:
     assert results["epsilon"].tolist() == [1e-3, 0.5]
 
 
+@pytest.mark.slow
 def test_a_monte_carlo_study_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     ran = psmpc("monte-carlo", *NOISY, "--runs", "2")
     assert ran.code == 0
@@ -111,6 +112,7 @@ def test_a_monte_carlo_study_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None
     assert ran.stdout.startswith("3 of 3 runs succeeded")
 
 
+@pytest.mark.slow
 def test_pareto_fronts_are_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     quick = ("--points", "3", "--at", "0.3,0.5", "--method", "weighted-sum", "--jobs", "1")
     ran = psmpc("pareto", "task.yaml", *quick, "--log", "run.h5")

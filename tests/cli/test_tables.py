@@ -6,10 +6,12 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.run import build_experiment, header
+from psmpc_cli.simulation.recorder import header
+from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.specs.load import load_task
 
 from ..synthetic_fronts import synthetic_fronts
+from ..synthetic_logs import Story, write_story
 from ..synthetic_monte_carlo import synthetic_monte_carlo
 from ..synthetic_sweep import T_S, numbers, synthetic_sweep
 from .command import Psmpc
@@ -28,6 +30,18 @@ def test_a_run_that_was_killed_at_once_has_a_summary(tmp_path: Path, shown: Psmp
     assert lines[3].split() == ["capture", "100", "6.3", "13.8"]
     assert "monitor: object held not judged" in [" ".join(line.split()) for line in lines]
     assert not any(line.startswith("drift") for line in lines)
+
+
+@pytest.mark.slow
+def test_a_stage_shorter_than_a_sample_is_named(tmp_path: Path, shown: Psmpc, psmpc: Psmpc) -> None:
+    log = write_story(tmp_path / "log.h5", Story(ends=(10.0, 10.001, 23.0, 29.6), early={}))
+    brief = "stage capture lasted 1 ms, less than a sample of 100 ms"
+    assert brief in shown(log)
+    assert psmpc("report", str(log), "-o", "report.html").code == 0
+    assert f"<p>{brief.capitalize()}.</p>" in Path("report.html").read_text()
+    assert not any(
+        "lasted" in line for line in shown(write_story(tmp_path / "other.h5", Story(ends=(10, 10.1, 23, 30))))
+    )
 
 
 def test_tables_of_a_log_are_exported(psmpc: Psmpc, part: Path) -> None:

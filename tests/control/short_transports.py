@@ -10,7 +10,8 @@ from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.measures import Counterfactuals
-from psmpc_cli.simulation.run import Ending, Experiment, closed_loop
+from psmpc_cli.simulation.recorder import Ending
+from psmpc_cli.simulation.run import Experiment, closed_loop
 from psmpc_cli.solvers import Outcome, Solution, Solver
 
 QUICK = ("controller.nodes=8", "plant.kind=ideal", "log.plans=false", "log.shares=false")

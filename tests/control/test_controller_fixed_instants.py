@@ -8,7 +8,8 @@ import pytest
 
 from psmpc_cli.control import Command
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.simulation.run import Ending, Experiment
+from psmpc_cli.simulation.recorder import Ending
+from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import Solver
 
 from .short_transports import SHORT, run

@@ -29,6 +29,7 @@ def test_a_turn_takes_the_short_way_at_a_rate_within_its_limit(degrees: float) -
     assert max(np.abs(command.x[-9 + 3 : -9 + 6]).max() for command in commands) < 0.3 * 1.005
 
 
+@pytest.mark.slow
 def test_a_later_stage_with_a_high_priority_acts_early_and_ends_sooner() -> None:
     """In a mission with a skill of every kind."""
     ends = [stepped(reaching(f"controller.kind={kind}"))[1] for kind in ("psmpc", "smpc", "hard")]
@@ -59,6 +60,7 @@ SETTINGS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", SETTINGS.values(), ids=list(SETTINGS))
 def test_with_every_setting_the_mission_is_done(changes: tuple[str, ...]) -> None:
     commands, switches, _ = stepped(turning(120, *changes))

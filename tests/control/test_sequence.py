@@ -6,7 +6,7 @@ import pytest
 from psmpc_cli.control.sequence import MovingSequence, detect, drop_met, drop_passed
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import StageCosts
-from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.ocp.stage import PlacedStage
 
 AT_TARGET = np.r_[-2.0, 2.0, np.pi / 6, np.zeros(15)]
 
@@ -26,7 +26,7 @@ def test_every_stage_whose_instant_has_passed_is_dropped() -> None:
 
 
 def test_the_current_stage_is_dropped_when_the_measured_state_meets_its_condition(
-    stages: tuple[Stage, ...], costs: StageCosts
+    stages: tuple[PlacedStage, ...], costs: StageCosts
 ) -> None:
     sequence, switches = drop_met(MovingSequence(0, np.array([3.0]), 0.0), stages, costs, 2.0, AT_TARGET)
     assert [(s.stage, s.time) for s in switches] == [(0, 2.0)]
@@ -35,7 +35,7 @@ def test_the_current_stage_is_dropped_when_the_measured_state_meets_its_conditio
     assert (away.first, none) == (0, [])
 
 
-def test_a_stage_stays_for_its_dwell_time(stages: tuple[Stage, ...], costs: StageCosts) -> None:
+def test_a_stage_stays_for_its_dwell_time(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
     dwelling = (replace(stages[0], dwell=2.5), *stages[1:])
     kept, _ = drop_met(MovingSequence(0, np.zeros(0), 0.0), dwelling, costs, 2.4, AT_TARGET)
     dropped, _ = drop_met(MovingSequence(0, np.zeros(0), 0.0), dwelling, costs, 2.5, AT_TARGET)
@@ -46,7 +46,7 @@ def test_a_stage_stays_for_its_dwell_time(stages: tuple[Stage, ...], costs: Stag
 
 
 def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_margin(
-    stages: tuple[Stage, ...], costs: StageCosts
+    stages: tuple[PlacedStage, ...], costs: StageCosts
 ) -> None:
     longer = detect(MovingSequence(0, np.zeros(0), 0.0), stages, costs, arriving(2.0), 10)
     assert longer is not None
@@ -54,7 +54,7 @@ def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_mar
     assert detect(MovingSequence(0, np.zeros(0), 0.0), stages, costs, arriving(4.5), 10) is None
 
 
-def test_nothing_is_detected_after_the_last_stage(stages: tuple[Stage, ...], costs: StageCosts) -> None:
+def test_nothing_is_detected_after_the_last_stage(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
     assert detect(MovingSequence(3, np.zeros(0), 0.0), stages, costs, arriving(1.0), 10) is None
 
 
@@ -65,11 +65,11 @@ HOLD = 0.5
 
 
 @pytest.fixture
-def holding(stages: tuple[Stage, ...]) -> tuple[Stage, ...]:
+def holding(stages: tuple[PlacedStage, ...]) -> tuple[PlacedStage, ...]:
     return (replace(stages[0], hold=HOLD), *stages[1:])
 
 
-def seen(states: list[np.ndarray], stages: tuple[Stage, ...], costs: StageCosts) -> MovingSequence:
+def seen(states: list[np.ndarray], stages: tuple[PlacedStage, ...], costs: StageCosts) -> MovingSequence:
     """The sequence after samples 0.1 s apart."""
     sequence = MovingSequence(0, np.zeros(0), 0.0)
     for k, x in enumerate(states):
@@ -77,7 +77,9 @@ def seen(states: list[np.ndarray], stages: tuple[Stage, ...], costs: StageCosts)
     return sequence
 
 
-def test_a_stage_ends_when_its_condition_was_met_long_enough(holding: tuple[Stage, ...], costs: StageCosts) -> None:
+def test_a_stage_ends_when_its_condition_was_met_long_enough(
+    holding: tuple[PlacedStage, ...], costs: StageCosts
+) -> None:
     for samples, over in ((5, False), (6, True)):
         sequence, now = seen([np.zeros(18), *[AT_TARGET] * samples], holding, costs), 0.1 * samples
         assert sequence.hold_left(holding, now) == pytest.approx(HOLD + 0.1 - now)
@@ -85,7 +87,7 @@ def test_a_stage_ends_when_its_condition_was_met_long_enough(holding: tuple[Stag
 
 
 def test_a_break_begins_the_hold_again_and_keeps_the_next_stage_out(
-    holding: tuple[Stage, ...], costs: StageCosts
+    holding: tuple[PlacedStage, ...], costs: StageCosts
 ) -> None:
     prediction = resting_plan(0.3, 4.0, 10, AT_TARGET)
     unbroken, broken = (seen([AT_TARGET, x, AT_TARGET, AT_TARGET], holding, costs) for x in (AT_TARGET, np.zeros(18)))
@@ -97,3 +99,9 @@ def test_a_break_begins_the_hold_again_and_keeps_the_next_stage_out(
     assert detect(seen([np.zeros(18)], holding, costs), holding, costs, prediction, 10) is None
     lost = longer.with_measurement(holding, costs, 0.4, np.zeros(18))
     assert (lost.count, lost.broken) == (1, True)
+
+
+def test_a_stage_that_awaits_its_object_does_not_end(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
+    awaiting = (replace(stages[0], awaits_object=True), *stages[1:])
+    kept, _ = drop_met(MovingSequence(0, np.array([3.0]), 0.0), awaiting, costs, 2.0, AT_TARGET)
+    assert (kept.first, kept.instants.tolist()) == (0, [3.0])

@@ -14,7 +14,13 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("page", "printed"), [("python.md", "LogError"), ("own_robot.md", "(20, 20)"), ("view.md", "")]
+    ("page", "printed"),
+    [
+        ("python.md", "LogError"),
+        ("own_robot.md", "(20, 20)"),
+        ("view.md", ""),
+        ("real_time.md", "<Run of transport under psmpc: "),
+    ],
 )
 def test_the_page_runs(page: str, printed: str, tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), re.DOTALL)
@@ -34,6 +40,8 @@ def test_every_public_name_is_there_and_in_the_reference() -> None:
         module = getattr(psmpc, name).__module__
         assert module == "psmpc_cli.errors" or f"::: psmpc_cli.{name}" in reference
     assert set(psmpc.__all__) <= set(dir(psmpc))
+    stub = Path(psmpc.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+    assert set(re.findall(r" as (\w+)", stub)) == set(psmpc.__all__)
     unknown = "simulat"
     with pytest.raises(AttributeError, match="expected one of"):
         getattr(psmpc, unknown)

@@ -48,6 +48,11 @@ def common_legend(figure: Figure) -> list[str]:
     return [text.get_text() for found in figure.legends for text in found.get_texts()]
 
 
+def all_axes(figure: Figure) -> list[Axes]:
+    """The panels of a figure, and the axes in or beside them, such as a bar of colours."""
+    return [each for axes in figure.axes for each in (axes, *axes.child_axes)]
+
+
 def check_figure(figure: Figure) -> None:
     """Draw a figure and assert that its texts are large enough, apart, on the page, and that axes have units."""
     figure.draw_without_rendering()
@@ -62,7 +67,7 @@ def check_figure(figure: Figure) -> None:
 
 
 def visible_texts(figure: Figure) -> Iterator[Text]:
-    hidden = {text for axes in figure.axes for text in unseen_texts(axes)}
+    hidden = {text for axes in all_axes(figure) for text in unseen_texts(axes)}
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
         if text.get_visible() and text.get_text().strip() and text not in hidden:
@@ -99,7 +104,7 @@ def check_apart(texts: list[Text]) -> None:
 
 def check_labels(figure: Figure) -> None:
     """Every axis with numbers has a label with a unit; a count has none."""
-    for axes in figure.axes:
+    for axes in all_axes(figure):
         for axis in (axes.xaxis, axes.yaxis):
             shown = [label.get_text() for label in axis.get_ticklabels() if label.get_visible()]
             numbers = [text for text in shown if any(map(str.isdigit, text))]
@@ -109,7 +114,7 @@ def check_labels(figure: Figure) -> None:
 
 def check_room(figure: Figure) -> None:
     """The axes were not squeezed by what is written around them."""
-    boxes = [axes.get_position() for axes in figure.axes]
+    boxes = [axes.get_position() for axes in all_axes(figure)]
     assert max(box.x1 for box in boxes) - min(box.x0 for box in boxes) > 0.7
 
 

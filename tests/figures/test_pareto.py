@@ -82,6 +82,16 @@ def test_dominated_points_are_crossed_out_and_the_run_s_weights_named() -> None:
     assert "weights of the run" in common_legend(figure(made_up(narrow=True, ratio=(1, 10, 100))))
 
 
+@pytest.mark.parametrize("narrow", [True, False])
+def test_the_legend_covers_no_panel(narrow: bool) -> None:
+    drawn = figure(made_up(narrow=narrow))
+    drawn.draw_without_rendering()
+    legends = [*drawn.legends, *(found for axes in drawn.axes if (found := axes.get_legend()))]
+    assert "6.1 s: 1 s$^2$" in [text.get_text() for found in legends for text in found.get_texts()]
+    for axes in drawn.axes:
+        assert not any(found.get_window_extent().overlaps(axes.get_window_extent()) for found in legends)
+
+
 def unsolved(results: Results, point: int | slice) -> Results:
     """The study without those points that could be solved for by no method."""
     for name in results.quantities:

@@ -4,18 +4,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axis import Axis
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.figures.coordinates import attitude_error, plot_overlay, plot_states, plot_velocities
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.scene import OBLIQUE, configurations, scene_of
-from psmpc_cli.figures.snapshots import plot_scenario
+from psmpc_cli.figures.snapshots import plot_robot, plot_scenario
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import find
-from psmpc_cli.specs.load import load_task, parse_task
+from psmpc_cli.specs.load import load_robot, load_task, parse_task
 
 from .figure_contents import check_figure, common_legend, curves, points
 
@@ -49,18 +50,25 @@ def test_every_figure_is_fit_to_print(run: Run) -> None:
 
 def test_attitude_is_a_rotation_vector_beside_its_angle_to_the_target(run: Run) -> None:
     panel = plot_states(run).axes[2]
-    assert panel.get_ylabel() == "Base attitude\n(deg)"
+    assert panel.get_ylabel() == "Base attitude\n(rad)"
     shown = curves(panel)
-    vector = np.radians([shown[axis][:, 1] for axis in "xyz"]).T
+    vector = np.array([shown[axis][:, 1] for axis in "xyz"]).T
     turned = Rotation.from_rotvec(vector)
     np.testing.assert_allclose(
         turned.as_matrix(), Rotation.from_quat(run.motion.Q[:, 3:7], scalar_first=True).as_matrix(), atol=1e-9
     )
     target = Rotation.from_rotvec(np.radians(40) * np.array([0.6, 0, 0.8]))
     np.testing.assert_allclose(attitude_error(run), (target.inv() * turned).magnitude(), atol=1e-6)
-    np.testing.assert_allclose(shown["to the target"][:, 1], np.degrees(attitude_error(run)))
-    assert plot_velocities(run).axes[2].get_ylabel() == "Base velocity\n(deg/s)"
-    assert plot_overlay({"psmpc": run}).axes[3].get_ylabel() == "Base attitude x\n(deg)"
+    np.testing.assert_allclose(shown["to the target"][:, 1], attitude_error(run))
+    assert plot_velocities(run).axes[2].get_ylabel() == "Base velocity\n(rad/s)"
+    assert plot_overlay({"psmpc": run}).axes[3].get_ylabel() == "Base attitude x\n(rad)"
+
+
+@pytest.mark.parametrize("figure", ["states", "velocities", "controls", "errors"])
+def test_all_angles_of_a_figure_are_in_radians(run: Run, figure: str) -> None:
+    labels = [axes.get_ylabel() for axes in figures_of("run")[figure](run).axes]
+    assert any("(rad" in label for label in labels)
+    assert not any("(deg" in label for label in labels)
 
 
 def test_targets_of_a_scene_are_frames_in_its_view(run: Run) -> None:
@@ -69,7 +77,7 @@ def test_targets_of_a_scene_are_frames_in_its_view(run: Run) -> None:
     np.testing.assert_allclose(base[:3, 3], [0.4, 0.2, 0.1])
     np.testing.assert_allclose(np.linalg.det([base[:3, :3], tip[:3, :3]]), 1.0)
     view = OBLIQUE.view(scene.extent([0.0, run.motion.end]))
-    seen = OBLIQUE.see(np.array([base[:3, 3], tip[:3, 3]]))
+    seen = OBLIQUE.project(np.array([base[:3, 3], tip[:3, 3]]))
     assert np.all((view.min < seen) & (seen < view.max))
 
 
@@ -86,9 +94,30 @@ def test_a_scenario_has_the_points_that_are_looked_at_in_its_view() -> None:
     hatch = figure.axes[1]
     (mark,) = [line for line in hatch.lines if line.get_marker() == "+"]
     (at,) = points(mark)
-    np.testing.assert_allclose(at, OBLIQUE.see(np.array([0.6, 3, -1.4])))
+    np.testing.assert_allclose(at, OBLIQUE.project(np.array([0.6, 3, -1.4])))
     assert np.all((hatch.viewLim.min < at) & (at < hatch.viewLim.max))
     assert "point to look at" in common_legend(figure)
+
+
+def check_ticks(axis: Axis) -> None:
+    """Assert that an axis has more than one number, and a unit."""
+    low, high = axis.get_view_interval()
+    ticks = [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+    assert len([label for label in ticks if label.get_visible() and label.get_text()]) > 1
+    assert axis.get_label_text().endswith("(m)")
+
+
+@pytest.mark.parametrize("task", ["servicing", "transport"])
+def test_a_scenario_has_ticks_with_units_at_its_outer_panels(task: str) -> None:
+    panels = plot_scenario(load_task(task)).axes
+    for axis in (panels[0].yaxis, panels[2].yaxis, panels[2].xaxis, panels[3].xaxis):
+        check_ticks(axis)
+
+
+def test_every_view_of_a_robot_has_ticks_with_units() -> None:
+    for panel in plot_robot(load_robot("dual_arm_servicer")).axes:
+        check_ticks(panel.xaxis)
+        check_ticks(panel.yaxis)
 
 
 def test_snapshots_say_from_where_they_are_seen_and_the_run_is_animated(run: Run, tmp_path: Path) -> None:

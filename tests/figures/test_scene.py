@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.patches import Polygon
 
-from psmpc_cli.figures.scene import PLAN, grasp, scene_of
+from psmpc_cli.figures.scene import PLAN, grasp_frame, scene_of
 from psmpc_cli.figures.snapshots import draw_scene
 from psmpc_cli.figures.style import new_figure
 from psmpc_cli.logs.run import Run
@@ -41,7 +41,7 @@ def test_the_object_rests_moves_rigidly_with_the_grippers_and_stays_where_it_was
     assert run.task.spec.object is not None and rests is not None and moves is not None
     np.testing.assert_array_equal(rests, pose_frames(run.task.spec.object.pose))
     np.testing.assert_array_equal(stays, scene.object_frame(23.0))
-    frames = [grasp(run.problem.model, run.motion.coordinates_at(time)) for time in (13.0, 13.0 + 10 * share)]
+    frames = [grasp_frame(run.problem.model, run.motion.coordinates_at(time)) for time in (13.0, 13.0 + 10 * share)]
     held = [np.linalg.inv(frame) @ thing for thing, frame in zip((rests, moves), frames, strict=True)]
     np.testing.assert_allclose(held[1], held[0], atol=1e-9)
 

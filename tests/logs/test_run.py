@@ -215,6 +215,25 @@ def test_stages_follow_each_other_to_the_end_of_the_run(tmp_path: Path, story: S
     np.testing.assert_allclose(between, run.motion.Q[:2].mean(axis=0))
 
 
+@pytest.mark.parametrize(
+    ("shares", "early"),
+    [((0.2, 0.0, 0.0), False), ((0.0, 0.0, 0.0), False), ((0.0, 0.3, 0.0), True), ((np.nan,) * 3, True)],
+    ids=["one sample", "no share", "again later", "shares not logged"],
+)
+def test_a_start_of_a_single_sample_that_leaves_no_share_is_no_early_start(
+    tmp_path: Path, shares: tuple[float, ...], early: bool
+) -> None:
+    run = read_run(write_story(tmp_path / "run.h5", Story()))
+    first = int(np.argmin(np.abs(run.time - 6.4)))
+    run["window/presence"][first, 1] = 1.0
+    run["window/share"][run.time < 10.0, 1] = np.nan
+    run["window/share"][first : first + 3, 1] = shares
+    capture = run.summary().stages[1]
+    assert run.spans[1].early == (6.4 if early else None)
+    assert (capture.early, capture.actual_start) == (early, 6.4 if early else 10.0)
+    assert run.stages["actual_start"][1] == 6.4
+
+
 def test_the_state_is_the_true_one_beside_what_the_controller_saw(tmp_path: Path) -> None:
     motion = read_run(write_story(tmp_path / "run.h5", Story(blur=0.1))).motion
     np.testing.assert_allclose(np.abs(motion.Q_seen - motion.Q), 0.1)

@@ -14,7 +14,9 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import Arrays, Verdict, judge_monitor, signal, variation
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.run import build_experiment, header, simulate
+from psmpc_cli.report.texts import describe_verdict
+from psmpc_cli.simulation.recorder import header
+from psmpc_cli.simulation.run import build_experiment, simulate
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import MonitorSpec
 
@@ -252,6 +254,83 @@ def test_the_margin_is_the_smallest_and_tells_whether_it_held(distances: list[fl
     assert found.margin == pytest.approx(min(min(most, distances[0] + rise) - d for d in distances))
     assert found.held is (found.margin >= 0)
     assert np.isnan(found.broken_at) == found.held
+
+
+@pytest.fixture(scope="module")
+def drifting() -> Run:
+    """Half a second of a run that is to catch an object."""
+    return simulate(load_task("catch_drifting", ("controller.nodes=5", "time_limit=0.5", "log.plans=false")))
+
+
+NEAR = np.array([1e-3, 1e-3, 1e-3, 1e-3])
+FAR = np.array([[1e-3, 1e-3, 1e-3, 1e-3], [0.02, 1e-3, 1e-3, 1e-3]])
+TAKEN = {"grasp_closed_at": 9.0, "grasp_missed_by": NEAR}
+THERE = np.array([0.0, 0.978, 0.0])
+
+OBJECT_OUTCOMES = {
+    "never near": (
+        {},
+        "BROKEN: the run ended at 0.4 s, before arm_1, arm_2 had to close",
+        "not judged",
+        "BROKEN: it was not",
+    ),
+    "too far": (
+        {"grasp_closed_at": np.array([9.0, np.nan]), "grasp_missed_by": FAR},
+        "BROKEN: arm_2 outside the envelope when the grippers were to close, margin -1.000",
+        "not judged",
+        "BROKEN: it was not taken",
+    ),
+    "still held": (
+        TAKEN,
+        "held, margin 0.9",
+        "held, margin 1.000 (pull 0 of 12 N, ",
+        "BROKEN: still held at 0.4 s, when the run ended",
+    ),
+    "pulled open": (
+        {**TAKEN, "grasp_lost": np.array([1, -1]), "grasp_opened_at": np.array([9.5, np.nan]), "object_left_at": 9.5},
+        "held",
+        "BROKEN: arm_1 pulled open at 9.5 s, margin 1.000 (pull 0 of 12 N, ",
+        "BROKEN: arm_1 pulled open at 9.5 s",
+    ),
+    "let go elsewhere": (
+        {**TAKEN, "grasp_lost": 0, "object_left_at": 9.5, "object_left_pose": THERE + 0.2, "object_left_velocity": 0.0},
+        "held",
+        "held",
+        "BROKEN: let go at 9.5 s, too far from its destination or too fast, margin -39.000",
+    ),
+    "delivered": (
+        {**TAKEN, "grasp_lost": 0, "object_left_at": 9.5, "object_left_pose": THERE, "object_left_velocity": 0.0},
+        "held",
+        "held",
+        "held, margin 1.000",
+    ),
+}
+
+
+@pytest.mark.parametrize(("columns", "taken", "kept", "delivered"), OBJECT_OUTCOMES.values(), ids=list(OBJECT_OUTCOMES))
+def test_what_became_of_an_object_is_said_without_numbers_that_are_not_known(
+    drifting: Run, columns: dict[str, np.ndarray | float], taken: str, kept: str, delivered: str
+) -> None:
+    summary = changed(drifting, **columns).summary()
+    told = [describe_verdict(verdict) for verdict in summary.monitors]
+    for text, expected in zip(told, (taken, kept, delivered), strict=True):
+        assert text.startswith(expected)
+        assert "nan" not in text
+
+
+def test_the_last_end_error_is_against_the_object_where_it_is_at_the_end() -> None:
+    """Robot and object that are both moved by the same way have the same errors."""
+    on_object = {"base": {"object": [0, -0.978, "0 deg"]}, "arm_1": {"object": "arm_1"}, "arm_2": {"object": "arm_2"}}
+    changes = {"controller.nodes": 5, "time_limit": 0.3, "uncertainty.noise.position": 1e-4}
+    run = simulate(load_task("catch_drifting", {**changes, "stages.release.target": on_object}))
+    by = np.array([0.3, -0.2, 0.0])
+    robot = {f"final_Q{which}": run[f"final/Q{which}"] + np.r_[by, np.zeros(6)] for which in ("", "_true")}
+    target_object = {"final_object_pose": run["final/object_pose"] + by}
+    errors = run.summary().end_errors
+    assert errors is not None
+    assert changed(run, **robot, **target_object).summary().end_errors == pytest.approx(errors)
+    assert changed(run, **robot).summary().end_errors != pytest.approx(errors)
+    assert changed(run, **target_object).summary().end_errors != pytest.approx(errors)
 
 
 def test_deviations_are_the_largest_of_the_run(tmp_path: Path) -> None:

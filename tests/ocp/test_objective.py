@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.skills import SKILLS
-from psmpc_cli.ocp.stage import Stage, Trajectory
+from psmpc_cli.ocp.stage import Stage, StageShape, Trajectory
 from psmpc_cli.robot.model import RobotModel
 
 X_U = tuple[np.ndarray, np.ndarray]

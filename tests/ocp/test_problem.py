@@ -5,8 +5,9 @@ import weakref
 
 import numpy as np
 
-from psmpc_cli.ocp.objective import StageShape, stage_functions
+from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.ocp.stage import StageShape
 from psmpc_cli.specs.load import load_task
 
 

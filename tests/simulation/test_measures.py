@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from itertools import combinations
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -13,11 +14,13 @@ from hypothesis.extra.numpy import arrays
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.measures import DISTINCT, closeness, nearest_combination
-from psmpc_cli.simulation.run import Experiment, closed_loop, header
+from psmpc_cli.simulation.recorder import header
+from psmpc_cli.simulation.run import Experiment, closed_loop
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import OnsetSpec
 
 from ..control.short_transports import QUICK, SHORT
+from ..short_runs import there_and_back
 
 Build = Callable[..., Experiment]
 
@@ -48,14 +51,14 @@ def test_closeness_is_the_way_gone(without: np.ndarray, own: np.ndarray, part: f
 
 
 def test_the_form_alone_selects_it() -> None:
-    assert load_task("transport", ["onset=closeness"]).spec.onset == OnsetSpec(kind="closeness")
-    chosen = load_task("transport", ["onset=closeness", "onset.epsilon=0.5"]).spec.onset
+    assert load_task("transport", ["onset={kind: closeness}"]).spec.onset == OnsetSpec(kind="closeness")
+    chosen = load_task("transport", ["onset={kind: closeness}", "onset.epsilon=0.5"]).spec.onset
     assert chosen == OnsetSpec(kind="closeness", epsilon=0.5)
 
 
 def test_a_log_says_which_form_it_holds(experiment_of: Build, tmp_path) -> None:
     for kind, units in (("control", "m/s^2, rad/s^2"), ("closeness", "1")):
-        LogWriter(tmp_path / kind, header(experiment_of(*QUICK, f"onset={kind}"))).close()
+        LogWriter(tmp_path / kind, header(experiment_of(*QUICK, f"onset={{kind: {kind}}}"))).close()
         with h5py.File(tmp_path / kind) as log:
             assert log.attrs["onset"] == kind
             assert log["window/presence"].attrs["units"] == log["stages/epsilon"].attrs["units"] == units
@@ -64,7 +67,10 @@ def test_a_log_says_which_form_it_holds(experiment_of: Build, tmp_path) -> None:
 @pytest.fixture(scope="module")
 def observed(experiment_of: Build) -> dict[str, list[Sample]]:
     """Runs over four stages, with presence in both forms, and shares in the first."""
-    forms = {"control": ("onset=control", "log.shares=true"), "closeness": ("onset={kind: closeness, epsilon: 0.99}",)}
+    forms = {
+        "control": ("onset={kind: control}", "log.shares=true"),
+        "closeness": ("onset={kind: closeness, epsilon: 0.99}",),
+    }
     return {kind: list(closed_loop(experiment_of(*SHORT, *changes))) for kind, changes in forms.items()}
 
 
@@ -152,3 +158,19 @@ def test_the_stage_before_gives_its_share_to_the_next(observed: dict[str, list[S
 
 def test_shares_can_be_left_out(experiment_of: Build) -> None:
     assert next(closed_loop(experiment_of(*SHORT, "log.shares=false"))).metrics["window/share"] == {}
+
+
+def test_effort_is_of_the_mean_control_of_a_sample_and_peaks_are_of_its_ticks(tmp_path: Path) -> None:
+    """On the ideal plant the integral of the commanded accelerations is the change of velocity."""
+    log = there_and_back(tmp_path, "log.ticks=true", "log.shares=false")
+    v = np.vstack([log["state/Qdot"], log["final/Qdot"]])
+    sample_time = 0.1
+    efforts = sample_time * np.sum((np.diff(v, axis=0) / sample_time) ** 2, axis=1)
+    assert log["effort/control"] == pytest.approx(efforts, abs=1e-9)
+    assert (log["effort/squared_acceleration"] >= log["effort/control"] - 1e-12).all()
+    assert log["effort/squared_acceleration"].sum() > 1.001 * log["effort/control"].sum()
+    F = log.ticks["F"].reshape(len(log.time), -1, v.shape[1])
+    assert log["peak/base_force"] == pytest.approx(np.linalg.norm(F[:, :, :2], axis=2).max(axis=1))
+    assert log["peak/base_torque"] == pytest.approx(np.abs(F[:, :, 2]).max(axis=1))
+    assert log["peak/joint_torque"] == pytest.approx(np.abs(F[:, :, 3:]).max(axis=(1, 2)))
+    assert log.summary().peaks["joint_torque"] == log["peak/joint_torque"].max()

@@ -13,8 +13,9 @@ from psmpc_cli.logs.comparison import compare_runs
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
+from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.replay import continue_run, rerun, unequal_conditions
-from psmpc_cli.simulation.run import build_experiment, header, simulate
+from psmpc_cli.simulation.run import build_experiment, simulate
 from psmpc_cli.specs.load import load_task
 
 from ..short_runs import there_and_back

@@ -19,7 +19,8 @@ from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.simulation.run import build_experiment, closed_loop, header, simulate
+from psmpc_cli.simulation.recorder import header
+from psmpc_cli.simulation.run import build_experiment, closed_loop, simulate
 from psmpc_cli.specs.load import Task, load_task
 
 from ..limited_disk import files_of_at_most

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.simulation.run import Experiment, closed_loop, header, simulate
+from psmpc_cli.simulation.recorder import header
+from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
 from psmpc_cli.specs.load import load_task
 
 COARSE = ("controller.nodes=10", "solver.kind=sqp", "log.shares=false")

@@ -92,7 +92,7 @@ def test_the_controller_sees_the_noise_and_the_margins_do_not(tmp_path: Path) ->
 
 
 def test_a_payload_is_held_from_the_end_of_one_stage_to_the_beginning_of_another(tmp_path: Path) -> None:
-    log = logged(tmp_path, PAYLOAD, *REDUCED_LOG)
+    log = logged(tmp_path, PAYLOAD, "object.let_go_by=back", *REDUCED_LOG)
     np.testing.assert_array_equal(held(log), log["window/first"] == 1)
     assert held(log).any()
     taken, let_go = np.flatnonzero(np.diff(held(log).astype(int))) + 1

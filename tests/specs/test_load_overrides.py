@@ -4,6 +4,8 @@ from typing import Any
 import pytest
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.document import SECTIONS_WITH_A_KIND
+from psmpc_cli.specs.fields import Choice
 from psmpc_cli.specs.load import load_task, parse_task, read_documents
 from psmpc_cli.specs.task import TaskSpec
 
@@ -24,11 +26,8 @@ def error_of(*overrides: str) -> str:
     ("override", "old", "new"),
     [
         ("controller.nodes=25", "nodes: 100", "nodes: 25"),
-        (
-            "controller=smpc",
-            "{kind: psmpc, horizon: 4.0, nodes: 100, sample_time: 0.1, pending_cost: 1.0, zeta: 0.01}",
-            "smpc",
-        ),
+        ("controller=smpc", "kind: psmpc", "kind: smpc"),
+        ("plant=mujoco", "kind: rk4", "kind: mujoco"),
         ("stages[1].priority=10", "priority: 100", "priority: 10"),
         ("stages.capture.priority=10", "priority: 100", "priority: 10"),
         ("stages.approach.target.base=[-2, 1, 0.5 rad]", "base: [-2, 2, 30 deg]", "base: [-2, 1, 0.5 rad]"),
@@ -45,9 +44,28 @@ def test_override_equals_editing_the_file(override: str, old: str, new: str, tmp
 
 
 def test_kind_alone_becomes_a_mapping() -> None:
-    task = load_task("transport", ["controller=smpc", "controller.nodes=25", "plant=ideal"])
-    assert (task.spec.controller.kind, task.spec.controller.nodes, task.spec.plant.kind) == ("smpc", 25, "ideal")
-    assert "controller: {kind: smpc, nodes: 25}" in task.task_yaml
+    edited = TRANSPORT.task_yaml.replace("solver: {kind: sqp", "solver: sqp #")
+    task = parse_task(edited, TRANSPORT.robot_yaml, "transport", ["solver=fatrop", "solver.tolerance=1e-6"])
+    assert (task.spec.solver.kind, task.spec.solver.tolerance) == ("fatrop", 1e-6)
+    assert "solver: {kind: fatrop, tolerance: 1.0e-06}" in task.task_yaml
+
+
+def test_a_text_in_place_of_a_section_changes_its_kind_alone() -> None:
+    changed = {"controller.nodes": 25, "solver.iterations": 2, "plant.low_level_rate": 500, "onset.epsilon": 0.2}
+    kinds = {"controller": "hard", "solver": "ipopt", "plant": "ideal", "onset": "control"}
+    assert load_task("transport", {**changed, **kinds}).digest == (
+        load_task("transport", {**changed, **{f"{section}.kind": kind for section, kind in kinds.items()}}).digest
+    )
+    own = {"by_controller": {"hard": {"solver": "ipopt"}}}
+    waiting = load_task("transport", {**changed, **own, "controller": "hard"})
+    assert (waiting.spec.solver.kind, waiting.spec.solver.iterations) == ("ipopt", 2)
+    with pytest.raises(SpecError, match=r'controller\.kind: found the text "lqr", expected one of'):
+        load_task("transport", {"controller": "lqr"})
+
+
+def test_the_sections_with_a_kind_are_those_of_a_task() -> None:
+    choices = (name for name, key in TaskSpec.model_fields.items() if isinstance(key.default, Choice))
+    assert set(choices) == set(SECTIONS_WITH_A_KIND)
 
 
 def test_an_option_short_for_a_key_sets_it_and_is_named_where_it_is_wrong() -> None:

@@ -5,20 +5,29 @@ import pytest
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_task
 
-ONE_GRIPPER = ["object.grasp.at={arm_1: [0.6415, 0, 135 deg]}", "stages.capture.target.arm_2=[-3.04, 2.52, -105 deg]"]
-
 
 @pytest.mark.parametrize(
     ("changes", "path", "words"),
     [
         (["object.grasp.stiffness=[-1, 1]"], "object.grasp.stiffness[0]", "greater than 0"),
         (["object.inertia=null"], "object.mass", '"inertia"'),
-        (["object.grasp.known=true", *ONE_GRIPPER], "object.grasp.known", "one gripper"),
+        (["object.grasp.strength={filter: 0.1}"], "object.grasp.strength", "at least one of pull, shear, moment"),
+        (["object.grasp.strength.shear=-1"], "object.grasp.strength.shear", "greater than 0"),
+        (
+            ["object.let_go_by=transport", "stages.transport.ends_when.object=null"],
+            "object.let_go_by",
+            "a stage holds the object",
+        ),
         (["plant=ideal"], "object.mass", "rk4 or mujoco"),
         (["stages.capture.target.arm_1={object: arm_3}"], "stages[1].target.arm_1.object", "arm_1, arm_2"),
         (["stages.transport.target.arm_1={object: arm_1}"], "stages[2].target.arm_1", "skill in task space"),
         (["object.destination.tolerance=[1]"], "object.destination.tolerance", "3 entries"),
         (["uncertainty.payload={mass: 1, inertia: 1}"], "uncertainty.payload", "mass of its own"),
+        (["stages.transport.ends_when.object={}"], "stages[2].ends_when.object", "at least one of position"),
+        (["stages.capture.ends_when.object={velocity: 0.1}"], "stages[1].ends_when.object", "holds the object"),
+        (["stages.transport.ends_when.object={speed: 0.1}"], "stages[2].ends_when.object.speed", "velocity"),
+        (["stages.transport.ends_when.object={velocity: -1}"], "stages[2].ends_when.object.velocity", "greater"),
+        (["stages.transport.ends_when={velocity: 0.1}"], "stages[2].ends_when", '"coordinates", "object" or both'),
     ],
 )
 def test_objects_with_a_mass_that_make_no_sense(changes: list[str], path: str, words: str) -> None:
@@ -26,6 +35,12 @@ def test_objects_with_a_mass_that_make_no_sense(changes: list[str], path: str, w
         load_task("transport_grasp", changes)
     assert f"{path}: found" in str(error.value) and words in str(error.value)
     assert str(error.value).count(": found") == 1
+
+
+def test_a_stage_that_ends_by_the_object_needs_a_destination() -> None:
+    changes = ["stages.transport.ends_when.object={velocity: 0.1}", "object.destination=null"]
+    with pytest.raises(SpecError, match="with a mass and a destination"):
+        load_task("transport_grasp", changes)
 
 
 @pytest.mark.parametrize("key", ["inertia", "motion", "destination", "grasp"])

@@ -43,6 +43,7 @@ def bench(task: str, told: list[str]) -> Bench:
     return run_bench(load_bench(task, (FARTHER,), "5, 10,5"), repeat=2, appends=1, watch=told.append)
 
 
+@pytest.mark.slow
 def test_windows_before_at_and_after_the_append_are_solved_on_every_mesh(bench: Bench, told: list[str]) -> None:
     assert told == ["nodes 5: 6 windows done", "nodes 10: 6 windows done"]
     ways = [(name, start) for name in SOLVERS for start in ("warm", "cold")] + [("reference", "cold")]

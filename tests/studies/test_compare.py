@@ -40,6 +40,7 @@ def test_tasks_differ_in_the_controller_alone(reference: str) -> None:
     assert (alike[0].controller.nodes, alike[0].plant.kind) == (7, "rk4")
 
 
+@pytest.mark.slow
 def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Task]) -> None:
     done: list[str] = []
     path = tmp_path / "new" / "comparison.h5"

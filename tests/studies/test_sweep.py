@@ -95,6 +95,7 @@ def task(tmp_path: Path) -> Task:
     return load_task(tmp_path / "task.yaml")
 
 
+@pytest.mark.slow
 def test_any_keys_are_swept_and_the_arrays_are_labelled(task: Task, tmp_path: Path) -> None:
     values = {"stages.back.priority": [1, 10.0], "controller.kind": ["psmpc", "smpc"]}
     results = psmpc_cli.sweep(task, values, tmp_path / "sweep.h5", jobs=2)

@@ -1,12 +1,10 @@
-"""The skills by their name in a task file (`space:`); a new one is one more file here and one line of the table."""
+"""The skills by their name in a task file (`space:`), which is also the name of their file here."""
 
-from psmpc_cli.ocp.skills import joint, point, task
+from pkgutil import resolve_name
+
 from psmpc_cli.ocp.skills.base import Posture, Skill
+from psmpc_cli.specs.parts import SPACES
 
 __all__ = ["SKILLS", "Posture", "Skill"]
 
-SKILLS: dict[str, Skill] = {
-    "joint": joint.SKILL,
-    "task": task.SKILL,
-    "point": point.SKILL,
-}
+SKILLS: dict[str, Skill] = {space: resolve_name(f"{__name__}.{space}:SKILL") for space in SPACES}

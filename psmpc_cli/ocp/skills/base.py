@@ -35,6 +35,7 @@ class Skill:
         after: The posture to which a target leads.
         aims: Positions (frames, dimension) [m] of base and end-effectors, or of their points, that a target is about.
         poses: Whether a target begins with the poses of all frames; if not, with that of the base alone.
+        points: Whether the numbers of an arm's target are a point that it points at.
         absent: The numbers of a part that the target leaves out, whose weights are then 0; NaN where all are required.
     """
 
@@ -44,6 +45,7 @@ class Skill:
     after: Callable[[RobotModel, Posture, np.ndarray], Posture]
     aims: Callable[[RobotModel, np.ndarray], np.ndarray]
     poses: bool = False
+    points: bool = False
     absent: float = np.nan
 
     def angles(self, model: RobotModel) -> list[int]:

@@ -65,5 +65,6 @@ SKILL = Skill(
     error=error,
     after=after,
     aims=aims,
+    points=True,
     absent=FAR,
 )

@@ -17,7 +17,7 @@ from psmpc_cli.specs.object import GraspSpec
 Vector = Sequence[Any]
 
 
-class ClosedChain:
+class HeldLoad:
     """The low-level law of a robot that knows its load: the object, held by all grippers, as part of the robot.
 
     Each gripper i makes the object move by S_i(Q) v. Where these differ the commanded acceleration u would strain the
@@ -25,7 +25,8 @@ class ClosedChain:
     since a metric of masses has the light wrists make up for all of it, and a controller that brings them back within
     their limits at once then overcompensates. The force is that of the robot under u' and the object's, of which
     gripper i bears C_i (sum C)^-1, C_i its bushing's stiffness about the object's centre: then all grasps give alike,
-    and the grippers stay consistent. Equal shares would twist them against each other.
+    and the grippers stay consistent. Equal shares would twist them against each other. With one gripper nothing can
+    differ, u' = u, and it bears everything: the object is part of the last body.
     """
 
     def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:

@@ -1,0 +1,171 @@
+"""Where the panels of a figure are: rows as high as asked for, columns that share the width, labels around them.
+
+Matplotlib's constrained layout measures every label four times for a figure and again at each output, and needs the
+height of the figure beforehand. Here panels have their heights from the beginning, so that their ticks stay as they
+are: what is written around them is measured once, and the figure becomes as tall as all of it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+PAD = 0.04
+"""Distance between what is written around neighbouring panels, and from the edge of the page [in]."""
+
+BESIDE = 0.6
+"""About the room left and right of a column of panels with labels of its own [in], before it is measured."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A panel in its grid.
+
+    Attributes:
+        axes: The panel.
+        rows, columns: Those it covers in the grid.
+        equal: Whether its scales are equal, so that its height follows from its width.
+    """
+
+    axes: Axes
+    rows: range
+    columns: range
+    equal: bool
+
+
+def new_canvas(width: float) -> Figure:
+    """Return an empty figure of a width [in], without a window and unknown to pyplot, that can measure its texts."""
+    figure = Figure(figsize=(width, width))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
+    """Place the panels of a figure and their labels, and make the figure as tall as they need it.
+
+    The rows of the grid are as high as its height ratios say [in], those of panels with equal scales as their widths
+    want it. Columns share what the labels leave of the width. The labels of a column are in line.
+
+    Args:
+        figure: Its panels are in one grid, or all placed already.
+        below: Room below the panels [in].
+        above: Room above the panels [in].
+    """
+    panels = _panels_of(figure)
+    if not panels:
+        return
+    grid = panels[0].axes.get_subplotspec().get_gridspec()  # type: ignore[union-attr]
+    heights = np.array(grid.get_height_ratios(), dtype=float)
+    shares = np.array(grid.get_width_ratios(), dtype=float)
+    shares /= shares.sum()
+    figure_width = figure.get_figwidth()
+
+    for panel in panels:
+        if panel.equal:
+            panel.axes.set_aspect("auto")  # a panel narrower than its cell seems to need less room for its labels
+    _place_to_measure(figure, panels, heights, shares)
+    margins = [_margins(figure, panel.axes) for panel in panels]
+    left, right, bottom, top = _largest(panels, margins, len(heights), len(shares))
+
+    widths = shares * (figure_width - (left + right).sum())
+    starts = np.cumsum(left + np.r_[0.0, (widths + right)[:-1]])
+    ends = starts + widths
+    for panel in panels:
+        if panel.equal:
+            wide = ends[panel.columns[-1]] - starts[panel.columns[0]]
+            heights[panel.rows[0]] = wide * panel.axes.get_data_ratio()
+    tops = above + np.cumsum(top + np.r_[0.0, (heights + bottom)[:-1]])
+    figure_height = float(tops[-1] + heights[-1] + bottom[-1] + below)
+
+    offsets = {panel.axes: _label_offsets(figure, panel.axes) for panel in panels}
+    figure.set_figheight(figure_height)
+    for panel in panels:
+        x0 = starts[panel.columns[0]]
+        x1 = ends[panel.columns[-1]]
+        y1 = figure_height - tops[panel.rows[0]]
+        y0 = figure_height - tops[panel.rows[-1]] - heights[panel.rows[-1]]
+        size = np.array([figure_width, figure_height])
+        panel.axes.set_position(Bbox(np.array([[x0, y0], [x1, y1]]) / size))
+        in_line = [each.axes for each in panels if each.columns[0] == panel.columns[0]]
+        _fix_labels(panel.axes, max(offsets[axes][0] for axes in in_line), offsets[panel.axes][1], x1 - x0, y1 - y0)
+        if panel.equal:
+            panel.axes.set_aspect("equal")
+
+
+def _panels_of(figure: Figure) -> list[Panel]:
+    """List the panels of a figure that are in a grid."""
+    panels = []
+    for axes in figure.axes:
+        spot = axes.get_subplotspec()
+        if spot is not None:
+            rows = range(spot.rowspan.start, spot.rowspan.stop)
+            columns = range(spot.colspan.start, spot.colspan.stop)
+            panels.append(Panel(axes, rows, columns, axes.get_aspect() != "auto" and axes.name != "3d"))
+    return panels
+
+
+def _place_to_measure(figure: Figure, panels: Sequence[Panel], heights: np.ndarray, shares: np.ndarray) -> None:
+    """Give every panel its height and about its width, so that it has the ticks it will have.
+
+    The figure keeps its height, beyond which panels may reach: with another, Matplotlib would measure texts anew.
+    """
+    width, height = figure.get_size_inches()
+    columns = shares * max(width - BESIDE * len(shares), 0.5 * width)
+    for panel in panels:
+        wide = columns[list(panel.columns)].sum() / width
+        high = heights[list(panel.rows)].sum() / height
+        panel.axes.set_position((0.1, 0.0, wide, high))
+
+
+def _margins(figure: Figure, axes: Axes) -> np.ndarray:
+    """Measure the room that a panel's labels need left, right, below and above it [in]."""
+    axes.apply_aspect()
+    around = axes.get_tightbbox(for_layout_only=True)
+    inner = axes.get_window_extent()
+    if around is None or not axes.get_visible():
+        return np.zeros(4)
+    pixels = (inner.x0 - around.x0, around.x1 - inner.x1, inner.y0 - around.y0, around.y1 - inner.y1)
+    return np.maximum(pixels, 0.0) / figure.dpi
+
+
+def _largest(
+    panels: Sequence[Panel], margins: Sequence[np.ndarray], rows: int, columns: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the room left and right of each column, below and above each row [in], for the panels that end there."""
+    left = np.full(columns, PAD)
+    right = np.full(columns, PAD)
+    bottom = np.full(rows, PAD)
+    top = np.full(rows, PAD)
+    for panel, (at_left, at_right, at_bottom, at_top) in zip(panels, margins, strict=True):
+        first_column = panel.columns[0]
+        last_column = panel.columns[-1]
+        first_row = panel.rows[0]
+        last_row = panel.rows[-1]
+        left[first_column] = max(left[first_column], at_left + PAD)
+        right[last_column] = max(right[last_column], at_right + PAD)
+        bottom[last_row] = max(bottom[last_row], at_bottom + PAD)
+        top[first_row] = max(top[first_row], at_top + PAD)
+    return left, right, bottom, top
+
+
+def _label_offsets(figure: Figure, axes: Axes) -> tuple[float, float]:
+    """Return how far the measured panel's vertical label is left of it, and its horizontal one below it [in], or 0."""
+    inner = axes.get_window_extent()
+    written = [axes.axison and bool(axis.get_label_text()) for axis in (axes.yaxis, axes.xaxis)]
+    x, _ = axes.yaxis.label.get_position()
+    _, y = axes.xaxis.label.get_position()
+    left = (inner.x0 - x) / figure.dpi if written[0] else 0.0
+    below = (inner.y0 - y) / figure.dpi if written[1] else 0.0
+    return left, below
+
+
+def _fix_labels(axes: Axes, left: float, below: float, width: float, height: float) -> None:
+    """Fix the labels of a panel of a size at these distances from it [in], so that none is measured again."""
+    if axes.name == "3d":
+        return
+    axes.yaxis.set_label_coords(-left / width, 0.5)
+    axes.xaxis.set_label_coords(0.5, -below / height)

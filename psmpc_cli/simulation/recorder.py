@@ -1,0 +1,399 @@
+"""What is recorded of a closed loop: the log of `simulate`, and that of a loop of one's own."""
+
+import logging
+from collections.abc import Callable, Generator, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from psmpc_cli import __version__
+from psmpc_cli.control.controller import Controller
+from psmpc_cli.control.interface import Command
+from psmpc_cli.control.sequence import Switch
+from psmpc_cli.control.window_builder import priorities_in_force
+from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.logs.run import Run, read_run, run_in
+from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, Sample
+from psmpc_cli.logs.summary import verdicts
+from psmpc_cli.logs.write import Header, LogWriter
+from psmpc_cli.native.library import describe_compiler, describe_processor, make_all
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.plant import Ticks
+from psmpc_cli.plant.grasp import Capture
+from psmpc_cli.plant.uncertainty import Uncertainty
+from psmpc_cli.robot.model import shape_of
+from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
+from psmpc_cli.solvers.sqp import libraries as solver_libraries
+from psmpc_cli.specs.arguments import rejected, require
+from psmpc_cli.specs.document import counted
+from psmpc_cli.specs.robot import labels
+
+logger = logging.getLogger(__name__)
+
+Watch = Callable[[Sample], None]
+
+OWN_LOOP = "own loop"
+"""Attribute `plant` of the log of a loop that `simulate` did not run."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RecordedLoop:
+    """A closed loop as it is measured and recorded.
+
+    Attributes:
+        problem: The task made computable.
+        counterfactuals: Solves what is measured alone.
+        uncertainty: What the controller does not know; None without any, or where nobody knows it.
+        capture: The object and its grasps; None of an object without a mass, or where nobody knows what became of it.
+        x0: Initial state [Q; v] (nq + n,).
+        compiled: Solver, and the plant where it is simulated, run as compiled C.
+        plant_kind: Name of the plant in the log.
+        knows_ticks: The true state is known at every tick.
+    """
+
+    problem: Problem
+    counterfactuals: Counterfactuals
+    uncertainty: Uncertainty | None
+    capture: Capture | None
+    x0: np.ndarray
+    compiled: bool
+    plant_kind: str
+    knows_ticks: bool = True
+
+    @property
+    def has_true_state(self) -> bool:
+        """Whether the log has the true state beside the one that the controller saw."""
+        return self.knows_ticks and not self.problem.spec.sees_the_state
+
+
+@dataclass(frozen=True, eq=False)
+class Ending:
+    """How a run ended.
+
+    Attributes:
+        completed: The last stage met its end condition.
+        reason: Why the run stopped.
+        time: When [s].
+        x: In which state, as the controller saw it (nq + n,).
+        true: In which state it was (nq + n,).
+        switches: Stages that ended since the last sample, the last stage among them.
+        stuck: The run could not go on.
+    """
+
+    completed: bool
+    reason: str
+    time: float
+    x: np.ndarray
+    true: np.ndarray
+    switches: tuple[Switch, ...] = ()
+    stuck: bool = False
+
+
+Samples = Generator[Sample, None, Ending]
+"""The samples of a closed loop, which returns how it ended."""
+
+
+def record(
+    loop: RecordedLoop,
+    samples: Samples,
+    path: Path | None = None,
+    watch: Watch = lambda sample: None,
+    force: bool = False,
+) -> Run:
+    """Record the samples of a closed loop and return the run.
+
+    Args:
+        loop: The loop.
+        samples: Its samples.
+        path: The log; in memory alone by default.
+        watch: Called with each sample.
+        force: Overwrite an earlier log.
+
+    Raises:
+        InputError: The log exists already or cannot be written.
+        RunError: The log could not be written any further.
+    """
+    with LogWriter(path, header(loop), force) as writer:
+        _write(loop, samples, writer, watch)
+        if path is None:
+            return run_in(writer.file).with_problem(loop.problem)
+    return read_run(path)
+
+
+def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch) -> None:
+    """Write every sample of a closed loop and how it ended."""
+    stages = loop.problem.stages
+    clock = StageClock(len(stages), loop.problem.spec.onset)
+    records = (clock,) if loop.capture is None else (clock, GraspRecord(loop.capture))
+    try:
+        writer.update(clock.tables)
+        while True:
+            sample = next(samples)
+            writer.write(sample)
+            for each in records:
+                if each.update(sample):
+                    writer.update(each.tables)
+            _report(sample, stages)
+            watch(sample)
+    except StopIteration as stop:
+        ending: Ending = stop.value
+    except KeyboardInterrupt as interruption:
+        writer.finish(False, str(interruption) or "interrupted", {**clock.tables, **_verdicts(loop, writer)})
+        return
+    except RunError as error:
+        with suppress(RunError):
+            writer.finish(False, str(error), clock.tables)
+        raise
+    clock.end(ending.switches)
+    writer.update({**clock.tables, **_final(loop, ending)})
+    writer.finish(ending.completed, ending.reason, _verdicts(loop, writer), ending.stuck)
+
+
+def _final(loop: RecordedLoop, ending: Ending) -> dict[str, ArrayLike]:
+    """Return time, state and poses at the end of a run, by their paths in the log."""
+    model = loop.problem.model
+    Q, v = np.split(ending.x, [model.nq])
+    Q_true, v_true = np.split(ending.true, [model.nq])
+    final = {"Q": Q, "Qdot": v, "xi": model.poses(Q_true).ravel()}
+    if loop.has_true_state:
+        final |= {"Q_true": Q_true, "Qdot_true": v_true}
+    if loop.capture is not None:
+        final["object_pose"], final["object_velocity"] = loop.capture.pose_and_velocity
+    return {"final/end_time": ending.time, **{f"final/{name}": value for name, value in final.items()}}
+
+
+def _verdicts(loop: RecordedLoop, writer: LogWriter) -> dict[str, ArrayLike]:
+    """Return the verdicts of the task's monitors over the samples so far, by their paths in the log."""
+    found = verdicts(loop.problem.spec, run_in(writer.file).arrays) if loop.problem.spec.judged else ()
+    return {"monitors/held": [v.held for v in found], "monitors/margin": [v.margin for v in found]}
+
+
+def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
+    """Log what happened at a sample: failures as warnings, other events as information."""
+    command = sample.command
+    for switch in command.switches:
+        logger.info("%.2f s: %s ended at %.2f s", command.time, stages[switch.stage].name, switch.time)
+    if "appended" in command.events:
+        logger.info("%.2f s: %s entered the window", command.time, stages[command.sequence.last].name)
+    if "postponed" in command.events:
+        name = stages[command.sequence.last + 1].name
+        logger.info("%.2f s: %s was seen but could not be solved for yet", command.time, name)
+    braking = "braking" in command.events
+    goes_on = "the robot brakes to rest" if braking else "the shifted plan goes on"
+    if "unmeasured" in command.events:
+        instead = goes_on if braking else "the plan's prediction is used for it"
+        logger.warning("%.2f s: the state was not measured; %s", command.time, instead)
+    elif "solve_failed" in command.events:
+        logger.warning("%.2f s: solve failed (%s); %s", command.time, command.outcome.name.lower(), goes_on)
+
+
+def header(loop: RecordedLoop) -> Header:
+    """Return what the log says of the run before it begins."""
+    task = loop.problem.spec
+    loaded = loop.problem.task
+    uncertainty = loop.uncertainty
+    capture = loop.capture
+    names = tuple(stage.name for stage in loop.problem.stages)
+    space = loop.problem.model.space
+    of_Q = {Q_COORDINATE: labels(loaded.robot, "joint", of_error=False)} if space.nq > space.n else {}
+    has = {
+        "ticks": task.log.ticks and loop.knows_ticks,
+        "plans": task.log.plans,
+        "levels": task.controller.traits.has_levels,
+        "true state": loop.has_true_state,
+        "payload": uncertainty is not None and task.uncertainty.payload is not None,
+        "disturbance": task.controller.offset_free,
+        "drawn": uncertainty is not None,
+        Q_COORDINATE: bool(of_Q),
+        "object": capture is not None,
+        "object at ticks": capture is not None and task.log.ticks,
+    }
+    return Header(
+        attributes={
+            "psmpc_version": __version__,
+            "casadi_version": version("casadi"),
+            "numpy_version": np.__version__,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "task_name": task.name,
+            "controller": task.controller.kind,
+            "solver": task.solver.kind,
+            "compiled": loop.compiled,
+            "processor": describe_processor(),
+            "compiler": describe_compiler() if loop.compiled else "",
+            "plant": loop.plant_kind,
+            "sample_time": task.controller.sample_time,
+            "horizon": task.controller.horizon,
+            "nodes": task.controller.nodes,
+            "onset": task.onset.kind,
+            "seed": task.seed,
+            "digest": loaded.digest,
+            "task_yaml": loaded.task_yaml,
+            "robot_yaml": loaded.robot_yaml,
+        },
+        values={
+            "coordinate": labels(loaded.robot, "joint"),
+            **of_Q,
+            "pose_coordinate": labels(loaded.robot, "task", of_error=False),
+            "stage": names,
+            "momentum": MOMENTUM[loaded.robot.dimension],
+            "stages/epsilon": task.onset.series,
+            "stages/name": names,
+            "stages/priority": priorities_in_force(task.controller, loop.problem.stages),
+            "monitors/name": tuple(task.judged),
+            "monitors/unit": tuple(task.judged.values()),
+            **({} if capture is None else capture.header),
+            **({} if uncertainty is None else uncertainty.drawn),
+        },
+        has=frozenset(name for name, yes in has.items() if yes),
+    )
+
+
+def solver_makers(problem: Problem) -> list[Callable[[], Path | None]]:
+    """Return what makes the libraries that the solver of a problem needs; none where it needs none."""
+    return list(solver_libraries(problem)) if problem.spec.solver.traits.real_time else []
+
+
+class Recorder:
+    """Records a loop of one's own as a `Run`, as `simulate` records its own.
+
+    `add` keeps a command and costs no time in the loop. `run` measures all of them, with the counterfactual solves of
+    presence and shares, so it is called when the loop has ended. A sample lasts until the next command, whose state is
+    the measured one at its end. What happens in between is known where `add` is given the ticks; without them forces,
+    base efforts and the balances of momentum and energy are NaN. What becomes of an object with a mass is not recorded.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        """Record the commands of a controller.
+
+        Raises:
+            InputError: It is no controller.
+        """
+        require("controller", controller, Controller, "a Controller")
+        self._controller = controller
+        self._commands: list[Command] = []
+        self._ticks: list[Ticks | None] = []
+
+    def __repr__(self) -> str:
+        return f"<Recorder of {self._controller.problem.spec.name}: {counted(len(self), 'command', 'commands')}>"
+
+    def __len__(self) -> int:
+        """Return the number of commands."""
+        return len(self._commands)
+
+    def add(self, command: Command, ticks: Ticks | None = None) -> None:
+        """Add what the controller decided at a sample.
+
+        Args:
+            command: The command.
+            ticks: What the robot did until the next sample, at the ticks of `command.u`; with all commands but the last
+                one, or with none. Forces that are not known are NaN.
+
+        Raises:
+            InputError: The command is another controller's or does not come after the one before, or the ticks are not
+                those of its sample.
+        """
+        require("command", command, Command, "a Command, from Controller.step")
+        require("ticks", ticks, (Ticks, type(None)), "Ticks, or None")
+        if command.model is not self._controller.problem.model:
+            raise rejected("command", command, f"one of {self._controller}")
+        if self._commands and command.time <= self._commands[-1].time:
+            before = self._commands[-1].time
+            raise InputError(f"command: found {command.time:g} s after {before:g} s, expected a later one")
+        if ticks is not None:
+            if self._commands and self._ticks[-1] is None:
+                raise InputError("ticks: found some after a command without any, expected them with every command")
+            ticks = _checked(ticks, command)
+        self._commands.append(command)
+        self._ticks.append(ticks)
+
+    def run(self, reason: str = "the loop ended") -> Run:
+        """Measure what was recorded and return the run, in memory.
+
+        The run ends where its last stage does; commands after that are left out.
+
+        Args:
+            reason: Why the loop ended, if it did so before the last stage.
+
+        Raises:
+            InputError: There is no command yet, or some have ticks and others none.
+        """
+        require("reason", reason, str, "a text")
+        if not self._commands:
+            raise InputError("found no command, expected at least one: Recorder.add(command)")
+        knows_ticks = self._ticks[0] is not None
+        if knows_ticks and None in self._ticks[:-1]:
+            raise InputError("ticks: found a command without any, expected them with all commands but the last")
+        problem = self._controller.problem
+        loop = RecordedLoop(
+            problem=problem,
+            counterfactuals=Counterfactuals(self._controller),
+            uncertainty=None,
+            capture=None,
+            x0=self._commands[0].x if self._ticks[0] is None else self._ticks[0].X[0],
+            compiled=problem.spec.solver.compiled and make_all(solver_makers(problem)),
+            plant_kind=OWN_LOOP,
+            knows_ticks=knows_ticks,
+        )
+        return record(loop, self._samples(loop, reason))
+
+    def _samples(self, loop: RecordedLoop, reason: str) -> Samples:
+        """Yield the samples as `closed_loop` does, and return how the loop ended."""
+        meter = Meter(loop.counterfactuals, loop.uncertainty, loop.capture, loop.x0)
+        last_stage = loop.problem.stages[-1]
+        ends_at = np.inf
+        time = self._commands[0].time
+        end = loop.x0
+        for command, ticks in zip(self._commands, self._ticks_of_samples(), strict=True):
+            x = command.x if ticks is None else ticks.X[0]
+            if any(switch.stage == last_stage.index for switch in command.switches):
+                ends_at = command.time + loop.problem.spec.time_after_end
+            if command.time >= ends_at - 1e-9:
+                met = f"{last_stage.name} met its end condition"
+                return Ending(True, met, command.time, command.x, x, command.switches)
+            if ticks is None:
+                return Ending(False, reason, command.time, command.x, x, command.switches)
+            yield meter.measure(command, ticks, x, command.u, None)
+            time = float(ticks.time[-1])
+            end = ticks.X[-1]
+        return Ending(False, reason, time, end, end)
+
+    def _ticks_of_samples(self) -> Iterator[Ticks | None]:
+        """Yield the ticks of every command: those given, else one from its state to the next; None if neither is."""
+        following = [*self._commands[1:], None]
+        for command, ticks, next_command in zip(self._commands, self._ticks, following, strict=True):
+            if ticks is not None or next_command is None:
+                yield ticks
+                continue
+            base = self._controller.problem.model.parts["base"]
+            yield Ticks(
+                time=np.array([command.time, next_command.time]),
+                X=np.array([command.x, next_command.x]),
+                F=np.full((1, command.u.shape[1]), np.nan),
+                gained=np.full(base.stop + 1, np.nan),
+            )
+
+
+def _checked(ticks: Ticks, command: Command) -> Ticks:
+    """Return the ticks of a sample with arrays of numbers, and NaN for an impulse and a work that are not given.
+
+    Raises:
+        InputError: An array is not as large as the ticks of the command make it.
+    """
+    count, n = command.u.shape
+    shapes = {"time": (count + 1,), "X": (count + 1, len(command.x)), "F": (count, n)}
+    for name, shape in shapes.items():
+        if shape_of(getattr(ticks, name)) != shape:
+            raise rejected(f"ticks.{name}", getattr(ticks, name), f"numbers {shape}")
+    return replace(
+        ticks,
+        time=np.array(ticks.time, dtype=float),
+        X=np.array(ticks.X, dtype=float),
+        F=np.array(ticks.F, dtype=float),
+        gained=np.broadcast_to(ticks.gained, (command.model.parts["base"].stop + 1,)),
+    )

@@ -6,7 +6,7 @@
     python benchmarks/capture.py strength    at which strength a controller that plans for the robot alone loses 20 kg
     python benchmarks/capture.py drifting N  catch_drifting with N draws of drift and spin
     python benchmarks/capture.py plants N F  rk4 and mujoco on the same N draws, under two controllers, strength F [N]
-    python benchmarks/capture.py tumbling    catch_tumbling, rk4 and mujoco
+    python benchmarks/capture.py built_in    the built-in tasks that deliver an object, rk4 and mujoco
 
 N_s = 25 in every run. Rows are printed in order as their runs end.
 """
@@ -183,22 +183,47 @@ def plants(count: str, strength: str) -> Iterator[str]:
     return markdown(map(row, ("psmpc", "smpc")))
 
 
-def tumbling() -> Iterator[str]:
-    """Run catch_tumbling under both plants."""
-    runs = {plant: simulated("catch_tumbling", {"plant.kind": plant}) for plant in ("rk4", "mujoco")}
+def built_in() -> Iterator[str]:
+    """Run the built-in tasks that deliver an object, under both plants."""
+    return markdown(
+        row
+        for task in ("transport_grasp", "catch_drifting", "catch_tumbling", "servicing")
+        for row in under_both_plants(task)
+    )
 
-    def row(plant: str, run: psmpc.Run) -> dict[str, object]:
-        summary = run.summary()
-        position, angle, *_ = summary.capture.missed_by
-        missed = f"{1e3 * position:.2f} mm, {math.degrees(angle):.3f} deg"
-        return {"plant": plant, "off at closing": missed, **outcome(run), "failed solves": summary.failed_solves}
 
-    yield from markdown(row(*each) for each in runs.items())
+def under_both_plants(task: str) -> Iterator[dict[str, object]]:
+    """Yield the rows of a task: how the object was taken, held and delivered, and how far the plants are apart."""
+    runs = {plant: simulated(task, {"plant.kind": plant}) for plant in ("rk4", "mujoco")}
     one, other = (run["final/object_pose"] for run in runs.values())
-    apart = space_of_pose(len(one)).pose_error(one, other)
-    position, angle = 1e3 * np.linalg.norm(apart[:3]), math.degrees(np.linalg.norm(apart[3:]))
-    yield from ("", f"Final poses of the object apart by {position:.1e} mm and {angle:.1e} deg.")
+    space = space_of_pose(len(one))
+    apart = np.linalg.norm(space.pose_error(one, other)[: space.dimension])
+    for plant, run in runs.items():
+        position, angle, *_ = run.summary().capture.missed_by
+        moved, turned = motion_between_hands(run)
+        yield {
+            "task": task,
+            "plant": plant,
+            "off at closing": f"{1e3 * position:.2f} mm, {math.degrees(angle):.3f} deg",
+            "hands moved": f"{1e3 * moved:.2f} mm, {math.degrees(turned):.3f} deg",
+            **outcome(run),
+            "failed solves": run.summary().failed_solves,
+            "plants apart [mm]": f"{1e3 * apart:.0e}",
+        }
+
+
+def motion_between_hands(run: psmpc.Run) -> tuple[float, float]:
+    """Return the largest change of the relative pose of two hands while both hold the object [m], [rad]."""
+    held = np.flatnonzero(run["grasp/closed"].all(axis=1))
+    frames = list(run.problem.model.pose_rows)
+    one, other = (frames.index(gripper) for gripper in run.task.spec.object.grasp.at)
+    poses = run.problem.model.poses(run.Q[held])
+    space = space_of_pose(poses.shape[-1])
+    relative = [space.relative(each[other], each[one]) for each in poses]
+    errors = np.array([space.pose_error(each, relative[0]) for each in relative])
+    linear, angular = np.split(errors, [space.dimension], axis=1)
+    return float(np.linalg.norm(linear, axis=1).max()), float(np.linalg.norm(angular, axis=1).max())
 
 
 if __name__ == "__main__":
-    command_line(held, unknown, known, strength, drifting, plants, tumbling)
+    command_line(held, unknown, known, strength, drifting, plants, built_in)

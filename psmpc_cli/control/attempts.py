@@ -8,6 +8,7 @@ import numpy as np
 from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.window_builder import WindowBuilder
+from psmpc_cli.ocp.constraints import soft_row_violations
 from psmpc_cli.ocp.constraints.boxes import own_violations
 from psmpc_cli.ocp.plan import Plan, shift
 from psmpc_cli.ocp.problem import Problem
@@ -61,6 +62,7 @@ class Attempts:
     ) -> None:
         self._spec = problem.spec.controller
         self._costs = problem.costs
+        self._model = problem.model
         self._solver = solver.stopping(until)
         has_deadline = np.isfinite(solver.deadline)
         self._appending = solver.stopping(until - RESERVE * solver.deadline) if has_deadline else self._solver
@@ -89,23 +91,38 @@ class Attempts:
         ran_out = solved.outcome in (Outcome.ITERATION_LIMIT, Outcome.DEADLINE)
         unfinished = solved if longer is not None and ran_out else None
         if longer is not None:
-            if solved.outcome.usable and _keeps_limits(solved):
+            if solved.outcome.usable and self._keeps_limits(solved):
                 return Attempt(longer, solved, unfinished)
             shorter = self._solve(sequence, unfinished, self._solver)
-            if solved.outcome.usable and _keeps_limits(solved, shorter):
+            if solved.outcome.usable and self._keeps_limits(solved, shorter):
                 return Attempt(longer, _with_time_of(shorter, solved), unfinished)
             solved = _with_time_of(solved, shorter)
-        if solved.outcome is not Outcome.INFEASIBLE and _keeps_limits(solved):
+        if solved.outcome is not Outcome.INFEASIBLE and self._keeps_limits(solved):
             return Attempt(sequence, solved, unfinished)
         if self._hands_over(sequence):
             return Attempt(sequence, replace(solved, outcome=Outcome.INFEASIBLE), unfinished)
         if sequence.count > 1:
             alone = self._solve(sequence.alone, unfinished, self._solver)
-            better = solved.outcome is Outcome.INFEASIBLE or not _keeps_limits(solved, alone)
+            better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, alone)
             if alone.outcome.usable and better:
                 return Attempt(sequence.alone, _with_time_of(solved, alone), unfinished)
             solved = _with_time_of(alone, solved)
         return Attempt(sequence, solved, unfinished)
+
+    def _keeps_limits(self, solved: Solution, shorter: Solution | None = None) -> bool:
+        """Tell whether a window violates soft limits no further than the measured state, or than a shorter one."""
+        found, acceptable = self._violations(solved)
+        if shorter is not None and shorter.outcome.usable:
+            acceptable = np.maximum(acceptable, self._violations(shorter)[0])
+        return bool((found <= acceptable + FEASIBLE).all())
+
+    def _violations(self, solved: Solution) -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much soft limits of states and rows are violated: at nodes, and by the measured state."""
+        window = solved.window
+        of_states = solved.violations
+        own = own_violations(window.x0, window.stages) if window.soft else np.zeros(0)
+        of_rows, own_of_rows = soft_row_violations(self._model, window, solved.plan)
+        return np.append(of_states, of_rows), np.append(own[: len(of_states)], own_of_rows)
 
     def _hands_over(self, sequence: MovingSequence) -> bool:
         """Tell whether the next stage begins before the next sample, from near the target of the current one."""
@@ -133,16 +150,6 @@ class Attempts:
                 if len(iterate.instants) == len(sequence.instants):
                     return iterate
         return sequence.guess(prediction)
-
-
-def _keeps_limits(solved: Solution, shorter: Solution | None = None) -> bool:
-    """Tell whether a window violates soft limits no further than the measured state, or than one with fewer stages."""
-    if not len(solved.violations):
-        return True
-    acceptable = own_violations(solved.window.x0, solved.window.stages)
-    if shorter is not None and shorter.outcome.usable:
-        acceptable = np.maximum(acceptable, shorter.violations)
-    return bool((solved.violations <= acceptable + FEASIBLE).all())
 
 
 def _with_time_of(other: Solution, solved: Solution) -> Solution:

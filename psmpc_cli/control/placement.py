@@ -1,7 +1,7 @@
 """What a sample sets of the task's stages: the chart of the attitude, and where targets are in it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,10 @@ class Placement:
     chart: Chart
     stages: tuple[PlacedStage, ...]
     signs: Signs
+
+    def with_hands_at(self, relative: np.ndarray) -> "Placement":
+        """Return the placement with the relative poses in which hands have closed, NaN while they are open."""
+        return replace(self, stages=tuple(stage.with_hands_at(relative) for stage in self.stages))
 
 
 class Placer:
@@ -92,6 +96,27 @@ class Placer:
         posture = model.space.posture(x[model.space.joint_rates])
         charted = tuple(stage.in_chart(chart.anchor, posture, found[stage.index]) for stage in stages)
         return Placement(chart, charted, found)
+
+    def hands_at(self, sequence: MovingSequence, x: np.ndarray, chart: Chart, closed_at: np.ndarray) -> np.ndarray:
+        """Return the relative poses in which hands hold the object, see `Hands`; NaN while they are open.
+
+        They are those of the first sample after closing, in its state x (2n,) in a chart.
+
+        Args:
+            sequence: The stages in the window.
+            x: State in the chart (2n,).
+            chart: The chart.
+            closed_at: The relative poses of the sample before.
+        """
+        model = self._problem.model
+        grippers = self._stages[sequence.first].hands.grippers
+        if not grippers:
+            return np.array(np.nan)
+        if np.isfinite(closed_at).all():
+            return closed_at
+        xi = np.asarray(model.charted(x[: model.n], chart.anchor)).ravel()
+        first, *others = (xi[model.pose_rows[gripper]] for gripper in grippers)
+        return np.concatenate([model.space.relative(other, first) for other in others])
 
     def _held(
         self,

@@ -192,7 +192,7 @@ def points_with_shadows(bodies: Sequence[np.ndarray], others: Sequence[np.ndarra
 
 def _finite(points: np.ndarray) -> np.ndarray:
     """Return those of points (., 3) of which all coordinates are finite."""
-    return points[np.isfinite(points).all(axis=1)]
+    return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 
 def pointing_targets(model: RobotModel, stage: Stage) -> np.ndarray:

@@ -12,7 +12,6 @@ semidefinite. End conditions about poses are curved, see `VelocityForm.curved`.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from psmpc_cli.ocp.constraints import node_rows
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import cost_shape
-from psmpc_cli.ocp.window import Parameters, WindowShape, reference
+from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.motion import velocity_shares
 
@@ -90,10 +89,11 @@ class VelocityForm:
     Attributes:
         grid: Intervals of the stages.
         costs: What the costs of the stages are made of.
-        node_rows: The constraints at nodes, by ascending nodes.
+        node_rows: The constraints at nodes.
         nodes: N_s of each stage, (S + 1,).
         weights: Share of the velocity at either end of an interval in the change of position.
-        row_node: Node of each row of these, ascending, (E,).
+        row_node: Node of each row of these, ascending, (E,): rows are ordered by node, then as in `node_rows`.
+        row_is_soft: Which of them may be violated at a cost, (E,).
         curved: Some of them are curved.
     """
 
@@ -103,10 +103,17 @@ class VelocityForm:
         self.node_rows = node_rows(model, shape)
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
-        counts = [rows.functions.count for rows in self.node_rows]
-        self.row_node = np.repeat(np.array([rows.node for rows in self.node_rows], int), counts)
-        ends = np.cumsum([0, *counts])
-        self._places = [slice(*each) for each in pairwise(ends.tolist())]
+        row_nodes = [np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows]
+        by_constraint = np.concatenate([np.zeros(0, int), *row_nodes])
+        order = np.argsort(by_constraint, kind="stable")
+        self.row_node = by_constraint[order]
+        places = np.empty(len(order), int)
+        places[order] = np.arange(len(order))
+        sizes = [len(nodes) for nodes in row_nodes]
+        self._places = np.split(places, np.cumsum(sizes)[:-1]) if sizes else []
+        self.row_is_soft = np.zeros(len(order), bool)
+        for rows, at in zip(self.node_rows, self._places, strict=True):
+            self.row_is_soft[at] = rows.soft
         self.curved = any(rows.functions.curvature is not None for rows in self.node_rows)
 
     @cached_property
@@ -182,10 +189,29 @@ class VelocityForm:
         values = np.zeros(len(self.row_node))
         by_x = np.zeros((len(self.row_node), 2 * self.grid.n))
         for rows, at in zip(self.node_rows, self._places, strict=True):
-            g, jacobian = rows.functions.with_jacobian(point.X[rows.node], rows.argument(p))
-            values[at] = g[0]
-            by_x[at] = jacobian.reshape(rows.functions.count, -1)
+            g, jacobian = rows.functions.with_jacobian(
+                point.X[list(rows.nodes)], rows.argument(p), rows=len(rows.nodes)
+            )
+            values[at] = g.ravel()
+            by_x[at] = jacobian.reshape(len(at), -1)
         return values, by_x
+
+    def rows_at(self, x: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return the values (E,) of the rows of all constraints at nodes, each at one and the same state x (2n,)."""
+        values = np.zeros(len(self.row_node))
+        for rows, at in zip(self.node_rows, self._places, strict=True):
+            values[at] = np.tile(rows.functions.value(x, rows.argument(p))[0], len(rows.nodes))
+        return values
+
+    def row_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
+        """Return low and high (E,) of the rows of all constraints at nodes."""
+        low = np.zeros(len(self.row_node))
+        high = np.zeros(len(self.row_node))
+        for rows, at in zip(self.node_rows, self._places, strict=True):
+            low_at_node, high_at_node = rows.bounds(window)
+            low[at] = np.tile(low_at_node, len(rows.nodes))
+            high[at] = np.tile(high_at_node, len(rows.nodes))
+        return low, high
 
     def with_curvature(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], multipliers: np.ndarray
@@ -201,8 +227,10 @@ class VelocityForm:
         for rows, at in zip(self.node_rows, self._places, strict=True):
             curvature = rows.functions.curvature
             if curvature is not None:
-                by_Q_Q = curvature(point.X[rows.node], rows.argument(p), multipliers[at])[0]
-                positions[rows.node] += by_Q_Q.reshape(n, n)
+                nodes = list(rows.nodes)
+                of_nodes = multipliers[at].reshape(len(nodes), -1)
+                by_Q_Q = curvature(point.X[nodes], rows.argument(p), of_nodes, rows=len(nodes))[0]
+                positions[nodes] += by_Q_Q.reshape(-1, n, n)
         return replace(model, positions=positions)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:

@@ -11,6 +11,7 @@ from psmpc_cli.ocp.objective import StageFunctions, stage_functions
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.ocp.stage import (
     MEASURES,
+    Hands,
     ObjectEnd,
     PlacedStage,
     Stage,
@@ -187,7 +188,25 @@ def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[S
     """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""
     waypoints = _unwrapped_waypoints(task, robot, model)
     stages = (_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
-    return tuple(_ends_by_object(_on_object(stage, task, model), task, model) for stage in stages)
+    return tuple(_with_hands(_ends_by_object(_on_object(stage, task, model), task, model), task) for stage in stages)
+
+
+def _with_hands(stage: Stage, task: TaskSpec) -> Stage:
+    """Return a stage with the grippers that hold the object in it, relative to each other as the task has them."""
+    capture = task.capture
+    if capture is None or stage.index not in task.held_stages or len(capture.grasp.at) < 2:
+        return stage
+    first, *others = capture.grasp.at.values()
+    space = space_of_pose(len(first))
+    linear, angular = capture.grasp.half_widths
+    band = np.full(space.n_twist, linear)
+    band[space.rotation] = angular
+    hands = Hands(
+        grippers=tuple(capture.grasp.at),
+        relative=np.concatenate([space.relative(other, first) for other in others]),
+        band=np.tile(band, len(others)),
+    )
+    return replace(stage, hands=hands)
 
 
 def _ends_by_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:

@@ -126,6 +126,26 @@ NO_OBJECT_END = ObjectEnd("", (), np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
+class Hands:
+    """Grippers that hold one body in a stage: their relative poses are to stay within a band.
+
+    Attributes:
+        grippers: Their names; empty: fewer than two hold it, or they have not closed yet.
+        relative: Poses of the others in the frame of the first one, one after the other, as they have closed, (others
+            n_pose,); NaN before, (0,) where fewer than two hold it.
+        band: By how much these may change, rows of position and attitude, (others n_twist,) [m, rad].
+    """
+
+    grippers: tuple[str, ...]
+    relative: np.ndarray
+    band: np.ndarray
+
+
+NO_HANDS = Hands((), np.zeros(0), np.zeros(0))
+"""Of a stage in which fewer than two grippers hold the object."""
+
+
+@dataclass(frozen=True, eq=False)
 class Stage:
     """One stage of the task, resolved for one robot: what does not change while the robot moves.
 
@@ -144,6 +164,7 @@ class Stage:
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
         on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
         object_end: What the end condition asks of the object that the stage holds.
+        hands: The grippers that hold it together.
     """
 
     index: int
@@ -166,6 +187,7 @@ class Stage:
     attitudes: Mapping[str, int] = field(default_factory=dict)
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_end: ObjectEnd = NO_OBJECT_END
+    hands: Hands = NO_HANDS
 
     def __repr__(self) -> str:
         size = f"{len(self.target)} numbers of its target"
@@ -253,6 +275,18 @@ class PlacedStage(Stage):
             awaits_object=not self.object_end.is_met(pose, v),
         )
 
+    def with_hands_at(self, relative: np.ndarray) -> "PlacedStage":
+        """Return a stage whose hands closed at relative poses as in `Hands`; NaN while they are open."""
+        if not len(self.hands.relative):
+            return self
+        closed = np.isfinite(relative).all()
+        hands = replace(
+            self.hands,
+            grippers=self.hands.grippers if closed else (),
+            relative=np.broadcast_to(relative, self.hands.relative.shape),
+        )
+        return replace(self, hands=hands)
+
     def at_object(self, pose_rows: Mapping[str, slice], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
         """Return the stage with its target where an object of a pose and a velocity has it.
 
@@ -324,6 +358,7 @@ class StageShape:
         ends_by_object: This is an end condition at the stage's end.
         fixed_end: The stage switches at a given instant.
         moving: The cost follows a desired trajectory.
+        hands: The grippers that hold one body.
     """
 
     space: str
@@ -334,6 +369,7 @@ class StageShape:
     ends_by_object: bool = False
     fixed_end: bool = False
     moving: bool = False
+    hands: tuple[str, ...] = ()
 
 
 def stage_shape(stage: Stage) -> StageShape:
@@ -347,6 +383,7 @@ def stage_shape(stage: Stage) -> StageShape:
         ends_by_object=bool(stage.object_end.measures),
         fixed_end=stage.at is not None,
         moving=stage.trajectory is not None,
+        hands=stage.hands.grippers,
     )
 
 

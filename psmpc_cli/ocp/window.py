@@ -93,13 +93,15 @@ class Window:
         """What the task and the measured state do not say, for a log; `window_record.read_window` is the inverse.
 
         elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),). In space the signs of the quaternions of each stage
-        follow, then the states of the object that targets are for, then its poses in the gripper that holds it.
+        follow, then the states of the object that targets are for, its poses in the gripper that holds it, and the
+        relative poses of hands.
         """
         times = [self.elapsed, self.hold]
         signs = [stage.signs for stage in self.stages]
         objects = [stage.object_state for stage in self.stages]
         inside = [stage.object_end.inside for stage in self.stages]
-        return np.concatenate([times, self.omega, self.offset, self.scale, *signs, *objects, *inside])
+        hands = [stage.hands.relative for stage in self.stages]
+        return np.concatenate([times, self.omega, self.offset, self.scale, *signs, *objects, *inside, *hands])
 
     @property
     def K(self) -> int:
@@ -184,6 +186,8 @@ class Parameters(Generic[T]):
         targets: Of each stage, (rows,): what its end condition is about, and its cost where the target stands still.
         paths: Of each stage, (rows, 2 (N_s + 1)): what its cost follows at its nodes as functions of its duration,
             first the values at duration 0, then the slopes; (rows, 0) where the target stands still.
+        hands: Of each stage of the window in which grippers hold one body, the chart's anchor and their relative poses;
+            (0,) of others.
     """
 
     x0: T
@@ -197,11 +201,12 @@ class Parameters(Generic[T]):
     control_weights: tuple[T, ...]
     targets: tuple[T, ...]
     paths: tuple[T, ...]
+    hands: tuple[T, ...]
 
     def pieces(self) -> tuple[T, ...]:
         """Return all of them in order; matrices are meant column by column."""
         head = (self.x0, self.horizon, self.pending, self.terminal, self.omega, self.offset, self.scale)
-        return (*head, *self.weights, *self.control_weights, *self.targets, *self.paths)
+        return (*head, *self.weights, *self.control_weights, *self.targets, *self.paths, *self.hands)
 
     def mapped(self, of: Callable[[T], U]) -> "Parameters[U]":
         """Return what a function makes of each of them."""
@@ -226,7 +231,13 @@ def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarra
         control_weights=tuple(stage.control_weights for stage in stages),
         targets=tuple(stage.target for stage in stages),
         paths=_paths(window, instants),
+        hands=tuple(_hands(window, stage) for stage in window.stages),
     )
+
+
+def _hands(window: Window, stage: Stage) -> np.ndarray:
+    relative = stage.hands.relative
+    return np.concatenate([window.chart.anchor, relative]) if stage.hands.grippers else np.zeros(0)
 
 
 def _paths(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:

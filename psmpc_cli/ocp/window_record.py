@@ -43,13 +43,15 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     signs_sizes = [len(stage.attitudes) for stage in stages]
     object_sizes = [(space.n_pose + space.n_twist) * bool(stage.on_object) for stage in stages]
     inside_sizes = [len(stage.object_end.inside) for stage in stages]
-    ends = np.cumsum([2, count, count, count, *signs_sizes, *object_sizes, *inside_sizes])
+    hands_sizes = [len(stage.hands.relative) for stage in stages]
+    ends = np.cumsum([2, count, count, count, *signs_sizes, *object_sizes, *inside_sizes, *hands_sizes])
     (elapsed, hold), omega, offset, scale, *parts = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
     placed = list[PlacedStage]()
-    by_stage = zip(stages, parts[:count], parts[count : 2 * count], parts[2 * count :], strict=True)
-    for stage, signs, object_state, inside in by_stage:
+    by_kind = (parts[first : first + count] for first in range(0, len(parts), count))
+    for stage, signs, object_state, inside, relative in zip(stages, *by_kind, strict=True):
         at_sample = replace(stage.placed(), object_end=replace(stage.object_end, inside=inside))
+        at_sample = at_sample.with_hands_at(relative)
         if stage.on_object:
             follows = stage.index == frame.first and not frame.end_is_planned
             at_sample = _about_object(problem, at_sample, object_state, float(elapsed), follows)

@@ -346,7 +346,7 @@ static int proves_infeasible(InteriorPoint *ip) {
         for (int i = 0; i < N; i++) {
             int64_t row = k * NX + N + i;
             double to_bound = fmax(program->high[row] - program->X[row], program->X[row] - program->low[row]);
-            double longest = program->soft_state_bounds ? UNBOUNDED_STEP : fmin(to_bound, UNBOUNDED_STEP);
+            double longest = is_soft(program, row) ? UNBOUNDED_STEP : fmin(to_bound, UNBOUNDED_STEP);
             reducible += longest * fabs(ip->reduced_gradient[k * N + i]);
         }
     for (int c = 0; c < S; c++) reducible += UNBOUNDED_STEP * fabs(ip->gradient_tau[c]);
@@ -388,7 +388,7 @@ static int64_t allocate_all(InteriorPoint *ip, const QuadraticProgram *program, 
     Equations *equations = &ip->equations;
     ip->program = program;
     allocate_inequalities(&ip->hard, 2 * rows, 0, &workspace);
-    allocate_inequalities(&ip->soft, program->soft_state_bounds ? 2 * K * NX : 0, 1, &workspace);
+    allocate_inequalities(&ip->soft, 2 * rows, 1, &workspace);
     ip->row_weights = allocate(&workspace, rows);
     ip->row_multipliers = allocate(&workspace, rows);
     ip->row_steps = allocate(&workspace, rows);
@@ -414,18 +414,18 @@ static int64_t allocate_all(InteriorPoint *ip, const QuadraticProgram *program, 
 
 /* Tell whether the bounds of a row are so near to each other that it is an equation; soft bounds never are. */
 static int is_equation(const QuadraticProgram *program, int64_t row) {
-    int is_soft = program->soft_state_bounds && row < program->K * NX;
-    return !is_soft && program->high[row] - program->low[row] <= EQUALITY_WIDTH;
+    return !is_soft(program, row) && program->high[row] - program->low[row] <= EQUALITY_WIDTH;
 }
 
-/* List the inequalities of the rows from `first` to before `last`, those of lower bounds before those of upper ones,
- * with their distances at the first iterate, whose rows C x stand in row_steps. */
-static void list_inequalities(const InteriorPoint *ip, int64_t first, int64_t last, Inequalities *ineq) {
+/* List the inequalities of all hard or of all soft rows, those of lower bounds before those of upper ones, with their
+ * distances at the first iterate, whose rows C x stand in row_steps. */
+static void list_inequalities(const InteriorPoint *ip, int soft, Inequalities *ineq) {
+    int64_t rows = row_count(ip->program);
     int64_t count = 0;
     for (double sign = 1.0; sign >= -1.0; sign -= 2.0)
-        for (int64_t i = first; i < last; i++) {
+        for (int64_t i = 0; i < rows; i++) {
             double bound = sign > 0.0 ? ip->program->low[i] : ip->program->high[i];
-            if (!isfinite(bound) || is_equation(ip->program, i)) continue;
+            if (!isfinite(bound) || is_equation(ip->program, i) || is_soft(ip->program, i) != soft) continue;
             ineq->row[count] = i;
             ineq->sign[count] = sign;
             ineq->distance[count] = sign * (ip->row_steps[i] - bound);
@@ -434,11 +434,12 @@ static void list_inequalities(const InteriorPoint *ip, int64_t first, int64_t la
     ineq->count = count;
 }
 
-/* List the equations of the rows from `first` to before `last`, each to the middle of its bounds, multipliers 0. */
-static void list_equations(const InteriorPoint *ip, int64_t first, int64_t last, Equations *equations) {
+/* List the rows that are equations, each to the middle of its bounds, multipliers 0. */
+static void list_equations(const InteriorPoint *ip, Equations *equations) {
     const QuadraticProgram *program = ip->program;
+    int64_t rows = row_count(program);
     int64_t count = 0;
-    for (int64_t i = first; i < last; i++)
+    for (int64_t i = 0; i < rows; i++)
         if (is_equation(program, i)) {
             equations->row[count] = i;
             equations->residual[count] = ip->row_steps[i] - (program->low[i] + program->high[i]) / 2;
@@ -486,7 +487,7 @@ static void initialize_inequalities(InteriorPoint *ip) {
     }
     ineq = &ip->soft;
     for (int64_t j = 0; j < ineq->count; j++) {
-        double penalty = program->penalty[ineq->row[j] / NX];
+        double penalty = program->penalty[ineq->row[j]];
         ineq->violation[j] = fmax(program->bound_push - ineq->distance[j], mu / penalty);
         ineq->slack[j] = ineq->distance[j] + ineq->violation[j];
         ineq->multiplier[j] = fmin(mu / ineq->slack[j], penalty / 2);
@@ -539,10 +540,9 @@ static void initialize(InteriorPoint *ip) {
         }
     memcpy(ip->row_steps, program->X, program->K * NX * sizeof(double));
     apply_rows(program, program->tau, ip->row_steps);
-    int64_t soft_rows = program->soft_state_bounds ? program->K * NX : 0;
-    list_inequalities(ip, 0, soft_rows, &ip->soft);
-    list_inequalities(ip, soft_rows, row_count(program), &ip->hard);
-    list_equations(ip, soft_rows, row_count(program), &ip->equations);
+    list_inequalities(ip, 1, &ip->soft);
+    list_inequalities(ip, 0, &ip->hard);
+    list_equations(ip, &ip->equations);
     initialize_inequalities(ip);
     memset(ip->tau_step, 0, S * sizeof(double));
     take_step(ip, 0.0, 0.0, program->X, program->tau);

@@ -71,7 +71,8 @@ class Nlp:
 
     Paper eq. (20), with the departures of docs/formulation.md. The decision variables are x_0, u_0, x_1, u_1, ..., x_K,
     each x_k = [Q; Qdot; tau_0 .. tau_{S-1}]. Where costs of other stages are bounded, their sums so far follow on the
-    durations in each x_k. Where limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K.
+    durations in each x_k. Where limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K;
+    on these, rho times the violations of soft rows of constraints at the node.
     The rows of g are node by node: the gap to the next node first, then the path rows of the node.
 
     Args:
@@ -85,7 +86,8 @@ class Nlp:
         problem: Decision variables x, parameters p, objective f and constraints g, as CasADi's solvers take them.
         sizes: N, and by node nx, nu and ng: sizes of state, of input with violations of soft limits, of path rows.
         pack: At the nodes states (2n, K + 1), durations (S, K + 1), sums (sums, K + 1) and rho times violations
-            (2n, K + 1) or (0, K + 1), then inputs of each stage (inputs, N_s) -> decision vector.
+            (2n, K + 1) or (0, K + 1), of soft rows of constraints node by node, then inputs of each stage
+            (inputs, N_s) -> decision vector.
         unpack: The inverse.
     """
 
@@ -101,12 +103,13 @@ class Nlp:
         self._tau = ca.SX.sym("tau", S, K + 1)
         self._sums = ca.SX.sym("sum", 0 if shape.kept_errors else len(shape.kept), K + 1)
         self._e = ca.SX.sym("e", 2 * model.n if shape.soft else 0, K + 1)
+        self._row_e = [ca.SX.sym("row_e", sum(map(_soft_count, self._rows_at(k)))) for k in range(K + 1)]
         inputs = [ca.SX.sym("u", self._functions[s].inputs, N) for s, N in enumerate(shape.nodes)]
         self._u = [*(u for each in inputs for u in ca.horzsplit(each)), ca.SX(0, 1)]
         xs = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums))
         es = ca.horzsplit(self._e)
-        x = ca.vertcat(*(part for node in zip(xs, self._u, es, strict=True) for part in node))
-        pieces = [self._X, self._tau, self._sums, self._e, *inputs]
+        x = ca.vertcat(*(part for node in zip(xs, self._u, es, self._row_e, strict=True) for part in node))
+        pieces = [self._X, self._tau, self._sums, self._e, ca.vertcat(*self._row_e), *inputs]
         self.pack = ca.Function("pack", pieces, [x])
         self.unpack = ca.Function("unpack", [x], pieces)
         costs = [ca.SX(0) for _ in shape.nodes]
@@ -127,7 +130,7 @@ class Nlp:
         self.sizes = {
             "N": K,
             "nx": [each.numel() for each in xs],
-            "nu": [u.numel() + e.numel() for u, e in zip(self._u, es, strict=True)],
+            "nu": [sum(part.numel() for part in node) for node in zip(self._u, es, self._row_e, strict=True)],
             "ng": [sum(row.numel() for row, _ in path) for path in paths],
         }
         self.problem = {"x": x, "p": ca.vertcat(*map(ca.vec, p.pieces())), "f": J + self._penalty(), "g": g}
@@ -174,7 +177,21 @@ class Nlp:
             np.tile(limit[:, None], N) if stage.input == "joint" else none
             for limit, N, stage in zip(inputs, self.shape.nodes, self.shape.stages, strict=True)
         ]
-        return _array(self.pack(states.T, durations, none, violation, *rates))
+        return _array(self.pack(states.T, durations, none, violation, violation, *rates))
+
+    def _rows_at(self, k: int) -> list[NodeRows]:
+        """Return the rows of constraints at a node."""
+        return [rows for rows in self._node_rows if k in rows.nodes]
+
+    def row_violations(self, window: Window, plan: Plan, numbers: Parameters[np.ndarray]) -> np.ndarray:
+        """Return rho times the violations of the soft rows of constraints along a plan, node by node."""
+        found = [np.zeros(0)]
+        for k in range(self.grid.K + 1):
+            for rows in self._rows_at(k):
+                if rows.soft:
+                    value = rows.functions.value(plan.X[k], rows.argument(numbers))[0][0]
+                    found.append(scaled_violations(value, *rows.bounds(window)))
+        return np.concatenate(found)
 
     def _L(self, s: int, node: int, k: int, u: ca.SX) -> ca.SX:
         """Return the normalized cost of a stage, or of a kept one, at its own node, 0 to N_s, which is node k."""
@@ -204,7 +221,7 @@ class Nlp:
         penalty = ca.SX(0)
         for k in range(K + 1):
             around = [self._step(interval, k) for interval in (k - 1, k) if 0 <= interval < K]
-            penalty += sum(around) / 2 * ca.sum1(self._e[:, k])
+            penalty += sum(around) / 2 * (ca.sum1(self._e[:, k]) + ca.sum1(self._row_e[k]))
         return penalty
 
     def _gap(self, k: int, after: ca.SX, kept: list[list[ca.SX]]) -> ca.SX:
@@ -227,9 +244,17 @@ class Nlp:
                 yield self._duration(len(stages) - 1, k), lambda *_: (SHORTEST, np.inf)
             fixed = [s for s, stage in enumerate(stages[:-1]) if stage.fixed_end]
             yield from ((ca.sum1(tau[: s + 1]), partial(_fixed_end, s)) for s in fixed)
-        for rows in self._node_rows:
-            if rows.node == k:
-                yield rows.functions.value.function(X, rows.argument(p)), partial(_node_bounds, rows)
+        first = 0
+        for rows in self._rows_at(k):
+            value = rows.functions.value.function(X, rows.argument(p))
+            bounds = partial(_node_bounds, rows)
+            if rows.soft:
+                e = self._row_e[k][first : first + rows.functions.count] / PENALTY
+                first += rows.functions.count
+                yield value + e, lambda *args, bounds=bounds: (bounds(*args)[0], np.inf)
+                yield value - e, lambda *args, bounds=bounds: (-np.inf, bounds(*args)[1])
+            else:
+                yield value, bounds
         if sums.numel() and k == self.grid.K:
             for i in range(len(self.shape.kept)):
                 yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
@@ -245,6 +270,11 @@ def _zero(*_: object) -> tuple[float, float]:
 def _fixed_end(s: int, window: Window, *_: object) -> tuple[float, float]:
     at = (window.stages[s].at or 0.0) - window.start
     return at, at
+
+
+def _soft_count(rows: NodeRows) -> int:
+    """Return how many of some rows at a node may be violated at a cost."""
+    return rows.functions.count if rows.soft else 0
 
 
 def _node_bounds(rows: NodeRows, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
@@ -348,7 +378,8 @@ class NlpSolver(Solver):
             inputs.append(self._problem.costs.inputs(stage, X, u).T)
         violations = scaled_violations(plan.X, *nlp.limits(window, plan)).T if shape.soft else 0.0
         tau = np.tile(np.diff(plan.instants, prepend=window.start)[:, None], nlp.grid.K + 1)
-        z = nlp.pack(plan.X.T, tau, 0.0, violations, *inputs)
+        row_violations = nlp.row_violations(window, plan, numbers)
+        z = nlp.pack(plan.X.T, tau, 0.0, violations, row_violations, *inputs)
         return nlp, _array(z), np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
 
     def _function(self, nlp: Nlp) -> ca.Function:
@@ -405,7 +436,7 @@ class NlpSolver(Solver):
 
 def _unpacked(nlp: Nlp, window: Window, z: np.ndarray) -> tuple[Plan, np.ndarray]:
     """Return the plan of a decision vector, and by how much its nodes violate soft limits at worst."""
-    X, tau, _, violations, *inputs = (np.ascontiguousarray(each.full().T) for each in nlp.unpack(z))
+    X, tau, _, violations, _, *inputs = (np.ascontiguousarray(each.full().T) for each in nlp.unpack(z))
     n = nlp.grid.n
     first = nlp.grid.first_node
     plan = plan_on_mesh(window, X, np.zeros((nlp.grid.K, n)), tau[0])

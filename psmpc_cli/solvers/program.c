@@ -6,14 +6,15 @@
  *
  * The rows of C are, in order (their number is `row_count`):
  *
- *     [Q; v] at nodes 1 .. K                          2NK   bounds of states, which may be soft
+ *     [Q; v] at nodes 1 .. K                          2NK   bounds of states
  *     the durations tau                               S
  *     their sums tau_1 + .. + tau_s                   S
  *     constraints at nodes, c [Q; v]                  E     those of row_node and row_jacobian
  *     v_k+1 - v_k - u_low h_k                         NK    accelerations from below, >= 0
  *     v_k+1 - v_k - u_high h_k                        NK    accelerations from above, <= 0
  *
- * with h_k the step of the length of interval k. The last two are there if `has_input_rows`.
+ * with h_k the step of the length of interval k. The last two are there if `has_input_rows`. Rows of states and of
+ * constraints at nodes may be soft: what violates their bounds by e costs `penalty` e.
  */
 
 /* A program as its callers pass it; psmpc_cli/solvers/quadratic.py declares the same structure. */
@@ -21,7 +22,6 @@ typedef struct {
     int64_t K;                          /* intervals */
     int64_t node_row_count;             /* E, constraints at nodes */
     int64_t has_input_rows;             /* whether accelerations are bounded */
-    int64_t soft_state_bounds;          /* whether bounds of [Q; v] may be violated */
     int64_t max_iterations;
     double tolerance;                   /* residuals and complementarity at which a program is solved */
     double acceptable_tolerance;        /* the same where the method gets no further */
@@ -43,7 +43,7 @@ typedef struct {
     const double *input_low;            /* u_low, u_high (K, N) */
     const double *input_high;
     const double *interval_by_duration; /* derivatives of the lengths h of the intervals by tau, (K, S) */
-    const double *penalty;              /* cost of a violation of 1 of a soft bound, by node, (K,) */
+    const double *penalty;              /* cost of a violation of 1 of a soft row; 0 of a hard one, (rows,) */
     double *X;                          /* out: (K, 2N) */
     double *tau;                        /* out: (S,) */
     double *gap_multipliers;            /* out: (K, N) */
@@ -128,6 +128,11 @@ typedef struct {
 static int64_t row_count(const QuadraticProgram *program) {
     int64_t input_rows = program->has_input_rows ? 2 * program->K * N : 0;
     return program->K * NX + 2 * S + program->node_row_count + input_rows;
+}
+
+/* Tell whether a row may be violated at a cost. */
+static int is_soft(const QuadraticProgram *program, int64_t row) {
+    return program->penalty[row] > 0.0;
 }
 
 /* Compute C x at x = (X, tau). The first 2NK `rows` are X, which the caller has set; this sets those behind. */

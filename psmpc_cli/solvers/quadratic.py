@@ -111,7 +111,7 @@ class QpArrays:
         low, high: Bounds of the rows, (R,).
         input_low, input_high: Bounds of the accelerations, (K, n); (0, n) where none has one.
         interval_by_duration: Derivatives of the lengths of the intervals by tau, (K, S).
-        penalty: Cost of a violation of a soft bound by 1, for each node, (K, 1).
+        penalty: Cost of a violation by 1 of each row that is soft, 0 of hard ones, (R,).
         X: Of the solution, (K, 2n).
         tau: Of the solution, (S,).
         gap_multipliers: (K, n).
@@ -172,13 +172,13 @@ class QpMethod(ABC):
             input_low=bounds.input_low,
             input_high=bounds.input_high,
             interval_by_duration=window.form.interval_steps,
-            penalty=PENALTY * window.shares(point)[1:],
+            penalty=PENALTY * window.row_shares(point) * bounds.soft,
             X=X[1:],
             tau=np.zeros(S),
             gap_multipliers=np.zeros((K, n)),
             row_multipliers=np.zeros(len(rows)),
         )
-        status, iterations = self._solve(arrays, bounds.soft)
+        status, iterations = self._solve(arrays)
         first_node_row = window.states + 2 * S
         return QpSolution(
             status=status,
@@ -190,13 +190,8 @@ class QpMethod(ABC):
         )
 
     @abstractmethod
-    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
-        """Write step and multipliers into the arrays for them; return how the program ended, and the iterations.
-
-        Args:
-            arrays: The program.
-            soft: The bounds of states may be violated at a cost.
-        """
+    def _solve(self, arrays: QpArrays) -> tuple[QpStatus, int]:
+        """Write step and multipliers into the arrays for them; return how the program ended, and the iterations."""
 
 
 class QuadraticProgram(ctypes.Structure):
@@ -204,7 +199,7 @@ class QuadraticProgram(ctypes.Structure):
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("K", "node_row_count", "has_input_rows")),
-        *((name, ctypes.c_int64) for name in ("soft_state_bounds", "max_iterations")),
+        ("max_iterations", ctypes.c_int64),
         *((name, ctypes.c_double) for name in ("tolerance", "acceptable_tolerance", "initial_barrier", "bound_push")),
         *((name, ctypes.c_void_p) for name in (*ARRAYS, "report", "workspace")),
     )
@@ -290,12 +285,11 @@ class RiccatiQp(QpMethod):
         self._tolerance = tolerance
         self._memory = np.zeros(0)
 
-    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
+    def _solve(self, arrays: QpArrays) -> tuple[QpStatus, int]:
         program = QuadraticProgram(
             K=len(arrays.coupling),
             node_row_count=len(arrays.row_jacobian),
             has_input_rows=len(arrays.input_low) > 0,
-            soft_state_bounds=soft,
             max_iterations=MAX_ITERATIONS,
             tolerance=self._tolerance,
             acceptable_tolerance=max(ACCEPTABLE, self._tolerance),
@@ -331,9 +325,9 @@ class PiqpQp(QpMethod):
     def __init__(self, tolerance: float) -> None:
         self._tolerance = tolerance
 
-    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
-        unknowns = _order_unknowns(arrays, soft)
-        kinds = _sort_rows(arrays, unknowns, soft)
+    def _solve(self, arrays: QpArrays) -> tuple[QpStatus, int]:
+        unknowns = _order_unknowns(arrays)
+        kinds = _sort_rows(arrays, unknowns)
         hessian = _sparse(unknowns.count, unknowns.count, _hessian_entries(arrays, unknowns))
         solver = self._set_up(arrays, unknowns, kinds, hessian)
         piqp_status = solver.solve()
@@ -355,13 +349,13 @@ class PiqpQp(QpMethod):
         row_count = len(arrays.low)
         gap_rows = _sparse(arrays.gaps.size, size, _gap_entries(arrays, unknowns))
         rows = _sparse(row_count, size, _row_entries(arrays, unknowns))
-        violations = unknowns.violations.ravel()
-        violation = _sparse(row_count, size, [(np.arange(violations.size), violations, 1.0)])
+        soft_rows = np.flatnonzero(arrays.penalty)
+        violation = _sparse(row_count, size, [(soft_rows, unknowns.violations, 1.0)])
 
         cost = np.zeros(size)
         cost[unknowns.X] = arrays.gradient
         cost[unknowns.tau] = arrays.gradient_tau
-        cost[unknowns.violations] = arrays.penalty
+        cost[unknowns.violations] = arrays.penalty[soft_rows]
         lowest = np.full(size, -np.inf)
         highest = np.full(size, np.inf)
         lowest[unknowns.violations] = 0.0
@@ -403,7 +397,7 @@ class _Unknowns:
 
     Attributes:
         X: Of the steps of [Q; v] at nodes 1 .. K, (K, 2n).
-        violations: Of their soft bounds, behind each node's state, (K, 2n); (K, 0) where bounds are hard.
+        violations: Of the soft rows, in their order; those of a node stand behind its state.
         tau: Of the steps of the durations, (S,).
         count: How many there are.
     """
@@ -449,30 +443,36 @@ class _RowKinds:
     hard: np.ndarray
 
 
-def _order_unknowns(arrays: QpArrays, soft: bool) -> _Unknowns:
+def _order_unknowns(arrays: QpArrays) -> _Unknowns:
     """Return the order of the unknowns: state and violations of each node, then the durations."""
     K, states = arrays.X.shape
     S = len(arrays.tau)
-    per_node = 2 * states if soft else states
-    X = per_node * np.arange(K)[:, None] + np.arange(states)
+    state_rows = np.arange(K * states)
+    node_rows = arrays.X.size + 2 * S + np.arange(len(arrays.row_node))
+    soft_state = arrays.penalty[state_rows] > 0
+    soft_node_row = arrays.penalty[node_rows] > 0
+    node_of_violation = np.concatenate([(state_rows // states)[soft_state], arrays.row_node[soft_node_row]])
+    node = np.concatenate([state_rows // states, node_of_violation])
+    place = np.empty(len(node), int)
+    place[np.argsort(node, kind="stable")] = np.arange(len(node))
     return _Unknowns(
-        X=X,
-        violations=X + states if soft else X[:, :0],
-        tau=np.arange(per_node * K, per_node * K + S),
-        count=per_node * K + S,
+        X=place[: K * states].reshape(K, states),
+        violations=place[K * states :],
+        tau=len(node) + np.arange(S),
+        count=len(node) + S,
     )
 
 
-def _sort_rows(arrays: QpArrays, unknowns: _Unknowns, soft: bool) -> _RowKinds:
+def _sort_rows(arrays: QpArrays, unknowns: _Unknowns) -> _RowKinds:
     """Sort the rows low <= C x <= high of a program into the kinds that PIQP takes in different ways.
 
     A row whose bounds coincide is an equation. The first rows of C are each a single unknown, so that their bounds are
-    those of a box; those on states may be soft. All others are inequalities of several unknowns.
+    those of a box, unless they are soft. All others are inequalities of several unknowns.
     """
     row = np.arange(len(arrays.low))
     low_is_finite = np.isfinite(arrays.low)
     high_is_finite = np.isfinite(arrays.high)
-    is_soft = soft & (row < unknowns.X.size)
+    is_soft = arrays.penalty > 0
     equation = ~is_soft & (arrays.high <= arrays.low + EQUALITY_WIDTH)
     box = ~is_soft & ~equation & (row < unknowns.of_rows.size)
     return _RowKinds(

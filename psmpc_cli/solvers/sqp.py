@@ -15,7 +15,6 @@ import numpy as np
 
 from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import make_all
-from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
@@ -151,7 +150,7 @@ class SqpSolver(Solver):
             warm=previous is not None,
             costs=iterate.at.costs,
             terminal=iterate.at.terminal,
-            violations=sqp_window.penalty(point)[1:].max(axis=0) / PENALTY if window.soft else np.zeros(0),
+            violations=sqp_window.state_violations(point) if window.soft else np.zeros(0),
             duals=iterate.qp.node_multipliers if form.curved and iterate.qp is not None else np.zeros(0),
             guess_duals=multipliers,
         )
@@ -228,8 +227,8 @@ class _Solve:
             if qp.status is QpStatus.SOLVED:
                 return qp
         qp = self.method.solve(window, model, point)
-        if qp.status is QpStatus.FAILED and window.bounds.soft:
-            hard = replace(window, bounds=replace(window.bounds, soft=False))
+        if qp.status is QpStatus.FAILED and window.bounds.soft.any():
+            hard = replace(window, bounds=replace(window.bounds, soft=np.zeros_like(window.bounds.soft)))
             proof = self.method.solve(hard, model, point)
             return qp if proof.status is QpStatus.FAILED else proof
         return qp
@@ -271,7 +270,7 @@ class _Solve:
         """Return the iterate after the longest share of the step that the filter accepts; the point itself, if none."""
         step = float(max(np.abs(qp.step.X).max(), np.abs(qp.step.tau).max(initial=0.0)))
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
-        slope += self.window.change_of_penalty(iterate.point, qp.step)
+        slope += self.window.change_of_penalty(iterate.point, model, qp.step)
         share = self._longest_share(iterate.point, qp.step)
         while share >= SHORTEST_STEP:
             point = iterate.point.moved(qp.step, share)

@@ -32,15 +32,15 @@ class WindowBounds:
     Attributes:
         low, high: Of the rows, (R,); where they are equal, or cross, the row is an equation.
         input_low, input_high: Of the accelerations, (K, n), 0 where there is none; (0, n) where none has one.
-        soft: The bounds of states may be violated at a cost.
-        first: Low and high of x_0, which count where bounds are soft, (2, 2n).
+        soft: Which rows may be violated at a cost, (R,).
+        first: Low and high of x_0, which count where those of states are soft, (2, 2n); infinite where they are hard.
     """
 
     low: np.ndarray
     high: np.ndarray
     input_low: np.ndarray
     input_high: np.ndarray
-    soft: bool
+    soft: np.ndarray
     first: np.ndarray
 
 
@@ -50,7 +50,7 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     stages = window.stages
     S = form.grid.switches
     low, high = node_limits(grid, stages)
-    first = np.array([low[0], high[0]])
+    first = np.array([low[0], high[0]]) if window.soft else np.array([[-np.inf], [np.inf]]) * np.ones(low.shape[1])
     low, high = moved_apart(low[1:], high[1:]) if window.soft else (low[1:], high[1:])
     of_window = np.full(2 * S + len(form.row_node), np.inf)  # durations, and rows at nodes
     lows = [low.ravel(), -of_window]
@@ -64,12 +64,16 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
         input_low, input_high = (np.where(has, bound, 0.0) for has, bound in zip(finite, inputs, strict=True))
     else:
         input_low = input_high = np.zeros((0, grid.n))
+    row_low = np.concatenate(lows)
+    soft = np.zeros(len(row_low), bool)
+    soft[: 2 * grid.n * grid.K] = window.soft
+    soft[2 * grid.n * grid.K + 2 * S :][: len(form.row_node)] = form.row_is_soft
     return WindowBounds(
-        low=np.concatenate(lows),
+        low=row_low,
         high=np.concatenate(highs),
         input_low=input_low,
         input_high=input_high,
-        soft=window.soft,
+        soft=soft,
         first=first,
     )
 
@@ -85,11 +89,8 @@ def window_bounds(
     at_nodes = (window.K, len(window.x0))
     states = shifted(window, guess, shared.low[:first].reshape(at_nodes), shared.high[:first].reshape(at_nodes))
     low[:first], high[:first] = (bounds.ravel() for bounds in states)
-    at = first + 2 * S
-    for rows in form.node_rows:
-        own = slice(at, at + rows.functions.count)
-        low[own], high[own] = rows.bounds(window)
-        at = own.stop
+    at = slice(first + 2 * S, first + 2 * S + len(form.row_node))
+    low[at], high[at] = form.row_bounds(window)
     low[first : first + S] = np.maximum(shortest_durations(window)[:-1], tau - within)
     high[first : first + S] = tau + within
     if S:
@@ -141,37 +142,73 @@ class SqpWindow:
         """
         bounds = self.bounds
         rows = self.rows(point, at)
-        hard = slice(self.states if self.bounds.soft else 0, None)
+        hard = ~bounds.soft
         every = np.concatenate([np.abs(at.gaps).ravel(), (bounds.low - rows)[hard], (rows - bounds.high)[hard]])
         return float(max(every.max(), 0.0))
 
-    def penalty(self, point: Point) -> np.ndarray:
-        """Return rho times the violations of soft limits at a point, (K + 1, 2n); (K + 1, 0) where limits are hard."""
-        if not self.bounds.soft:
-            return np.zeros((len(point.X), 0))
-        low, high = (
-            np.concatenate([first, bound[: self.states]]).reshape(point.X.shape)
-            for first, bound in zip(self.bounds.first, (self.bounds.low, self.bounds.high), strict=True)
-        )
-        return scaled_violations(point.X, low, high)
+    @cached_property
+    def _soft_rows(self) -> np.ndarray:
+        """Indices of the rows that may be violated at a cost."""
+        return np.flatnonzero(self.bounds.soft)
+
+    @cached_property
+    def _row_node(self) -> np.ndarray:
+        """Node of each row of states and of each constraint at nodes, (R,); those of others are 0."""
+        grid = self.form.grid
+        first_node_row = self.states + 2 * grid.switches
+        node = np.zeros(len(self.bounds.low), int)
+        node[: self.states] = 1 + np.arange(grid.K).repeat(2 * grid.n)
+        node[first_node_row:][: len(self.form.row_node)] = self.form.row_node
+        return node
+
+    def _soft_penalties(self, rows: np.ndarray) -> np.ndarray:
+        """Return rho times the violations of the soft ones of rows (R,) with these values."""
+        soft = self._soft_rows
+        return scaled_violations(rows[soft], self.bounds.low[soft], self.bounds.high[soft])
+
+    def _penalty_by_node(self, point: Point, rows: np.ndarray) -> np.ndarray:
+        """Return the sum of rho times the violations at each node, (K + 1,); of x_0 those of its state."""
+        soft_node = self._row_node[self._soft_rows]
+        by_node = np.bincount(soft_node, self._soft_penalties(rows), minlength=len(point.X))
+        by_node[0] = scaled_violations(point.X[0], *self.bounds.first).sum()
+        return by_node
+
+    def state_violations(self, point: Point) -> np.ndarray:
+        """Return by how much nodes violate limits of states at worst, (2n,) [m, rad, m/s, rad/s]."""
+        low = self.bounds.low[: self.states].reshape(point.X[1:].shape)
+        high = self.bounds.high[: self.states].reshape(point.X[1:].shape)
+        return np.asarray(scaled_violations(point.X[1:], low, high).max(axis=0) / PENALTY)
 
     def keeps_soft_limits(self, point: Point) -> bool:
         """Tell whether soft limits are violated no further than the measured state violates them."""
-        violation = self.penalty(point) / PENALTY
-        return bool((violation[1:] <= violation[0] + FEASIBLE).all())
+        form = self.form
+        rows = self.rows(point, self.form.residuals(point, self.p))
+        own = np.zeros(len(rows))
+        own[: self.states] = np.tile(scaled_violations(point.X[0], *self.bounds.first), form.grid.K)
+        at_first = np.where(np.isfinite(rows), rows, 0.0)
+        first_node_row = self.states + 2 * form.grid.switches
+        at_first[first_node_row:][: len(form.row_node)] = form.rows_at(point.X[0], self.p)
+        own[self.states :] = scaled_violations(at_first, self.bounds.low, self.bounds.high)[self.states :]
+        excess = self._soft_penalties(rows) - own[self._soft_rows]
+        return bool((excess <= PENALTY * FEASIBLE).all())
 
     def shares(self, point: Point) -> np.ndarray:
         """Return the share of time that each node stands for, (K + 1, 1) [s]."""
         return shares_of_time(self.form.steps(point, self.horizon))
+
+    def row_shares(self, point: Point) -> np.ndarray:
+        """Return the share of time of the node of each row, (R,) [s]."""
+        return np.asarray(self.shares(point)[self._row_node, 0])
 
     def residuals(self, point: Point) -> Residuals:
         """Return the residuals at a point, the penalty of its violations counted in the objective."""
         return self._penalized(point, self.form.residuals(point, self.p))
 
     def _penalized(self, point: Point, at: Residuals) -> Residuals:
-        if not self.bounds.soft:
+        if not len(self._soft_rows):
             return at
-        return replace(at, objective=at.objective + float((self.shares(point) * self.penalty(point)).sum()))
+        penalty = self.shares(point)[:, 0] @ self._penalty_by_node(point, self.rows(point, at))
+        return replace(at, objective=at.objective + float(penalty))
 
     def linearize(self, point: Point) -> Linearization:
         """Return the model at a point, its violations counted with the durations they last.
@@ -179,15 +216,20 @@ class SqpWindow:
         What a step changes of the violations is left to the program, which knows it exactly.
         """
         model = self.form.linearize(point, self.p)
-        if not self.bounds.soft:
+        if not len(self._soft_rows):
             return model
-        by_tau = self.penalty(point).sum(axis=1) @ shares_of_time(self.form.interval_steps)
+        by_tau = self._penalty_by_node(point, self.rows(point, model.at)) @ shares_of_time(self.form.interval_steps)
         at = self._penalized(point, model.at)
         return replace(model, at=at, gradient_tau=model.gradient_tau + by_tau)
 
-    def change_of_penalty(self, point: Point, step: Point) -> float:
-        """Return what a step changes of the penalty, as long as durations stay."""
-        if not self.bounds.soft:
+    def change_of_penalty(self, point: Point, model: Linearization, step: Point) -> float:
+        """Return what a step changes of the penalty in the model at a point, as long as durations stay."""
+        if not len(self._soft_rows):
             return 0.0
-        change = self.penalty(point.moved(step, 1.0)) - self.penalty(point)
-        return float((self.shares(point) * change).sum())
+        rows = self.rows(point, model.at)
+        changes = np.zeros(len(rows))
+        changes[: self.states] = step.X[1:].ravel()
+        node_rows = slice(self.states + 2 * self.form.grid.switches, None)
+        changes[node_rows][: len(self.form.row_node)] = (model.rows_by_x * step.X[self.form.row_node]).sum(axis=1)
+        change = self._soft_penalties(rows + changes) - self._soft_penalties(rows)
+        return float(self.row_shares(point)[self._soft_rows] @ change)

@@ -92,6 +92,10 @@ def _bounds_a_load(strength: "StrengthSpec", before: Fields, context: Context) -
         yield (), expected(f"at least one of {', '.join(GRASP_LOADS)}", "none", at_key=True)
 
 
+WIDEST_BAND = (1e-3, 2e-3)
+"""By how much plans let hands move against each other where grasps would bear more [m, rad]."""
+
+
 class StrengthSpec(Spec):
     """What a grasp holds: it is lost when a filtered load exceeds this. What is not given is not limited."""
 
@@ -128,6 +132,23 @@ class GraspSpec(Spec):
         None, description="what it holds; default anything"
     )
     known: fields.Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
+    band: fields.Sparse[Annotated[tuple[fields.Positive, fields.Positive], listed("2 entries", 2)] | None] = Field(
+        None,
+        description="by how much plans let hands that hold the object move against each other [m, rad]; default what "
+        "half of a grasp's strength strains, at most [1e-3, 2e-3]",
+    )
+
+    @property
+    def half_widths(self) -> tuple[float, float]:
+        """By how much plans let hands move and turn against each other [m, rad].
+
+        A relative displacement d strains the two bushings by d / 2 each, which is a load of stiffness times d / 2.
+        """
+        if self.band is not None:
+            return self.band
+        force, moment = np.minimum.reduceat(self.largest_loads, [0, 2])
+        linear, angular = self.stiffness
+        return min(force / (2 * linear), WIDEST_BAND[0]), min(moment / (2 * angular), WIDEST_BAND[1])
 
     @property
     def largest_loads(self) -> np.ndarray:

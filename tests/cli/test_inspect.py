@@ -134,7 +134,7 @@ def test_check_prints_the_object_its_grasps_and_its_destination(psmpc: Psmpc) ->
         "taken at the end of capture",
         "let go at the beginning of release",
         "grasp of arm_2 -0.6415, 0 m, -135 deg",
-        "stiffness of a grasp 10000 N/m, 100 N m/rad, damping ratio 1",
+        "stiffness of a grasp 10000 N/m, 1000 N m/rad, damping ratio 1",
         "a grasp holds pull 12 N, filtered over 0.2 s",
         "destination 0, 0.978 m, 0 deg",
         "destination within 0.005 0.005 m, 1 deg",

@@ -67,7 +67,7 @@ def test_an_end_condition_stands_at_the_last_node_of_its_stage(problem: Problem)
     stage = window.stages[0]
     x = some_state(problem.model)
     p = window_numbers(window, np.array([INSTANT]))
-    assert rows.node == 4
+    assert list(rows.nodes) == [4]
     low, high = rows.bounds(window)
     found = rows.functions.value(x, rows.argument(p))[0].ravel()
     np.testing.assert_allclose(found - (low + high) / 2, problem.costs.ends(stage, x[None])[0], atol=1e-12)
@@ -79,7 +79,7 @@ def test_kept_errors_stand_at_every_node_after_the_first(problem: Problem) -> No
     rows = rows_of(problem, window)
     x = some_state(problem.model)
     p = window_numbers(window, np.zeros(0))
-    assert [each.node for each in rows] == [1, 2, 3, 4, 5, 6]
+    assert [list(each.nodes) for each in rows] == [[1], [2], [3], [4], [5], [6]]
     for each in rows:
         found = each.functions.value(x, each.argument(p))[0].ravel()
         np.testing.assert_allclose(found, problem.costs.errors(window.kept[0].stage, x[None])[0], atol=1e-12)
@@ -122,10 +122,10 @@ def test_the_nonlinear_program_has_the_same_rows(problem: Problem, kept: bool) -
     X = np.array([some_state(problem.model) * (1 + k) for k in range(7)])
     tau = np.tile(instants[:, None], 7)
     sums = np.zeros((0, 7))
-    x = nlp.pack(X.T, tau, sums, np.zeros((0, 7)), *(np.zeros((problem.model.n, N)) for N in window.nodes))
+    x = nlp.pack(X.T, tau, sums, np.zeros((0, 7)), [], *(np.zeros((problem.model.n, N)) for N in window.nodes))
     g = np.asarray(nlp.rows(x, ca.vertcat(*(ca.vec(ca.DM(each)) for each in p.pieces())))).ravel()
     for rows in rows_of(problem, window):
-        value = rows.functions.value(X[rows.node], rows.argument(p))[0].ravel()
+        value = rows.functions.value(X[rows.nodes[0]], rows.argument(p))[0].ravel()
         _, high = rows.bounds(window)
         places = [i for i in range(len(g) - len(value) + 1) if np.allclose(g[i : i + len(value)], value, atol=1e-12)]
         assert any(np.array_equal(bounds["ubg"][i : i + len(value)], high) for i in places)

@@ -60,8 +60,8 @@ def optimality(task: Task, found: QpSolution) -> Optimality:
     """Karush, Kuhn and Tucker's conditions, row by row: gaps, rows with bounds."""
     model, bounds, x = task.model, task.window.bounds, flat(found.step)
     steps = [_step(task.point, column) for column in np.eye(len(x))]
-    rows = _rows(task, found.step.moved(found.step, -1.0))
-    G = np.column_stack([_rows(task, step) - rows for step in steps])
+    rows = rows_after(task, found.step.moved(found.step, -1.0))
+    G = np.column_stack([rows_after(task, step) - rows for step in steps])
     gaps = np.column_stack([_change_of_gaps(model, step).ravel() for step in steps])
     low, high, value, z = bounds.low - rows, bounds.high - rows, G @ x, found.rows
     gradient = hessian(model) @ x + np.r_[model.gradient[1:].ravel(), model.gradient_tau]
@@ -80,7 +80,7 @@ def _step(point: Point, x: np.ndarray) -> Point:
     return Point(np.vstack([np.zeros(size), x[: K * size].reshape(K, size)]), x[K * size :])
 
 
-def _rows(task: Task, step: Point) -> np.ndarray:
+def rows_after(task: Task, step: Point) -> np.ndarray:
     """The rows with bounds after a step: all but the end conditions are linear."""
     at, node = task.model.at, task.window.form.row_node
     ends = at.rows + (task.model.rows_by_x * step.X[node]).sum(axis=1)

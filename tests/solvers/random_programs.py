@@ -34,6 +34,7 @@ def structure(nodes: tuple[int, ...]) -> VelocityForm:
         def __init__(self) -> None:
             self.grid, self.nodes, self.weights = Grid(COORDINATES, nodes), np.array(nodes), (0.5, 0.5)
             self.row_node = np.repeat(self.grid.first_node[1:-1], END_ROWS)
+            self.row_is_soft = np.zeros(len(self.row_node), bool)
 
     return Form()
 
@@ -116,7 +117,17 @@ def _bounds_about(
         low += [np.where(np.isfinite(limits[0]), 0.0, -np.inf).ravel(), -free]
         high += [free, np.where(np.isfinite(limits[1]), 0.0, np.inf).ravel()]
     rows, first = (np.concatenate(low), np.concatenate(high)), np.array([[-np.inf], [np.inf]]) * np.ones(2 * n)
-    return WindowBounds(*rows, inputs[0], inputs[1], False, first)
+    soft = np.zeros(len(rows[0]), bool)
+    return WindowBounds(*rows, inputs[0], inputs[1], soft, first)
+
+
+def soft_rows(task: Task, states: bool, node_rows: bool = False) -> np.ndarray:
+    """Which rows of a program are soft: those of states, of constraints at nodes, or both."""
+    window = task.window
+    soft = np.zeros(len(window.bounds.low), bool)
+    soft[: window.states] = states
+    soft[window.states + 2 * len(task.point.tau) :][: len(window.form.row_node)] = node_rows
+    return soft
 
 
 def unattainable(task: Task) -> Task:

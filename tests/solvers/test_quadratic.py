@@ -9,15 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.native.library import CompilationError, find_compiler
-from psmpc_cli.ocp.constraints.boxes import PENALTY, scaled_violations
+from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.quadratic import PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, window_bounds
 
-from .optimality import energy, objective, optimality
-from .random_programs import Task, random_task, unattainable
+from .optimality import energy, objective, optimality, rows_after
+from .random_programs import Task, random_task, soft_rows, unattainable
 from .recorded import RecordedSolve, windows_over
 from .solving import middle_window_over
 
@@ -125,27 +125,33 @@ def test_solving_again_gives_the_same(tasks: Sequence[Task]) -> None:
     assert np.array_equal(first.rows, again.rows)
 
 
-def softened(task: Task, away: np.ndarray | float = 0.0) -> Task:
-    """The same program with soft bounds of states, some of them moved."""
+def softened(task: Task, away: np.ndarray | float = 0.0, node_rows: bool = False) -> Task:
+    """The same program with soft bounds of states, some of them moved, and perhaps soft rows at nodes."""
     bounds = task.window.bounds
-    at = slice(task.window.states)
+    soft = soft_rows(task, states=True, node_rows=node_rows)
     low = bounds.low.copy()
     high = bounds.high.copy()
-    low[at], high[at] = moved_apart(low[at] + away, high[at] + away)
-    return task.with_bounds(low=low, high=high, soft=True)
+    low[soft], high[soft] = moved_apart(low[soft], high[soft])
+    at = slice(task.window.states)
+    return task.with_bounds(low=low + _padded(away, len(low), at), high=high + _padded(away, len(low), at), soft=soft)
+
+
+def _padded(away: np.ndarray | float, size: int, at: slice) -> np.ndarray:
+    padded = np.zeros(size)
+    padded[at] = away
+    return padded
 
 
 def penalties(task: Task) -> np.ndarray:
-    """What a violation of each bound of a state by 1 costs."""
-    n = task.window.form.grid.n
-    return np.repeat(PENALTY * task.window.shares(task.point)[1:], 2 * n)
+    """What a violation of each row by 1 costs; 0 of hard ones."""
+    return np.asarray(PENALTY * task.window.row_shares(task.point) * task.window.bounds.soft)
 
 
 def costs_of_violations(task: Task, step: Point) -> float:
     bounds = task.window.bounds
-    at = slice(task.window.states)
-    X = (task.point.X + step.X)[1:].ravel()
-    return float((penalties(task) / PENALTY * scaled_violations(X, bounds.low[at], bounds.high[at])).sum())
+    rows = rows_after(task, step)
+    violations = np.maximum(np.maximum(bounds.low - rows, rows - bounds.high), 0.0)
+    return float(penalties(task) @ violations)
 
 
 def total_cost(task: Task, found: QpSolution) -> float:
@@ -153,32 +159,34 @@ def total_cost(task: Task, found: QpSolution) -> float:
 
 
 @settings(max_examples=40)
-@given(seed=SEEDS, nodes=NODES, what=FEATURES)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES, node_rows=st.booleans())
 def test_both_methods_violate_what_cannot_be_met_at_the_same_cost(
-    seed: int, nodes: tuple[int, ...], what: set[str]
+    seed: int, nodes: tuple[int, ...], what: set[str], node_rows: bool
 ) -> None:
     rng = np.random.default_rng(seed)
     task = random_task(rng, nodes, what)
     size = task.window.states
-    task = softened(task, away=np.where(rng.random(size) < 1 / 3, rng.normal(size=size), 0.0))
+    task = softened(task, away=np.where(rng.random(size) < 1 / 3, rng.normal(size=size), 0.0), node_rows=node_rows)
     found = ours(task)
     other = piqp(task)
+    soft = task.window.bounds.soft
     assert found.status is QpStatus.SOLVED
-    assert (np.abs(found.rows[:size]) <= penalties(task) * (1 + 1e-9)).all()
+    assert (np.abs(found.rows[soft]) <= penalties(task)[soft] * (1 + 1e-9)).all()
     if other.status is QpStatus.SOLVED:
         assert total_cost(task, found) == pytest.approx(total_cost(task, other), rel=1e-6, abs=1e-6)
 
 
 @settings(max_examples=40)
-@given(seed=SEEDS, nodes=NODES, what=FEATURES)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES, node_rows=st.booleans())
 def test_a_program_that_hard_bounds_allow_has_the_same_solution_with_soft_ones(
-    seed: int, nodes: tuple[int, ...], what: set[str]
+    seed: int, nodes: tuple[int, ...], what: set[str], node_rows: bool
 ) -> None:
-    task = softened(random_task(np.random.default_rng(seed), nodes, what))
-    hard = ours(task.with_bounds(soft=False))
+    task = softened(random_task(np.random.default_rng(seed), nodes, what), node_rows=node_rows)
+    is_soft = task.window.bounds.soft
+    hard = ours(task.with_bounds(soft=np.zeros_like(is_soft)))
     soft = ours(task)
     assert soft.status is QpStatus.SOLVED
-    if hard.status is QpStatus.SOLVED and (np.abs(hard.rows[: task.window.states]) < penalties(task)).all():
+    if hard.status is QpStatus.SOLVED and (np.abs(hard.rows[is_soft]) < penalties(task)[is_soft]).all():
         assert costs_of_violations(task, soft.step) < 1e-6
         assert objective(task.model, soft.step) == pytest.approx(objective(task.model, hard.step), rel=1e-6, abs=1e-6)
 

@@ -26,7 +26,7 @@ from psmpc_cli.solvers.quadratic import (
 )
 
 from . import random_programs
-from .random_programs import Task, random_task
+from .random_programs import Task, random_task, soft_rows
 from .test_quadratic import ours
 
 STRICT = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas", "-Wno-psabi")
@@ -60,9 +60,8 @@ int {name}(void) {{
 class Recorded(QpMethod):
     """Records the arrays of a program instead of solving it."""
 
-    def _solve(self, arrays: QpArrays, soft: bool) -> tuple[QpStatus, int]:
+    def _solve(self, arrays: QpArrays) -> tuple[QpStatus, int]:
         self.arrays = arrays
-        self.soft = soft
         return QpStatus.FAILED, 0
 
 
@@ -76,7 +75,6 @@ def source_of(task: Task, name: str) -> str:
         "K": grid.K,
         "node_row_count": len(arrays.row_jacobian),
         "has_input_rows": int(len(arrays.input_low) > 0),
-        "soft_state_bounds": int(method.soft),
         "max_iterations": MAX_ITERATIONS,
         "tolerance": TOLERANCE,
         "acceptable_tolerance": max(ACCEPTABLE, TOLERANCE),
@@ -150,6 +148,7 @@ def test_kernels_of_several_sizes_solve_side_by_side_in_one_program(
 def test_the_kernel_has_no_warning_and_touches_no_foreign_memory(
     nodes: tuple[int, ...], what: str, soft: bool, tmp_path: Path
 ) -> None:
-    task = random_task(np.random.default_rng(3), nodes, set(what.split())).with_bounds(soft=soft)
+    task = random_task(np.random.default_rng(3), nodes, set(what.split()))
+    task = task.with_bounds(soft=soft_rows(task, states=soft, node_rows=soft))
     (printed,) = solve_as_one_program([task], SANITIZED, tmp_path)
     assert_same_solution(printed, ours(task, TOLERANCE))

@@ -4,7 +4,7 @@ A constraint is a function of robot and window shape that yields its rows node b
 there: `sqp` the values, Jacobians and curvatures of their functions, IPOPT and fatrop their expressions.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -19,21 +19,23 @@ __all__ = ["Constraint", "ConstraintFunctions", "NodeRows"]
 
 @dataclass(frozen=True, eq=False)
 class NodeRows:
-    """Rows of one constraint at one node of the windows of a shape.
+    """Rows of one constraint at some nodes of the windows of a shape: the same functions, argument and bounds at each.
 
     Attributes:
         name: Of the constraint.
-        node: The node.
+        nodes: The nodes, ascending.
         functions: x, a -> the rows, their Jacobian and curvature; the same object wherever the rows are the same.
         argument: Parameters of a window, numbers or symbols -> a.
         bounds: Window -> low and high (rows,); where they are equal the rows are equations.
+        soft: They may be violated at a cost, see `boxes.PENALTY`.
     """
 
     name: str
-    node: int
+    nodes: Sequence[int]
     functions: ConstraintFunctions
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
+    soft: bool = False
 
 
 Constraint: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows]]

@@ -21,7 +21,7 @@ def END_CONDITIONS(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
         if functions.end_rows:
             yield NodeRows(
                 name="end condition",
-                node=int(last_nodes[s]),
+                nodes=(int(last_nodes[s]),),
                 functions=functions.end,
                 argument=partial(_target, s),
                 bounds=partial(_bounds, s),

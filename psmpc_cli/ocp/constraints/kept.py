@@ -21,7 +21,7 @@ def KEPT_ERRORS(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
         for node in range(1, sum(shape.nodes) + 1):
             yield NodeRows(
                 name="kept error",
-                node=node,
+                nodes=(node,),
                 functions=functions,
                 argument=partial(_wanted, len(shape.stages) + number, node),
                 bounds=partial(_bounds, number, node),

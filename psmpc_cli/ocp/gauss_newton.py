@@ -10,12 +10,13 @@ velocities and duration together and has its exact one; the pending cost is line
 semidefinite. End conditions about poses are curved, see `VelocityForm.curved`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints import node_rows
+from psmpc_cli.ocp.constraints import interval_rows, node_rows
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import cost_shape
@@ -46,6 +47,7 @@ class Residuals:
         terminal: Normalized terminal cost of the last stage, times kappa.
         gaps: Q+ - Q - h (Qdot + Qdot+) / 2 by interval, (K, n).
         rows: Those of the constraints at nodes, by ascending nodes, (E,).
+        interval_rows: Those of the constraints over intervals, by ascending intervals, (I,).
     """
 
     objective: float
@@ -53,6 +55,7 @@ class Residuals:
     terminal: float
     gaps: np.ndarray
     rows: np.ndarray
+    interval_rows: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,7 @@ class Linearization:
         gap_velocity: Of the gaps by Qdot_k and Qdot_k+1, one number an interval, (K, 2).
         gap_tau: By tau, (K, n, S).
         rows_by_x: Of the rows at nodes by x there, (E, 2n).
+        interval_rows_by: Of the rows over intervals by x at both ends and tau, (I, 4n + S).
     """
 
     at: Residuals
@@ -81,6 +85,7 @@ class Linearization:
     gap_velocity: np.ndarray
     gap_tau: np.ndarray
     rows_by_x: np.ndarray
+    interval_rows_by: np.ndarray
 
 
 class VelocityForm:
@@ -90,10 +95,12 @@ class VelocityForm:
         grid: Intervals of the stages.
         costs: What the costs of the stages are made of.
         node_rows: The constraints at nodes.
+        interval_rows: The constraints over intervals.
         nodes: N_s of each stage, (S + 1,).
         weights: Share of the velocity at either end of an interval in the change of position.
         row_node: Node of each row of these, ascending, (E,): rows are ordered by node, then as in `node_rows`.
         row_is_soft: Which of them may be violated at a cost, (E,).
+        row_interval: Interval of each row over intervals, in an order alike, (I,).
         curved: Some of them are curved.
     """
 
@@ -103,17 +110,14 @@ class VelocityForm:
         self.node_rows = node_rows(model, shape)
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
-        row_nodes = [np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows]
-        by_constraint = np.concatenate([np.zeros(0, int), *row_nodes])
-        order = np.argsort(by_constraint, kind="stable")
-        self.row_node = by_constraint[order]
-        places = np.empty(len(order), int)
-        places[order] = np.arange(len(order))
-        sizes = [len(nodes) for nodes in row_nodes]
-        self._places = np.split(places, np.cumsum(sizes)[:-1]) if sizes else []
-        self.row_is_soft = np.zeros(len(order), bool)
+        self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows])
+        self.row_is_soft = np.zeros(len(self.row_node), bool)
         for rows, at in zip(self.node_rows, self._places, strict=True):
             self.row_is_soft[at] = rows.soft
+        self.interval_rows = interval_rows(model, shape)
+        self.row_interval, self._interval_places = _ordered(
+            [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
+        )
         self.curved = any(rows.functions.curvature is not None for rows in self.node_rows)
 
     @cached_property
@@ -161,15 +165,22 @@ class VelocityForm:
         if p.terminal:
             L = stage.cost(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0)[0]
             terminal = _terminal_cost(p, L)
-        return self._residuals(point, p, costs, terminal, self.rows(point, p)[0])
+        return self._residuals(point, p, costs, terminal, self.rows(point, p)[0], self.rows_over_intervals(point, p)[0])
 
     def _residuals(
-        self, point: Point, p: Parameters[np.ndarray], costs: np.ndarray, terminal: float, rows: np.ndarray
+        self,
+        point: Point,
+        p: Parameters[np.ndarray],
+        costs: np.ndarray,
+        terminal: float,
+        rows: np.ndarray,
+        over_intervals: np.ndarray,
     ) -> Residuals:
         """Return J over the largest priority from what the stages add to it, and the gaps. Cf. paper eq. (16)."""
         J = float(p.omega @ costs + p.omega[-1] * terminal + p.pending * (self.waiting @ point.tau))
         change = self.steps(point, float(p.horizon)) * self._mean_velocities(point)
-        return Residuals(J, costs, terminal, np.diff(point.X[:, : self.grid.n], axis=0) - change, rows)
+        gaps = np.diff(point.X[:, : self.grid.n], axis=0) - change
+        return Residuals(J, costs, terminal, gaps, rows, over_intervals)
 
     def _mean_velocities(self, point: Point) -> np.ndarray:
         """Return the velocities by which the positions change over the intervals, (K, n)."""
@@ -195,6 +206,29 @@ class VelocityForm:
             values[at] = g.ravel()
             by_x[at] = jacobian.reshape(len(at), -1)
         return values, by_x
+
+    def rows_over_intervals(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows over intervals (I,) and their derivatives by x at both ends and tau (I, 4n + S)."""
+        values = np.zeros(len(self.row_interval))
+        by_states_and_h = np.zeros((len(self.row_interval), 4 * self.grid.n + 1))
+        h = self.steps(point, float(p.horizon))
+        for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
+            k = np.array(rows.intervals)
+            g, jacobian = rows.functions.with_jacobian(point.X[k], point.X[k + 1], h[k], rows.argument(p), rows=len(k))
+            values[at] = g.ravel()
+            by_states_and_h[at] = jacobian.reshape(len(at), -1)
+        by_tau = by_states_and_h[:, -1:] * self.interval_steps[self.row_interval]
+        return values, np.hstack([by_states_and_h[:, :-1], by_tau])
+
+    def interval_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
+        """Return low and high (I,) of the rows over intervals, each over the length of its interval."""
+        low = np.zeros(len(self.row_interval))
+        high = np.zeros(len(self.row_interval))
+        for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
+            low_of_one, high_of_one = rows.bounds(window)
+            low[at] = np.tile(low_of_one, len(rows.intervals))
+            high[at] = np.tile(high_of_one, len(rows.intervals))
+        return low, high
 
     def rows_at(self, x: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the values (E,) of the rows of all constraints at nodes, each at one and the same state x (2n,)."""
@@ -243,9 +277,10 @@ class VelocityForm:
         of = self.grid.stage_of
         cost = _CostModel(self, point, p)
         rows, rows_by_x = self.rows(point, p)
+        over_intervals, over_intervals_by = self.rows_over_intervals(point, p)
         gaps_by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
-            at=self._residuals(point, p, cost.costs, cost.terminal, rows),
+            at=self._residuals(point, p, cost.costs, cost.terminal, rows, over_intervals),
             gradient=cost.gradient,
             gradient_tau=D.T @ cost.gradient_tau + p.pending * self.waiting,
             positions=cost.positions,
@@ -255,7 +290,18 @@ class VelocityForm:
             gap_velocity=-self.steps(point, float(p.horizon)) * np.array(self.weights),
             gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
             rows_by_x=rows_by_x,
+            interval_rows_by=over_intervals_by,
         )
+
+
+def _ordered(by_constraint: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return the positions of the rows of several constraints, ascending, and where those of each of them stand."""
+    positions = np.concatenate([np.zeros(0, int), *by_constraint])
+    order = np.argsort(positions, kind="stable")
+    places = np.empty(len(order), int)
+    places[order] = np.arange(len(order))
+    sizes = [len(each) for each in by_constraint]
+    return positions[order], np.split(places, np.cumsum(sizes)[:-1]) if sizes else []
 
 
 def _cost(s: int, p: Parameters[np.ndarray], N: int, tau: float, L: np.ndarray, effort: float) -> float:

@@ -72,6 +72,34 @@ class ConstraintFunctions:
         return self.value, self.with_jacobian, self.curvature
 
 
+class IntervalFunctions:
+    """Rows g(x, x+, h, a) of the states at both ends of an interval, and their derivatives.
+
+    Args:
+        x, x_next: The states [Q; Qdot], symbols (2n,).
+        h: The length of the interval, a symbol.
+        argument: a, a symbol.
+        rows: The rows as an expression of all.
+    """
+
+    def __init__(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX) -> None:
+        self._arguments = [x, x_next, h, argument]
+        self._unknowns = ca.vertcat(x, x_next, h)
+        self._rows = ca.densify(rows)
+        self.count = int(rows.numel())
+
+    @cached_property
+    def value(self) -> RowFunction:
+        """x, x+, h, a -> g (rows,)."""
+        return RowFunction(ca.Function("interval_rows", self._arguments, ca.cse([self._rows])))
+
+    @cached_property
+    def with_jacobian(self) -> RowFunction:
+        """x, x+, h, a -> g (rows,), its derivatives by [x; x+; h] row by row (rows (4n + 1),)."""
+        outputs = ca.cse([self._rows, _row_by_row(ca.jacobian(self._rows, self._unknowns))])
+        return RowFunction(ca.Function("interval_jacobian", self._arguments, outputs))
+
+
 class StageFunctions:
     """The functions of the stages of one shape for one robot, each written when it is first used.
 

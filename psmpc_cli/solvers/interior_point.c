@@ -154,6 +154,34 @@ static void add_inequality_weights(Inequalities ineq, double *weights) {
     for (int64_t j = 0; j < ineq.count; j++) weights[ineq.row[j]] += ineq.multiplier[j] * ineq.inverse_pivot[j];
 }
 
+/* Write the two rows of each constraint on an interval, c - low h with the weight w_l and c - high h with w_h, as one of
+ * their common weight: with the parts t_l and t_h of the two by tau,
+ *
+ *     w = w_l + w_h,   t = (w_l t_l + w_h t_h) / w,
+ *
+ * and what that leaves of the Hessian by tau, w_l t_l t_l' + w_h t_h t_h' - w t t', is added to `durations`. */
+static void form_interval_rows(InteriorPoint *ip, const double *weights) {
+    const QuadraticProgram *program = ip->program;
+    int64_t count = program->interval_row_count;
+    for (int64_t i = 0; i < count; i++) {
+        const double *by_duration = program->interval_by_duration + program->interval_row[i] * S;
+        const double *by_tau = program->interval_jacobian + i * INTERVAL_ROW + 2 * NX;
+        double weight_low = weights[i];
+        double weight_high = weights[count + i];
+        double weight = weight_low + weight_high;
+        double *mean = ip->dense_by_tau + i * S;
+        ip->dense_weights[i] = weight;
+        double share_high = weight > 0.0 ? weight_high / weight : 0.0;
+        double width = program->interval_high[i] - program->interval_low[i];
+        double bound = program->interval_low[i] + share_high * width;
+        double left = weight_low * share_high * width * width;
+        for (int c = 0; c < S; c++) {
+            mean[c] = by_tau[c] - bound * by_duration[c];
+            for (int e = 0; e < S; e++) ip->durations[c * S + e] += left * by_duration[c] * by_duration[e];
+        }
+    }
+}
+
 /* Form the Hessian of the Newton equations, H + C'W C, with the weights W of the rows: z / (s + delta z) of an
  * inequality, 1 / delta of an equation. Nocedal, Wright (2006), section 16.6.
  *
@@ -180,8 +208,10 @@ NOINLINE void form_hessian(InteriorPoint *ip) {
     }
     ip->riccati.node_row_weights = weights + 2 * S;
     for (int64_t i = 0; i < program->K * N; i++) ip->R[i] = -program->coupling[i];
-    if (!program->has_input_rows) return;
     weights += 2 * S + program->node_row_count;
+    form_interval_rows(ip, weights);
+    weights += 2 * program->interval_row_count;
+    if (!program->has_input_rows) return;
     memcpy(ip->arrow, program->arrow, program->K * NX * S * sizeof(double));
     for (int64_t k = 0; k < program->K; k++)
         for (int i = 0; i < N; i++) {
@@ -260,9 +290,12 @@ static int newton_direction(InteriorPoint *ip, double mu, double corrected, Rati
         ip->row_multipliers[equations->row[j]] +=
             equations->multiplier[j] + equations->residual[j] * ip->max_row_weight;
     compute_gradient(ip);
-    riccati_backward(&ip->riccati, ip->intervals, ip->gradient, ip->gradient_tau, ip->control_gradients);
+    int is_dense = program->interval_row_count > 0;
+    if (is_dense) dense_backward(&ip->riccati, ip->dense, ip->gradient, ip->gradient_tau, ip->control_gradients);
+    else riccati_backward(&ip->riccati, ip->intervals, ip->gradient, ip->gradient_tau, ip->control_gradients);
     if (!solve_schur(ip->schur, ip->gradient_tau, ip->tau_step)) return 0;
-    riccati_forward(&ip->riccati, ip->intervals, ip->tau_step, ip->control_gradients, ip->row_steps);
+    if (is_dense) dense_forward(&ip->riccati, ip->dense, ip->tau_step, ip->control_gradients, ip->row_steps);
+    else riccati_forward(&ip->riccati, ip->intervals, ip->tau_step, ip->control_gradients, ip->row_steps);
     apply_rows(program, ip->tau_step, ip->row_steps);
     *test = (RatioTest){1.0, 1.0, 0.0, 0.0};
     recover_steps(ip->hard, 0, ip->row_steps, delta, test);
@@ -396,7 +429,15 @@ static int64_t allocate_all(InteriorPoint *ip, const QuadraticProgram *program, 
     equations->multiplier = allocate(&workspace, rows);
     equations->multiplier_step = allocate(&workspace, rows);
     equations->row = (int64_t *)allocate(&workspace, rows);
-    ip->intervals = (IntervalGains *)allocate(&workspace, K * doubles_of_gains);
+    int64_t interval_rows = program->interval_row_count;
+    if (interval_rows) {
+        ip->dense = (DenseGains *)allocate(&workspace, K * (int64_t)(sizeof(DenseGains) / sizeof(double)));
+        ip->reduced_rows = (vec(*)[Y_VECS])allocate(&workspace, interval_rows * Y_PADDED);
+        ip->dense_weights = allocate(&workspace, interval_rows);
+        ip->dense_by_tau = allocate(&workspace, interval_rows * S);
+    } else {
+        ip->intervals = (IntervalGains *)allocate(&workspace, K * doubles_of_gains);
+    }
     ip->positions = (vec *)allocate(&workspace, K * N * N_PADDED);
     ip->control_gradients = allocate(&workspace, K * N_PADDED);
     ip->cost_gradient = allocate(&workspace, K * NX);
@@ -450,16 +491,18 @@ static void list_equations(const InteriorPoint *ip, Equations *equations) {
     equations->count = count;
 }
 
-/* Return the distance between the bounds of the quantity that an inequality bounds. An acceleration has a row for each
- * of its bounds, one of them infinite; all other quantities have both in one row. */
+/* Return the distance between the bounds of the quantity that an inequality bounds. Accelerations and constraints on
+ * intervals have a row for each of their bounds, one of them infinite; all other quantities have both in one row. */
 static double bound_width(const InteriorPoint *ip, int64_t row) {
     const QuadraticProgram *program = ip->program;
-    int64_t input_rows = program->K * NX + 2 * S + program->node_row_count;
-    int64_t input_count = program->K * N;
+    int64_t interval_rows = program->K * NX + 2 * S + program->node_row_count;
+    int64_t input_rows = interval_rows + 2 * program->interval_row_count;
+    int64_t first = row < input_rows ? interval_rows : input_rows;
+    int64_t count = row < input_rows ? program->interval_row_count : program->K * N;
     int64_t low = row;
     int64_t high = row;
-    if (row >= input_rows + input_count) low -= input_count;
-    else if (row >= input_rows) high += input_count;
+    if (row >= first + count) low -= count;
+    else if (row >= first) high += count;
     return program->high[high] - program->low[low] + (ip->row_steps[low] - ip->row_steps[high]);
 }
 
@@ -530,6 +573,13 @@ static void initialize(InteriorPoint *ip) {
         .row_node = program->row_node,
         .row_jacobian = program->row_jacobian,
     };
+    ip->dense_rows = (IntervalRows){
+        .count = program->interval_row_count,
+        .interval = program->interval_row,
+        .jacobian = program->interval_jacobian,
+        .weights = ip->dense_weights,
+        .by_tau = ip->dense_by_tau,
+    };
     fill_positions(ip);
     memset(program->X, 0, program->K * NX * sizeof(double));
     memset(program->tau, 0, S * sizeof(double));
@@ -548,12 +598,18 @@ static void initialize(InteriorPoint *ip) {
     take_step(ip, 0.0, 0.0, program->X, program->tau);
 }
 
+/* Factorize the Newton equations. Returns 0 where a Hessian by a control is not positive definite. */
+static int factorize(InteriorPoint *ip) {
+    if (ip->program->interval_row_count == 0) return riccati_factorize(&ip->riccati, ip->intervals, ip->schur);
+    return dense_factorize(&ip->riccati, &ip->dense_rows, ip->reduced_rows, ip->dense, ip->schur);
+}
+
 /* Factorize the Newton equations, with smaller largest weights of rows, to a tenth each time, while rounding has made a
  * Hessian by a control indefinite. Returns 0 where none works. */
 static int factorize_regularized(InteriorPoint *ip) {
     for (; ip->max_row_weight > MIN_ROW_WEIGHT; ip->max_row_weight /= 10.0) {
         form_hessian(ip);
-        if (riccati_factorize(&ip->riccati, ip->intervals, ip->schur)) return 1;
+        if (factorize(ip)) return 1;
     }
     return 0;
 }

@@ -10,17 +10,21 @@
  *     the durations tau                               S
  *     their sums tau_1 + .. + tau_s                   S
  *     constraints at nodes, c [Q; v]                  E     those of row_node and row_jacobian
+ *     constraints on intervals, less low h_k          I     those of interval_row and interval_jacobian, >= 0
+ *     the same, less high h_k                         I     <= 0
  *     v_k+1 - v_k - u_low h_k                         NK    accelerations from below, >= 0
  *     v_k+1 - v_k - u_high h_k                        NK    accelerations from above, <= 0
  *
- * with h_k the step of the length of interval k. The last two are there if `has_input_rows`. Rows of states and of
- * constraints at nodes may be soft: what violates their bounds by e costs `penalty` e.
+ * with h_k the step of the length of interval k, and constraints on intervals c [Q; v at both ends; tau]. The last two
+ * are there if `has_input_rows`. Rows of states and of constraints at nodes may be soft: what violates their bounds by e
+ * costs `penalty` e.
  */
 
 /* A program as its callers pass it; psmpc_cli/solvers/quadratic.py declares the same structure. */
 typedef struct {
     int64_t K;                          /* intervals */
     int64_t node_row_count;             /* E, constraints at nodes */
+    int64_t interval_row_count;         /* I, constraints on intervals */
     int64_t has_input_rows;             /* whether accelerations are bounded */
     int64_t max_iterations;
     double tolerance;                   /* residuals and complementarity at which a program is solved */
@@ -38,6 +42,10 @@ typedef struct {
     const double *gaps;                 /* the gaps at x = 0, (K, N) */
     const int64_t *row_node;            /* nodes of the constraints at nodes, from node 1, ascending, (E,) */
     const double *row_jacobian;         /* their derivatives by [Q; v] there, (E, 2N) */
+    const int64_t *interval_row;        /* intervals of the constraints on intervals, ascending, (I,) */
+    const double *interval_jacobian;    /* their derivatives by [Q; v] at both ends and tau, (I, 4N + S) */
+    const double *interval_low;         /* their bounds over h, (I,) */
+    const double *interval_high;
     const double *low;                  /* bounds of all rows, infinite where there is none, (rows,) */
     const double *high;
     const double *input_low;            /* u_low, u_high (K, N) */
@@ -106,7 +114,12 @@ typedef struct {
     Inequalities soft;
     Equations equations;
     RiccatiData riccati;
-    IntervalGains *intervals;  /* (K,) */
+    IntervalGains *intervals;  /* (K,); of a program with constraints on intervals the next five instead */
+    DenseGains *dense;         /* (K,) */
+    IntervalRows dense_rows;
+    double *dense_weights;     /* of `dense_rows`, (I,) */
+    double *dense_by_tau;      /* (I, S) */
+    vec (*reduced_rows)[Y_VECS]; /* room for the rows of one interval, (I, Y_VECS) */
     double *row_weights;       /* W of all rows; those of [Q; v] come first, as in the next two */
     double *row_multipliers;   /* of all rows */
     double *row_steps;         /* C dx */
@@ -127,12 +140,19 @@ typedef struct {
 /* Return the number of rows of C. */
 static int64_t row_count(const QuadraticProgram *program) {
     int64_t input_rows = program->has_input_rows ? 2 * program->K * N : 0;
-    return program->K * NX + 2 * S + program->node_row_count + input_rows;
+    return program->K * NX + 2 * S + program->node_row_count + 2 * program->interval_row_count + input_rows;
 }
 
 /* Tell whether a row may be violated at a cost. */
 static int is_soft(const QuadraticProgram *program, int64_t row) {
     return program->penalty[row] > 0.0;
+}
+
+/* Return the step of the length of an interval. */
+static double length_step(const QuadraticProgram *program, int64_t k, const double *tau) {
+    double h = 0.0;
+    for (int c = 0; c < S; c++) h += program->interval_by_duration[k * S + c] * tau[c];
+    return h;
 }
 
 /* Compute C x at x = (X, tau). The first 2NK `rows` are X, which the caller has set; this sets those behind. */
@@ -152,10 +172,21 @@ static void apply_rows(const QuadraticProgram *program, const double *tau, doubl
         out[e] = value;
     }
     out += program->node_row_count;
+    for (int64_t i = 0; i < program->interval_row_count; i++) {
+        int64_t k = program->interval_row[i];
+        const double *c = program->interval_jacobian + i * INTERVAL_ROW;
+        double h = length_step(program, k, tau);
+        double value = 0.0;
+        for (int j = 0; j < NX && k; j++) value += c[j] * X[(k - 1) * NX + j];
+        for (int j = 0; j < NX; j++) value += c[NX + j] * X[k * NX + j];
+        for (int e = 0; e < S; e++) value += c[2 * NX + e] * tau[e];
+        out[i] = value - program->interval_low[i] * h;
+        out[program->interval_row_count + i] = value - program->interval_high[i] * h;
+    }
+    out += 2 * program->interval_row_count;
     if (!program->has_input_rows) return;
     for (int64_t k = 0; k < program->K; k++) {
-        double h = 0.0;
-        for (int c = 0; c < S; c++) h += program->interval_by_duration[k * S + c] * tau[c];
+        double h = length_step(program, k, tau);
         for (int i = 0; i < N; i++) {
             double velocity_change = X[k * NX + N + i] - (k ? X[(k - 1) * NX + N + i] : 0.0);
             out[k * N + i] = velocity_change - program->input_low[k * N + i] * h;
@@ -178,6 +209,18 @@ static void add_rows_transposed(const QuadraticProgram *program, const double *y
     for (int64_t e = 0; e < program->node_row_count; e++)
         for (int i = 0; i < NX; i++) X[program->row_node[e] * NX + i] += y[e] * program->row_jacobian[e * NX + i];
     y += program->node_row_count;
+    for (int64_t i = 0; i < program->interval_row_count; i++) {
+        int64_t k = program->interval_row[i];
+        const double *c = program->interval_jacobian + i * INTERVAL_ROW;
+        double y_low = y[i];
+        double y_high = y[program->interval_row_count + i];
+        double by_h = y_low * program->interval_low[i] + y_high * program->interval_high[i];
+        for (int j = 0; j < NX && k; j++) X[(k - 1) * NX + j] += (y_low + y_high) * c[j];
+        for (int j = 0; j < NX; j++) X[k * NX + j] += (y_low + y_high) * c[NX + j];
+        for (int e = 0; e < S; e++)
+            tau[e] += (y_low + y_high) * c[2 * NX + e] - by_h * program->interval_by_duration[k * S + e];
+    }
+    y += 2 * program->interval_row_count;
     if (!program->has_input_rows) return;
     for (int64_t k = 0; k < program->K; k++)
         for (int i = 0; i < N; i++) {

@@ -23,7 +23,7 @@ from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
 from psmpc_cli.solvers.sqp_window import SqpWindow
 
-SOURCES = ("recursion.c", "program.c", "interior_point.c")
+SOURCES = ("recursion.c", "interval_rows.c", "program.c", "interior_point.c")
 """Source files of the kernel, our own method in C, in the order in which they are joined."""
 
 FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno", "-ffp-contract=off")
@@ -108,6 +108,9 @@ class QpArrays:
         gaps: (K, n).
         row_node: Nodes of the constraints at nodes, counted from x_1, ascending, (E,).
         row_jacobian: Their rows of C by the state at their node, (E, 2n).
+        interval_row: Intervals of the constraints over intervals, ascending, (I,).
+        interval_jacobian: Their rows of C by the states at both ends and tau, but for their bounds, (I, 4n + S).
+        interval_low, interval_high: Their bounds over the length of their interval, (I,).
         low, high: Bounds of the rows, (R,).
         input_low, input_high: Bounds of the accelerations, (K, n); (0, n) where none has one.
         interval_by_duration: Derivatives of the lengths of the intervals by tau, (K, S).
@@ -129,6 +132,10 @@ class QpArrays:
     gaps: np.ndarray
     row_node: np.ndarray
     row_jacobian: np.ndarray
+    interval_row: np.ndarray
+    interval_jacobian: np.ndarray
+    interval_low: np.ndarray
+    interval_high: np.ndarray
     low: np.ndarray
     high: np.ndarray
     input_low: np.ndarray
@@ -167,6 +174,10 @@ class QpMethod(ABC):
             gaps=model.at.gaps,
             row_node=window.form.row_node - 1,
             row_jacobian=model.rows_by_x,
+            interval_row=window.form.row_interval,
+            interval_jacobian=model.interval_rows_by,
+            interval_low=bounds.interval_low,
+            interval_high=bounds.interval_high,
             low=bounds.low - rows,
             high=bounds.high - rows,
             input_low=bounds.input_low,
@@ -198,7 +209,7 @@ class QuadraticProgram(ctypes.Structure):
     """A quadratic program as the kernel takes it; see `QuadraticProgram` in program.c."""
 
     _fields_ = (
-        *((name, ctypes.c_int64) for name in ("K", "node_row_count", "has_input_rows")),
+        *((name, ctypes.c_int64) for name in ("K", "node_row_count", "interval_row_count", "has_input_rows")),
         ("max_iterations", ctypes.c_int64),
         *((name, ctypes.c_double) for name in ("tolerance", "acceptable_tolerance", "initial_barrier", "bound_push")),
         *((name, ctypes.c_void_p) for name in (*ARRAYS, "report", "workspace")),
@@ -289,6 +300,7 @@ class RiccatiQp(QpMethod):
         program = QuadraticProgram(
             K=len(arrays.coupling),
             node_row_count=len(arrays.row_jacobian),
+            interval_row_count=len(arrays.interval_row),
             has_input_rows=len(arrays.input_low) > 0,
             max_iterations=MAX_ITERATIONS,
             tolerance=self._tolerance,
@@ -569,7 +581,10 @@ def _gap_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
 
 
 def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
-    """Return the rows of C: states, durations, their sums, constraints at nodes, accelerations as dv - u h."""
+    """Return the rows of C: states, durations, their sums, constraints at nodes and over intervals, and accelerations.
+
+    Rows over intervals are less their bounds times h, accelerations dv - u h.
+    """
     X = unknowns.X
     v = unknowns.v
     tau = unknowns.tau
@@ -577,7 +592,8 @@ def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
     node_row_count = len(arrays.row_jacobian)
     first_sum = of_rows.size
     first_node_row = first_sum + len(tau)
-    first_low = first_node_row + node_row_count
+    first_interval_row = first_node_row + node_row_count
+    first_low = first_interval_row + 2 * len(arrays.interval_row)
     first_high = first_low + arrays.input_low.size
     last, summand = np.tril_indices(len(tau))
     entries: list[Entries] = [
@@ -585,6 +601,17 @@ def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
         (first_sum + last, tau[summand], 1.0),
         (first_node_row + np.arange(node_row_count)[:, None], X[arrays.row_node], arrays.row_jacobian),
     ]
+    k = arrays.interval_row
+    by_states, by_tau_alone = np.split(arrays.interval_jacobian, [2 * X.shape[1]], axis=1)
+    before, after = np.split(by_states, 2, axis=1)
+    later = k > 0  # the state before the first interval is measured
+    for first, interval_bound in (
+        (first_interval_row, arrays.interval_low),
+        (first_interval_row + len(k), arrays.interval_high),
+    ):
+        row = first + np.arange(len(k))[:, None]
+        by_tau = by_tau_alone - interval_bound[:, None] * arrays.interval_by_duration[k]
+        entries += [(row, X[k], after), (row[later], X[k[later] - 1], before[later]), (row, tau, by_tau)]
     for first, bound in ((first_low, arrays.input_low), (first_high, arrays.input_high)):
         row = first + np.arange(bound.size).reshape(bound.shape)
         if row.size:

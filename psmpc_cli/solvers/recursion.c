@@ -94,36 +94,36 @@ static inline const double *const_scalars(const vec *row) { return (const double
  * that is C -= X'Y with X (last_row - first_row, rows) and Y (last_row - first_row, vecs) in T. C (rows, vecs) has
  * C_stride vectors a row. Micro-kernel, panel and row of blocks below have these names from Goto, van de Geijn:
  * Anatomy of high-performance matrix multiplication (2008). */
-INLINE void gemm_microkernel(const vec T[N][TABLEAU_VECS], int first_row, int last_row, int left_column, int right_vec,
+INLINE void gemm_microkernel(const vec *T, int T_stride, int first_row, int last_row, int left_column, int right_vec,
                              int rows, int vecs, vec *C, int C_stride) {
     vec sum[LANES][3];
     for (int r = 0; r < rows; r++)
         for (int j = 0; j < vecs; j++) sum[r][j] = C[r * C_stride + j];
     for (int l = first_row; l < last_row; l++)
         for (int r = 0; r < rows; r++)
-            for (int j = 0; j < vecs; j++) sum[r][j] -= const_scalars(T[l])[left_column + r] * T[l][right_vec + j];
+            for (int j = 0; j < vecs; j++) sum[r][j] -= const_scalars(T + l * T_stride)[left_column + r] * T[l * T_stride + right_vec + j];
     for (int r = 0; r < rows; r++)
         for (int j = 0; j < vecs; j++) C[r * C_stride + j] = sum[r][j];
 }
 
 /* Subtract the same product with any number of vectors, those from first_vec to before last_vec in T. */
-INLINE void gemm_panel(const vec T[N][TABLEAU_VECS], int first_row, int last_row, int left_column, int first_vec,
+INLINE void gemm_panel(const vec *T, int T_stride, int first_row, int last_row, int left_column, int first_vec,
                        int last_vec, int rows, vec *C, int C_stride) {
     for (; first_vec + 2 < last_vec; first_vec += 3) {
-        gemm_microkernel(T, first_row, last_row, left_column, first_vec, rows, 3, C, C_stride);
+        gemm_microkernel(T, T_stride, first_row, last_row, left_column, first_vec, rows, 3, C, C_stride);
         C += 3;
     }
     int rest = last_vec - first_vec;
-    if (rest == 2) gemm_microkernel(T, first_row, last_row, left_column, first_vec, rows, 2, C, C_stride);
-    if (rest == 1) gemm_microkernel(T, first_row, last_row, left_column, first_vec, rows, 1, C, C_stride);
+    if (rest == 2) gemm_microkernel(T, T_stride, first_row, last_row, left_column, first_vec, rows, 2, C, C_stride);
+    if (rest == 1) gemm_microkernel(T, T_stride, first_row, last_row, left_column, first_vec, rows, 1, C, C_stride);
 }
 
 /* Subtract the same product for the rows of one block of N rows; the last block may have fewer than LANES. */
-INLINE void gemm_block_row(const vec T[N][TABLEAU_VECS], int first_row, int last_row, int left_column, int first_vec,
+INLINE void gemm_block_row(const vec *T, int T_stride, int first_row, int last_row, int left_column, int first_vec,
                            int last_vec, int block, vec *C, int C_stride) {
     int is_full = (block + 1) * LANES <= N;
-    if (is_full) gemm_panel(T, first_row, last_row, left_column, first_vec, last_vec, LANES, C, C_stride);
-    else gemm_panel(T, first_row, last_row, left_column, first_vec, last_vec, N % LANES, C, C_stride);
+    if (is_full) gemm_panel(T, T_stride, first_row, last_row, left_column, first_vec, last_vec, LANES, C, C_stride);
+    else gemm_panel(T, T_stride, first_row, last_row, left_column, first_vec, last_vec, N % LANES, C, C_stride);
 }
 
 /* Transpose a square block of LANES rows; `block` has `stride` vectors a row. */
@@ -191,12 +191,38 @@ static void substitute_durations(const double *gap_tau, ValueFunction *P) {
         }
 }
 
-/* Factorize the Hessian by the control of an interval, A = L L', and form the tableau
+/* Factorize the first N columns of a tableau, A = L L', and multiply it by L^-1 from the left:
  *
- *     T = L^-1 [A Z 1],   A = R + P_vv + b (P_vQ + P_Qv) + b^2 P_QQ,   Z = b P_Qq + P_vq
+ *     [A Z 1]  ->  L^-1 [A Z 1],
  *
  * by a Cholesky factorization in blocks of LANES rows: each block is first reduced by the rows before it, then within
- * itself. R (N,) is a diagonal. Returns 0 where A is not positive definite. */
+ * itself. The identity begins at `identity_vec`; of A the blocks on and above the diagonal are read. Returns 0 where A
+ * is not positive definite. */
+INLINE int factorize_tableau(vec *T, int T_stride, int identity_vec) {
+    for (int block = 0; block < N_VECS; block++) {
+        int first = block * LANES;
+        int last_vec = identity_vec + block + 1; /* L^-1 is lower triangular: it is 0 from there on */
+        gemm_block_row(T, T_stride, 0, first, first, block, last_vec, block, T + first * T_stride + block, T_stride);
+        for (int l = first; l < first + LANES && l < N; l++) {
+            vec *row = T + l * T_stride;
+            double pivot = const_scalars(row)[l];
+            if (!(pivot > DBL_MIN)) return 0;
+            double scale = 1.0 / sqrt(pivot);
+            for (int v = block; v < last_vec; v++) row[v] *= scale;
+            for (int i = l + 1; i < first + LANES && i < N; i++) {
+                double factor = const_scalars(row)[i];
+                for (int v = block; v < last_vec; v++) T[i * T_stride + v] -= factor * row[v];
+            }
+        }
+    }
+    return 1;
+}
+
+/* Form the tableau of an interval and factorize it,
+ *
+ *     T = L^-1 [A Z 1],   A = L L' = R + P_vv + b (P_vQ + P_Qv) + b^2 P_QQ,   Z = b P_Qq + P_vq.
+ *
+ * R (N,) is a diagonal. Returns 0 where A is not positive definite. */
 static int eliminate_control(const ValueFunction *P, double b, const double *R, vec T[N][TABLEAU_VECS]) {
     for (int i = 0; i < N; i++) {
         for (int v = 0; v < NQ_VECS; v++) T[i][Z_VEC + v] = b * P->qq[i][v] + P->vq[i][v];
@@ -207,27 +233,13 @@ static int eliminate_control(const ValueFunction *P, double b, const double *R, 
         scalars(T[i])[i] += R[i];
         scalars(T[i])[IDENTITY_COLUMN + i] = 1.0;
     }
-    for (int block = 0; block < N_VECS; block++) {
-        int first = block * LANES;
-        int last_vec = IDENTITY_VEC + block + 1; /* L^-1 is lower triangular: it is 0 from there on */
+    for (int block = 0; block < N_VECS; block++)
         for (int other = block; other < N_VECS; other++) {
             vec P_Qv[LANES];
             transpose_block(P->vq[other * LANES] + block, NQ_VECS, P_Qv);
-            for (int r = 0; r < LANES && first + r < N; r++) T[first + r][other] += b * P_Qv[r];
+            for (int r = 0; r < LANES && block * LANES + r < N; r++) T[block * LANES + r][other] += b * P_Qv[r];
         }
-        gemm_block_row(T, 0, first, first, block, last_vec, block, T[first] + block, TABLEAU_VECS);
-        for (int l = first; l < first + LANES && l < N; l++) {
-            double pivot = const_scalars(T[l])[l];
-            if (!(pivot > DBL_MIN)) return 0;
-            double scale = 1.0 / sqrt(pivot);
-            for (int v = block; v < last_vec; v++) T[l][v] *= scale;
-            for (int i = l + 1; i < first + LANES && i < N; i++) {
-                double factor = const_scalars(T[l])[i];
-                for (int v = block; v < last_vec; v++) T[i][v] -= factor * T[l][v];
-            }
-        }
-    }
-    return 1;
+    return factorize_tableau(T[0], TABLEAU_VECS, IDENTITY_VEC);
 }
 
 /* Form the gains of an interval from its tableau, and the value function at the node before it. By q,
@@ -249,8 +261,8 @@ static void update_value_function(const vec T[N][TABLEAU_VECS], double a, const 
     memcpy(padded_R, R, N * sizeof(double));
     for (int block = 0; block < N_VECS; block++) {
         int first = block * LANES;
-        gemm_block_row(T, first, N, IDENTITY_COLUMN + first, Z_VEC, IDENTITY_VEC + block + 1, block, gain[first],
-                       NQ_VECS + N_VECS);
+        gemm_block_row(T[0], TABLEAU_VECS, first, N, IDENTITY_COLUMN + first, Z_VEC, IDENTITY_VEC + block + 1, block,
+                       gain[first], NQ_VECS + N_VECS);
         for (int other = 0; other < block; other++) {
             vec transposed[LANES];
             transpose_block(gain[first] + NQ_VECS + other, NQ_VECS + N_VECS, transposed);
@@ -260,7 +272,8 @@ static void update_value_function(const vec T[N][TABLEAU_VECS], double a, const 
     if (N < N_PADDED) memcpy(to, gain, sizeof *to);
     for (int block = 0; block < NQ_VECS; block++) {
         int first = block * LANES;
-        gemm_panel(T, 0, N, Z_COLUMN + first, Z_VEC + block, IDENTITY_VEC, LANES, P->qq[first] + block, NQ_VECS);
+        gemm_panel(T[0], TABLEAU_VECS, 0, N, Z_COLUMN + first, Z_VEC + block, IDENTITY_VEC, LANES,
+                   P->qq[first] + block, NQ_VECS);
         for (int other = block + 1; other < NQ_VECS; other++) {
             vec transposed[LANES];
             transpose_block(P->qq[first] + other, NQ_VECS, transposed);

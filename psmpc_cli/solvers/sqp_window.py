@@ -1,7 +1,8 @@
 """A window in the velocity form as its quadratic programs need it: bounds, violations, penalties.
 
-What has a bound is a row: states at nodes 1 .. K, durations, their sums up to each, end conditions, accelerations as
-velocities, `Qdot+ - Qdot - h u_low` and `Qdot+ - Qdot - h u_high`. Violations, the programs and their multipliers share
+What has a bound is a row: states at nodes 1 .. K, durations, their sums up to each, rows at nodes,
+rows over intervals, less their bounds times h, accelerations as velocities, `Qdot+ - Qdot - h u_low` and
+`Qdot+ - Qdot - h u_high`. Violations, the programs and their multipliers share
 the order.
 """
 
@@ -31,6 +32,7 @@ class WindowBounds:
 
     Attributes:
         low, high: Of the rows, (R,); where they are equal, or cross, the row is an equation.
+        interval_low, interval_high: Of the rows over intervals, each over h, (I,), 0 where there is none.
         input_low, input_high: Of the accelerations, (K, n), 0 where there is none; (0, n) where none has one.
         soft: Which rows may be violated at a cost, (R,).
         first: Low and high of x_0, which count where those of states are soft, (2, 2n); infinite where they are hard.
@@ -38,6 +40,8 @@ class WindowBounds:
 
     low: np.ndarray
     high: np.ndarray
+    interval_low: np.ndarray
+    interval_high: np.ndarray
     input_low: np.ndarray
     input_high: np.ndarray
     soft: np.ndarray
@@ -55,13 +59,10 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     of_window = np.full(2 * S + len(form.row_node), np.inf)  # durations, and rows at nodes
     lows = [low.ravel(), -of_window]
     highs = [high.ravel(), of_window]
+    interval_low, interval_high = _over_h(*form.interval_bounds(window), lows, highs)
     inputs = acceleration_limits(grid, stages)
-    finite = [np.isfinite(bound) for bound in inputs]
-    if np.any(finite):
-        none = np.full(grid.K * grid.n, np.inf)
-        lows += [np.where(finite[0], 0.0, -np.inf).ravel(), -none]
-        highs += [none, np.where(finite[1], 0.0, np.inf).ravel()]
-        input_low, input_high = (np.where(has, bound, 0.0) for has, bound in zip(finite, inputs, strict=True))
+    if np.isfinite(inputs).any():
+        input_low, input_high = _over_h(*inputs, lows, highs)
     else:
         input_low = input_high = np.zeros((0, grid.n))
     row_low = np.concatenate(lows)
@@ -71,11 +72,23 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     return WindowBounds(
         low=row_low,
         high=np.concatenate(highs),
+        interval_low=interval_low,
+        interval_high=interval_high,
         input_low=input_low,
         input_high=input_high,
         soft=soft,
         first=first,
     )
+
+
+def _over_h(
+    low: np.ndarray, high: np.ndarray, lows: list[np.ndarray], highs: list[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Append the bounds of the rows g - low h >= 0, then of g - high h <= 0, and return low and high, 0 where none."""
+    none = np.full(low.size, np.inf)
+    lows += [np.where(np.isfinite(low), 0.0, -np.inf).ravel(), -none]
+    highs += [none, np.where(np.isfinite(high), 0.0, np.inf).ravel()]
+    return np.where(np.isfinite(low), low, 0.0), np.where(np.isfinite(high), high, 0.0)
 
 
 def window_bounds(
@@ -128,8 +141,13 @@ class SqpWindow:
     def rows(self, point: Point, at: Residuals) -> np.ndarray:
         """Return the rows at a point, (R,)."""
         rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]
+        h = self.form.steps(point, self.horizon)
+        if len(self.form.row_interval):
+            h_of_rows = h[self.form.row_interval, 0]
+            rows += [
+                at.interval_rows - h_of_rows * bound for bound in (self.bounds.interval_low, self.bounds.interval_high)
+            ]
         if len(self.bounds.input_low):
-            h = self.form.steps(point, self.horizon)
             dv = np.diff(point.X[:, self.form.grid.n :], axis=0)
             rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
         return np.concatenate(rows)

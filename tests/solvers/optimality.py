@@ -7,7 +7,7 @@ import numpy as np
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
 from psmpc_cli.solvers.quadratic import QpSolution
 
-from .random_programs import Task
+from .random_programs import Task, interval_rows_after
 
 
 def flat(step: Point) -> np.ndarray:
@@ -81,10 +81,11 @@ def _step(point: Point, x: np.ndarray) -> Point:
 
 
 def rows_after(task: Task, step: Point) -> np.ndarray:
-    """The rows with bounds after a step: all but the end conditions are linear."""
-    at, node = task.model.at, task.window.form.row_node
-    ends = at.rows + (task.model.rows_by_x * step.X[node]).sum(axis=1)
-    return task.window.rows(task.point.moved(step, 1.0), replace(at, rows=ends))
+    """The rows with bounds after a step: all but those of constraints are linear."""
+    at, form = task.model.at, task.window.form
+    ends = at.rows + (task.model.rows_by_x * step.X[form.row_node]).sum(axis=1)
+    over_intervals = interval_rows_after(form, task.model, step)
+    return task.window.rows(task.point.moved(step, 1.0), replace(at, rows=ends, interval_rows=over_intervals))
 
 
 def _change_of_gaps(model: Linearization, step: Point) -> np.ndarray:

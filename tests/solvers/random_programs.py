@@ -12,6 +12,7 @@ from psmpc_cli.solvers.sqp_window import SqpWindow, WindowBounds
 
 COORDINATES = 2
 END_ROWS = 2
+INTERVAL_ROWS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,21 +28,26 @@ class Task:
         return replace(self, window=replace(self.window, bounds=replace(self.window.bounds, **changes)))
 
 
-def structure(nodes: tuple[int, ...]) -> VelocityForm:
-    """What of a velocity form the programs need: stages of few nodes, two end rows at each switch."""
+def structure(nodes: tuple[int, ...], over_intervals: bool = False) -> VelocityForm:
+    """What of a velocity form the programs need: stages of few nodes, two end rows at each switch.
+
+    And three rows over each interval but every fourth, where there are any.
+    """
 
     class Form(VelocityForm):
         def __init__(self) -> None:
             self.grid, self.nodes, self.weights = Grid(COORDINATES, nodes), np.array(nodes), (0.5, 0.5)
             self.row_node = np.repeat(self.grid.first_node[1:-1], END_ROWS)
             self.row_is_soft = np.zeros(len(self.row_node), bool)
+            constrained = [k for k in range(self.grid.K) if over_intervals and k % 4 != 3]
+            self.row_interval = np.repeat(np.array(constrained, int), INTERVAL_ROWS)
 
     return Form()
 
 
 def random_task(rng: np.random.Generator, nodes: tuple[int, ...], what: set[str]) -> Task:
     """A program that a random step meets; `what` names what it has besides bounds on states and durations."""
-    form, n, horizon = structure(nodes), COORDINATES, 2.0
+    form, n, horizon = structure(nodes, "intervals" in what), COORDINATES, 2.0
     grid, S = form.grid, len(nodes) - 1
     point = Point(rng.normal(size=(grid.K + 1, 2 * n)), np.full(S, horizon / (S + 1)))
     model = _random_model(rng, form, point, horizon)
@@ -64,7 +70,14 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
         arrow[k + 1, n:] -= b[:, None] * e
         durations = durations + e.T @ (b[:, None] * e)
     return Linearization(
-        at=Residuals(0.0, np.zeros(S + 1), 0.0, rng.normal(size=(K, n)) * 0.1, rng.normal(size=END_ROWS * S)),
+        at=Residuals(
+            objective=0.0,
+            costs=np.zeros(S + 1),
+            terminal=0.0,
+            gaps=rng.normal(size=(K, n)) * 0.1,
+            rows=rng.normal(size=END_ROWS * S),
+            interval_rows=rng.normal(size=len(form.row_interval)),
+        ),
         gradient=rng.normal(size=(K + 1, 2 * n)),
         gradient_tau=rng.normal(size=S),
         positions=np.triu(positions),
@@ -74,6 +87,7 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
         gap_velocity=-h * np.array([0.5, 0.5]),
         gap_tau=rng.normal(size=(K, n, S)),
         rows_by_x=rng.normal(size=(END_ROWS * S, 2 * n)),
+        interval_rows_by=rng.normal(size=(len(form.row_interval), 4 * n + S)),
     )
 
 
@@ -91,7 +105,7 @@ def _random_step(rng: np.random.Generator, model: Linearization, grid: Grid) -> 
 def _bounds_about(
     rng: np.random.Generator, form: VelocityForm, model: Linearization, point: Point, step: Point, what: set[str]
 ) -> WindowBounds:
-    n, K, S = COORDINATES, form.grid.K, form.grid.switches
+    n, S = COORDINATES, form.grid.switches
     X, tau = (point.X + step.X)[1:], point.tau + step.tau
 
     def around(value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -109,16 +123,28 @@ def _bounds_about(
     none, together = np.full(S, np.inf), tau.cumsum()
     low = [X_low.ravel(), np.where(fixed, tau, tau - 0.3), np.where(tied, together, -none), end_low]
     high = [X_high.ravel(), np.where(fixed, tau, none), together + np.where(tied, 0.0, 0.05), end_high]
+    h = form.steps(point, 2.0) + (form.interval_steps @ step.tau)[:, None]
+
+    def over_h(values: np.ndarray) -> list[np.ndarray]:
+        limits, free = around(values), np.full(values.size, np.inf)
+        low.extend([np.where(np.isfinite(limits[0]), 0.0, -np.inf).ravel(), -free])
+        high.extend([free, np.where(np.isfinite(limits[1]), 0.0, np.inf).ravel()])
+        return [np.where(np.isfinite(limit), limit, 0.0) for limit in limits]
+
+    intervals = over_h(interval_rows_after(form, model, step) / h[form.row_interval, 0])
     inputs = [np.zeros((0, n))] * 2
     if "inputs" in what:
-        h = form.steps(point, 2.0) + (form.interval_steps @ step.tau)[:, None]
-        limits = around(np.diff((point.X + step.X)[:, n:], axis=0) / h)
-        inputs, free = [np.where(np.isfinite(limit), limit, 0.0) for limit in limits], np.full(K * n, np.inf)
-        low += [np.where(np.isfinite(limits[0]), 0.0, -np.inf).ravel(), -free]
-        high += [free, np.where(np.isfinite(limits[1]), 0.0, np.inf).ravel()]
+        inputs = over_h(np.diff((point.X + step.X)[:, n:], axis=0) / h)
     rows, first = (np.concatenate(low), np.concatenate(high)), np.array([[-np.inf], [np.inf]]) * np.ones(2 * n)
     soft = np.zeros(len(rows[0]), bool)
-    return WindowBounds(*rows, inputs[0], inputs[1], soft, first)
+    return WindowBounds(*rows, *intervals, *inputs, soft, first)
+
+
+def interval_rows_after(form: VelocityForm, model: Linearization, step: Point) -> np.ndarray:
+    """The rows over intervals after a step, without their bounds."""
+    k = form.row_interval
+    steps = np.hstack([step.X[k], step.X[k + 1], np.tile(step.tau, (len(k), 1))])
+    return model.at.interval_rows + (model.interval_rows_by * steps).sum(axis=1)
 
 
 def soft_rows(task: Task, states: bool, node_rows: bool = False) -> np.ndarray:

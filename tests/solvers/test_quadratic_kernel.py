@@ -74,6 +74,7 @@ def source_of(task: Task, name: str) -> str:
     members = {
         "K": grid.K,
         "node_row_count": len(arrays.row_jacobian),
+        "interval_row_count": len(arrays.interval_row),
         "has_input_rows": int(len(arrays.input_low) > 0),
         "max_iterations": MAX_ITERATIONS,
         "tolerance": TOLERANCE,
@@ -144,7 +145,9 @@ def test_kernels_of_several_sizes_solve_side_by_side_in_one_program(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
-@pytest.mark.parametrize(("nodes", "what"), [((5,), ""), ((4, 6), "inputs fixed"), ((3, 4, 5), "equal tied")])
+@pytest.mark.parametrize(
+    ("nodes", "what"), [((5,), ""), ((4, 6), "inputs intervals fixed"), ((3, 4, 5), "equal intervals tied")]
+)
 def test_the_kernel_has_no_warning_and_touches_no_foreign_memory(
     nodes: tuple[int, ...], what: str, soft: bool, tmp_path: Path
 ) -> None:

@@ -4,13 +4,29 @@ Limits on positions, velocities and accelerations are bounds of single numbers a
 """
 
 from psmpc_cli.ocp.constraints import end, hands, kept
-from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, NodeRows
+from psmpc_cli.ocp.constraints.base import (
+    Constraint,
+    ConstraintFunctions,
+    IntervalFunctions,
+    IntervalRows,
+    NodeRows,
+)
 from psmpc_cli.ocp.constraints.boxes import PENALTY, scaled_violations
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window, WindowShape, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 
-__all__ = ["CONSTRAINTS", "Constraint", "ConstraintFunctions", "NodeRows", "node_rows", "soft_row_violations"]
+__all__ = [
+    "CONSTRAINTS",
+    "Constraint",
+    "ConstraintFunctions",
+    "IntervalFunctions",
+    "IntervalRows",
+    "NodeRows",
+    "interval_rows",
+    "node_rows",
+    "soft_row_violations",
+]
 
 CONSTRAINTS: tuple[Constraint, ...] = (
     end.END_CONDITIONS,
@@ -19,8 +35,17 @@ CONSTRAINTS: tuple[Constraint, ...] = (
 )
 
 
-def node_rows(model: RobotModel, shape: WindowShape) -> tuple[NodeRows, ...]:
-    """Return the rows of all constraints on windows of a shape."""
+def node_rows(model: RobotModel, shape: WindowShape) -> list[NodeRows]:
+    """Return the rows at nodes of all constraints on windows of a shape."""
+    return [rows for rows in _rows(model, shape) if isinstance(rows, NodeRows)]
+
+
+def interval_rows(model: RobotModel, shape: WindowShape) -> list[IntervalRows]:
+    """Return the rows over intervals of all constraints on windows of a shape."""
+    return [rows for rows in _rows(model, shape) if isinstance(rows, IntervalRows)]
+
+
+def _rows(model: RobotModel, shape: WindowShape) -> tuple[NodeRows | IntervalRows, ...]:
     return model.owned(
         ("rows", shape), lambda: tuple(rows for yielded in CONSTRAINTS for rows in yielded(model, shape))
     )

@@ -287,17 +287,20 @@ def print_robot(robot: RobotSpec) -> None:
     total = sum(body.mass for body in bodies)
     typer.echo(f"{'planar' if d == 2 else 'spatial'}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
     rows: list[Row] = []
-    carried = [("", "")]
+    carried = [("", "", "")]
     for each in robot.joints:
         at = each.at
         kind = "prismatic along" if each.prismatic else "revolute about"
         turn = math.degrees(math.hypot(*at.rotation))
         carrier = f"{bodies[at.body].name} at {_listed(at.position[:d])} m{f', {turn:.4g} deg' if turn else ''}"
-        carried.append(("revolute" if d == 2 else f"{kind} {_listed(each.axis)}", carrier))
-    for body, (joint, carrier) in zip(bodies, carried, strict=True):
+        armature = f"{each.armature:g} {'kg' if each.prismatic else 'kg m^2'}" if each.armature else ""
+        carried.append(("revolute" if d == 2 else f"{kind} {_listed(each.axis)}", carrier, armature))
+    for body, (joint, carrier, armature) in zip(bodies, carried, strict=True):
         inertia = body.inertia[2:3] if d == 2 else body.inertia
-        rows.append((body.name, joint, carrier, f"{body.mass:g}", _listed(body.centre[:d]), _listed(inertia)))
-    print_table(("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]"), rows, left=6)
+        row = (body.name, joint, carrier, f"{body.mass:g}", _listed(body.centre[:d]), _listed(inertia), armature)
+        rows.append(row)
+    headings = ("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]", "armature")
+    print_table(headings, rows, left=len(headings))
     typer.echo()
     print_table(("coordinate", "position", "velocity", "acceleration"), _limits(robot), left=4)
     typer.echo()

@@ -2,6 +2,13 @@
 
 Every vector is in the frame of its body, so that the base's pose appears once, where its force and velocity are turned
 into the inertial frame. Luh, Walker, Paul (1980); Featherstone: Rigid Body Dynamics Algorithms (2008), chapter 5.
+
+The rotor that drives a joint, of inertia I_r about its own axis, turns G times as fast as the joint. With the armature
+a = G^2 I_r the joint needs the further force a qdd and the kinetic energy has the further term a qd^2 / 2, so that the
+mass matrix is H + diag(0, a). This is the armature of MuJoCo and of Pinocchio: the mass of the rotors belongs to the
+links, and the spin momentum G I_r qd that a rotor adds to that of the body it sits on is neglected, being 1/G of what a
+stands for. That is why neither the wrench on the base nor the momentum has a term of it. Featherstone (2008), section
+9.6.
 """
 
 from collections.abc import Mapping, Sequence
@@ -79,6 +86,7 @@ class Dynamics:
         inverse: Q, v, vdot, w -> F (n,) [N, N m], also the computed-torque law. Paper eqs. (3), (7).
         forward: Q, v, F, w -> vdot (n,) [m/s^2, rad/s^2]. Paper eq. (3).
         momentum: Q, v, w -> linear [N s] and angular about the inertial origin [N m s], (3,) or (6,). Paper eq. (4).
+            That of the bodies alone: the armature of joints has none, see above.
         kinetic_energy: Q, v, w -> scalar [J].
     """
 
@@ -168,6 +176,7 @@ class _Tree:
     def force(self, v: ca.SX, vdot: ca.SX) -> ca.SX:
         """Compute the generalized force (n,)."""
         motions = self.motions(v, vdot)
+        changes = ca.vertsplit(vdot)[self.space.base.stop :]
         forces = [[0.0] * 3 for _ in motions]
         moments = [[0.0] * 3 for _ in motions]
         for lump in self.lumps:
@@ -179,8 +188,11 @@ class _Tree:
             forces[i] = add(forces[i], f)
             moments[i] = add(moments[i], _times(lump.inertia, motion.alpha), spin, cross(lump.centre, f))
         along: list[Any] = []
-        for i, joint, (E, r) in reversed(list(zip(range(1, len(motions)), self.joints, self.places, strict=True))):
-            along.insert(0, dot(joint.axis, forces[i] if joint.prismatic else moments[i]))
+        for i in range(len(motions) - 1, 0, -1):
+            joint = self.joints[i - 1]
+            E, r = self.places[i - 1]
+            on_link = dot(joint.axis, forces[i] if joint.prismatic else moments[i])
+            along.insert(0, on_link + joint.armature * changes[i - 1])
             f = _times(E, forces[i])
             carrier = joint.at.body
             forces[carrier] = add(forces[carrier], f)

@@ -50,7 +50,7 @@ def mujoco_spec(
         carrier = added[joint.at.body]
         added.append(carrier.add_body(name=link.name, **_place(joint.at), **_inertial(link, known, number)))
         kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.prismatic else mujoco.mjtJoint.mjJNT_HINGE
-        added[-1].add_joint(name=link.name, type=kind, axis=joint.axis)
+        added[-1].add_joint(name=link.name, type=kind, axis=joint.axis, armature=joint.armature)
     for number, (name, tool) in enumerate(spec.tools.items()):
         added[tool.body].add_site(name=name, **_place(tool))
         held = {"mass": known.held_mass[number], "ipos": [0, 0, 0], "inertia": [known.held_inertia[number]] * 3}

@@ -49,11 +49,13 @@ class Joint:
         at: The joint's frame on the body that carries it.
         axis: Unit vector in that frame (3,).
         prismatic: Whether the body slides along the axis, or turns about it.
+        armature: Inertia of the rotor that drives it, as the joint feels it [kg m^2], of a prismatic joint [kg].
     """
 
     at: Attachment
     axis: Triple = (0.0, 0.0, 1.0)
     prismatic: bool = False
+    armature: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -214,10 +216,8 @@ def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     if "arms" in before:
         dimension = 3 if "space" in mapping(context.file.data) else 2
         sizes = _parts(len(ERROR_AXES[dimension]), before["arms"])
-    known = [*sizes, "arms"]
     axes = axes_of(sizes, "joint")
-    for key in (key for key in written if sizes and key not in known):
-        yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)
+    yield from _unknown_parts(written, sizes)
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
@@ -227,12 +227,33 @@ def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
                 yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
 
 
+def _unknown_parts(written: Mapping[str, Any], sizes: Mapping[str, int]) -> RuleErrors:
+    """Give keys that name no part of the robot."""
+    known = [*sizes, "arms"]
+    for key in (key for key in written if sizes and key not in known):
+        yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)
+
+
 def _parts(base: int, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, int]:
     return {"base": base, **{name: len(arm.links) for name, arm in arms.items()}}
 
 
 LimitsByPart = Annotated[Mapping[str, PartLimits], holds(_fit, as_written=True)]
 """Limits keyed by `base`, `arms` (every arm) or an arm's name."""
+
+
+def _fit_joints(written: Any, before: Fields, context: Context) -> RuleErrors:
+    """Give numbers of arms that the robot does not have, and lists without one number for each joint."""
+    if "arms" in before:
+        sizes = {name: len(arm.links) for name, arm in before["arms"].items()}
+        axes = axes_of(sizes, "joint")
+        yield from _unknown_parts(written, sizes)
+        for key, numbers in written.items():
+            yield from misfit((key,), numbers, key, axes, written)
+
+
+ArmatureByArm = Annotated[Mapping[str, tuple[fields.NotNegative, ...]], holds(_fit_joints, as_written=True)]
+"""Armatures of joints, keyed by `arms` (every arm) or an arm's name."""
 
 
 def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -> tuple[fields.Pair | None, ...] | None:
@@ -262,6 +283,8 @@ def _not_reserved(name: str) -> str:
     return name
 
 
+ARMATURE = "rotor inertia that each joint feels, of arms (every arm) or an arm by name [kg m^2, kg]"
+
 ArmKey = Annotated[fields.Name, AfterValidator(_not_reserved)]
 
 
@@ -275,6 +298,7 @@ class RobotSpec(Spec):
     description: str = Field("", description="what it is, for people")
     arms: Mapping[ArmKey, Arm | SpatialArm]
     limits: LimitsByPart = Field({}, description="limits of base, arms (every arm) or an arm by name")
+    armature: fields.Sparse[ArmatureByArm] = Field({}, description=ARMATURE)
     base: Base | SpatialBase
 
     dimension: ClassVar[int]
@@ -302,9 +326,13 @@ class RobotSpec(Spec):
         for name, arm in self.arms.items():
             carrier = last[arm.mount if isinstance(arm.mount, str) else "base"]
             links: Sequence[Link | SpatialLink] = arm.links
-            for number, (link, frame) in enumerate(zip(links, arm.frames, strict=False), start=1):
-                moving = (link.joint.axis, link.joint.kind == "prismatic") if isinstance(link, SpatialLink) else ()
-                joints.append(Joint(Attachment(carrier, *frame), *moving))
+            rotors = self.armature.get(name) or self.armature.get("arms") or (0.0,) * len(links)
+            for number, (link, frame, rotor) in enumerate(zip(links, arm.frames, rotors, strict=False), start=1):
+                at = Attachment(carrier, *frame)
+                if isinstance(link, SpatialLink):
+                    joints.append(Joint(at, link.joint.axis, link.joint.kind == "prismatic", armature=rotor))
+                else:
+                    joints.append(Joint(at, armature=rotor))
                 carrier = last[f"{name}.{number}"] = len(joints)
         return tuple(joints)
 
@@ -379,6 +407,7 @@ class UrdfRobot(Spec):
     limits: Mapping[str, PartLimits] = Field(
         {}, description="limits of base, arms (every arm) or an arm by name, besides the URDF's"
     )
+    armature: Mapping[str, tuple[fields.NotNegative, ...]] = Field({}, description=ARMATURE)
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,6 +35,16 @@ def test_a_valid_robot_is_a_table_without_empty_columns(psmpc: Psmpc) -> None:
     assert "base.theta -180 to 180 deg -0.2 to 0.2 rad/s" in lines
 
 
+def test_armatures_are_in_the_table_of_a_robot(psmpc: Psmpc, tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "robots" / "free_flyer_arm.yaml").read_text()
+    sliding = text.replace("axis: [0, 1, 0]", "kind: prismatic, axis: [0, 1, 0]", 1)
+    (tmp_path / "geared.yaml").write_text(f"{sliding}armature: {{arm: [0.05, 2.5, 0]}}\n")
+    lines = words(psmpc("check", "geared.yaml").stdout)
+    assert lines[2].endswith("inertia [kg m^2] armature")
+    for line, end in zip(lines[4:7], ("0.05 kg m^2", "2.5 kg", " 0"), strict=True):
+        assert line.endswith(end), line
+
+
 def test_everything_of_a_task_is_in_its_table(psmpc: Psmpc, tmp_path: Path) -> None:
     changes = (
         "priorities.compare=[[trace, unfold, 90], [trace, stow, 100], [unfold, stow, 1]]",

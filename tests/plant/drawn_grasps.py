@@ -28,18 +28,29 @@ def _robot(random: np.random.Generator, arms: int, joints: int) -> dict[str, Any
     return {"name": "drawn", "base": {"mass": float(base), "inertia": float(0.05 * base)}, "arms": drawn}
 
 
+def _rotors(seed: int, joints: int) -> list[float]:
+    """Draw armatures from 1 g m^2 to 1 kg m^2, from a stream of their own: what else a seed draws stays as it is."""
+    random = np.random.default_rng([seed, 1])
+    return [float(10 ** random.uniform(-3, 0)) for _ in range(joints)]
+
+
 def _pose(xi: Array) -> list[float]:
     """The pose with its angle within half a turn."""
     x, y, angle = map(float, xi)
     return [x, y, float(np.arctan2(np.sin(angle), np.cos(angle)))]
 
 
-def drawn_grasp(seed: int, folder: Path) -> tuple[Task, Array]:
-    """Draw a task with a grasp, and a state in which its grippers are where they close, with small velocities."""
+def drawn_grasp(seed: int, folder: Path, geared: bool = False) -> tuple[Task, Array]:
+    """Draw a task with a grasp, and a state in which its grippers are where they close, with small velocities.
+
+    The joints of a `geared` robot have armatures.
+    """
     random = np.random.default_rng(seed)
     arms = int(random.integers(1, 3))
     joints = int(random.integers(2, 7))
     robot = _robot(random, arms, joints)
+    if geared:
+        robot["armature"] = {"arms": _rotors(seed, joints)}
     path = folder / "drawn.yaml"
     path.write_text(yaml.safe_dump(robot))
     model = RobotModel(load_robot(path))

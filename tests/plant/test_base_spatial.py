@@ -24,13 +24,14 @@ PLANTS = (Rk4Plant, MujocoPlant)
 
 @pytest.fixture(scope="module")
 def robot() -> RobotModel:
-    """The small free-flyer; its second arm branches off in the middle of the first, so MuJoCo has another order."""
+    """The small free-flyer with rotors; an arm branches off amid the first, so MuJoCo has another order of joints."""
     spec = load_robot("free_flyer_arm")
     arm = spec.arms["arm"]
     first = arm.model_copy(update={"mount": "arm.1"})
     sliding = arm.links[2].model_copy(update={"joint": arm.links[2].joint.model_copy(update={"kind": "prismatic"})})
     branch = first.model_copy(update={"links": (arm.links[1], sliding)})
-    return RobotModel(spec.model_copy(update={"arms": {"arm": arm, "branch": branch}}))
+    rotors = {"arm": (0.02, 0.05, 0.01), "branch": (0.03, 0.4)}
+    return RobotModel(spec.model_copy(update={"arms": {"arm": arm, "branch": branch}, "armature": rotors}))
 
 
 @pytest.fixture

@@ -133,6 +133,25 @@ def test_plants_agree(make: Any) -> None:
     assert one[-1].X[-1] == pytest.approx(other[-1].X[-1], abs=1e-7)
 
 
+@pytest.mark.parametrize("seed", [2, 4])
+def test_plants_agree_on_a_robot_with_rotors(tmp_path: Path, seed: int) -> None:
+    """To the rounding errors of 50 ticks: forces are up to 1e3 N."""
+    task, x = drawn_grasp(seed, tmp_path, geared=True)
+    model = RobotModel(task.robot)
+    u = 0.2 * np.sin(np.arange(model.n)) * np.ones((50, 1))
+    made = []
+    for kind in ("rk4", "mujoco"):
+        plant = build_plant(
+            task.spec.plant.model_copy(update={"kind": kind}), model, False, None, build_capture(task.spec, model)
+        )
+        made.append(plant.advance(0.0, x, u, None, np.ones(50, bool)))
+    one, other = made
+    assert one.target_object is not None and other.target_object is not None
+    assert one.target_object.closed.all() and one.target_object.load.max() > 0.1
+    np.testing.assert_allclose(one.X, other.X, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(one.target_object.load, other.target_object.load, rtol=0, atol=1e-8)
+
+
 @BOTH
 def test_what_a_grasp_gives_to_the_robot_it_takes_from_the_object(make: Any) -> None:
     task = make(FREE)
@@ -231,12 +250,13 @@ def test_loads_are_the_parts_of_the_wrench_that_a_gripper_puts_on_the_object(mak
 SEEDS = [range(12), pytest.param(range(12, 200), marks=pytest.mark.slow)]
 
 
+@pytest.mark.parametrize("geared", [False, True])
 @pytest.mark.parametrize("seeds", SEEDS, ids=["few", "many"])
-def test_no_grasp_that_is_accepted_diverges(tmp_path: Path, seeds: range) -> None:
+def test_no_grasp_that_is_accepted_diverges(tmp_path: Path, seeds: range, geared: bool) -> None:
     """From velocities up to 0.02 m/s, in another posture than the one that is judged; rates of light links rise."""
     accepted = 0
     for seed in seeds:
-        task, x = drawn_grasp(seed, tmp_path)
+        task, x = drawn_grasp(seed, tmp_path, geared)
         model = RobotModel(task.robot)
         try:
             capture = build_capture(task.spec, model)

@@ -1,7 +1,7 @@
 """Random robots, numbers for their coordinates, and derivatives by finite differences."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import casadi as ca
 import numpy as np
@@ -55,7 +55,17 @@ def robots(draw: st.DrawFn, fewest: int = 1, most: int = 5) -> PlanarRobot:
     """One to three arms of `fewest` to `most` links."""
     base = Base(mass=draw(st.floats(5, 100)), inertia=draw(st.floats(0.5, 10)))
     drawn = draw(st.lists(arms(fewest, most), min_size=1, max_size=3))
-    return PlanarRobot(name="drawn", base=base, arms={f"arm_{i}": arm for i, arm in enumerate(drawn, start=1)})
+    named = {f"arm_{i}": arm for i, arm in enumerate(drawn, start=1)}
+    return PlanarRobot(name="drawn", base=base, arms=named, armature=draw(armatures(named)))
+
+
+@st.composite
+def armatures(draw: st.DrawFn, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, tuple[float, ...]]:
+    """Rotor inertias of some of the arms."""
+    rotor = st.floats(0, 2)
+    return {
+        name: tuple(draw(rotor) for _ in range(len(arm.links))) for name, arm in arms.items() if draw(st.booleans())
+    }
 
 
 def vectors(size: float) -> st.SearchStrategy[tuple[float, float, float]]:
@@ -115,7 +125,7 @@ def spatial_robots(draw: st.DrawFn) -> SpatialRobot:
         tool = SpatialTool(position=draw(vectors(0.3)), rpy=draw(vectors(3.0)))
         arms[f"arm_{i}"] = SpatialArm(mount=draw(st.sampled_from(carriers)), links=tuple(links), tool=tool)
         carriers += [f"arm_{i}.{number}" for number in range(1, len(links) + 1)]
-    return SpatialRobot(name="drawn", base=base, arms=arms)
+    return SpatialRobot(name="drawn", base=base, arms=arms, armature=draw(armatures(arms)))
 
 
 @st.composite

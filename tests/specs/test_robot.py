@@ -61,6 +61,17 @@ def test_our_own_keys_give_the_same_robot_as_the_urdf(tmp_path: Path) -> None:
     assert robot.limits["base"].velocity is not None
 
 
+def test_armatures_go_to_the_joints_they_are_given_for(tmp_path: Path) -> None:
+    """An arm's own take precedence over those of every arm; the URDF says nothing of them."""
+    arms = (
+        FILE.replace("arms: {left", "arms: {right: {tip: right_tool}, left") + "armature: {left: [1, 2, 3, 4, 5, 6, 7]"
+    )
+    robot = load_robot(saved(tmp_path, arms + ", arms: [0, 0, 0, 0, 0, 0, 0.1]}\n"))
+    assert [joint.armature for joint in robot.joints] == [0] * 6 + [0.1, 1, 2, 3, 4, 5, 6, 7]
+    planar = load_robot("planar_dual_arm")
+    assert {joint.armature for joint in planar.joints} == {0}
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "where", "words"),
     [
@@ -82,6 +93,11 @@ def test_our_own_keys_give_the_same_robot_as_the_urdf(tmp_path: Path) -> None:
         ("[0, 0, 1]}", "[0, 0, 1], rpy: [90, 0, 0]}", "r.yaml:7:", ("90 rad", "90 deg")),
         ("mass: 10, ", "", "r.yaml:3:", ('no key "mass"',)),
         ("{base: {velocity", "{arm: {position: [[-120, 120]]}, base: {velocity", "r.yaml:8:", ("-120 deg",)),
+        ("limits:", "armature: {arn: [0.1]}\nlimits:", "r.yaml:8:12: armature.arn:", ("no such part", '"arm"')),
+        ("limits:", "armature: {base: [0.1]}\nlimits:", "r.yaml:8:12: armature.base:", ("no such part", "arm")),
+        ("limits:", "armature: {arm: [0.1, 0]}\nlimits:", "r.yaml:8:17: armature.arm:", ("1 entry for arm",)),
+        ("limits:", "armature: {arms: [-1]}\nlimits:", "r.yaml:8:19: armature.arms[0]:", ("at least 0",)),
+        ("limits:", "armature: {arm: 0.1}\nlimits:", "r.yaml:8:17: armature.arm:", ("a list",)),
         ("    links:", "    mount: arn.1\n    links:", "r.yaml:6:", ("arn.1", "base")),
     ],
 )
@@ -104,6 +120,8 @@ def test_bad_keys_are_named_where_they_are(
         ("{tip: left_tool}", "{tip: servicer}", ("no joint of its own", "servicer")),
         ("{tip: left_tool}", "{top: left_tool}", ("top", "tip")),
         ("limits:", "locked: {right_joint_9: 1}\nlimits:", ("right_joint_9", "right_joint_1")),
+        ("limits:", "armature: {left: [1]}\nlimits:", ("r.yaml:5:18: armature.left:", "7 entries")),
+        ("limits:", "armature: {right: [1]}\nlimits:", ("armature.right:", "no such part of the robot", "left, arms")),
         ("velocity: [0.1, ", "velocity: [", ("7 entries", "limits: {left: {velocity: [0.1, 0.1")),
     ],
 )

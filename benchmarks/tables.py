@@ -23,7 +23,7 @@ from psmpc_cli.logs import schema
 from psmpc_cli.specs.fields import ANGLE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
-from psmpc_cli.studies.measures import WHOLE_RUN, second_stage
+from psmpc_cli.studies.measures import WHOLE_RUN, over_weights
 
 BASELINE = Path(__file__).with_name("baseline.yaml")
 
@@ -160,7 +160,7 @@ def datasets(along: str, *only: str) -> Iterator[str]:
 
 def quantities(study: str) -> Iterator[str]:
     """Yield the table of what a study records of each of its runs: a sweep or a monte-carlo study."""
-    found = {"sweep": second_stage(1), "monte-carlo": WHOLE_RUN}[study]
+    found = {"sweep": over_weights(1), "monte-carlo": WHOLE_RUN}[study]
     rows = ((f"`{each.path}`", each.units, each.long_name) for each in found)
     return markdown(rows, "array", "units", "what")
 

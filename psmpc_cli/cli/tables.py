@@ -177,19 +177,24 @@ def _print_runs(cells: SweepCells) -> None:
     runs = cells.runs
     apart = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), MOST_ROWS)).round().astype(int))]
-    others = [cells.instant, *(cells.of(name) for name in ("completion_time", "control_effort", "final_error"))]
+    ends = [cells.instant, cells.of("completion_time")]
     rows = [
         (
             *(f"{each:.4g}" for each in (cells.omega[run] if apart else cells.ratio[run : run + 1])),
             *(number(start, 1 if start < cells.instant[run] else 2) for start in cells.of("actual_start")[run]),
-            *(number(float(values[run]), 2) for values in others),
+            *(number(float(values[run]), 2) for values in ends),
+            number(float(cells.mission_end[run]), 2) if cells.succeeded[run] else "failed",
+            f"{cells.of('control_effort')[run]:.4g}",
+            f"{cells.of('peak_base_force')[run]:.4g}",
+            number(float(cells.end_error[run]), 2),
         )
         for run in kept
     ]
     typer.echo(f"actual start of {second} [s] by threshold epsilon")
     over = ("omega_1", "omega_2") if apart else ("omega_2/omega_1",)
     epsilons = (f"{epsilon:g}" for epsilon in cells.epsilons)
-    print_table((*over, *epsilons, f"{first} ends [s]", f"{second} ends [s]", "effort", "final error"), rows, left=0)
+    times = (f"{first} ends [s]", f"{second} ends [s]", "mission ends [s]")
+    print_table((*over, *epsilons, *times, "effort", "peak base force [N]", "end error"), rows, left=0)
     if len(kept) < len(runs):
         typer.echo(f"{len(kept)} of {len(runs)} {'runs' if apart else 'ratios'}")
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.sweep import ALLOWED_ERROR, COMPLETION_TOLERANCE, AlongRatio, SweepCells, recommend
+from psmpc_cli.studies.sweep import ALLOWED_ERROR, AlongRatio, SweepCells, recommend
 
 EARLIEST_START = "$t_s - T_h$"
 
@@ -133,7 +133,9 @@ def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, s
 
 def plot_starts(cells: SweepCells) -> Figure:
     """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
-    figure, (axes,) = _panels_over_ratio(cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3)
+    figure, (axes,) = _panels_over_ratio(
+        cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3, cells.failed
+    )
     if cells.ended.any():
         instant = AlongRatio(cells, cells.instant)
         floor = AlongRatio(cells, cells.floor)
@@ -153,46 +155,54 @@ def plot_starts(cells: SweepCells) -> Figure:
 
 
 def plot_sensitivity(cells: SweepCells) -> Figure:
-    """Plot completion [s], control effort [m^2/s^3, rad^2/s^3] and final error [tolerances] over omega_2 / omega_1.
+    """Plot what a recommendation compares over omega_2 / omega_1, and the recommended ratio.
 
-    Shaded are the completions within 5 % of the earliest one; the lines through all panels are ratios.
+    That is the end of the mission [s], the control effort [m^2/s^3, rad^2/s^3] and the peak force on the base [N], both
+    with the level of the task's own priorities, and the largest end error [tolerances]. Runs whose mission failed are
+    marked at the lower edge, and their end is left out.
     """
-    second = style.readable(cells.names[1])
-    quantities = ("completion_time", "control_effort", "final_error")
-    completion, effort, error = found = [AlongRatio(cells, cells.of(name)) for name in quantities]
-    labels = [f"Completion\nof {second} (s)", "Control effort\n(m²/s³, rad²/s³)", "Final error\n(tolerances)"]
-    shown = 3 if np.isfinite(error.middle).any() else 2
-    figure, rows = _panels_over_ratio(cells, labels[:shown], 1.1)
+    values = {
+        "Mission ends\n(s)": np.where(cells.succeeded, cells.mission_end, np.nan),
+        "Control effort\n(m²/s³, rad²/s³)": cells.of("control_effort"),
+        "Peak base force\n(N)": cells.of("peak_base_force"),
+        "End error\n(tolerances)": cells.end_error,
+    }
+    shown = list(values) if np.isfinite(cells.end_error[cells.ended]).any() else list(values)[:3]
+    figure, rows = _panels_over_ratio(cells, shown, 0.95, cells.failed | (cells.ended & ~cells.succeeded))
     best = recommend(cells).ratio
-    for axes, values in zip(rows, found, strict=False):
+    for axes, name in zip(rows, shown, strict=True):
         if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
             label = f"task's {cells.own_ratio:.4g}" if axes is rows[0] else "_"
             axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
         if best is not None:
             label = f"recommended {best:.4g}" if axes is rows[0] else "_"
             axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
-        _plot_along(axes, values, **style.line_look(0))
+        _plot_along(axes, AlongRatio(cells, values[name]), **style.line_look(0))
         axes.margins(y=0.12)
-    if cells.ended.any():
-        earliest = float(completion.lowest.min())
-        shade: dict[str, Any] = {"facecolor": style.STAGE, "edgecolor": "none", "zorder": 0.5}
-        latest = (1 + COMPLETION_TOLERANCE) * earliest
-        rows[0].axhspan(earliest, latest, label=f"earliest + {COMPLETION_TOLERANCE:.0%}", **shade)
-        low = float(effort.lowest.min())
-        high = float(effort.highest.max())
+    for axes, name in zip(rows[1:3], ("control_effort", "peak_base_force"), strict=True):
+        own = float(cells.reference(name))
+        if np.isfinite(own):
+            axes.axhline(own, linestyle=style.DASHED, label="task's own", **style.LEVEL)
+            style.panel_legend(axes)
+        found = np.append(cells.of(name)[cells.ended], own)
+        known = found[np.isfinite(found)]
+        low = float(known.min(initial=np.inf))
+        high = float(known.max(initial=0.0))
         if high > 5.0 * low > 0:
-            style.make_logarithmic(rows[1], subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
-    if shown == 3:
-        rows[2].axhline(ALLOWED_ERROR, linestyle=style.DASHED, label="tolerance", **style.LEVEL)
-        rows[2].set_ylim(0.0, 1.15 * max(ALLOWED_ERROR, float(np.nanmax(error.highest, initial=0.0))))
-        rows[2].yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
-        style.panel_legend(rows[2])
+            style.make_logarithmic(axes, subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
+    for axes in rows[3:]:
+        axes.axhline(ALLOWED_ERROR, linestyle=style.DASHED, label="allowed", **style.LEVEL)
+        axes.set_ylim(0.0, 1.15 * max(ALLOWED_ERROR, float(np.nanmax(cells.end_error[cells.ended]))))
+        axes.yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
+        style.panel_legend(axes)
     style.panel_legend(rows[0])
     return style.finish(figure)
 
 
-def _panels_over_ratio(cells: SweepCells, labels: Sequence[str], height: float) -> tuple[Figure, list[Axes]]:
-    """Return panels over all ratios of a sweep, run or not, with those of failed cells along the first one's edge."""
+def _panels_over_ratio(
+    cells: SweepCells, labels: Sequence[str], height: float, failed: np.ndarray
+) -> tuple[Figure, list[Axes]]:
+    """Return panels over all ratios of a sweep, run or not, with failed cells (cells,) along the first one's edge."""
     figure, rows = style.stack(labels, [height] * len(labels), "Ratio of the priorities, ω₂/ω₁ (1)")
     low = float(cells.ratio.min())
     high = float(cells.ratio.max())
@@ -200,8 +210,8 @@ def _panels_over_ratio(cells: SweepCells, labels: Sequence[str], height: float) 
     rows[0].set(xscale="log", xlim=(low / room, high * room))
     rows[0].xaxis.set_major_locator(LogLocator(numticks=8))
     rows[0].xaxis.set_minor_locator(NullLocator())
-    if cells.failed.any():
-        ratio = np.unique(cells.ratio[cells.failed])
+    if failed.any():
+        ratio = np.unique(cells.ratio[failed])
         below = rows[0].get_xaxis_transform()
         rows[0].plot(ratio, 0.045 + 0 * ratio, transform=below, **style.look("failed", label="failed"))
     for axes in rows if not cells.ended.any() else ():

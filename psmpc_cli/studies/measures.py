@@ -51,12 +51,12 @@ def _margin(kind: str, name: str) -> Callable[[Run], float]:
     return lambda run: next((getattr(each, name) for each in run.summary().limits if each.kind == kind), np.nan)
 
 
-def _error_at_end(run: Run, stage: int) -> float:
-    """Compute the error of a stage's end condition at the end of the run, over its tolerance. Paper eq. (18)."""
+def _error_at_end(run: Run) -> float:
+    """Compute the error of the last stage's end condition at the end, over its tolerance. Paper eq. (18)."""
     problem = run.problem
     final = run.final
     at_end = run.object_state_at(float(final["time"]))
-    placed = in_own_chart(problem.model, problem.stages[stage], final["Q"], final["v"], object_state=at_end)
+    placed = in_own_chart(problem.model, problem.stages[-1], final["Q"], final["v"], object_state=at_end)
     return problem.costs.end_error(*placed)
 
 
@@ -105,7 +105,7 @@ OUTCOME = (
     _number("end_time", "s", "end of the run, whatever ended it", "duration"),
     _ENDS,
     _number("actual_start", "s", _STARTS, lambda run: run.stages["actual_start"], dims=("stage",)),
-    _number("final_error", "1", _FINAL, lambda run: _error_at_end(run, -1)),
+    _number("final_error", "1", _FINAL, _error_at_end),
     _number("end_error", "1", _AT_ENDS, _errors_at_ends("deviation/end"), dims=("stage",)),
     _number("end_error_noise", "1", _AND_NOISE, _errors_at_ends("deviation/end_noise"), dims=("stage",)),
     _number("position_margin", "m, rad", _BEYOND.format("position"), _margin("position", "margin")),
@@ -143,35 +143,28 @@ WHOLE_RUN = (*OUTCOME, *EFFORT)
 """Everything that is known of a run to the end of its task."""
 
 
-def second_stage(index: int) -> tuple[Column, ...]:
-    """Build the quantities of the second of two stages in a row, whose index this is, for a run that ends with it."""
+def over_weights(second: int) -> tuple[Column, ...]:
+    """Build the quantities of a run in a sweep over the weights of two stages in a row, the second of this index.
+
+    They are those of a whole run, but the actual start is that of the second stage alone, by threshold. Paper Fig. 6.
+    """
 
     def at_detection(run: Run, signal: np.ndarray) -> float:
         """Read a signal at the first sample with the switch in its window; NaN if there is none."""
         first = run["window/first"]
-        found = np.flatnonzero((first < index) & (first + run["window/count"] > index))
+        found = np.flatnonzero((first < second) & (first + run["window/count"] > second))
         return float(signal[found[0]]) if len(found) else np.nan
-
-    def final_error(run: Run) -> float:
-        """Read the error at the planned switch time, as logged; without one, compute it where the run ended."""
-        if np.isnan(run.stages["switch_time"][index]):
-            return np.nan
-        planned = float(run["deviation/end"][-1, index]) if len(run.time) else np.nan
-        return planned if np.isfinite(planned) else _error_at_end(run, index)
 
     by_epsilon = "actual_start_by_epsilon"
     seen = "first sample with the switch in the window"
     planned = "optimized switching instant at that sample"
     starts = "actual start of the second stage"
     ends = "instant that ended the second stage"
-    error = "largest error of the second stage's end condition at its end, over its tolerance"
-    before = index - 1
+    before = second - 1
     return (
         _number("detection_time", "s", seen, lambda run: at_detection(run, run.time)),
         _number("instant_at_detection", "s", planned, lambda run: at_detection(run, run["window/instants"][:, before])),
-        _ENDS,
-        _number("actual_start", "s", starts, lambda run: run.stages[by_epsilon][index], dims=("epsilon",)),
-        _number("completion_time", "s", ends, lambda run: run.stages["switch_time"][index]),
-        _number("final_error", "1", error, final_error),
-        *EFFORT,
+        _number("actual_start", "s", starts, lambda run: run.stages[by_epsilon][second], dims=("epsilon",)),
+        _number("completion_time", "s", ends, lambda run: run.stages["switch_time"][second]),
+        *(column for column in WHOLE_RUN if column.path != "actual_start"),
     )

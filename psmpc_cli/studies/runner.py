@@ -10,7 +10,7 @@ import pickle
 import re
 import signal
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
@@ -60,6 +60,9 @@ CELL_COLUMNS = (
     Column("cell_time", "s", "wall time of the cell's run, with all that is around"),
 )
 """What the results have of a cell itself."""
+
+REFERENCE = "reference_"
+"""How the names of the reference run's quantities begin."""
 
 CONNECTING = 10
 """Time within which a Dask scheduler answers and has a worker [s]."""
@@ -111,8 +114,9 @@ class Study:
         identity: What the file of a study to resume has in common with this one, by its name for a user.
         attributes: Further attributes of the file.
         statuses: What the codes of a cell's status mean.
-        stop: Index of the stage at whose end the runs stop, failed if they do not reach it; None for the task's end.
-        origins: For each cell the one whose run it shares (cells,), itself if none; by default that is so of all.
+        required_stage: Index of the stage without whose end a cell counts as failed; None if there is none.
+        reference: Whether the unchanged task is run as well, to compare the cells with: `of_reference`.
+        origins: For each run the first one that is the same (runs,); by default all differ.
     """
 
     kind: str
@@ -124,26 +128,37 @@ class Study:
     identity: Mapping[str, str | int | float] = field(default_factory=dict)
     attributes: Mapping[str, str | int | float] = field(default_factory=dict)
     statuses: tuple[str, ...] = ("waiting", "computed", "shared", "failed")
-    stop: int | None = None
+    required_stage: int | None = None
+    reference: bool = False
     origins: np.ndarray | None = None
+
+    @property
+    def runs(self) -> list[tuple[str, ...]]:
+        """The keys that each run changes in the task: those of the cells, then the reference, if there is one."""
+        return [*self.cells, ()] if self.reference else [*self.cells]
 
     def results(self, path: Path | None = None) -> Results:
         """Build the results with nothing computed, for a file that is not written yet."""
         sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
         arrays = [*self.coordinates, Quantity("wall_time", (), np.array(0.0), "s", "wall time spent on the study")]
-        for each in (*CELL_COLUMNS, *self.quantities):
-            if {*each.dims} <= {*sizes}:
-                dims = (*self.dims, *each.dims)
-                text = each.dtype == "text"
-                shape = [sizes[name] for name in dims]
-                values = np.full(shape, "" if text else each.unknown, object if text else each.dtype)
-                meanings = self.statuses if each.path == "status" else ()
-                arrays.append(Quantity(each.path, dims, values, each.units, each.long_name, meanings))
+        known = [each for each in (*CELL_COLUMNS, *self.quantities) if {*each.dims} <= {*sizes}]
+        columns = [replace(each, dims=(*self.dims, *each.dims)) for each in known]
+        for each in (*columns, *(of_reference(known) if self.reference else ())):
+            text = each.dtype == "text"
+            shape = [sizes[name] for name in each.dims]
+            values = np.full(shape, "" if text else each.unknown, object if text else each.dtype)
+            meanings = self.statuses if each.path.removeprefix(REFERENCE) == "status" else ()
+            arrays.append(Quantity(each.path, each.dims, values, each.units, each.long_name, meanings))
         created = datetime.now(UTC).isoformat(timespec="seconds")
         task = self.task
         about = {"digest": task.digest, "task_name": task.spec.name, "task_yaml": task.task_yaml}
         attributes = {**self.identity, **about, "robot_yaml": task.robot_yaml, "created": created, **self.attributes}
         return new_results(path or Path("a study in memory"), self.kind, attributes, arrays)
+
+
+def of_reference(columns: Iterable[Column]) -> list[Column]:
+    """Return the columns of the reference run, each a single value or along its own dimensions."""
+    return [replace(each, path=REFERENCE + each.path, long_name=f"{each.long_name}: task as it is") for each in columns]
 
 
 def run_study(
@@ -177,22 +192,26 @@ def run_study(
         results = _resumed(study, results)
     elif path is not None:
         results.create(force)
-    status = results["status"]
+    shape = results["status"].shape
+    status = [*results["status"].flat, *([results[f"{REFERENCE}status"]] if study.reference else [])]
     spent = float(results["wall_time"])
-    origins = np.arange(len(study.cells)) if study.origins is None else study.origins
-    needed = np.unique(origins[np.isin(status.ravel(), (WAITING, FAILED))])
+    runs = study.runs
+    origins = np.arange(len(runs)) if study.origins is None else study.origins
+    needed = np.unique(origins[np.isin(status, (WAITING, FAILED))])
     began = time.monotonic()
     progress = Progress(len(needed), 0, 0, 0.0)
     watch(progress)
-    run = partial(_run_cell, documents_of(study.task), study.quantities, study.stop)
-    with closing(compute(run, {int(cell): study.cells[cell] for cell in needed}, jobs, dask)) as ended:
+    run = partial(_run_cell, documents_of(study.task), study.quantities, study.required_stage)
+    with closing(compute(run, {int(cell): runs[cell] for cell in needed}, jobs, dask)) as ended:
         for origin, found in ended:
             row = {"reason": LOST, "cell_time": np.nan, "status": FAILED} if found is None else found
             failed = row["status"] == FAILED
             for cell in np.flatnonzero(origins == origin):
                 code = row["status"] if failed or cell == origin else SHARED
+                of_cell = cell < len(study.cells)
+                place = np.unravel_index(cell, shape) if of_cell else ()
                 for name, value in {**row, "origin": origin, "status": code}.items():
-                    results[name][np.unravel_index(cell, status.shape)] = value
+                    results[name if of_cell else REFERENCE + name][place] = value
             elapsed = time.monotonic() - began
             results["wall_time"][()] = spent + elapsed
             if path is not None:
@@ -203,18 +222,18 @@ def run_study(
 
 
 def _run_cell(
-    documents: TaskDocuments, quantities: Sequence[Column], stop: int | None, changes: tuple[str, ...]
+    documents: TaskDocuments, quantities: Sequence[Column], required_stage: int | None, changes: tuple[str, ...]
 ) -> dict[str, Any]:
     """Run a cell, and return its part of the results: an error ends nothing.
 
-    A mission that fails is no failure to measure it, but one that does not reach the stage at which it stops is.
+    A mission that fails is no failure to measure it, but one that does not end the required stage is.
     """
     began = time.perf_counter()
     try:
-        run = simulate(documents.changed(changes), until=stop)
+        run = simulate(documents.changed(changes))
         row = {each.path: value for each in quantities if each.value and np.size(value := each.value(run))}
-        reached = stop is None or np.isfinite(run.stages["switch_time"][stop])
-        row["reason"] = "" if stop is not None and reached else run.summary().reason
+        reached = required_stage is None or np.isfinite(run.stages["switch_time"][required_stage])
+        row["reason"] = run.summary().reason
         row["status"] = COMPUTED if reached else FAILED
     except Exception as error:
         logger.exception("a cell failed")
@@ -281,6 +300,11 @@ def _resumed(study: Study, new: Results) -> Results:
             raise InputError(f"--resume: {path} holds another {study.kind} study: {difference}; {advice}")
     if (found_cells := results["status"].size) > cells:
         raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
+    if missing := [name for name in new.quantities if name not in results.quantities]:
+        raise InputError(
+            f"--resume: {path} was written by an earlier version, whose studies had no {missing[0]}: start anew with "
+            "--force, or choose another file with -o"
+        )
     for name, quantity in new.quantities.items():
         dtype = "text" if quantity.is_text else quantity.values.dtype.str
         check_columns(results, [Column(name, quantity.units, quantity.long_name, dtype=dtype, dims=quantity.dims)])

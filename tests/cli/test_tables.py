@@ -9,6 +9,7 @@ from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.specs.load import load_task
+from psmpc_cli.studies.runner import WAITING
 
 from ..synthetic_fronts import synthetic_fronts
 from ..synthetic_logs import Story, write_story
@@ -68,7 +69,8 @@ def test_a_sweep_has_a_row_for_each_ratio_and_a_recommendation(tmp_path: Path, s
     assert [row.split()[0] for row in rows[:5]] == ["1e-06", "0.001", "1", "1000", "1e+06"]
     cell = numbers(1.0)
     fine, coarse = cell["actual_start"]
-    assert rows[2].split() == ["1", f"{fine}", f"{coarse}", f"{T_S}", f"{cell['completion_time']:.2f}", "1.01", "0.90"]
+    end = f"{cell['completion_time']:.2f}"
+    assert rows[2].split() == ["1", f"{fine}", f"{coarse}", f"{T_S}", end, end, "1.01", "50", "0.90"]
     assert rows[5].startswith("9 cells: 9 computed; 500 solves")
     assert rows[6].startswith("recommended omega_2/omega_1: ")
     assert rows[7] == f"sweep: {path}"
@@ -83,7 +85,7 @@ def test_a_sweep_has_a_row_for_each_ratio_and_a_recommendation(tmp_path: Path, s
             {"failed": (0, 1), "waiting": (2, 3, 4)},
             ("9 cells: 3 waiting, 4 computed, 2 failed", "  2 failed: time limit of 30 s reached"),
         ),
-        ("3", {"waiting": (0, 1, 2)}, ("3 cells: 3 waiting", "no ratio is recommended")),
+        ("3", {"waiting": (0, 1, 2), "own_status": WAITING}, ("3 cells: 3 waiting", "no ratio is recommended")),
         ("101", {}, ("1e-06", "1e+06", "49 of 101 ratios")),
         ("3x3", {"task": "transport"}, ("omega_1  omega_2", "1000", "9 cells")),
     ],
@@ -95,6 +97,13 @@ def test_a_sweep_that_is_not_complete_or_not_small(
     synthetic_sweep(tmp_path / "sweep.h5", sampling, **given)
     found = shown(tmp_path / "sweep.h5")
     assert all(any(line.strip().startswith(expected.strip()) for line in found) for expected in lines), found
+
+
+def test_a_run_whose_mission_fails_after_the_second_stage_says_so(tmp_path: Path, shown: Psmpc) -> None:
+    synthetic_sweep(tmp_path / "sweep.h5", "2", of=lambda ratio: {**numbers(ratio), "succeeded": float(ratio > 1)})
+    _, _, low, high, *_ = shown(tmp_path / "sweep.h5")
+    assert low.split()[5] == "failed"
+    assert high.split()[5] == f"{numbers(1e6)['completion_time']:.2f}"
 
 
 def test_a_monte_carlo_study_has_rate_spread_and_worst_runs(tmp_path: Path, shown: Psmpc) -> None:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.sweep import plot_heat_map, plot_sensitivity, plot_starts
-from psmpc_cli.studies.sweep import SweepCells
+from psmpc_cli.studies.sweep import ALLOWED_ERROR, SweepCells
 
 from ..synthetic_sweep import T_H, T_S, numbers, synthetic_sweep
 from .figure_contents import common_legend, curves, legend, points
@@ -94,6 +94,29 @@ def test_cells_that_wait_are_blank_and_failed_ones_are_marked(sweep: Sweep) -> N
     for plot in (plot_starts, plot_sensitivity):
         axes = plot(cells).axes[0]
         np.testing.assert_allclose(curves(axes)["failed"][:, 0], 1e-3)
+
+
+def test_the_sensitivity_has_what_a_recommendation_compares(sweep: Sweep) -> None:
+    ratios = np.logspace(-6, 6, 7)
+    failing = sweep("7", of=lambda ratio: {**numbers(ratio), "succeeded": float(ratio > 1e-3)})
+    ends, effort, force, error = plot_sensitivity(failing).axes[:4]
+    known = [np.nan if ratio < 1e-3 else numbers(ratio)["completion_time"] for ratio in ratios]
+    (line,) = [each for each in ends.lines if len(each.get_xdata()) == 7]
+    np.testing.assert_allclose(line.get_ydata(), known)
+    np.testing.assert_allclose(curves(ends)["failed"][:, 0], ratios[:2])
+    np.testing.assert_allclose(curves(ends)["recommended 100"][:, 0], 100.0)
+    np.testing.assert_allclose(curves(effort)["task's own"][:, 1], numbers(100.0)["control_effort"])
+    np.testing.assert_allclose(curves(force)["task's own"][:, 1], numbers(100.0)["peak_base_force"])
+    np.testing.assert_allclose(curves(error)["allowed"][:, 1], ALLOWED_ERROR)
+
+
+def test_the_end_error_is_left_out_where_no_stage_has_an_end_condition(sweep: Sweep) -> None:
+    timed = sweep("3", of=lambda ratio: {**numbers(ratio), "end_error": [np.nan], "final_error": np.nan})
+    assert [axes.get_ylabel().split("\n")[0] for axes in plot_sensitivity(timed).axes] == [
+        "Mission ends",
+        "Control effort",
+        "Peak base force",
+    ]
 
 
 def test_starts_are_drawn_by_threshold_between_t_s_and_t_s_less_the_horizon(sweep: Sweep) -> None:

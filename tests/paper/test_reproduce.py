@@ -125,7 +125,7 @@ def test_the_json_has_everything_and_null_for_what_is_unknown(made: Reproduction
     assert claims["fronts.with_time"]["cause"].count("; ") == 3
     assert data["changes"] == ["x=1"]
     assert (data["weights"]["failed_cells"], data["weights"]["sampling"]) == (1, "3x3")
-    assert data["weights"]["recommended"] == pytest.approx(1e3)
+    assert data["weights"]["recommended"] == pytest.approx(100.0)
     assert data["fronts"]["stages"] == ["approach", "capture"]
     assert [sample["failed"] for sample in data["fronts"]["samples"]] == [0, 7, 0]
     assert data["fronts"]["samples"][1]["J_1"] is None

@@ -231,6 +231,14 @@ def test_a_study_of_another_version_or_without_a_file_is_not_resumed(tmp_path: P
         run_study(study_of(task), tmp_path / "study.h5", resume=True)
 
 
+def test_a_study_whose_file_lacks_quantities_is_not_resumed(tmp_path: Path, task: Task) -> None:
+    study_of(task).results(tmp_path / "study.h5").create()
+    with h5py.File(tmp_path / "study.h5", "r+") as file:
+        del file["reference_status"]
+    with pytest.raises(InputError, match="earlier version, whose studies had no reference_status: start anew"):
+        run_study(study_of(task), tmp_path / "study.h5", resume=True)
+
+
 @contextmanager
 def dask_cluster(folder: Path, *worker: str) -> Iterator[str]:
     """Start a Dask scheduler and workers on this machine, and give the scheduler's address."""

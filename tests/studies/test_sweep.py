@@ -12,7 +12,16 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.runner import COMPUTED, FAILED, SHARED, run_study, with_changes
 from psmpc_cli.studies.sampling import parse_sampling
-from psmpc_cli.studies.sweep import load_sweep_task, parse_stages, sweep, weight_study
+from psmpc_cli.studies.sweep import (
+    ALLOWED_ERROR,
+    Recommendation,
+    SweepCells,
+    load_sweep_task,
+    parse_stages,
+    recommend,
+    sweep,
+    weight_study,
+)
 
 from ..short_runs import TASK
 
@@ -52,6 +61,8 @@ def test_a_cell_holds_what_its_run_came_to(shared: Results) -> None:
     assert np.all(shared["switch_time"][..., 0] < shared["completion_time"])
     np.testing.assert_array_equal(shared["switch_time"][..., 1], shared["completion_time"])
     assert np.all((shared["final_error"] > 0) & (shared["final_error"] <= 1 + 1e-3))
+    assert np.all(shared["succeeded"] == 1)
+    np.testing.assert_array_equal(shared["end_time"], shared["completion_time"])
     assert np.all(np.diff(shared["actual_start"], axis=-1) >= 0), "a higher threshold is reached later"
     np.testing.assert_allclose(shared["solves"] * 0.1, shared["completion_time"], atol=0.1 + 1e-9)
 
@@ -66,26 +77,60 @@ def test_a_higher_ratio_starts_the_second_stage_no_later_and_never_before_it_is_
 
 
 @pytest.mark.slow
-def test_the_final_error_of_a_stage_that_ends_by_the_plan_is_the_log_s(shared: Results) -> None:
-    """Read at the planned switch time, and not at the sample after it."""
-    changes = ("controller.nodes=12",)
-    task = load_sweep_task("transport", changes)
-    own = [stage.priority for stage in task.spec.stages[:2]]
-    study = weight_study(task, (0, 1), parse_sampling("2", (own[0] / 2, own[0] * 2)))
+def test_runs_go_on_to_the_end_of_the_mission_and_the_tasks_own_priorities_are_run_besides() -> None:
+    """Two ratios of a transport on a coarse mesh: no cell has the ratio of the task itself."""
+    task = load_sweep_task("transport", ("controller.nodes=12",))
+    study = weight_study(task, (0, 1), parse_sampling("2", (0.1, 10.0)))
     results = run_study(study, jobs=2)
-    run = simulate(with_changes(task, study.cells[0]))
+    run = simulate(task)
+    summary = run.summary()
     error = run["deviation/end"][:, 1]
-    assert results["final_error"][0] == pytest.approx(error[np.isfinite(error)][-1], rel=1e-9)
-    assert results["final_error"][0] < 1.1
-    np.testing.assert_allclose(results["switch_time"][0, :2], run.stages["switch_time"][:2], rtol=1e-9)
-    assert np.isnan(results["switch_time"][0, 2:]).all()
-    assert results["control_effort"][0] < run["effort/control"].sum()
+    np.testing.assert_array_equal(results["reference_switch_time"], run.stages["switch_time"])
+    assert float(results["reference_completion_time"]) == run.stages["switch_time"][1]
+    assert float(results["reference_end_time"]) == summary.duration
+    assert float(results["reference_end_error"][1]) == error[np.isfinite(error)][-1]
+    assert float(results["reference_control_effort"]) == summary.control_effort
+    assert float(results["reference_peak_base_force"]) == summary.peaks["base_force"]
+    assert int(results["reference_origin"]) == 2
+    assert np.isfinite(results["switch_time"]).all()
+    cells = SweepCells(results)
+    assert_by_the_rule(cells, recommend(cells))
+
+
+def assert_by_the_rule(cells: SweepCells, found: Recommendation) -> None:
+    """The rule of docs/sweeps.md, written out for ratios: the recommended mission ends first of all that may be."""
+    results = cells.results
+    assert results["reference_succeeded"] == 1
+    ends = {cells.own_ratio: float(results["reference_switch_time"][-1])}
+    for cell, ratio in enumerate(cells.ratio):
+        whole = results["succeeded"][cell] == 1 and cells.end_error[cell] <= ALLOWED_ERROR
+        cheap = all(
+            results[name][cell] <= results[f"reference_{name}"] for name in ("control_effort", "peak_base_force")
+        )
+        if whole and cheap:
+            ends[float(ratio)] = float(results["switch_time"][cell, -1])
+    assert found.ratio is not None
+    assert ends[found.ratio] == min(ends.values())
+
+
+@pytest.mark.slow
+def test_a_sweep_of_a_task_whose_own_priorities_are_poor_finds_better_ones() -> None:
+    """With a millionth of the published ratio Capture waits too long, and then takes more effort than at 0.01."""
+    task = load_sweep_task("approach_capture", (*COARSE, "stages.capture.priority=1e-4"))
+    results = run_study(weight_study(task, (0, 1), parse_sampling("3", (1e-2, 1.0))), jobs=2)
+    cells = SweepCells(results)
+    found = recommend(cells)
+    assert found.ratio == pytest.approx(1e-2)
+    assert_by_the_rule(cells, found)
 
 
 def test_a_cell_whose_mission_takes_too_long_fails_with_the_reason() -> None:
     results = swept("2", changes=(*COARSE, "time_limit=7"))
     assert results["status"].tolist() == [FAILED, FAILED]
     assert results["reason"].tolist() == ["time limit of 7 s reached"] * 2
+    ratio, why = recommend(SweepCells(results))
+    assert ratio is None
+    assert "fails with the task's own priorities (time limit of 7 s reached)" in why
     assert np.all(results["detection_time"] > 0)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.specs.load import load_task
+from psmpc_cli.studies.runner import FAILED, REFERENCE, WAITING
 from psmpc_cli.studies.sampling import Draws, Grid, Ratios, Sampling, parse_sampling
-from psmpc_cli.studies.sweep import COMPLETION_TOLERANCE, AlongRatio, SweepCells, origins, parse_stages, recommend
+from psmpc_cli.studies.sweep import AlongRatio, Recommendation, SweepCells, origins, parse_stages, recommend
 
-from ..synthetic_sweep import EPSILONS, Numbers, numbers, sampling_of, synthetic_sweep
+from ..synthetic_sweep import EPSILONS, T_S, Numbers, numbers, sampling_of, synthetic_sweep
 
 
 def test_stages_go_by_number_or_name() -> None:
@@ -40,7 +42,7 @@ def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kin
 def test_the_chosen_threshold_is_the_tasks_or_the_largest(
     path: Path, epsilons: tuple[float, ...], chosen: float
 ) -> None:
-    cells = SweepCells(synthetic_sweep(path, "2", waiting=(0, 1), epsilons=epsilons))
+    cells = SweepCells(synthetic_sweep(path, "2", waiting=(0, 1), own_status=WAITING, epsilons=epsilons))
     assert cells.epsilons[cells.chosen] == chosen
 
 
@@ -82,58 +84,113 @@ def test_runs_go_from_the_smallest_ratio_to_the_largest(path: Path) -> None:
     assert len(SweepCells(synthetic_sweep(path, "3x3", task="transport")).runs) == 9
 
 
-SEVEN = "7"
-"""Ratios 1e-6, 1e-4, ..., 1e6; completion within 5 % of the earliest from 100 on, 14.02 s."""
+BEST = 1e-2
+
+COSTS: dict[float, Numbers] = {
+    1e-6: {"end": 20.0},
+    1e-4: {"end": 8.0, "succeeded": 0},
+    BEST: {"end": 12.0},
+    1.0: {"end": 11.0, "final_error": 1.06},
+    100.0: {"end": 13.0},
+    1e4: {"end": 10.0, "control_effort": 2.01},
+    1e6: {"end": 9.0, "peak_base_force": 50.1},
+}
+"""What distinguishes the runs of seven ratios; the task's own one is 100. All but `BEST` are slower or break a rule."""
 
 
-Recommended = Callable[..., tuple[float | None, str]]
+def costing(ratio: float, **changes: Numbers) -> Numbers:
+    """Made-up numbers by the table of costs, or by other entries for some ratios, named such as r100."""
+    key = float(f"{ratio:.6g}")
+    found = {"control_effort": 2.0, **changes.get(f"r{key:g}", COSTS[key])}
+    end = found.pop("end")
+    assert isinstance(end, float)
+    return {**numbers(ratio), **found, "switch_time": [T_S, end], "completion_time": end}
+
+
+Recommended = Callable[..., Recommendation]
 
 
 @pytest.fixture
-def recommended(tmp_path: Path) -> Recommended:
-    def of(sampling: str = SEVEN, **given: object) -> tuple[float | None, str]:
-        return recommend(SweepCells(synthetic_sweep(tmp_path / "sweep.h5", sampling, **given)))
+def recommended(path: Path) -> Recommended:
+    def of(sampling: str = "7", changes: dict[str, Numbers] | None = None, **given: object) -> Recommendation:
+        run = partial(costing, **(changes or {}))
+        return recommend(SweepCells(synthetic_sweep(path, sampling, **{"of": run, **given})))
 
     return of
 
 
-def with_error(at: dict[float, float]) -> Callable[[float], Numbers]:
-    """Made-up numbers with other final errors at some ratios."""
-    return lambda ratio: {**numbers(ratio), "final_error": at.get(float(f"{ratio:.6g}"), 0.9)}
-
-
 @pytest.mark.parametrize(
-    ("sampling", "given", "ratio"),
+    ("changes", "ratio"),
     [
-        ("13", {}, 10.0),
-        (SEVEN, {"of": with_error({1e-6: 0.5, 100.0: 1.0})}, 100.0),  # errors within the tolerance are none
-        (SEVEN, {"of": with_error({100.0: 1.01})}, 1e4),
-        (SEVEN, {"of": with_error({1e-6: 1.2, 100.0: 1.2})}, 100.0),  # the smallest ratio has it as well
-        ("7x7", {"failed": (35,)}, 10.0),  # omega = (1e-3, 1e2)
-        ("7x7", {"failed": (23,)}, 100.0),  # omega = (0.1, 1)
+        ({}, BEST),
+        ({"r0.01": {"end": 12.0, "succeeded": 0}}, 100.0),
+        ({"r0.01": {"end": 12.0, "end_error": [1.2]}}, 100.0),  # it is not the last stage alone that counts
+        ({"r0.01": {"end": 13.0}}, 100.0),  # as fast as the task's own, for as much
+        ({"r0.01": {"end": 13.0, "control_effort": 1.9}}, BEST),  # as fast, for less
+        ({"r1": {"end": 11.0, "final_error": 1.05}}, 1.0),  # as much as the plant may miss the plan's end
+        ({"r10000": {"end": 10.0, "control_effort": 2.0}}, 1e4),
+        ({"r1e+06": {"end": 9.0, "peak_base_force": 50.0}}, 1e6),
+        ({"r0.0001": {"end": 8.0}}, 1e-4),
+        ({"r100": {"end": 13.0, "control_effort": 3.0, "peak_base_force": 60.0}}, 1e6),
+        ({"r100": {"end": 11.5, "final_error": 1.3}}, BEST),  # although it is slower: the task's own misses its end
     ],
 )
-def test_it_is_the_smallest_ratio_that_completes_early_raises_no_error_and_has_no_failed_cell(
-    recommended: Recommended, sampling: str, given: dict[str, object], ratio: float
+def test_the_fastest_whole_mission_at_no_more_cost_than_with_the_tasks_own_priorities(
+    recommended: Recommended, changes: dict[str, Numbers], ratio: float
 ) -> None:
-    assert recommended(sampling, **given)[0] == pytest.approx(ratio)
+    assert recommended(changes=changes).ratio == pytest.approx(ratio)
+
+
+def test_the_largest_effort_the_latest_start_and_an_error_are_never_recommended(recommended: Recommended) -> None:
+    """A low ratio with a hundred times the effort, which earlier rules chose since it came first and ended in time."""
+    bad: Numbers = {"end": 8.0, "control_effort": 200.0, "final_error": 1.2}
+    assert recommended(changes={"r1e-06": bad}).ratio == pytest.approx(BEST)
+    assert recommended(changes={"r1e-06": {**bad, "final_error": 0.9}}).ratio == pytest.approx(BEST)
+    assert recommended(changes={"r1e-06": {**bad, "control_effort": 1.0}}).ratio == pytest.approx(BEST)
+
+
+def test_own_priorities_that_no_cell_has_are_compared_with_all_the_same(recommended: Recommended) -> None:
+    """Of three ratios 1e-6, 1 and 1e6 none is the task's own."""
+    assert recommended("3", {"r1": {"end": 11.0}}).ratio == pytest.approx(1.0)
+    found = recommended("3")
+    assert found.ratio == pytest.approx(100.0)
+    assert "the task's own: the mission ends at 13.00 s with control effort 2, peak force on the base 50 N" in (
+        found.sentence
+    )
+    assert "of the 3 other runs 1 had a larger peak force on the base, 1 ended a stage at more than" in found.sentence
+
+
+def test_where_runs_of_one_ratio_differ_a_pair_of_priorities_is_recommended(recommended: Recommended) -> None:
+    """Since the stages after them keep their priorities."""
+    sentence = recommended("3x3", of=lambda ratio: {**numbers(ratio), "control_effort": 1 / ratio}, task="transport")[1]
+    assert sentence.startswith("recommended omega_2/omega_1: 1e+06 (omega_1 = 0.001, omega_2 = 1000), ")
 
 
 def test_it_is_told_in_one_line_with_what_speaks_for_it(recommended: Recommended) -> None:
-    _, line = recommended("13")
-    assert "\n" not in line
-    assert line.startswith("recommended omega_2/omega_1: 10,")
-    assert "completes within 5% of the earliest: at 14.20 s, earliest 14.00 s" in line
-    assert "final error is 0.90 of the tolerance; control effort 1.10, of 1.00 to 10001.00" in line
-    assert numbers(1.0)["completion_time"] > (1 + COMPLETION_TOLERANCE) * 14.0
+    assert recommended().sentence == (
+        "recommended omega_2/omega_1: 0.01 (omega_1 = 10, omega_2 = 0.1), the fastest mission at no more effort and "
+        "force than with the task's own 100 (omega_1 = 1, omega_2 = 100): it ends at 12.00 s with control effort 2, "
+        "peak force on the base 50 N and end errors up to 0.90 of the tolerance; with the task's own it ends at "
+        "13.00 s with control effort 2, peak force on the base 50 N and end errors up to 0.90 of the tolerance"
+    )
+    assert recommended(waiting=(0,)).sentence.startswith("recommended omega_2/omega_1 so far: 0.01 ")
 
 
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ({"failed": tuple(range(7))}, "no cell has come to its end"),
-        ({"of": lambda ratio: {**numbers(ratio), "final_error": 0.9 + ratio}}, "raised the final error"),
-        ({"sampling": "3x3", "failed": (0, 4, 3, 6)}, "had a cell that failed"),
+        ({"own_status": WAITING}, "the task's own priorities have not been run yet"),
+        (
+            {"failed": (4,), "own_status": FAILED},
+            "the mission fails with the task's own priorities (time limit of 30 s reached), so that there is no whole "
+            "mission whose effort and force others could keep to; 5 of 6 others succeed, 1e+06 first, at 9.00 s",
+        ),
+        ({"own": {"succeeded": 0}, "sampling": "3"}, "(a monitor broke, or the object was not delivered)"),
+        (
+            {"own": {"final_error": 1.3}, "sampling": "3", "failed": (0,)},
+            "of 4 runs 1 failed, 1 had a larger peak force on the base, 2 ended a stage at more than 1.05 tolerances; "
+            "with the task's own priorities the mission ends at 13.00 s",
+        ),
     ],
 )
 def test_why_there_is_none_is_told(recommended: Recommended, given: dict[str, object], why: str) -> None:
@@ -141,3 +198,13 @@ def test_why_there_is_none_is_told(recommended: Recommended, given: dict[str, ob
     assert ratio is None
     assert line.startswith("no ratio is recommended: ")
     assert why in line
+
+
+def test_a_file_whose_runs_end_with_the_second_stage_is_told_in_one_line(path: Path) -> None:
+    results = synthetic_sweep(path, "2")
+    kept = {name: each for name, each in results.quantities.items() if not name.startswith(REFERENCE)}
+    with pytest.raises(
+        LogError, match="as earlier versions made it, expected whole missions: run the sweep again"
+    ) as e:
+        SweepCells(replace(results, quantities=kept))
+    assert "\n" not in str(e.value)

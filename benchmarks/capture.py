@@ -44,8 +44,14 @@ CARRY = {
 }
 """The load known, and Transport slow: no more than 0.1 m/s^2 of the base, arms that keep their posture."""
 
-UNAWARE = {"object.grasp.known": False, "limits": {}, "stages.transport.ends_when.object": None}
-"""The controller plans for the robot alone, and Transport ends by the robot alone."""
+UNAWARE = {
+    "object.grasp.known": False,
+    "limits": {},
+    "stages.transport.ends_when.object": None,
+    "object.grasp.band": [1, 1],
+    "object.grasp.stiffness": [1e4, 1e2],
+}
+"""The controller plans for the robot alone, and Transport ends by the robot alone; grasps that give way to it."""
 
 PULL = "object.grasp.strength.pull"
 

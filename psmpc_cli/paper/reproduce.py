@@ -33,11 +33,13 @@ BARE_ROBOT = (
     "stages.transport.ends_when.object=null",
     "object.destination.tolerance=[0.05, 0.05, 2 deg]",
     "object.destination.speed=0.3",
+    "object.grasp.band=[1, 1]",
+    "object.grasp.stiffness=[1e4, 1e2]",
 )
 """Changes of `GRASP` for a controller that plans, as in the paper, for the robot alone.
 
-It knows nothing of the load, does not wait for the object and does not limit accelerations. Delivered is what is let go
-near enough.
+It knows nothing of the load, does not wait for the object, does not limit accelerations and lets hands that hold one
+body move against each other, in grasps that give way to it. Delivered is what is let go near enough.
 """
 
 LOGS = "runs.h5"

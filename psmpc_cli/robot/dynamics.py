@@ -106,8 +106,9 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     w = ca.SX.sym("w", InertialParameters.nominal(spec).vector.size)
     tree = _Tree(spec, Q, w)
     force = tree.force(v, vdot)
-    bias = tree.force(v, ca.SX.zeros(n))
-    Hv = tree.force(0 * v, v)
+    inverse = ca.Function("inverse", [Q, v, vdot, w], [force])
+    bias = inverse(Q, v, 0, w)
+    Hv = inverse(Q, 0, v, w)
     H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
     momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
     motion = {"Q": Q, "v": v}

@@ -29,21 +29,25 @@ class WindowBuilder:
     def build(
         self, sequence: MovingSequence, stages: Sequence[PlacedStage], prediction: Plan, before: Solution | None = None
     ) -> Window:
-        """Build the window over a sequence, begun where a prediction begins, which normalizes its costs.
+        """Build the window over the stages of a sequence from the first state of a prediction on.
 
-        An automatic mesh is for the costs along the prediction, where that comes from a solve `before`.
+        The costs along the prediction normalize those of the window, paper eq. (12). An automatic mesh has as many
+        nodes as these costs need; each stage keeps its count of the window before while that is enough. The first
+        window of a run has no such costs, and counts for costs that fall to 0 within it.
 
         Args:
-            sequence: The stages in the window.
+            sequence: Which stages are in the window, since when the first has run and when the others are to begin.
             stages: All stages of the task, placed at this sample.
-            prediction: The shifted plan.
-            before: The solve that it comes from.
+            prediction: The plan of the sample before, shifted to begin now, at the measured state.
+            before: The solve that it comes from; None at the first sample.
         """
         spec = self._spec
         own = stages[sequence.first : sequence.last + 1]
+        # a stage's cost L is normalized to (L - offset) / scale; zeta keeps scale from being 0
         offset, scale = normalization(
             self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time
         )
+        # for how long the first stage's end condition must still be met before the stage may end
         hold = sequence.hold_left(stages, prediction.start)
         if own[0].awaits_object:
             hold = max(hold, spec.sample_time)  # the object cannot be seen to be there before the next sample

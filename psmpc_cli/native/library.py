@@ -104,8 +104,10 @@ def cache_directory() -> Path:
     base = os.environ.get("XDG_CACHE_HOME", "")
     try:
         # The XDG specification says that a relative XDG_CACHE_HOME is ignored.
-        default = (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "psmpc"
-        directory = Path(chosen).expanduser().resolve() if chosen else default
+        if chosen:
+            directory = Path(chosen).expanduser().resolve()
+        else:
+            directory = (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "psmpc"
         directory.mkdir(parents=True, exist_ok=True, mode=0o700)
         private = _is_private(directory)
     except (OSError, RuntimeError):  # it cannot be made, or the user has no home

@@ -320,7 +320,12 @@ def _far_base(task: Task, before: Stage, then: Outlook) -> Iterator[Fault]:
 
 
 def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
-    """Give the coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst."""
+    """Give the coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst.
+
+    A trajectory has at least two rows of a target, linear in between, attitudes along the shorter turn. Coordinates
+    that its target says nothing of, such as the joints under a target in task space, are NaN, and those that the stage
+    does not weigh may fall behind: neither is a fault.
+    """
     if stage.trajectory is None:
         return
     times = stage.trajectory.times
@@ -328,7 +333,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     space = configuration_space(task.robot)
     values = np.array([_coordinates(space, stage, numbers) for numbers in stage.trajectory.values])
     changes = np.diff(values, axis=0)
-    if stage.attitudes:
+    if stage.attitudes:  # how far the base turns in its own axes: a quaternion's rows of the target are those of Q
         q = stage.trajectory.values[:, space.attitude].T
         changes[:, space.rotation] = np.transpose(log(product(conjugate(list(q[:, :-1])), list(q[:, 1:]))))
     rates = changes / np.diff(times)[:, None]

@@ -25,15 +25,18 @@ class IdealPlant:
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
     ) -> Ticks:
-        """Advance over len(u) ticks. External impulse and work are those of the exact motion."""
-        nq = self.model.nq
+        """Advance over len(u) ticks, each under the constant acceleration u_k: the motion is exact.
+
+        Forces are those that the robot needs for it, by inverse dynamics at the beginning of each tick. External
+        impulse and work are what momentum and kinetic energy change by over the sample. Other plants know disturbances
+        and grippers that close; this one has neither, and those arguments have no effect.
+        """
         model = self.model
-        tick = self.tick
-        Q, v = over_ticks(model.space, x[:nq], x[nq:], u, tick)
-        X = np.hstack([Q, v])
-        (F,) = self._force(X[:-1, :nq], v[:-1], u, model.nominal.vector, rows=len(u))
-        first, last = model.balance(X[[0, -1], :nq], X[[0, -1], nq:])
-        return Ticks(start + tick * np.arange(len(u) + 1), X, F, last - first)
+        Q, v = over_ticks(model.space, x[: model.nq], x[model.nq :], u, self.tick)
+        (F,) = self._force(Q[:-1], v[:-1], u, model.nominal.vector, rows=len(u))
+        momentum_and_energy = model.balance(Q[[0, -1]], v[[0, -1]])
+        gained = momentum_and_energy[1] - momentum_and_energy[0]
+        return Ticks(start + self.tick * np.arange(len(u) + 1), np.hstack([Q, v]), F, gained)
 
 
 def build(setup: PlantSetup) -> IdealPlant:

@@ -189,7 +189,7 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
     motion = run.motion
     model = run.problem.model
     time = motion.time[frames]
-    u = np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]
+    u = np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]  # at the last frame the control before it
     tabs = {
         "Velocities": _panels(model, time, motion.v[frames], ("m/s", "rad/s")),
         "Controls": _panels(model, time, u, ("m/s²", "rad/s²"), stepped=True),

@@ -272,7 +272,10 @@ def _outcome(end: float, effort: float, force: float, error: float) -> str:
 
 
 def _why_without_reference(cells: SweepCells, ratios: Array, ends: Array, others: int) -> str:
-    """Say why nothing is recommended where the mission fails with the task's own priorities.
+    """Say why no ratio omega_2 / omega_1 is recommended where the mission fails with the task's own priorities.
+
+    A recommended run needs no more effort and force than the reference, the run with the task's own priorities. A
+    failed reference sets no such bound. It may have completed all its stages, and failed by what is judged of them.
 
     Args:
         cells: The cells.
@@ -280,12 +283,13 @@ def _why_without_reference(cells: SweepCells, ratios: Array, ends: Array, others
         ends: Ends of their missions (succeeded,) [s].
         others: Number of the other runs.
     """
+    completed_all_stages = cells.reference("completed") == 1
     broken = "a monitor broke, or the object was not delivered"
-    reason = broken if cells.reference("completed") == 1 else str(cells.reference("reason"))
-    fastest = f", {ratios[np.argmin(ends)]:.4g} first, at {ends.min():.2f} s" if len(ends) else ""
+    reason = broken if completed_all_stages else str(cells.reference("reason"))
+    fastest = f", the fastest that of ratio {ratios[np.argmin(ends)]:.4g}, at {ends.min():.2f} s" if len(ends) else ""
     return (
         f"no ratio is recommended: the mission fails with the task's own priorities ({reason}), so that there is no "
-        f"whole mission whose effort and force others could keep to; {len(ends)} of {others} others succeed{fastest}"
+        f"whole mission whose effort and force bound those of others; {len(ends)} of {others} others succeed{fastest}"
     )
 
 

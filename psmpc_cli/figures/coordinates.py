@@ -55,19 +55,19 @@ class CoordinatePanel:
 
 @dataclass(frozen=True, eq=False)
 class ErrorCurve:
-    """The largest error of a frame against the target of one stage, over the time of that stage.
+    """The largest error of a part against the target of one stage, over the time of that stage.
 
     Attributes:
         span: The stage.
-        frame: Number of the frame: the base, then the arms.
+        part: The base, an arm, or a part that only the stage's skill has.
         angular: Whether the errors are angles.
         time: Times (K,) [s].
         error: Largest error at each time (K,) [m] or [rad].
-        tolerance: The tightest tolerance of the end condition [m] or [rad]; NaN where it does not ask for this frame.
+        tolerance: The tightest tolerance of the end condition [m] or [rad]; NaN where it does not ask for this part.
     """
 
     span: Span
-    frame: int
+    part: str
     angular: bool
     time: np.ndarray
     error: np.ndarray
@@ -266,13 +266,14 @@ def plot_errors(run: Run) -> Figure:
     """
     figure, grid = timeline(run, 2, 1.35)
     panels = list(grid[:, 0])
+    looks = {part: _part_look(index) for index, part in enumerate(error_parts(run))}
     for axes in panels:
-        for frame, name in enumerate(run.problem.model.pose_rows):
-            axes.plot([], [], label=style.readable(name), **_frame_look(frame))
+        for part, look in looks.items():
+            axes.plot([], [], label=style.readable(part), **look)
     curves = list(error_curves(run))
     for curve in curves:
         axes = panels[curve.angular]
-        look = _frame_look(curve.frame)
+        look = looks[curve.part]
         axes.plot(curve.time, np.where(curve.error > 0, curve.error, np.nan), label="_", **look)
         beside = [each for each in curves if each.span == curve.span and each.angular == curve.angular]
         tolerances = {each.tolerance for each in beside if np.isfinite(each.tolerance)}
@@ -293,6 +294,13 @@ def plot_errors(run: Run) -> Figure:
     return style.finish(figure)
 
 
+def error_parts(run: Run) -> list[str]:
+    """Return the names of what a run's errors are of: base and arms, then the parts that only its skills have."""
+    parts = run.problem.model.spec.parts
+    of_stages = (part for stage in run.problem.stages for part in axes_of(parts, stage.space))
+    return list(dict.fromkeys([*parts, *of_stages]))
+
+
 def error_curves(run: Run) -> Iterator[ErrorCurve]:
     """Yield the errors against the current stage's target, stage by stage, as `plot_errors` draws them."""
     motion = run.motion
@@ -306,14 +314,14 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
         tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
 
         first_row = 0
-        for frame, axes in enumerate(axes_of(parts, stage.space).values()):
+        for part, axes in axes_of(parts, stage.space).items():
             for angular in (False, True):
                 rows = [row for row, axis in enumerate(axes, start=first_row) if (axis not in POSITION_AXES) == angular]
                 rows_in_end = [row for row in rows if row in tolerances]
                 if rows:
                     largest = errors[:, rows_in_end or rows].max(axis=1)
                     tightest = min((tolerances[row] for row in rows_in_end), default=np.nan)
-                    yield ErrorCurve(span, frame, angular, time, largest, tightest)
+                    yield ErrorCurve(span, part, angular, time, largest, tightest)
             first_row += len(axes)
 
 
@@ -330,6 +338,6 @@ def _errors(problem: Problem, stage: Stage, Q: np.ndarray, since: np.ndarray) ->
     return np.array(errors)
 
 
-def _frame_look(index: int) -> dict[str, Any]:
-    """Return colour and line style of a frame: black for the base, then the arms as in the snapshots."""
+def _part_look(index: int) -> dict[str, Any]:
+    """Return colour and line style of a part: black for the base, then the arms as in the snapshots."""
     return {"color": style.PALETTE[-1], "linestyle": "-"} if index == 0 else style.line_look(index - 1)

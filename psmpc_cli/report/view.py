@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.coordinates import SMALLEST_ERROR, error_curves
+from psmpc_cli.figures.coordinates import SMALLEST_ERROR, error_curves, error_parts
 from psmpc_cli.figures.scene import Scene, scene_of
 from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.ocp.plan import Plan
@@ -229,14 +229,16 @@ def _panels(
 def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
     """Yield the largest errors against the current stage's target, with the tolerances of its end condition."""
     time = run.motion.time[frames]
-    names = [style.readable(name) for name in run.problem.model.pose_rows]
-    error = np.full((2, len(names), len(time)), np.nan)  # of positions, of angles
-    tolerance = np.full((2, len(names), len(time)), np.nan)
+    parts = error_parts(run)
+    error = np.full((2, len(parts), len(time)), np.nan)  # of positions, of angles
+    tolerance = np.full((2, len(parts), len(time)), np.nan)
     for curve in error_curves(run):
         inside = (time >= curve.span.start - 1e-9) & (time <= curve.span.end + 1e-9)
-        error[int(curve.angular), curve.frame, inside] = np.interp(time[inside], curve.time, curve.error)
-        tolerance[int(curve.angular), curve.frame, inside] = curve.tolerance
+        place = (int(curve.angular), parts.index(curve.part), inside)
+        error[place] = np.interp(time[inside], curve.time, curve.error)
+        tolerance[place] = curve.tolerance
     error = np.where(error > SMALLEST_ERROR, error, np.nan)
+    names = [style.readable(part) for part in parts]
     for angular, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
         limits = [("tolerance", np.fmin.reduce(tolerance[angular]))]
         yield _panel(label, time, zip(names, error[angular], strict=True), limits, log=True)

@@ -3,12 +3,12 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from pydantic import WrapValidator
 
-from psmpc_cli.specs.document import Document, Location, counted, mapping
-from psmpc_cli.specs.fields import Fields, RuleErrors, expected, holds, within_a_turn
+from psmpc_cli.specs.document import Document, Location, choice, counted, mapping
+from psmpc_cli.specs.fields import Fields, RuleErrors, expected, flaw, holds, within_a_turn
 
 Space = Literal["joint", "task", "point"]
 """In which space a skill's cost is; each is the name of a file in `psmpc_cli.ocp.skills`."""
@@ -18,8 +18,6 @@ Axes = Mapping[str, tuple[str, ...]]
 
 AxesByDimension = Mapping[int, tuple[str, ...]]
 """Names of numbers in the plane (2) and in space (3)."""
-
-SPACES: tuple[Space, ...] = get_args(Space)
 
 TARGET_AXES = {2: ("x", "y", "theta"), 3: ("x", "y", "z", "qw", "qx", "qy", "qz")}
 """Coordinates of a pose in the plane, and in space, as they are in Q, xi and targets."""
@@ -35,15 +33,39 @@ POINTING_AXES = {2: ("direction",), 3: ("direction_y", "direction_z")}
 POINT_AXES = {2: POSITION_AXES[:2], 3: POSITION_AXES}
 """Coordinates of a point."""
 
-ARM_AXES: dict[Space, tuple[AxesByDimension, AxesByDimension]] = {
-    "task": (ERROR_AXES, TARGET_AXES),
-    "point": (POINTING_AXES, POINT_AXES),
+
+@dataclass(frozen=True)
+class SpaceTraits:
+    """What tells the space of a skill from the others: what its cost is about. Every skill is about the base's pose.
+
+    Attributes:
+        about: What the cost is, in a few words.
+        axes: What else it is about, by part: names of the rows of the error, and of the numbers of a target. The part
+            is `arms`, for every arm, or one that only this skill has. None: the joints of the arms.
+        required: The parts that targets and weights must have; None for all.
+    """
+
+    about: str
+    axes: Mapping[str, tuple[AxesByDimension, AxesByDimension]] | None = None
+    required: tuple[str, ...] | None = None
+
+
+SPACES: Mapping[Space, SpaceTraits] = {
+    "joint": SpaceTraits("cost on Q, eq. (30)"),
+    "task": SpaceTraits("cost on xi, eq. (31)", {"arms": (ERROR_AXES, TARGET_AXES)}),
+    "point": SpaceTraits("end-effectors point at points", {"arms": (POINTING_AXES, POINT_AXES)}, required=("base",)),
 }
-"""Rows of an arm's error and numbers of its target, by space; where there is none they are the arm's joints."""
+"""The spaces of skills by their name."""
 
 QUANTITIES = ("position", "velocity", "acceleration")
 
-RESERVED = ("base", "arms", "all", "control", "times")
+
+def parts_of_skills() -> tuple[str, ...]:
+    """Return the parts that only skills have: no robot may have an arm of their name."""
+    return tuple(part for traits in SPACES.values() for part in traits.axes or () if part != "arms")
+
+
+RESERVED = ("base", "arms", "all", "control", "times", *parts_of_skills())
 """Names that have another meaning wherever arms are named."""
 
 
@@ -76,17 +98,36 @@ class Context:
 
 def stands_for(key: str, part: str) -> bool:
     """Tell whether a key of numbers by part means a part: itself, or any arm for `arms`."""
-    return key == part or (key == "arms" and part != "base")
+    return key == part or (key == "arms" and part not in ("base", *parts_of_skills()))
 
 
 def axes_of(parts: Mapping[str, int], space: Space, of_error: bool = True) -> dict[str, tuple[str, ...]]:
-    """Return the names of the rows of the error, or of the numbers of a target, by part; `parts` are the robot's."""
+    """Return the names of the rows of the error, or of the numbers of a target, by part.
+
+    Args:
+        parts: The robot's parts and their numbers of coordinates; none if it is not known, which has no axes.
+        space: Whose names.
+        of_error: Whether they are those of the error's rows.
+    """
+    if not parts:
+        return {}
     dimension = dimension_of(parts)
     kind = 0 if of_error else 1
-    axes = {part: tuple(str(joint + 1) for joint in range(size)) for part, size in parts.items()}
-    if space in ARM_AXES:
-        axes = dict.fromkeys(parts, ARM_AXES[space][kind][dimension])
-    return {**axes, "base": (ERROR_AXES, TARGET_AXES)[kind][dimension]} if "base" in parts else axes
+    arms = {part: size for part, size in parts.items() if part != "base"}
+    axes = {"base": (ERROR_AXES, TARGET_AXES)[kind][dimension]}
+    own = SPACES[space].axes
+    if own is None:
+        return axes | {arm: tuple(str(joint + 1) for joint in range(size)) for arm, size in arms.items()}
+    for part, names_of_part in own.items():
+        axes |= dict.fromkeys(arms if part == "arms" else (part,), names_of_part[kind][dimension])
+    return axes
+
+
+def keys_of(axes: Axes) -> tuple[str, ...]:
+    """Return the keys that numbers by part may have: the parts, and `arms` but for a skill that is about no arm."""
+    others = set(axes) & set(parts_of_skills())
+    has_arms = not others or any(stands_for("arms", part) for part in axes)
+    return (*axes, "arms") if has_arms else tuple(axes)
 
 
 def dimension_of(parts: Mapping[str, int]) -> int:
@@ -107,14 +148,15 @@ def by_dimension(plane: int, space: int) -> WrapValidator:
 
 def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
     """Return every name that means rows of the error; `parts` are the robot's."""
-    labels = (f"{part}.{axis}" for part, axes in axes_of(parts, space).items() for axis in axes)
-    return (*parts, "arms", "all", *labels) if parts else ()
+    axes = axes_of(parts, space)
+    labels = (f"{part}.{axis}" for part in axes for axis in axes[part])
+    return (*keys_of(axes), "all", *labels) if parts else ()
 
 
 def part_faults(
     numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False
 ) -> RuleErrors:
-    """Give missing parts, wrong lengths and angles without a unit in numbers by part.
+    """Give unknown and missing parts, wrong lengths and angles without a unit in numbers by part.
 
     Args:
         numbers: Lists by part, or lists of such rows beside the key `times`; anything else has no flaws.
@@ -126,8 +168,12 @@ def part_faults(
     if not isinstance(numbers, Mapping):
         return
     given = {key: row for key, row in numbers.items() if key != "times"}
+    known = keys_of(axes)
+    unknown = [key for key in given if axes and key not in known]
+    for key in unknown:
+        yield (key,), flaw(choice(key, known), "no such part here", at_key=True)
     missing = [part for part in required if not any(stands_for(key, part) for key in given)]
-    if missing:
+    if missing and not unknown:
         yield (), expected(f"also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
     times = numbers.get("times", ())
     for key, row in given.items():

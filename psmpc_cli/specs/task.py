@@ -15,20 +15,30 @@ from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping, quoted
 from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
 from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
-from psmpc_cli.specs.parts import Context, Space, axes_of, in_joint_space, names, part_faults, stands_for
+from psmpc_cli.specs.parts import (
+    SPACES,
+    Context,
+    Space,
+    axes_of,
+    in_joint_space,
+    names,
+    part_faults,
+    parts_of_skills,
+    stands_for,
+)
 from psmpc_cli.specs.priorities import disagreements
 from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, rows, stack, wider
 from psmpc_cli.specs.uncertainty import StateNoiseSpec, UncertaintySpec
-
-REQUIRED: dict[Space, tuple[str, ...]] = {"point": ("base",)}
-"""Parts that targets and weights must have, where these are not all: not every arm has to point at something."""
 
 _Aim = Annotated[
     Annotated[fields.Numbers, Tag("numbers")] | Annotated[OnObject, Tag("object")],
     Discriminator(lambda value: "object" if is_on_object(value) else "numbers"),
 ]
+_SkillPart = Annotated[
+    str, known(lambda context: context.sizes and [*context.sizes, "arms", *parts_of_skills()], "part of the robot")
+]
 _Control = fields.OrByPart[fields.Size, fields.Part, tuple[fields.Size, ...]]
-_Tolerance = fields.OrByPart[fields.Width, fields.Part, fields.OneOrMore[fields.Width]]
+_Tolerance = fields.OrByPart[fields.Width, _SkillPart, fields.OneOrMore[fields.Width]]
 _Frames = fields.OneOrMore[Annotated[str, known(lambda context: context.sizes)]]
 _JointNames = fields.OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint"))]]
 _SkillName = Annotated[str, known(lambda context: context.spaces)]
@@ -238,14 +248,15 @@ class SkillWeights(InlineParts):
     In YAML the parts and `control` stand side by side.
     """
 
-    parts: Mapping[fields.Part, tuple[fields.Size, ...]] = {}
+    parts: Mapping[_SkillPart, tuple[fields.Size, ...]] = {}
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
 
 
 def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErrors:
     """Give missing parts and wrong lengths of a skill's weights."""
     if (space := before.get("space")) is not None:
-        yield from part_faults(weights.parts, axes_of(context.sizes, space), REQUIRED.get(space, context.sizes))
+        axes = axes_of(context.sizes, space)
+        yield from part_faults(weights.parts, axes, SPACES[space].required or axes)
     axes = axes_of(context.sizes, before.get("input", "joint"))
     for at, error in part_faults(weights.control, axes, axes):
         yield ("control", *at), error
@@ -254,9 +265,7 @@ def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErr
 class SkillSpec(Spec):
     """A reusable cost and its limits. Paper eqs. (9), (10), (30), (31)."""
 
-    space: Space = Field(
-        description="joint: cost on Q, eq. (30); task: cost on xi, eq. (31); point: end-effectors point at points"
-    )
+    space: Space = Field(description="; ".join(f"{space}: {traits.about}" for space, traits in SPACES.items()))
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
     weights: Annotated[SkillWeights, holds(_weights)] = Field(description="weights by part, and of the control")
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
@@ -311,7 +320,7 @@ class TrajectorySpec(InlineParts):
     times: Annotated[tuple[fields.Number, ...], Field(min_length=2), holds(_rising)] = Field(
         description="times since the stage began, rising from 0 [s]"
     )
-    parts: Mapping[fields.Part, tuple[fields.Row, ...]] = {}
+    parts: Mapping[_SkillPart, tuple[fields.Row, ...]] = {}
 
     def stacked(self, robot: RobotSpec, space: Space) -> Vector:
         """Stack the rows (times, n) or (times, m) in the order of Q or xi."""
@@ -328,7 +337,7 @@ def _way(value: object) -> str:
 
 
 Target = Annotated[
-    Annotated[Mapping[fields.Part, _Aim], Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")],
+    Annotated[Mapping[_SkillPart, _Aim], Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")],
     Discriminator(_way),
 ]
 
@@ -338,7 +347,7 @@ def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
     if (space := context.spaces.get(before.get("skill", ""))) is None:
         return
     axes = axes_of(context.sizes, space, of_error=False)
-    yield from part_faults(written, axes, REQUIRED.get(space, context.sizes), angles=True)
+    yield from part_faults(written, axes, SPACES[space].required or axes, angles=True)
     for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
@@ -380,8 +389,9 @@ def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
         if name not in valid:
             yield ("coordinates", i), flaw(choice(name, valid))
     keys = [name.partition(".")[0] for name in end.coordinates]
-    needed = [part for part in sizes if any(key == "all" or stands_for(key, part) for key in keys)]
-    for at, error in part_faults(end.tolerance, axes_of(sizes, space), needed, one=True):
+    axes = axes_of(sizes, space)
+    needed = [part for part in axes if any(key == "all" or stands_for(key, part) for key in keys)]
+    for at, error in part_faults(end.tolerance, axes, needed, one=True):
         yield ("tolerance", *at), error
 
 

@@ -62,7 +62,7 @@ def test_a_target_on_an_object_moves_with_it() -> None:
         (aim, *_), thing = scene.target_frames(0, float(time)), scene.object_frame(float(time))
         assert thing is not None
         np.testing.assert_allclose(np.linalg.inv(thing) @ aim, pose_frames(target.object), atol=1e-9)
-    first, *_ = [curve for curve in error_curves(run) if not curve.frame and not curve.angular]
+    first, *_ = [curve for curve in error_curves(run) if curve.part == "base" and not curve.angular]
     assert first.error[first.time == run.time[-1]] == pytest.approx(np.abs(run.Q[-1, :2] - aim[:2, 3]).max())
 
 

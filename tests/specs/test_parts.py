@@ -1,6 +1,7 @@
 """Names of coordinates, numbers by part as vectors, trajectories and limits."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
-from psmpc_cli.specs.parts import Space
+from psmpc_cli.specs.parts import POINT_AXES, SPACES, Space, SpaceTraits, axes_of, keys_of, names, part_faults
 from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits, labels, resolve_limits, rows, stack
 from psmpc_cli.specs.task import EndCondition, TrajectorySpec
 
@@ -113,3 +114,40 @@ def test_more_limits_only_tighten_in_any_order(one: dict[str, PartLimits], other
         np.testing.assert_array_equal(getattr(both, f"{name}_low"), getattr(turned, f"{name}_low"))
         assert (getattr(both, f"{name}_low") >= getattr(alone, f"{name}_low")).all()
         assert (getattr(both, f"{name}_high") <= getattr(alone, f"{name}_high")).all()
+
+
+CENTRE: Any = "centre"
+
+
+@pytest.fixture
+def with_a_part_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One more row in the table of spaces: a skill about the base and a point that no arm has."""
+    traits = SpaceTraits("a point of the whole robot", {"centre": (POINT_AXES, POINT_AXES)})
+    monkeypatch.setitem(SPACES, CENTRE, traits)
+
+
+@pytest.mark.usefixtures("with_a_part_of_its_own")
+def test_a_skill_may_have_a_part_that_no_robot_has() -> None:
+    assert labels(UNEVEN, CENTRE) == ("base.x", "base.y", "base.theta", "centre.x", "centre.y")
+    assert rows(["base.theta", "centre"], UNEVEN, CENTRE) == (2, 3, 4)
+    assert stack({"centre": (5.0, 6.0)}, UNEVEN, CENTRE, missing=0.0).tolist() == [0, 0, 0, 5, 6]
+    assert names(UNEVEN.parts, CENTRE) == ("base", "centre", "all", *labels(UNEVEN, CENTRE))
+
+
+@pytest.mark.usefixtures("with_a_part_of_its_own")
+def test_numbers_of_parts_that_a_skill_does_not_have_are_faults() -> None:
+    axes = axes_of(UNEVEN.parts, CENTRE)
+    found = list(part_faults({"base": [0, 0, 0], "arms": [0]}, axes, axes))
+    assert [at for at, _ in found] == [("arms",)]
+    assert found[0][1].context == {
+        "tail": ", expected one of base, centre",
+        "found": "no such part here",
+        "at_key": True,
+    }
+    assert list(part_faults({"base": [0, 0, 0], "centre": [0, 0]}, axes, axes)) == []
+
+
+@pytest.mark.parametrize("space", SPACES)
+def test_every_skill_has_a_pose_of_the_base_first(space: Space) -> None:
+    assert labels(DUAL, space)[:3] == ("base.x", "base.y", "base.theta")
+    assert keys_of(axes_of(DUAL.parts, space)) == ("base", "arm_1", "arm_2", "arms")

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 import pytest
 from hypothesis import settings
 
-from psmpc_cli.ocp.problem import StageCosts, build_stages
+from psmpc_cli.ocp.objective import StageCosts
+from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, build_experiment

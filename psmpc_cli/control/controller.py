@@ -1,5 +1,6 @@
 """The switching controller: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from time import perf_counter
@@ -46,7 +47,7 @@ class Memory:
         estimate: What is known of the robot; None before the first measurement.
         target_object: What is known of an object that moves; None without one.
         signs: Of the quaternions in spatial targets.
-        hands: Relative poses in which hands have closed on the object, see `Hands`; NaN while they are open.
+        arguments: Those of constraints that samples of the current stage set, by name.
     """
 
     sequence: MovingSequence
@@ -57,7 +58,7 @@ class Memory:
     estimate: Estimate | None = None
     target_object: ObjectEstimate | None = None
     signs: Signs = field(default_factory=dict)
-    hands: np.ndarray = field(default_factory=lambda: np.array(np.nan))
+    arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"<Memory of {self.time:g} s: stages {self.sequence.first} to {self.sequence.last} in the window>"
@@ -229,9 +230,9 @@ class ControlLaw:
             placement = self._place(memory, time, x, placement.chart, at_ends=True)
             memory = replace(memory, signs=placement.signs)
         x = self._completed(memory, time, x)
-        hands = self._placer.hands_at(sequence, x, placement.chart, memory.hands)
-        memory = replace(memory, hands=hands)
-        placement = placement.with_hands_at(hands)
+        arguments = self._placer.arguments(sequence, x, placement.chart, memory.arguments)
+        memory = replace(memory, arguments=arguments)
+        placement = placement.with_arguments(arguments)
         return memory, replace(situation, x=x, placement=placement, switches=(*passed, *met))
 
     def _plan_may_end_stage(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> bool:

@@ -34,9 +34,9 @@ class Placement:
     stages: tuple[PlacedStage, ...]
     signs: Signs
 
-    def with_hands_at(self, relative: np.ndarray) -> "Placement":
-        """Return the placement with the relative poses in which hands have closed, NaN while they are open."""
-        return replace(self, stages=tuple(stage.with_hands_at(relative) for stage in self.stages))
+    def with_arguments(self, found: Mapping[str, np.ndarray]) -> "Placement":
+        """Return the placement with the arguments of constraints that samples set, by name."""
+        return replace(self, stages=tuple(stage.with_arguments(found) for stage in self.stages))
 
 
 class Placer:
@@ -97,26 +97,23 @@ class Placer:
         charted = tuple(stage.in_chart(chart.anchor, posture, found[stage.index]) for stage in stages)
         return Placement(chart, charted, found)
 
-    def hands_at(self, sequence: MovingSequence, x: np.ndarray, chart: Chart, closed_at: np.ndarray) -> np.ndarray:
-        """Return the relative poses in which hands hold the object, see `Hands`; NaN while they are open.
-
-        They are those of the first sample after closing, in its state x (2n,) in a chart.
+    def arguments(
+        self, sequence: MovingSequence, x: np.ndarray, chart: Chart, before: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Return the arguments of the constraints on the current stage that samples set, by name.
 
         Args:
             sequence: The stages in the window.
             x: State in the chart (2n,).
             chart: The chart.
-            closed_at: The relative poses of the sample before.
+            before: The arguments at the sample before.
         """
-        model = self._problem.model
-        grippers = self._stages[sequence.first].hands.grippers
-        if not grippers:
-            return np.array(np.nan)
-        if np.isfinite(closed_at).all():
-            return closed_at
-        xi = np.asarray(model.charted(x[: model.n], chart.anchor)).ravel()
-        first, *others = (xi[model.pose_rows[gripper]] for gripper in grippers)
-        return np.concatenate([model.space.relative(other, first) for other in others])
+        constraints = self._stages[sequence.first].constraints
+        return {
+            name: each.at_sample(self._problem.model, x, chart.anchor, before.get(name))
+            for name, each in constraints.items()
+            if each.at_sample
+        }
 
     def _held(
         self,

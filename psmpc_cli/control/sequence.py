@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import SHORTEST
 

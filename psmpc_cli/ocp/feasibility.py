@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.problem import StageCosts, build_stages, in_own_chart
+from psmpc_cli.ocp.objective import StageCosts
+from psmpc_cli.ocp.problem import build_stages, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
 from psmpc_cli.robot.model import RobotModel

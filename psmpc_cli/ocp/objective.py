@@ -1,9 +1,10 @@
-"""What a stage is made of, as CasADi functions: the residual and its weights are stated once, here.
+"""What a stage is made of, as functions, and on arrays: the residual and its weights are stated once, here.
 
 The running cost of a stage is Lbar = |e|^2_W + |u|^2_Wr with the residual e of its skill. Paper eq. (10). The objective
 of the NLP, its Gauss-Newton model, stage costs on arrays and the audits of the gradient are derived from it.
 """
 
+from dataclasses import replace
 from functools import cached_property
 
 import casadi as ca
@@ -12,7 +13,7 @@ import numpy as np
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.skills.base import anchored_poses
-from psmpc_cli.ocp.stage import StageShape
+from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape, without_end
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
@@ -254,6 +255,87 @@ class StageFunctions:
 def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) -> StageFunctions:
     """Return the functions of the stages of a shape, the same ones for every call; the model owns them."""
     return model.owned((StageFunctions, shape, native), lambda: StageFunctions(model, shape, native))
+
+
+class StageCosts:
+    """Errors, costs and end conditions of one robot's stages on arrays of states; `native`, as compiled C."""
+
+    def __init__(self, model: RobotModel, native: bool = False) -> None:
+        self.model = model
+        self._native = native
+        self._functions: dict[tuple[object, ...], StageFunctions] = {}
+
+    def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
+        """Return the functions of a stage; without its end condition stages of one skill share them."""
+        end = (stage.end_rows, stage.end_velocity is not None) if with_end else ()
+        key = (stage.space, stage.input, stage.object_end.names, *end)
+        if key not in self._functions:
+            shape = stage_shape(stage) if with_end else without_end(stage_shape(stage))
+            shape = replace(shape, fixed_end=False, moving=False)
+            self._functions[key] = stage_functions(self.model, shape, self._native)
+        return self._functions[key]
+
+    def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
+        """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n).
+
+        Against what its cost follows at times `since` its start (K,) [s]; without them against its target.
+        """
+        return self._of(stage).error(X[:, : self.model.n], stage.reference(since), rows=len(X))[0]
+
+    def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
+        """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
+        return np.asarray(self._of(stage, True).end.value(X, stage.target, rows=len(X))[0] - stage.end_drift)
+
+    def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
+        """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
+        W = stage.weights
+        W_r = stage.control_weights
+        u = self.inputs(stage, X, u)
+        return self._of(stage).cost(X, u, stage.reference(since), W, W_r, rows=len(X))[0][:, 0]
+
+    def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
+        """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
+        return self._of(stage).cost(X, 0.0, stage.reference(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
+
+    def inputs(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the inputs of a stage at Qddot = u: u (K, n), or the acceleration of xi (K, m), J_C u + Jdot_C v."""
+        n = self.model.n
+        return u if stage.input == "joint" else self._pose_acceleration(X[:, :n], X[:, n:], u, rows=len(X))[0]
+
+    @cached_property
+    def _pose_acceleration(self) -> RowFunction:
+        Q, Qdot, u = (ca.SX.sym(name, self.model.n) for name in ("Q", "Qdot", "u"))
+        acceleration = self.model.J_C(Q) @ u + self.model.Jdot_Qdot(Q, Qdot)
+        return RowFunction(ca.Function("a", [Q, Qdot, u], [ca.densify(acceleration)]))
+
+    def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:
+        """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
+        if not stage.has_end_condition:
+            return np.zeros(len(X), bool)
+        return np.asarray(self._of(stage, True).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
+
+    def end_error(self, stage: Stage, x: np.ndarray, allowance: np.ndarray | float = 0.0) -> float:
+        """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one.
+
+        Args:
+            stage: The stage.
+            x: The state.
+            allowance: What is added to the tolerance of each row, (rows,) or () [m, rad, m/s, rad/s].
+        """
+        if not stage.has_end_condition:
+            return np.nan
+        ratios = np.abs(self.ends(stage, x[None])[0]) / (stage.end_tolerance + allowance)
+        of_object = slice(len(ratios) - len(stage.object_end.measures), None)
+        ratios[of_object] = np.sqrt(ratios[of_object])  # these rows are squares over the tolerance
+        return float(np.max(ratios))
+
+    def end_deviations(self, stage: Stage, x: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+        """Return the standard deviations of the rows of an end condition (rows,), measured at x (2n,).
+
+        Those of the measured state's errors, (2n,) and independent, through the rows' derivatives: sqrt(J^2 sigma^2).
+        """
+        _, J = self._of(stage, True).end.with_jacobian(x, stage.target)
+        return np.asarray(np.sqrt(J.reshape(-1, len(x)) ** 2 @ deviations**2))
 
 
 def _row_by_row(matrix: ca.SX) -> ca.SX:

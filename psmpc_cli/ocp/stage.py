@@ -1,13 +1,15 @@
 """Stages of a task: what the task says of them, and what a sample of the controller sets."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import Limits
 
@@ -125,24 +127,32 @@ NO_OBJECT_END = ObjectEnd("", (), np.zeros(0), np.zeros(0), np.zeros(0))
 """Of a stage that does not end by an object."""
 
 
+ArgumentAtSample: TypeAlias = Callable[[RobotModel, np.ndarray, np.ndarray, np.ndarray | None], np.ndarray]
+"""Robot, state (2n,) in a chart, anchor of the chart, argument at the sample before or None -> argument (numbers,)."""
+
+
 @dataclass(frozen=True, eq=False)
-class Hands:
-    """Grippers that hold one body in a stage: their relative poses are to stay within a band.
+class ConstraintNumbers:
+    """What a constraint of `ocp.constraints` has of a stage that it concerns.
 
     Attributes:
-        grippers: Their names; empty: fewer than two hold it, or they have not closed yet.
-        relative: Poses of the others in the frame of the first one, one after the other, as they have closed, (others
-            n_pose,); NaN before, (0,) where fewer than two hold it.
-        band: By how much these may change, rows of position and attitude, (others n_twist,) [m, rad].
+        structure: What decides its functions beside the robot.
+        argument: The numbers that its functions take (numbers,); NaN while they are not known.
+        low, high: Bounds of its rows (rows,).
+        at_sample: How a sample of the stage sets the argument, which records of windows then hold; None where the task
+            says all of it.
     """
 
-    grippers: tuple[str, ...]
-    relative: np.ndarray
-    band: np.ndarray
+    structure: Hashable
+    argument: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    at_sample: ArgumentAtSample | None = None
 
-
-NO_HANDS = Hands((), np.zeros(0), np.zeros(0))
-"""Of a stage in which fewer than two grippers hold the object."""
+    @cached_property
+    def is_known(self) -> bool:
+        """Whether the argument is known; without it the constraint has no rows."""
+        return bool(np.isfinite(self.argument).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +174,7 @@ class Stage:
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
         on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
         object_end: What the end condition asks of the object that the stage holds.
-        hands: The grippers that hold it together.
+        constraints: What constraints have of it, by their name, where they concern it.
     """
 
     index: int
@@ -187,7 +197,7 @@ class Stage:
     attitudes: Mapping[str, int] = field(default_factory=dict)
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_end: ObjectEnd = NO_OBJECT_END
-    hands: Hands = NO_HANDS
+    constraints: Mapping[str, ConstraintNumbers] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         size = f"{len(self.target)} numbers of its target"
@@ -209,6 +219,11 @@ class Stage:
     def end_drift(self) -> np.ndarray:
         """About what each end row is bounded: 0 where the target stands still."""
         return np.zeros(len(self.end_tolerance))
+
+    @property
+    def sampled_constraints(self) -> dict[str, ConstraintNumbers]:
+        """What constraints have of it whose arguments samples set."""
+        return {name: each for name, each in self.constraints.items() if each.at_sample}
 
     @cached_property
     def end_numbers(self) -> np.ndarray:
@@ -275,17 +290,13 @@ class PlacedStage(Stage):
             awaits_object=not self.object_end.is_met(pose, v),
         )
 
-    def with_hands_at(self, relative: np.ndarray) -> "PlacedStage":
-        """Return a stage whose hands closed at relative poses as in `Hands`; NaN while they are open."""
-        if not len(self.hands.relative):
-            return self
-        closed = np.isfinite(relative).all()
-        hands = replace(
-            self.hands,
-            grippers=self.hands.grippers if closed else (),
-            relative=np.broadcast_to(relative, self.hands.relative.shape),
-        )
-        return replace(self, hands=hands)
+    def with_arguments(self, found: Mapping[str, np.ndarray]) -> "PlacedStage":
+        """Return a stage with the arguments (numbers,) of constraints that samples set, by name; others are unknown."""
+        sampled = {
+            name: replace(each, argument=np.broadcast_to(found.get(name, np.nan), each.argument.shape))
+            for name, each in self.sampled_constraints.items()
+        }
+        return replace(self, constraints={**self.constraints, **sampled}) if sampled else self
 
     def at_object(self, pose_rows: Mapping[str, slice], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
         """Return the stage with its target where an object of a pose and a velocity has it.
@@ -358,7 +369,7 @@ class StageShape:
         ends_by_object: This is an end condition at the stage's end.
         fixed_end: The stage switches at a given instant.
         moving: The cost follows a desired trajectory.
-        hands: The grippers that hold one body.
+        constraints: Names and structures of the constraints that have rows in it.
     """
 
     space: str
@@ -369,7 +380,7 @@ class StageShape:
     ends_by_object: bool = False
     fixed_end: bool = False
     moving: bool = False
-    hands: tuple[str, ...] = ()
+    constraints: tuple[tuple[str, Hashable], ...] = ()
 
 
 def stage_shape(stage: Stage) -> StageShape:
@@ -383,7 +394,7 @@ def stage_shape(stage: Stage) -> StageShape:
         ends_by_object=bool(stage.object_end.measures),
         fixed_end=stage.at is not None,
         moving=stage.trajectory is not None,
-        hands=stage.hands.grippers,
+        constraints=tuple((name, each.structure) for name, each in stage.constraints.items() if each.is_known),
     )
 
 

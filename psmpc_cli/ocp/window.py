@@ -9,8 +9,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan, mesh
-from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.stage import PlacedStage, Stage, StageShape, stage_shape, without_end
 from psmpc_cli.robot.configuration import IDENTITY, Chart
 
@@ -94,14 +94,14 @@ class Window:
 
         elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),). In space the signs of the quaternions of each stage
         follow, then the states of the object that targets are for, its poses in the gripper that holds it, and the
-        relative poses of hands.
+        arguments of constraints that samples set.
         """
         times = [self.elapsed, self.hold]
         signs = [stage.signs for stage in self.stages]
         objects = [stage.object_state for stage in self.stages]
         inside = [stage.object_end.inside for stage in self.stages]
-        hands = [stage.hands.relative for stage in self.stages]
-        return np.concatenate([times, self.omega, self.offset, self.scale, *signs, *objects, *inside, *hands])
+        arguments = [each.argument for stage in self.stages for each in stage.sampled_constraints.values()]
+        return np.concatenate([times, self.omega, self.offset, self.scale, *signs, *objects, *inside, *arguments])
 
     @property
     def K(self) -> int:
@@ -186,8 +186,8 @@ class Parameters(Generic[T]):
         targets: Of each stage, (rows,): what its end condition is about, and its cost where the target stands still.
         paths: Of each stage, (rows, 2 (N_s + 1)): what its cost follows at its nodes as functions of its duration,
             first the values at duration 0, then the slopes; (rows, 0) where the target stands still.
-        hands: Of each stage of the window in which grippers hold one body, the chart's anchor and their relative poses;
-            (0,) of others.
+        constraints: Of each stage of the window, by name of the constraints that have rows in it: the chart's anchor,
+            then their argument.
     """
 
     x0: T
@@ -201,18 +201,26 @@ class Parameters(Generic[T]):
     control_weights: tuple[T, ...]
     targets: tuple[T, ...]
     paths: tuple[T, ...]
-    hands: tuple[T, ...]
+    constraints: tuple[Mapping[str, T], ...]
 
     def pieces(self) -> tuple[T, ...]:
         """Return all of them in order; matrices are meant column by column."""
         head = (self.x0, self.horizon, self.pending, self.terminal, self.omega, self.offset, self.scale)
-        return (*head, *self.weights, *self.control_weights, *self.targets, *self.paths, *self.hands)
+        of_constraints = (each for by_name in self.constraints for each in by_name.values())
+        return (*head, *self.weights, *self.control_weights, *self.targets, *self.paths, *of_constraints)
 
     def mapped(self, of: Callable[[T], U]) -> "Parameters[U]":
         """Return what a function makes of each of them."""
-        old: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
-        new: Any = {name: tuple(map(of, x)) if isinstance(x, tuple) else of(x) for name, x in old.items()}
-        return Parameters(**new)
+        return Parameters(**{each.name: _mapped(of, getattr(self, each.name)) for each in fields(self)})
+
+
+def _mapped(of: Callable[[Any], Any], found: Any) -> Any:
+    """Return what a function makes of a parameter, or of each in a tuple or a mapping of them."""
+    if isinstance(found, tuple):
+        return tuple(_mapped(of, each) for each in found)
+    if isinstance(found, Mapping):
+        return {name: of(each) for name, each in found.items()}
+    return of(found)
 
 
 def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarray]:
@@ -231,13 +239,16 @@ def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarra
         control_weights=tuple(stage.control_weights for stage in stages),
         targets=tuple(stage.target for stage in stages),
         paths=_paths(window, instants),
-        hands=tuple(_hands(window, stage) for stage in window.stages),
+        constraints=tuple(_of_constraints(window, stage) for stage in window.stages),
     )
 
 
-def _hands(window: Window, stage: Stage) -> np.ndarray:
-    relative = stage.hands.relative
-    return np.concatenate([window.chart.anchor, relative]) if stage.hands.grippers else np.zeros(0)
+def _of_constraints(window: Window, stage: Stage) -> dict[str, np.ndarray]:
+    return {
+        name: np.concatenate([window.chart.anchor, each.argument])
+        for name, each in stage.constraints.items()
+        if each.is_known
+    }
 
 
 def _paths(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import PlacedStage
+from psmpc_cli.ocp.stage import PlacedStage, Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.robot.free_body import body_of
 
@@ -43,15 +43,15 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     signs_sizes = [len(stage.attitudes) for stage in stages]
     object_sizes = [(space.n_pose + space.n_twist) * bool(stage.on_object) for stage in stages]
     inside_sizes = [len(stage.object_end.inside) for stage in stages]
-    hands_sizes = [len(stage.hands.relative) for stage in stages]
-    ends = np.cumsum([2, count, count, count, *signs_sizes, *object_sizes, *inside_sizes, *hands_sizes])
+    argument_sizes = [sum(len(each.argument) for each in stage.sampled_constraints.values()) for stage in stages]
+    ends = np.cumsum([2, count, count, count, *signs_sizes, *object_sizes, *inside_sizes, *argument_sizes])
     (elapsed, hold), omega, offset, scale, *parts = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
     placed = list[PlacedStage]()
     by_kind = (parts[first : first + count] for first in range(0, len(parts), count))
-    for stage, signs, object_state, inside, relative in zip(stages, *by_kind, strict=True):
+    for stage, signs, object_state, inside, arguments in zip(stages, *by_kind, strict=True):
         at_sample = replace(stage.placed(), object_end=replace(stage.object_end, inside=inside))
-        at_sample = at_sample.with_hands_at(relative)
+        at_sample = at_sample.with_arguments(_arguments(stage, arguments))
         if stage.on_object:
             follows = stage.index == frame.first and not frame.end_is_planned
             at_sample = _about_object(problem, at_sample, object_state, float(elapsed), follows)
@@ -74,6 +74,13 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
         soft=spec.limits_are_soft,
         chart=chart,
     )
+
+
+def _arguments(stage: Stage, numbers: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the arguments of a stage's constraints that samples set, by name, of their numbers one after the other."""
+    sampled = stage.sampled_constraints
+    ends = np.cumsum([len(each.argument) for each in sampled.values()])
+    return dict(zip(sampled, np.split(numbers, ends), strict=False))
 
 
 def _about_object(

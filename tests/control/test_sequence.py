@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control.sequence import MovingSequence, detect, drop_met, drop_passed
+from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan, resting_plan
-from psmpc_cli.ocp.problem import StageCosts
 from psmpc_cli.ocp.stage import PlacedStage
 
 AT_TARGET = np.r_[-2.0, 2.0, np.pi / 6, np.zeros(15)]

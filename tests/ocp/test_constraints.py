@@ -7,14 +7,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from psmpc_cli.ocp.constraints import NodeRows, node_rows
+from psmpc_cli.ocp.constraints import CONSTRAINTS, Constraint, ConstraintFunctions, NodeRows, node_rows, rows_at_nodes
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
+from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import Kept, Window, window_numbers, window_shape
+from psmpc_cli.ocp.window_record import WindowFrame, read_window
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers.nlp import Nlp
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.task import TaskSpec
 
 Array = NDArray[np.float64]
 
@@ -129,3 +133,63 @@ def test_the_nonlinear_program_has_the_same_rows(problem: Problem, kept: bool) -
         _, high = rows.bounds(window)
         places = [i for i in range(len(g) - len(value) + 1) if np.allclose(g[i : i + len(value)], value, atol=1e-12)]
         assert any(np.array_equal(bounds["ubg"][i : i + len(value)], high) for i in places)
+
+
+CENTRE = np.array([-0.4, 0.5])
+RADIUS = 0.3
+"""A disc on the way of the base in the first stage of transport."""
+
+
+@pytest.fixture
+def disc_in_first_stage(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A constraint with numbers of the task: all that a new one is, but for its key in the task."""
+
+    def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
+        edge = np.zeros(1)
+        return None if stage else ConstraintNumbers((), np.append(CENTRE, RADIUS), edge, np.inf + edge)
+
+    def functions(model: RobotModel, structure: tuple[str, ...]) -> ConstraintFunctions:
+        """(|p - c|^2 / r - r) / 2 >= 0: near the edge the distance from it."""
+        x = ca.SX.sym("x", 2 * model.n)
+        argument = ca.SX.sym("argument", model.space.n_anchor + 3)
+        centre, radius = argument[-3:-1], argument[-1]
+        return ConstraintFunctions(x, argument, (ca.sumsqr(x[:2] - centre) / radius - radius) / 2)
+
+    monkeypatch.setitem(CONSTRAINTS, "disc", Constraint(rows_at_nodes("disc", functions), numbers))
+
+
+@pytest.mark.usefixtures("disc_in_first_stage")
+def test_numbers_that_a_constraint_has_of_a_stage_are_in_windows_and_those_of_their_records() -> None:
+    problem = build_problem(load_task("transport"))
+    Q = stack(problem.spec.initial, problem.task.robot, "joint")
+    window = window_of(problem, kept=False)
+    frame = WindowFrame(0, window.nodes, 0.0, Q, np.zeros(problem.model.n), end_is_planned=True)
+    for each in (window, read_window(problem, frame, window.record)):
+        (rows,) = (rows for rows in rows_of(problem, each) if rows.name == "disc")
+        argument = rows.argument(window_numbers(each, np.array([INSTANT])))
+        assert list(rows.nodes) == [1, 2, 3, 4]
+        np.testing.assert_array_equal(argument, [*CENTRE, RADIUS])
+        np.testing.assert_array_equal(rows.bounds(each), [[0], [np.inf]])
+
+
+@pytest.mark.usefixtures("disc_in_first_stage")
+@pytest.mark.parametrize("solver", ["sqp", "fatrop", "ipopt"])
+def test_every_solver_leads_the_base_round_a_disc(solver: str) -> None:
+    """Between nodes it may cut into the disc: over an interval h at the speed v by (v h)^2 / (8 r).
+
+    By twice that at most: a sample may begin between two nodes of the plan before it, within the disc by as much.
+    """
+    largest_speed = 0.2 * np.sqrt(2)
+    h = 4.0 / 20
+    changes = {
+        "controller.nodes": 20,
+        "plant.kind": "ideal",
+        "log.shares": False,
+        "solver.kind": solver,
+        "time_limit": 6.0,
+    }
+    run = simulate(load_task("transport", changes))
+    distances = np.linalg.norm(run.motion.Q[:, :2] - CENTRE, axis=1)
+    assert not run["events/solve_failed"].any()
+    assert 0 <= RADIUS - distances.min() <= 2 * (largest_speed * h) ** 2 / (8 * RADIUS)
+    assert run.motion.Q[-1, 0] < -0.9  # behind it

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.objective import stage_functions
-from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.objective import StageCosts, stage_functions
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.stage import Stage, StageShape, Trajectory
 from psmpc_cli.robot.model import RobotModel

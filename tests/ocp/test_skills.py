@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.ocp.objective import stage_functions
-from psmpc_cli.ocp.problem import StageCosts
+from psmpc_cli.ocp.objective import StageCosts, stage_functions
 from psmpc_cli.ocp.stage import Stage, StageShape
 from psmpc_cli.robot.model import RobotModel, load_robot
 

@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem, StageCosts, build_problem
+from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.ocp.window import (
     COUNTS,

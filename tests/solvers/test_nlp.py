@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.problem import Problem, StageCosts, build_problem
+from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.solvers import NlpSolver

@@ -1,15 +1,17 @@
-"""The constraints on states at the nodes of a window; a new one is one more file here and one line of the table.
+"""The constraints on states of a window by the name of their file here, in which each is a `CONSTRAINT`.
 
 Limits on positions, velocities and accelerations are bounds of single numbers and keep a path of their own, `boxes`.
 """
 
-from psmpc_cli.ocp.constraints import end, hands, kept
+from pkgutil import resolve_name
+
 from psmpc_cli.ocp.constraints.base import (
     Constraint,
     ConstraintFunctions,
     IntervalFunctions,
     IntervalRows,
     NodeRows,
+    rows_at_nodes,
 )
 from psmpc_cli.ocp.constraints.boxes import PENALTY, scaled_violations
 from psmpc_cli.ocp.plan import Plan
@@ -25,14 +27,18 @@ __all__ = [
     "NodeRows",
     "interval_rows",
     "node_rows",
+    "rows_at_nodes",
     "soft_row_violations",
 ]
 
-CONSTRAINTS: tuple[Constraint, ...] = (
-    end.END_CONDITIONS,
-    kept.KEPT_ERRORS,
-    hands.HANDS,
+NAMES = (
+    "end",
+    "kept",
+    "hands",
 )
+
+CONSTRAINTS: dict[str, Constraint] = {name: resolve_name(f"{__name__}.{name}:CONSTRAINT") for name in NAMES}
+"""They are read in this order, in which windows have their numbers too."""
 
 
 def node_rows(model: RobotModel, shape: WindowShape) -> list[NodeRows]:
@@ -46,9 +52,10 @@ def interval_rows(model: RobotModel, shape: WindowShape) -> list[IntervalRows]:
 
 
 def _rows(model: RobotModel, shape: WindowShape) -> tuple[NodeRows | IntervalRows, ...]:
-    return model.owned(
-        ("rows", shape), lambda: tuple(rows for yielded in CONSTRAINTS for rows in yielded(model, shape))
-    )
+    def yielded() -> tuple[NodeRows | IntervalRows, ...]:
+        return tuple(rows for constraint in CONSTRAINTS.values() for rows in constraint.rows(model, shape))
+
+    return model.owned(("rows", shape), yielded)
 
 
 def soft_row_violations(model: RobotModel, window: Window, plan: Plan) -> tuple[float, float]:

@@ -1,21 +1,36 @@
 """What a constraint is: rows of the states of a window, kept between low and high.
 
 Rows at nodes are g(x, a), rows over intervals g(x, x+, h, a) with the states at both ends and the length h. A
-constraint is a function of robot and window shape that yields its rows. Every back-end takes them from there: `sqp` the
-values, Jacobians and, at nodes, curvatures of their functions, IPOPT and fatrop their expressions.
+constraint says what it has of every stage of a task, and yields its rows for a robot and a window shape. Every back-end
+takes them from there: `sqp` the values, Jacobians and, at nodes, curvatures of their functions, IPOPT and fatrop their
+expressions. The curvatures are those by Q alone: a bound that is curved in the velocities, such as one on |v|, is
+better written as planes about it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from psmpc_cli.ocp.objective import ConstraintFunctions, IntervalFunctions
+from psmpc_cli.ocp.plan import Grid
+from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.task import TaskSpec
 
-__all__ = ["Constraint", "ConstraintFunctions", "IntervalFunctions", "IntervalRows", "NodeRows"]
+__all__ = [
+    "Constraint",
+    "ConstraintFunctions",
+    "IntervalFunctions",
+    "IntervalRows",
+    "NodeRows",
+    "argument_of",
+    "bounds_of",
+    "rows_at_nodes",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,4 +73,71 @@ class IntervalRows:
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
 
 
-Constraint: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]
+RowsOfShape: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]
+"""Robot, shape of windows -> the rows of a constraint on these windows."""
+
+
+def _no_numbers(task: TaskSpec, model: RobotModel, stage: int) -> None:
+    """Return nothing: the constraint has no numbers of its own."""
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """One constraint of the table.
+
+    Attributes:
+        rows: Its rows on windows of a shape.
+        numbers: Task, robot, index of a stage -> what it has of the stage, which windows and their records then hold
+            under its name; None where it does not concern the stage, or has no numbers but those of the stage itself.
+    """
+
+    rows: RowsOfShape
+    numbers: Callable[[TaskSpec, RobotModel, int], ConstraintNumbers | None] = _no_numbers
+
+
+def rows_at_nodes(
+    name: str, functions: Callable[[RobotModel, Any], ConstraintFunctions], soft: bool = False
+) -> RowsOfShape:
+    """Return how a constraint yields its rows at the nodes of the stages that it concerns.
+
+    At a switch those of the stage before count. The first node of a window is its measured state, which has none.
+
+    Args:
+        name: Of the constraint in the table.
+        functions: Robot, structure -> x, [anchor of the chart; argument] -> the rows.
+        soft: They may be violated at a cost.
+    """
+
+    def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
+        first_node = Grid(model.n, shape.nodes).first_node
+        for s, stage in enumerate(shape.stages):
+            for structure in (structure for of, structure in stage.constraints if of == name):
+                yield NodeRows(
+                    name=name,
+                    nodes=range(int(first_node[s]) + 1, int(first_node[s + 1]) + 1),
+                    functions=model.owned((functions, structure), partial(functions, model, structure)),
+                    argument=argument_of(name, s),
+                    bounds=bounds_of(name, s),
+                    soft=soft,
+                )
+
+    return rows
+
+
+def argument_of(name: str, s: int) -> Callable[[Parameters[Any]], Any]:
+    """Return how the argument of a constraint's functions is read from parameters: [anchor; argument] of stage s."""
+    return partial(_argument, name, s)
+
+
+def bounds_of(name: str, s: int) -> Callable[[Window], tuple[np.ndarray, np.ndarray]]:
+    """Return how the bounds of a constraint are read from windows: those of stage s."""
+    return partial(_bounds, name, s)
+
+
+def _argument(name: str, s: int, p: Parameters[Any]) -> Any:
+    return p.constraints[s][name]
+
+
+def _bounds(name: str, s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
+    numbers = window.stages[s].constraints[name]
+    return numbers.low, numbers.high

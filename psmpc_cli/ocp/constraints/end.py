@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints.base import NodeRows
+from psmpc_cli.ocp.constraints.base import Constraint, NodeRows
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape
 from psmpc_cli.robot.model import RobotModel
 
 
-def END_CONDITIONS(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
+def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
     """Yield the rows of every stage that ends in the window by its end condition, at its last node."""
     last_nodes = Grid(model.n, shape.nodes).first_node[1:]
     for s, stage in enumerate(shape.stages[:-1]):
@@ -36,3 +36,6 @@ def _bounds(s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     """Return the tolerances about 0, or about the rate that a moving target gives its error."""
     stage = window.stages[s]
     return stage.end_drift - stage.end_tolerance, stage.end_drift + stage.end_tolerance
+
+
+CONSTRAINT = Constraint(rows)

@@ -1,38 +1,57 @@
-"""Hands that hold one body keep their relative pose, in a soft band about the one in which they closed."""
+"""Hands that hold one body keep their relative pose, in a soft band about the one in which they closed.
 
-from collections.abc import Iterator
+At the first node of their stage the grippers close, wherever the end condition of the stage before has them.
+"""
+
 from functools import partial
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.constraints.base import ConstraintFunctions, NodeRows
-from psmpc_cli.ocp.plan import Grid
-from psmpc_cli.ocp.window import Parameters, Window, WindowShape
+from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
+from psmpc_cli.ocp.stage import ConstraintNumbers
+from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, product, rotate, scaled
+from psmpc_cli.specs.task import TaskSpec
 
 
-def HANDS(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
-    """Yield the rows of every stage in which several grippers hold the object, at its nodes after the first.
+def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
+    """Return the grippers that hold the object in a stage, their relative poses as the task has them, and the band."""
+    capture = task.capture
+    if capture is None or stage not in task.held_stages or len(capture.grasp.at) < 2:
+        return None
+    first, *others = capture.grasp.at.values()
+    space = space_of_pose(len(first))
+    linear, angular = capture.grasp.half_widths
+    band = np.full(space.n_twist, linear)
+    band[space.rotation] = angular
+    bands = np.tile(band, len(others))
+    grippers = tuple(capture.grasp.at)
+    return ConstraintNumbers(
+        structure=grippers,
+        argument=np.concatenate([space.relative(other, first) for other in others]),
+        low=-bands,
+        high=bands,
+        at_sample=partial(_as_closed, grippers),
+    )
 
-    At its first node the grippers close, wherever the end condition of the stage before has them.
+
+def _as_closed(
+    grippers: tuple[str, ...], model: RobotModel, x: np.ndarray, anchor: np.ndarray, before: np.ndarray | None
+) -> np.ndarray:
+    """Return the poses of the others in the frame of the first gripper, as they are at the first sample after closing.
+
+    They are one after the other, (others n_pose,).
     """
-    first_node = Grid(model.n, shape.nodes).first_node
-    for s, stage in enumerate(shape.stages):
-        if stage.hands:
-            yield NodeRows(
-                name="hands",
-                nodes=range(int(first_node[s]) + 1, int(first_node[s + 1]) + 1),
-                functions=model.owned(("hands", stage.hands), partial(_functions, model, stage.hands)),
-                argument=partial(_relative, s),
-                bounds=partial(_bounds, s),
-                soft=True,
-            )
+    if before is not None:
+        return before
+    xi = np.asarray(model.charted(x[: model.n], anchor)).ravel()
+    first, *others = (xi[model.pose_rows[gripper]] for gripper in grippers)
+    return np.concatenate([model.space.relative(other, first) for other in others])
 
 
-def _functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctions:
+def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctions:
     """Return x, [anchor; relative poses as closed] -> by how much the relative poses differ from them.
 
     With the poses (p_0, q_0) of the first gripper, (p, q) of another one, and (r, q_r) of that in the frame of the
@@ -56,10 +75,4 @@ def _functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFuncti
     return ConstraintFunctions(x, argument, ca.vertcat(*rows))
 
 
-def _relative(s: int, p: Parameters[Any]) -> Any:
-    return p.hands[s]
-
-
-def _bounds(s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
-    band = window.stages[s].hands.band
-    return -band, band
+CONSTRAINT = Constraint(rows_at_nodes("hands", functions, soft=True), numbers)

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints.base import NodeRows
+from psmpc_cli.ocp.constraints.base import Constraint, NodeRows
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference_at
 from psmpc_cli.robot.model import RobotModel
 
 
-def KEPT_ERRORS(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
+def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
     """Yield the errors of every kept stage at every node after the first, where they are bounded node by node."""
     if not shape.kept_errors:
         return
@@ -36,3 +36,6 @@ def _wanted(s: int, node: int, p: Parameters[Any]) -> Any:
 def _bounds(number: int, node: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     largest = window.kept[number].bound[node - 1]
     return -largest, largest
+
+
+CONSTRAINT = Constraint(rows)

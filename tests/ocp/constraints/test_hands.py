@@ -38,7 +38,8 @@ def stepped(problem: Problem, Q: np.ndarray, step: np.ndarray) -> np.ndarray:
 def relative_pose(problem: Problem, Q: np.ndarray) -> np.ndarray:
     """Pose of the second hand in the frame of the first one."""
     poses = dict(zip(problem.model.pose_rows, problem.model.poses(Q), strict=True))
-    one, other = (poses[gripper] for gripper in problem.stages[HELD].hands.grippers)
+    assert problem.capture
+    one, other = (poses[gripper] for gripper in problem.capture.grasp.at)
     return space_of_pose(len(one)).relative(other, one)
 
 
@@ -48,7 +49,7 @@ def window_of(problem: Problem, relative: np.ndarray) -> Window:
     placed = [in_own_chart(problem.model, each, Q, np.zeros(problem.model.n)) for each in problem.stages[HELD:][:2]]
     stages, states = zip(*placed, strict=True)
     return Window(
-        stages=tuple(stage.with_hands_at(relative) for stage in stages),
+        stages=tuple(stage.with_arguments({"hands": relative}) for stage in stages),
         start=0.0,
         elapsed=0.0,
         x0=states[0],
@@ -112,8 +113,8 @@ def test_a_window_reads_the_relative_poses_from_its_record(problem: Problem) -> 
     window = window_of(problem, relative)
     frame = WindowFrame(HELD, NODES, 0.0, some_coordinates(problem), np.zeros(problem.model.n), end_is_planned=True)
     again = read_window(problem, frame, window.record)
-    np.testing.assert_array_equal(again.stages[0].hands.relative, relative)
-    assert again.stages[0].hands.grippers == window.stages[0].hands.grippers
+    np.testing.assert_array_equal(again.stages[0].constraints["hands"].argument, relative)
+    assert window_shape(again) == window_shape(window)
 
 
 @pytest.mark.parametrize("beyond", [0.0, 4e-3], ids=["within", "beyond"])

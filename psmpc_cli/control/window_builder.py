@@ -31,15 +31,16 @@ class WindowBuilder:
     ) -> Window:
         """Build the window over the stages of a sequence from the first state of a prediction on.
 
-        The costs along the prediction normalize those of the window, paper eq. (12). An automatic mesh has as many
-        nodes as these costs need; each stage keeps its count of the window before while that is enough. The first
-        window of a run has no such costs, and counts for costs that fall to 0 within it.
+        The costs along the prediction normalize those of the window, paper eq. (12). On an automatic mesh each stage
+        has as many nodes as the quadrature of its cost along the prediction needs, and keeps its number of the window
+        before unless it needs more, or half as many. The prediction of the first window is no plan yet, but the robot
+        at rest: its mesh is made for costs that fall from their largest value to 0.
 
         Args:
             sequence: Which stages are in the window, since when the first has run and when the others are to begin.
             stages: All stages of the task, placed at this sample.
             prediction: The plan of the sample before, shifted to begin now, at the measured state.
-            before: The solve that it comes from; None at the first sample.
+            before: The solve that the prediction comes from; None at the first sample.
         """
         spec = self._spec
         own = stages[sequence.first : sequence.last + 1]

@@ -144,7 +144,7 @@ class LogWriter:
                 ) from None
         ended = monotonic()
         self._changed = False
-        # writing takes no larger share of the run's time than that
+        # so that writing takes no larger share of a run's time than LARGEST_SHARE
         self._next_write = ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)
 
     def _move_rows(self) -> None:

@@ -323,32 +323,34 @@ def _far_base(task: Task, before: Stage, then: Outlook) -> Iterator[Fault]:
 def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     """Give the coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst.
 
-    A trajectory has at least two rows of a target, linear in between, attitudes along the shorter turn. Coordinates
-    that its target says nothing of, such as the joints under a target in task space, are NaN, and those that the stage
-    does not weigh may fall behind: neither is a fault.
+    A trajectory has a target at each of at least two times, linear in between. Coordinates that its targets say nothing
+    of, such as the joints under a target in task space, are NaN and have no rate. Those that the stage neither weighs
+    nor ends by may fall behind.
     """
     if stage.trajectory is None:
         return
     times = stage.trajectory.times
     low, high = _bounds(stage, "velocity")
     space = configuration_space(task.robot)
-    values = np.array([_coordinates(space, stage, numbers) for numbers in stage.trajectory.values])
-    changes = np.diff(values, axis=0)
-    if stage.attitudes:  # how far the base turns in its own axes: a quaternion's rows of the target are those of Q
-        q = stage.trajectory.values[:, space.attitude].T
-        changes[:, space.rotation] = np.transpose(log(product(conjugate(list(q[:, :-1])), list(q[:, 1:]))))
+    at_times = np.array([_coordinates(space, stage, numbers) for numbers in stage.trajectory.values])
+    changes = np.diff(at_times, axis=0)  # of position and joints; in space the base's attitude follows
+    if stage.attitudes:
+        q = stage.trajectory.values[:, space.attitude].T  # the base's quaternion stands in a target as in Q
+        before = list(q[:, :-1])
+        after = list(q[:, 1:])
+        changes[:, space.rotation] = np.transpose(log(product(conjugate(before), after)))  # rotation vectors
     rates = changes / np.diff(times)[:, None]
-    for row in np.flatnonzero(np.isfinite(changes).all(axis=0)).tolist():
-        excess = np.maximum(rates[:, row] - high[row], low[row] - rates[:, row])
+    for i in np.flatnonzero(np.isfinite(changes).all(axis=0)).tolist():
+        excess = np.maximum(rates[:, i] - high[i], low[i] - rates[:, i])
         worst = int(excess.argmax())
-        if excess[worst] > SPEED_SLACK and _counts(stage, [row]):
-            name = labels(task.robot, "joint")[row]
-            rate = _number(task, row, rates[worst, row], "velocity")
+        if excess[worst] > SPEED_SLACK and _counts(stage, [i]):
+            name = labels(task.robot, "joint")[i]
+            rate = _number(task, i, rates[worst, i], "velocity")
             message = (
                 f"found {name} to move at {rate} from {times[worst]:g} s to {times[worst + 1]:g} s, expected within "
-                f"its velocity limits {_span(task, row, stage, 'velocity')}: the robot falls behind"
+                f"its velocity limits {_span(task, i, stage, 'velocity')}: the robot falls behind"
             )
-            yield Fault(_place(task, stage, row, stage.space, worst + 1), message)
+            yield Fault(_place(task, stage, i, stage.space, worst + 1), message)
 
 
 def look_ahead(task: Task) -> tuple[Outlook, ...]:

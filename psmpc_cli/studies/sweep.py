@@ -274,11 +274,12 @@ def _outcome(end: float, effort: float, force: float, error: float) -> str:
 def _why_without_reference(cells: SweepCells, ratios: Array, ends: Array, others: int) -> str:
     """Say why no ratio omega_2 / omega_1 is recommended where the mission fails with the task's own priorities.
 
-    A recommended run needs no more effort and force than the reference, the run with the task's own priorities. A
-    failed reference sets no such bound. It may have completed all its stages, and failed by what is judged of them.
+    A recommended run must need no more effort and force than the reference, the run with the task's own priorities. A
+    failed reference sets no such bound. It may have ended all its stages, and failed because a monitored quantity left
+    its bounds or the object did not arrive.
 
     Args:
-        cells: The cells.
+        cells: The runs of the sweep, each with its ratio.
         ratios: Ratios of the other runs that succeed (succeeded,).
         ends: Ends of their missions (succeeded,) [s].
         others: Number of the other runs.

@@ -2,6 +2,7 @@
 
     python benchmarks/capture.py held        the task as it is with 5, 20 and 60 kg, by controller
     python benchmarks/capture.py unknown     the same under PSMPC where the low-level law does not know of the load
+    python benchmarks/capture.py ratio       the same by how much inertia the load has over the robot's
     python benchmarks/capture.py known       the load known, 5 to 200 kg
     python benchmarks/capture.py strength    at which strength a controller that plans for the robot alone loses 20 kg
     python benchmarks/capture.py drifting N  catch_drifting with N draws of drift and spin
@@ -23,6 +24,8 @@ from scipy.stats import binomtest
 import psmpc_cli as psmpc
 from psmpc_cli.paper.reproduce import BARE_ROBOT
 from psmpc_cli.robot.configuration import space_of_pose
+from psmpc_cli.robot.free_body import body_of
+from psmpc_cli.robot.held_load import HeldLoad
 
 CARRY = {
     "skills.carry": {
@@ -108,6 +111,27 @@ def unknown() -> Iterator[str]:
         {"left out": name, "mass [kg]": mass, **outcome(carried(mass, changes))}
         for (name, changes), mass in product(cases.items(), (5, 20, 60))
     )
+
+
+def ratio() -> Iterator[str]:
+    """Yield the table of unknown loads by the ratio of their inertia to the robot's where the grippers close."""
+
+    def row(mass: float) -> dict[str, object]:
+        run = carried(mass, {"object.grasp.known": False})
+        unlimited = carried(mass, {"object.grasp.known": False, "limits": {}})
+        capture = run.task.spec.capture
+        assert capture is not None
+        load = HeldLoad(run.problem.model, body_of(capture), capture.grasp)
+        Q = run.Q[np.argmax(run["grasp/closed"].all(axis=1))]
+        return {
+            "mass [kg]": mass,
+            "load / robot": f"{load.largest_ratio(Q)[0]:.2f}",
+            "samples without a solution": int(run["events/solve_failed"].sum()),
+            "ends [s]": outcome(run)["ends [s]"],
+            "without limits on acceleration [s]": outcome(unlimited)["ends [s]"],
+        }
+
+    return markdown(map(row, (5, 8, 12, 16, 20, 60, 120)))
 
 
 def known() -> Iterator[str]:
@@ -232,4 +256,4 @@ def motion_between_hands(run: psmpc.Run) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    command_line(held, unknown, known, strength, drifting, plants, built_in)
+    command_line(held, unknown, ratio, known, strength, drifting, plants, built_in)

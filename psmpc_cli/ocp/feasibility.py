@@ -13,6 +13,8 @@ from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.problem import build_stages, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
+from psmpc_cli.robot.free_body import body_of
+from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
@@ -229,7 +231,7 @@ def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
     """Return what is probably not meant.
 
     A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
-    keep.
+    keep, tolerances below the noise, a load that outweighs a robot which does not know of it.
     """
     pairs = pairwise(outlooks)
     return [
@@ -238,7 +240,51 @@ def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
         *(problem for outlook in outlooks for problem in _too_fast(task, outlook.stage)),
         *_too_short(task, outlooks),
         *_below_noise(task, outlooks),
+        *_unknown_load(task, outlooks),
     ]
+
+
+LARGEST_UNKNOWN_LOAD = 1.0
+"""Largest inertia of a load, over the robot's, that the low-level law need not know of.
+
+The robot does 1 / (1 + rho) of what is commanded, see `HeldLoad.largest_ratio`. Optimal state feedback of a linear
+system is stable down to half of its gain, which is rho = 1: Safonov, Athans: Gain and phase margin for multiloop LQG
+regulators (1977). Beyond, plans count on more than twice the deceleration that there is. docs/capture.md has runs.
+"""
+
+
+def _unknown_load(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+    """Yield a load that outweighs the robot in some motion, where the low-level law does not know of it.
+
+    The robot is looked at where the stages lead that take the object and hold it.
+    """
+    target_object = task.spec.capture
+    if target_object is None or target_object.grasp.known:
+        return
+    model = RobotModel(task.robot)
+    load = HeldLoad(model, body_of(target_object), target_object.grasp)
+    held = task.spec.held_stages
+    worst = LARGEST_UNKNOWN_LOAD
+    message = ""
+    Q, _ = _initial_state(task)
+    for stage, reaches in ((outlook.stage, outlook.reaches) for outlook in outlooks):
+        Q = _posture(task, stage, reaches, Q)
+        if not held.start - 1 <= stage.index < held.stop:
+            continue
+        ratio, v = load.largest_ratio(Q)
+        if ratio > worst:
+            worst = ratio
+            mostly = int(np.argmax(v * (model.mass_matrix(Q) @ v)))
+            has_armature = mostly >= task.robot.parts["base"]
+            message = (
+                f"found false, and an object of {target_object.mass:g} kg that has {ratio:.3g} times the inertia of "
+                f"the robot in a motion mostly of {labels(task.robot, 'joint')[mostly]}, where {quoted(stage.name)} "
+                f"leads: {100 / (1 + ratio):.2g} % of an acceleration commanded there are left, and it settles up to "
+                f"{1 + ratio:.3g} times as slowly; expected true, or a ratio of at most {LARGEST_UNKNOWN_LOAD:g}"
+                f"{', with the armatures of its joints in the robot file' if has_armature else ''}"
+            )
+    if message:
+        yield Fault(("object", "grasp", "known"), message)
 
 
 def _below_noise(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:

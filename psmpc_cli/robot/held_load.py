@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.linalg import eigh, null_space
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.configuration import ConfigurationSpace
@@ -69,6 +70,32 @@ class HeldLoad:
         load = W @ (mean @ u + s.mean(axis=0)) + spin.ravel()
         give = np.linalg.solve(C.sum(axis=0), load)
         return np.asarray(model.inverse_dynamics(Q, v, u, law) + np.einsum("aij,aik,k->j", S, C, give))
+
+    def largest_ratio(self, Q: np.ndarray) -> tuple[float, np.ndarray]:
+        """Compute the largest ratio of the load's inertia to the robot's, over all motions that keep the closed chain.
+
+        It says what a law that does not know of the load makes of a commanded acceleration u. At rest its force is
+        H u, and the robot with the load does (H + S'WS) vdot = H u. With u along the motion v that fulfils
+
+            S'WS v = rho H v,    S_i v the same for all i,
+
+        that is vdot = u / (1 + rho). Armatures are part of H.
+
+        Args:
+            Q: Position of the robot (nq,).
+
+        Returns:
+            The largest rho, and its motion v (n,), of kinetic energy 1/2 without the load.
+        """
+        n = self._model.n
+        A = len(self._described)
+        S, _, _, W, _ = self._terms(Q, np.zeros(n), self._described.ravel())
+        S = S.T.reshape(A, self._size, n)
+        N = null_space((S[1:] - S[:1]).reshape(-1, n), rcond=SINGULAR)
+        H = self._model.mass_matrix(Q)
+        SN = S.mean(axis=0) @ N
+        ratios, motions = eigh(SN.T @ W @ SN, N.T @ H @ N)
+        return float(ratios[-1]), N @ motions[:, -1]
 
 
 SINGULAR = 1e-9

@@ -1,5 +1,6 @@
 import json
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.feasibility import ensure_feasible, load_feasible, look_ahead, remarks, review
 from psmpc_cli.specs.document import dotted
-from psmpc_cli.specs.library import built_ins
+from psmpc_cli.specs.library import built_ins, find
 from psmpc_cli.specs.load import Task, load_task, parse_task
 
 from .. import free_flyer
@@ -341,3 +342,47 @@ def test_grippers_that_cannot_close_on_an_object(change: str, path: str, words: 
         load_feasible("transport_grasp", [change])
     assert f"{path}: found" in str(error.value) and words in str(error.value)
     assert str(error.value).count(f"{path}: found") == 1
+
+
+def unknown_load(task: str, changes: dict[str, object]) -> list[tuple[str, str]]:
+    """Remarks on a built-in task whose low-level law does not know the load."""
+    unknown = load_task(task, {"object.grasp.known": False, **changes})
+    return [(dotted(remark.path), remark.message) for remark in remarks(unknown, look_ahead(unknown))]
+
+
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        ("transport_grasp", ("an object of 20 kg", "2.31 times", "arm_1.2", '"transport"', "30 %", "expected true")),
+        ("catch_tumbling", ("an object of 15 kg", "31.7 times", "left.6", '"carry"', "3.1 %", "armatures")),
+    ],
+)
+def test_a_load_that_outweighs_a_robot_which_does_not_know_of_it_is_remarked(task: str, words: Sequence[str]) -> None:
+    ((path, message),) = unknown_load(task, {})
+    assert path == "object.grasp.known"
+    for word in words:
+        assert word in message
+
+
+@pytest.mark.parametrize(("factor", "remarked"), [(0.43, False), (0.44, True)])
+def test_a_light_load_need_not_be_known(factor: float, remarked: bool) -> None:
+    """The ratio is proportional to the load: 1 is that of 20 kg / 2.308."""
+    light = {"object.mass": 20 * factor, "object.inertia": 2.67 * factor}
+    assert bool(unknown_load("transport_grasp", light)) == remarked
+
+
+@pytest.mark.parametrize(
+    ("armature", "mass", "words"),
+    [(0.0, 10, ["arm_1.2", "armatures"]), (30.0, 10, []), (30.0, 20, ["base.theta"])],
+)
+def test_armatures_count_in_what_a_load_is_compared_with(
+    armature: float, mass: float, words: list[str], tmp_path: Path
+) -> None:
+    """Between 10 and 20 kg the base alone is too light, and no armature is asked for."""
+    text = find("robot", "planar_dual_arm").read_text()
+    geared = tmp_path / "geared.yaml"
+    geared.write_text(f"{text}armature: {{arms: [{armature}, {armature}, {armature}]}}\n")
+    changes = {"robot": str(geared), "object.mass": mass, "object.inertia": 2.67 * mass / 20}
+    found = " ".join(message for _, message in unknown_load("transport_grasp", changes))
+    assert bool(found) == bool(words) and all(word in found for word in words)
+    assert ("armature" in found) == ("armatures" in words)

@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant import Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
+from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task, load_robot, load_task
 from psmpc_cli.specs.object import GRASP_LOADS
@@ -288,3 +291,37 @@ def test_a_commands_force_counts_a_known_load_in(known: bool) -> None:
     bare = model.inverse_dynamics(state.Q, state.v, command.u[0])
     assert np.abs(command.force(0.0, state) - applied).max() <= 0.02 * np.abs(applied - bare).max()
     assert bool(np.abs(applied - bare).max() > 1.0) == known
+
+
+@pytest.mark.parametrize("armature", [0.0, 0.3])
+def test_the_largest_ratio_of_one_gripper_is_that_of_the_mass_matrices(armature: float) -> None:
+    """An object whose centre is in the gripper is what `InertialParameters` hold: H_loaded v = (1 + rho) H v."""
+    spec = load_robot("planar_dual_arm")
+    model = RobotModel(spec.model_copy(update={"armature": {"arms": (armature,) * 3}}))
+    capture = load_task("transport_grasp").spec.capture
+    assert capture is not None
+    grasp = capture.grasp.model_copy(update={"at": {"arm_1": (0.0, 0.0, 0.0)}})
+    Q = np.sin(np.arange(9.0))
+    ratio, v = HeldLoad(model, FreeBody(7.0, [0.4]), grasp).largest_ratio(Q)
+    H = model.mass_matrix(Q)
+    loaded = model.mass_matrix(Q, model.nominal.holding(np.array([7.0, 0.0]), np.array([0.4, 0.0])))
+    assert ratio == pytest.approx(eigh(loaded - H, H, eigvals_only=True)[-1], rel=1e-9)
+    np.testing.assert_allclose(loaded @ v, (1 + ratio) * H @ v, rtol=0, atol=1e-9 * np.abs(loaded @ v).max())
+    assert v @ H @ v == pytest.approx(1)
+
+
+@BOTH
+def test_a_law_that_does_not_know_its_load_accelerates_less_by_the_largest_ratio(make: Any) -> None:
+    """Commanded along its motion, from rest. The grasps, 40 times as stiff as usual, swing about that for a while."""
+    task = make({**FREE, "object.motion": None, "object.grasp.stiffness": [4e5, 4e4], "plant.step": 5e-5})
+    model = model_of(task.robot.name)
+    capture = build_capture(task.spec, model)
+    assert capture is not None
+    Q = stack(task.spec.initial, task.robot, "joint")
+    ratio, v = HeldLoad(model, capture.body, capture.spec).largest_ratio(Q)
+    plant = build_plant(task.spec.plant, model, False, None, capture)
+    u = 0.05 * v / np.abs(v).max()
+    ticks = plant.advance(0.0, np.r_[Q, np.zeros(model.n)], u * np.ones((M, 1)), None, np.ones(M, bool))
+    gained = ticks.X[-1, model.nq :] / (M * TICK)
+    H = model.mass_matrix(Q)
+    assert gained @ H @ u == pytest.approx(u @ H @ u / (1 + ratio), rel=0.02)

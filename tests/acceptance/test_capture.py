@@ -8,10 +8,13 @@ import pytest
 import psmpc_cli as psmpc
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.feasibility import look_ahead, remarks
 from psmpc_cli.robot.configuration import SPACE, space_of_pose
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.simulation.verify import Verification
 from psmpc_cli.studies.measures import OUTCOME
+
+from .. import six_joint_arm
 
 pytestmark = pytest.mark.slow
 COARSE = {"controller.nodes": 15, "log.shares": False}
@@ -177,3 +180,23 @@ def test_one_gripper_that_knows_its_load_carries_it_and_opens_once() -> None:
     found = run.summary().capture
     assert run.summary().completed and found is not None and not found.lost
     assert found.distance < 0.01 and found.speed < 0.05
+
+
+@pytest.mark.parametrize("armature", [0.0, 0.1])
+def test_a_known_load_in_one_gripper_settles_as_fast_as_the_arm_alone(armature: float) -> None:
+    """20 kg at the end of an arm of 29 kg."""
+    alone = psmpc.simulate(six_joint_arm.mission(armature, None))
+    loaded = psmpc.simulate(six_joint_arm.mission(armature, 20))
+    assert alone.summary().succeeded and loaded.summary().succeeded
+    assert loaded.summary().duration <= 1.2 * alone.summary().duration
+    assert loaded["grasp/closed"][-1].all()
+    linear, angular = np.split(loaded["final/object_velocity"], [3])
+    assert np.linalg.norm(linear) < 0.02 and np.linalg.norm(angular) < 0.02
+
+
+def test_a_load_in_one_gripper_that_check_remarks_on_does_not_settle() -> None:
+    """In twice the time that it takes where the load is known."""
+    task = six_joint_arm.mission(0.1, 20, "object.grasp.known=false", "time_limit=16")
+    (remark,) = remarks(task, look_ahead(task))
+    assert "an object of 20 kg" in remark.message and "mostly of arm." in remark.message
+    assert not psmpc.simulate(task).summary().completed

@@ -28,8 +28,8 @@ class IdealPlant:
         """Advance over the len(u) ticks of a sample, each under the constant acceleration u_k, which is met exactly.
 
         Forces are those that the robot needs for it, by inverse dynamics at the beginning of each tick. The external
-        impulse and the work of all forces are what momentum and kinetic energy change by over the sample. Other plants know disturbances
-        and grippers that close; this one has neither, and those arguments have no effect.
+        impulse and the work of all forces are what momentum and kinetic energy change by over the sample. Other plants
+        know disturbances and grippers that close; this one has neither, and those arguments have no effect.
         """
         model = self.model
         Q, v = over_ticks(model.space, x[: model.nq], x[model.nq :], u, self.tick)

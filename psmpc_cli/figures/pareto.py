@@ -94,10 +94,14 @@ def _plot_sample(axes: Axes, found: Sequence[tuple[np.ndarray, np.ndarray]], ind
 
 
 def _look_of_run_weights(results: Results) -> dict[str, Any]:
-    """Return the look of the run's own weights, with its label."""
+    """Return the look of the optimum with the run's own weights, with a label that says of what it is the optimum.
+
+    Pending cost is the same all over the front on which it lies, since the instant is held there.
+    """
     ratio = results["chosen_ratio"]
     same = np.ptp(ratio) <= 1e-9 * ratio[0]
-    return style.look("weights of the run", **({"label": f"_$ω_2/ω_1$ = {ratio[0]:g}"} if same else {}))
+    weights = f"$ω_2/ω_1$ = {ratio[0]:g}" if same else "the weights of the run"
+    return style.look("weights of the run", label=f"_least $J_1 + (ω_2/ω_1) J_2$ with {weights}")
 
 
 def plot_fronts_over_instant(results: Results) -> Figure:

@@ -78,8 +78,9 @@ def test_dominated_points_are_crossed_out_and_the_run_s_weights_named() -> None:
     stars = np.vstack([points(line) for line in axes.lines if line.get_marker() == "*"])
     np.testing.assert_allclose(stars, fronts(narrow=True)[:, 6, ::-1])
     assert "dominated" in common_legend(drawn)
-    assert "$ω_2/ω_1$ = 100" in common_legend(drawn)
-    assert "weights of the run" in common_legend(figure(made_up(narrow=True, ratio=(1, 10, 100))))
+    minimum = "least $J_1 + (ω_2/ω_1) J_2$ with"
+    assert f"{minimum} $ω_2/ω_1$ = 100" in common_legend(drawn)
+    assert f"{minimum} the weights of the run" in common_legend(figure(made_up(narrow=True, ratio=(1, 10, 100))))
 
 
 @pytest.mark.parametrize("narrow", [True, False])

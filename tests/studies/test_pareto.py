@@ -92,6 +92,16 @@ def test_the_front_falls_and_the_run_s_point_lies_on_it(studied: Results) -> Non
         assert not dominated(np.vstack([J, chosen]))[-1]
 
 
+def test_no_point_of_a_front_costs_less_with_the_run_s_weights_than_the_run_s_point(studied: Results) -> None:
+    """Each solve ends about 1e-6 above its optimum, relative to the objective."""
+    for i, ratio in enumerate(studied["chosen_ratio"]):
+        chosen = studied["chosen_J_1"][i] + ratio * studied["chosen_J_2"][i]
+        front = studied["weighted_J_1"][i] + ratio * studied["weighted_J_2"][i]
+        assert ratio == pytest.approx(3.0)
+        assert front.min() >= chosen * (1 - 1e-5)
+        assert front.min() == front[np.argmin(np.abs(np.log(np.geomspace(1e-3, 1e3, POINTS) / ratio)))]
+
+
 def test_both_methods_agree_on_a_convex_front(studied: Results) -> None:
     assert not studied["weighted_dominated"].any()
     assert not studied["constrained_dominated"].any()

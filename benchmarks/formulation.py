@@ -1,12 +1,14 @@
-"""Tables of docs/formulation.md that take minutes: the measures of an actual start, and the departures from the paper.
+"""Tables of docs/formulation.md that take minutes: starts, control effort by mesh, and the departures from the paper.
 
 python benchmarks/formulation.py starts [NODES]      both measures of an actual start; some half a minute
+python benchmarks/formulation.py effort              control effort of two tasks on several meshes; some minutes
 python benchmarks/formulation.py ablations [NODES]   and docs/figures/ablation_*.png; about half an hour
 """
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
 from pages import ROOT, command_line, markdown
 
 import psmpc_cli as psmpc
@@ -23,6 +25,15 @@ STARTS = {
 
 THRESHOLDS = {"control": [0.1], "closeness": [0.1, 0.5, 0.9]}
 """Thresholds of the actual start by what is compared with them."""
+
+MESHES: Mapping[str, Sequence[str]] = {
+    "transport": ("12", "25", "50", "100", "400", "auto"),
+    "transport_grasp": ("25", "50", "100", "auto"),
+}
+"""Values of `controller.nodes` on which the control effort of each task is measured."""
+
+NEAR_SWITCH = 0.5
+"""How far from a switch control effort counts to it [s]."""
 
 
 def starts(nodes: str = "100") -> Iterator[str]:
@@ -42,6 +53,30 @@ def _start(run: psmpc.Run, stage: str, number: int) -> str:
     index = run.stage_names.index(stage)
     start, switch = run.stages["actual_start_by_epsilon"][index, number], run.stages["switch_time"][index - 1]
     return f"{start:.1f}" if start < switch else f"{switch:.2f}, its switch"
+
+
+def effort() -> Iterator[str]:
+    """Yield the table of both measures of control effort by mesh, and of where in time the first one arises."""
+    return markdown(_effort(task, nodes) for task, meshes in MESHES.items() for nodes in meshes)
+
+
+def _effort(task: str, nodes: str) -> dict[str, str]:
+    """Run a task with PSMPC on a mesh and return its row of the table of efforts."""
+    changes = ["controller.kind=psmpc", f"controller.nodes={nodes}", "log.shares=false", "log.plans=false"]
+    run = psmpc.simulate(psmpc.load_task(task, changes))
+    summary = run.summary()
+    effort_by_sample = run["effort/control"]
+    times = run.time[: len(effort_by_sample)]
+    places = {"start": 0.0, **{f"end of {stage.name}": stage.switch_time for stage in summary.stages[:-1]}}
+    near = {name: float(effort_by_sample[np.abs(times - at) <= NEAR_SWITCH].sum()) for name, at in places.items()}
+    return {
+        "task": f"`{task}`",
+        "N_s": nodes,
+        "`squared_acceleration`": f"{summary.squared_acceleration:.2f}",
+        "`control_effort`": f"{summary.control_effort:.2f}",
+        **{f"{name}, within {NEAR_SWITCH:g} s": f"{value:.2f}" for name, value in near.items()},
+        "at all other times": f"{summary.control_effort - sum(near.values()):.2f}",
+    }
 
 
 def ablations(*nodes: str) -> Iterator[str]:
@@ -66,4 +101,4 @@ def _by_variant(numbers: Mapping[str, float]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(starts, ablations)
+    command_line(starts, effort, ablations)

@@ -239,8 +239,8 @@ def plot(
 ) -> None:
     """Draw the figures of a log, or of the results of any study.
 
-    Figures of a log: states, velocities, controls, forces, errors, instants, shares, snapshots, solve_time, pull (of
-    grasps). Of a comparison: overlay, states, instants, shares, snapshots. Of a Pareto study: front, front_3d. Of a
+    Figures of a log: snapshots, instants, states, velocities, controls, forces, errors, shares, solve_time, grasps (of
+    an object). Of a comparison: overlay, states, instants, shares, snapshots. Of a Pareto study: front, front_3d. Of a
     sweep: surface, heat_map (of random draws: draws), starts, sensitivity. Of a Monte Carlo study: success, runs.
     """
     from psmpc_cli.cli.contents import read_contents

@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,57 +33,83 @@ FORMATS: Mapping[str, dict[str, Any]] = {
 FILMS: Mapping[str, Callable[[Run, Iterable[Path]], None]] = {"animation": write_animation, "render": write_film}
 """What shows a run in motion, by name, which is also the stem of its files."""
 
-FIGURES: Mapping[str, Mapping[str, Callable[..., Figure]]] = {
+
+@dataclass(frozen=True)
+class FigureKind:
+    """One figure of the table.
+
+    Attributes:
+        make: The function that makes it.
+        caption: What it shows, in a sentence; without one pages have its name.
+        is_of: Whether a subject has it.
+    """
+
+    make: Callable[..., Figure]
+    caption: str = ""
+    is_of: Callable[[Any], bool] = lambda subject: True
+
+
+FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
     RUN: {
-        "states": coordinates.plot_states,
-        "velocities": coordinates.plot_velocities,
-        "controls": coordinates.plot_controls,
-        "forces": coordinates.plot_forces,
-        "errors": coordinates.plot_errors,
-        "instants": instants.plot_instants,
-        "shares": instants.plot_shares,
-        "snapshots": snapshots.plot_snapshots,
-        "solve_time": instants.plot_solve_time,
-        "grasps": instants.plot_grasps,
+        "snapshots": FigureKind(
+            snapshots.plot_snapshots, "The robot at the key instants, with the targets of the stages that act."
+        ),
+        "instants": FigureKind(
+            instants.plot_instants, "Planned switch times over time, and the actual ends of the stages."
+        ),
+        "states": FigureKind(
+            coordinates.plot_states, "Base pose and joint angles; stages are shaded, early starts dotted."
+        ),
+        "velocities": FigureKind(coordinates.plot_velocities, "Velocities, with the limits in force."),
+        "controls": FigureKind(
+            coordinates.plot_controls, "Applied accelerations, constant over each sample, with the limits in force."
+        ),
+        "forces": FigureKind(
+            coordinates.plot_forces,
+            "Generalized forces of the low-level controller.",
+            is_of=lambda run: bool(np.isfinite(run["force/F"]).any()) or not len(run.time),
+        ),
+        "errors": FigureKind(
+            coordinates.plot_errors,
+            "Largest errors against the current stage's target, with the tolerances of its end condition.",
+        ),
+        "shares": FigureKind(instants.plot_shares, "Share of each stage in the applied control."),
+        "solve_time": FigureKind(instants.plot_solve_time, "Wall time of the solves."),
+        "grasps": FigureKind(
+            instants.plot_grasps,
+            "Filtered loads on each grasp while it is closed, with what it holds.",
+            is_of=lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
+        ),
     },
     COMPARISON: {
-        "overlay": coordinates.plot_overlay,
-        "states": coordinates.plot_states,
-        "instants": instants.plot_instants,
-        "shares": instants.plot_shares,
-        "snapshots": snapshots.plot_snapshots,
+        "overlay": FigureKind(coordinates.plot_overlay),
+        "states": FigureKind(coordinates.plot_states),
+        "instants": FigureKind(instants.plot_instants),
+        "shares": FigureKind(instants.plot_shares),
+        "snapshots": FigureKind(snapshots.plot_snapshots),
     },
     SWEEP: {
-        "surface": sweep.plot_surface,
-        "heat_map": sweep.plot_heat_map,
-        "draws": sweep.plot_draws,
-        "starts": sweep.plot_starts,
-        "sensitivity": sweep.plot_sensitivity,
+        "surface": FigureKind(sweep.plot_surface, is_of=lambda cells: cells.sampling is Grid),
+        "heat_map": FigureKind(sweep.plot_heat_map, is_of=lambda cells: cells.sampling is Grid),
+        "draws": FigureKind(sweep.plot_draws, is_of=lambda cells: cells.sampling is Draws),
+        "starts": FigureKind(sweep.plot_starts),
+        "sensitivity": FigureKind(sweep.plot_sensitivity),
     },
     PARETO: {
-        "front": pareto.plot_fronts,
-        "front_3d": pareto.plot_fronts_over_instant,
+        "front": FigureKind(pareto.plot_fronts),
+        "front_3d": FigureKind(pareto.plot_fronts_over_instant, is_of=pareto.has_instant_criterion),
     },
     MONTE_CARLO: {
-        "success": monte_carlo.plot_success,
-        "runs": monte_carlo.plot_runs,
+        "success": FigureKind(monte_carlo.plot_success),
+        "runs": FigureKind(monte_carlo.plot_runs),
     },
-    "robot": {"robot": snapshots.plot_robot},
-    "scenario": {"scenario": snapshots.plot_scenario},
+    "robot": {"robot": FigureKind(snapshots.plot_robot)},
+    "scenario": {"scenario": FigureKind(snapshots.plot_scenario)},
 }
-"""The functions that make figures, by what they are of and by name, which is also the stem of their files.
+"""The figures, by what they are of and by name, which is also the stem of their files, in the order of pages.
 
 They are of a Run, of Runs by controller, of the results of a study, of the description of a robot, or of a Task.
 """
-
-AVAILABLE_IF: Mapping[str, Callable[[Any], bool]] = {
-    "forces": lambda run: bool(np.isfinite(run["force/F"]).any()) or not len(run.time),
-    "grasps": lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
-    **dict.fromkeys(("surface", "heat_map"), lambda cells: cells.sampling is Grid),
-    "draws": lambda cells: cells.sampling is Draws,
-    "front_3d": pareto.has_instant_criterion,
-}
-"""Figures that not every subject has, with the test whether one has it."""
 
 REQUIRED_CONTENT: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     SWEEP: ("cell that was run", lambda cells: not cells.waiting.all()),
@@ -94,10 +121,7 @@ REQUIRED_CONTENT: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
 
 def figures_of(kind: str, subject: Any = None) -> dict[str, Callable[..., Figure]]:
     """Return the figures of a kind by name; of a subject, those it has."""
-    figures = dict(FIGURES[kind])
-    if subject is None:
-        return figures
-    return {name: make for name, make in figures.items() if name not in AVAILABLE_IF or AVAILABLE_IF[name](subject)}
+    return {name: each.make for name, each in FIGURES[kind].items() if subject is None or each.is_of(subject)}
 
 
 def plot(run: RunOrPath | Mapping[str, RunOrPath], name: str) -> Figure:

@@ -14,29 +14,17 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from psmpc_cli.figures.registry import figures_of
+from psmpc_cli.figures.registry import FIGURES, figures_of
 from psmpc_cli.figures.style import in_style, readable, title_of
 from psmpc_cli.logs.files import write_new
 from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import RUN
 from psmpc_cli.report.texts import describe_brief_stages, describe_mission, filled_columns, measure_rows, stage_rows
 from psmpc_cli.specs.arguments import as_path, require
 
 DPI = 200
 CSS_DPI = 96
 """Pixels an inch in the file of a figure, and on a page."""
-
-CAPTIONS = {
-    "snapshots": "The robot at the key instants, with the targets of the stages that act.",
-    "instants": "Planned switch times over time, and the actual ends of the stages.",
-    "states": "Base pose and joint angles; stages are shaded, early starts dotted.",
-    "velocities": "Velocities, with the limits in force.",
-    "controls": "Applied accelerations, constant over each sample, with the limits in force.",
-    "forces": "Generalized forces of the low-level controller.",
-    "errors": "Largest errors against the current stage's target, with the tolerances of its end condition.",
-    "shares": "Share of each stage in the applied control.",
-    "solve_time": "Wall time of the solves.",
-}
-"""What the figures show, in the order of the page; a figure without a caption here has its name."""
 
 Draw = Callable[[], Figure]
 
@@ -119,8 +107,6 @@ def report_run(run: Run) -> Page:
         LogError: The run has no samples.
     """
     summary = run.summary()
-    known = figures_of("run", run)
-    names = [name for name in CAPTIONS | known if name in known]
     return render(
         "run.html.j2",
         title=readable(str(run.attributes["task_name"])),
@@ -129,6 +115,9 @@ def report_run(run: Run) -> Page:
         stages=stage_rows(summary),
         brief_stages=describe_brief_stages(summary),
         measures=list(measure_rows(summary, verbose=True)),
-        figures={CAPTIONS.get(name, f"{readable(name)}."): partial(known[name], run) for name in names},
+        figures={
+            FIGURES[RUN][name].caption or f"{readable(name)}.": partial(make, run)
+            for name, make in figures_of(RUN, run).items()
+        },
         versions=versions_of(run.attributes),
     )

@@ -13,6 +13,7 @@ import pytest
 from psmpc_cli import __version__
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.run import read_run
+from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 
 from ..short_runs import TASK, there_and_back
 from .command import PROGRAM, Psmpc, Ran
@@ -202,6 +203,12 @@ def test_figures_are_drawn_where_and_as_asked(psmpc: Psmpc, ended: Path) -> None
     assert psmpc("plot", "ended.h5", "--only", "states", "--force").code == 0
     written = psmpc("plot", "ended.h5", "-o", "out", "--only", "instants", "--format", "svg", "--format", "pdf").stdout
     assert sorted(written.split()) == ["out/instants.pdf", "out/instants.svg"]
+
+
+@pytest.mark.parametrize("kind", [RUN, COMPARISON, PARETO, SWEEP, MONTE_CARLO])
+def test_the_help_of_plot_names_every_figure(psmpc: Psmpc, kind: str) -> None:
+    words = re.findall(r"\w+", psmpc("plot", "--help").stdout)
+    assert set(figures_of(kind)) <= set(words)
 
 
 def test_the_version_is_printed(psmpc: Psmpc) -> None:

@@ -30,7 +30,7 @@ def test_a_figure_is_plotted_by_name_in_its_own_style_whatever_the_user_s(
     assert isinstance(figure, Figure)
     assert max(label.get_fontsize() for axes in figure.axes for label in axes.get_xticklabels()) < 10
     assert psmpc.plot({"smpc": runs["smpc"]}, "instants").axes[0].get_title() == "SMPC"
-    with pytest.raises(InputError, match=r"no figure 'state', expected one of states, velocities, .*solve_time"):
+    with pytest.raises(InputError, match=r"no figure 'state', expected one of snapshots, instants, .*solve_time"):
         psmpc.plot(run, "state")
 
 
@@ -43,7 +43,7 @@ def test_a_format_is_what_it_says_and_the_same_each_time(tmp_path: Path, run: Ru
 
 
 def test_an_unknown_figure_or_format_lists_the_known_ones(tmp_path: Path, run: Run) -> None:
-    with pytest.raises(InputError, match=r"no figure 'state', expected one of states, velocities, .*solve_time"):
+    with pytest.raises(InputError, match=r"no figure 'state', expected one of snapshots, instants, .*solve_time"):
         draw("run", run, tmp_path / "new", only=["states", "state"])
     with pytest.raises(InputError, match="no format 'jpg', expected one of png, pdf, svg"):
         draw("run", run, tmp_path / "new", ["png", "jpg"])

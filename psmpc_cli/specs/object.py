@@ -245,7 +245,7 @@ def _of_a_body(given: Mapping[str, Any], before: Fields) -> RuleErrors:
         yield ("mass",), expected(f"also {missing}", "a mass alone", at_key=True)
     plant = before.get("plant")
     if plant and not plant.traits.has_forces:
-        yield ("mass",), expected("plant rk4 or mujoco: ideal has no forces", "a mass with plant ideal", at_key=True)
+        yield ("mass",), expected(plant.alternatives, f"a mass with plant {plant.kind}", at_key=True)
     moments = given.get("inertia", ())
     if len(moments) == 3 and 2 * max(moments) > sum(moments):
         yield ("inertia",), expected("none larger than the sum of the other two", "moments that no body has")

@@ -235,6 +235,12 @@ class PlantSpec(Choice):
         """What tells it from the other plants."""
         return PLANTS[self.kind]
 
+    @property
+    def alternatives(self) -> str:
+        """The plants that have forces, as a message about one without them expects them."""
+        others = " or ".join(kind for kind, traits in PLANTS.items() if traits.has_forces)
+        return f"plant {others}: {self.kind} has neither bodies nor forces"
+
     kind: Literal["ideal", "rk4", "mujoco"] = Field("rk4", description="which physics")
     low_level_rate: fields.Positive = Field(1000.0, le=1e5, description="rate of the computed-torque loop [Hz]")
     step: Annotated[fields.Positive, Field(ge=1e-6)] | None = Field(
@@ -570,8 +576,7 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Rul
         yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", found)
     if plant is not None and not plant.traits.has_forces and spec.changes_the_plant:
         found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
-        wanted = "only noise and delay, or plant rk4 or mujoco: ideal has neither bodies nor forces"
-        yield (), expected(wanted, f"{found} with plant ideal")
+        yield (), expected(f"only noise and delay, or {plant.alternatives}", f"{found} with plant {plant.kind}")
     if spec.impulse is not None and spec.impulse.at >= before.get("time_limit", np.inf):
         wanted = f"a time before the time_limit of {before['time_limit']:g} s"
         yield ("impulse", "at"), expected(wanted, f"{spec.impulse.at:g} s")

@@ -87,6 +87,7 @@ def measure(mission: tuple[str, int]) -> Row:
         "margin": round(held.margin, 4),
         "broken_at": None if held.held else round(held.broken_at, 2),
         "effort": round(summary.squared_acceleration, 4),
+        "control_effort": round(summary.control_effort, 4),
         "failed_solves": summary.failed_solves,
     }
 
@@ -111,10 +112,17 @@ def successes(made: dict[str, dict[int, Row]]) -> Iterator[Row]:
             "succeeded": f"{succeeded} of {len(rows)}",
             "success rate": f"{100 * rate.low:.1f} to {100 * rate.high:.1f} %",
             "time less that of `hard` [s]": median([row["time"] - other["time"] for row, other in pairs]),
-            "integral of &#124;u&#124;^2 over that of `hard`": median(
-                [row["effort"] / other["effort"] for row, other in pairs]
-            ),
+            "integral of &#124;u&#124;^2 over that of `hard`": relative(pairs, "effort"),
+            "control effort over that of `hard`": relative(pairs, "control_effort"),
         }
+
+
+def relative(pairs: Sequence[tuple[Row, Row]], name: str) -> str:
+    """Return the median of a quantity over that of the other run, and of how many missions where not all have it."""
+    known = [row[name] / other[name] for row, other in pairs if name in row and name in other]
+    if not known:
+        return "-"
+    return median(known) + ("" if len(known) == len(pairs) else f", {len(known)} missions")
 
 
 def starts(made: dict[str, dict[int, Row]]) -> Iterator[Row]:

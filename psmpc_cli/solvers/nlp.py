@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.ocp.constraints import NodeRows, node_rows
+from psmpc_cli.ocp.constraints import IntervalRows, NodeRows, interval_rows, node_rows
 from psmpc_cli.ocp.constraints.boxes import PENALTY, node_limits, scaled_violations, shifted
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid, Plan
@@ -93,6 +93,7 @@ class Nlp:
 
     def __init__(self, model: RobotModel, shape: WindowShape, numbers: Parameters[np.ndarray]) -> None:
         self._node_rows = node_rows(model, shape)
+        self._interval_rows = interval_rows(model, shape)
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
         self.shape = shape
         self.grid = Grid(model.n, shape.nodes)
@@ -224,10 +225,14 @@ class Nlp:
             penalty += sum(around) / 2 * (ca.sum1(self._e[:, k]) + ca.sum1(self._row_e[k]))
         return penalty
 
+    def _led_to(self, k: int) -> ca.SX:
+        """Return the state to which interval k leads, as its first node has it."""
+        step = self._functions[self.grid.stage_of[k]].step(self.shape.discretization)
+        return ca.SX(step(self._X[:, k], self._u[k], self._step(k, k)))
+
     def _gap(self, k: int, after: ca.SX, kept: list[list[ca.SX]]) -> ca.SX:
         """Return by how much the state of the next node differs from where interval k leads."""
-        step = self._functions[self.grid.stage_of[k]].step(self.shape.discretization)
-        led_to = step(self._X[:, k], self._u[k], self._step(k, k))
+        led_to = self._led_to(k)
         sums = [self._sums[i, k] + kept[i][k] for i in range(self._sums.shape[0])]
         return after - ca.vertcat(led_to, self._tau[:, k], *sums)
 
@@ -255,6 +260,11 @@ class Nlp:
                 yield value - e, lambda *args, bounds=bounds: (-np.inf, bounds(*args)[1])
             else:
                 yield value, bounds
+        for over_interval in self._interval_rows:
+            if k in over_interval.intervals:
+                h = self._step(k, k)
+                value = over_interval.functions.value.function(X, self._led_to(k), h, over_interval.argument(p))
+                yield value / h, partial(_node_bounds, over_interval)
         if sums.numel() and k == self.grid.K:
             for i in range(len(self.shape.kept)):
                 yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
@@ -277,7 +287,7 @@ def _soft_count(rows: NodeRows) -> int:
     return rows.functions.count if rows.soft else 0
 
 
-def _node_bounds(rows: NodeRows, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
+def _node_bounds(rows: NodeRows | IntervalRows, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
     low, high = rows.bounds(window)
     return low, high
 

@@ -1,5 +1,6 @@
 """The constraints at nodes: every back-end takes the same rows, and their derivatives are those of the rows."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import casadi as ca
@@ -7,18 +8,28 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from psmpc_cli.ocp.constraints import CONSTRAINTS, Constraint, ConstraintFunctions, NodeRows, node_rows, rows_at_nodes
+from psmpc_cli.ocp.constraints import (
+    CONSTRAINTS,
+    Constraint,
+    ConstraintFunctions,
+    IntervalFunctions,
+    IntervalRows,
+    NodeRows,
+    node_rows,
+    rows_at_nodes,
+)
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
 from psmpc_cli.ocp.stage import ConstraintNumbers
-from psmpc_cli.ocp.window import Kept, Window, window_numbers, window_shape
+from psmpc_cli.ocp.window import Kept, Window, WindowShape, window_numbers, window_shape
 from psmpc_cli.ocp.window_record import WindowFrame, read_window
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
+from psmpc_cli.solvers import Outcome, build_solver
 from psmpc_cli.solvers.nlp import Nlp
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robot import stack
-from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.task import SolverSpec, TaskSpec
 
 Array = NDArray[np.float64]
 
@@ -193,3 +204,55 @@ def test_every_solver_leads_the_base_round_a_disc(solver: str) -> None:
     assert not run["events/solve_failed"].any()
     assert 0 <= RADIUS - distances.min() <= 2 * (largest_speed * h) ** 2 / (8 * RADIUS)
     assert run.motion.Q[-1, 0] < -0.9  # behind it
+
+
+SLOW = 0.06
+"""Acceleration of the base that is too little for its first stage [m/s^2, rad/s^2]."""
+
+
+@pytest.fixture
+def slow_base_over_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A constraint over intervals that says the same as a limit on the base's acceleration."""
+
+    def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
+        x, x_next = ca.SX.sym("x", 2 * model.n), ca.SX.sym("x_next", 2 * model.n)
+        change = (x_next - x)[model.n :][:3]
+        nothing = ca.SX.sym("nothing", 0)
+        functions = IntervalFunctions(x, x_next, ca.SX.sym("h"), nothing, change)
+        bounds = -SLOW * np.ones(3), SLOW * np.ones(3)
+        yield IntervalRows("slow", range(sum(shape.nodes)), functions, lambda p: np.zeros(0), lambda window: bounds)
+
+    monkeypatch.setitem(CONSTRAINTS, "slow", Constraint(rows, lambda task, model, stage: None))
+
+
+def resting_window(problem: Problem) -> Window:
+    """A window over the first stage alone, from rest."""
+    both = window_of(problem, kept=False)
+    alone = np.ones(1)
+    return replace(both, stages=both.stages[:1], omega=alone, offset=0 * alone, scale=alone, nodes=(6,))
+
+
+@pytest.fixture(scope="module")
+def slow_optimum() -> float:
+    """J where the limit is one on accelerations, which has a path of its own."""
+    problem = build_problem(load_task("transport"))
+    window = resting_window(problem)
+    high = window.stages[0].limits.acceleration_high.copy()
+    high[:3] = SLOW
+    limits = replace(window.stages[0].limits, acceleration_low=-high, acceleration_high=high)
+    window = replace(window, stages=(replace(window.stages[0], limits=limits),))
+    solver = build_solver(problem, SolverSpec(kind="sqp", tolerance=1e-9, iterations=50))
+    return solver.solve(window, resting_plan(0.0, 3.0, 6, window.x0, window.chart)).objective
+
+
+@pytest.mark.parametrize("solver", ["sqp", "fatrop", "ipopt"])
+def test_every_solver_keeps_what_is_bounded_over_intervals(
+    solver: str, slow_optimum: float, slow_base_over_intervals: None
+) -> None:
+    problem = build_problem(load_task("transport"))
+    window = resting_window(problem)
+    spec = SolverSpec(kind=solver, tolerance=1e-9, iterations=50)
+    found = build_solver(problem, spec).solve(window, resting_plan(0.0, 3.0, 6, window.x0, window.chart))
+    assert found.outcome is Outcome.OPTIMAL
+    assert np.abs(found.plan.u[:, :3]).max() == pytest.approx(SLOW, abs=1e-6)
+    assert found.objective == pytest.approx(slow_optimum, rel=1e-6)

@@ -315,8 +315,8 @@ def print_robot(robot: RobotSpec) -> None:
 
 
 def _listed(numbers: Sequence[float]) -> str:
-    """Write numbers in a row."""
-    return " ".join(f"{number:.4g}" for number in numbers)
+    """Write numbers in a row, none of them as -0."""
+    return " ".join(f"{number + 0.0:.4g}" for number in numbers)
 
 
 def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:

@@ -183,7 +183,8 @@ def test_it_is_told_in_one_line_with_what_speaks_for_it(recommended: Recommended
         (
             {"failed": (4,), "own_status": FAILED},
             "the mission fails with the task's own priorities (time limit of 30 s reached), so that there is no whole "
-            "mission whose effort and force others could keep to; 5 of 6 others succeed, 1e+06 first, at 9.00 s",
+            "mission whose effort and force bound those of others; 5 of 6 others succeed, the fastest that of ratio "
+            "1e+06, at 9.00 s",
         ),
         ({"own": {"succeeded": 0}, "sampling": "3"}, "(a monitor broke, or the object was not delivered)"),
         (

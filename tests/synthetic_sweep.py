@@ -1,12 +1,14 @@
 """Sweeps as if they had been run: the same file, made-up numbers."""
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.schema import SWEEP
+from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.runner import COMPUTED, FAILED, REFERENCE, WAITING
 from psmpc_cli.studies.sampling import Sampling, parse_sampling
 from psmpc_cli.studies.sweep import load_sweep_task, weight_study
@@ -43,6 +45,12 @@ def sampling_of(text: str) -> Sampling:
     return parse_sampling(text, (1e-3, 1e3))
 
 
+@cache
+def sweep_task(name: str, epsilons: tuple[float, ...]) -> Task:
+    """Load a built-in task for sweeps once for all tests; tasks are not changed."""
+    return load_sweep_task(name, (), epsilons)
+
+
 def synthetic_sweep(
     path: Path,
     sampling: str = "7x7",
@@ -58,7 +66,7 @@ def synthetic_sweep(
 
     What the task's own priorities come to is what their ratio does, but for these numbers.
     """
-    loaded = load_sweep_task(task, (), epsilons)
+    loaded = sweep_task(task, epsilons)
     cells = sampling_of(sampling)
     study = weight_study(loaded, (0, 1), cells)
     results, origins = study.results(path), study.origins

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -15,53 +16,57 @@ HEAVY = {"casadi", "dask", "distributed", "h5py", "joblib", "matplotlib", "mujoc
 REPORT = """
 import json, sys
 from psmpc_cli.cli.main import main
-try:
-    if sys.argv[1:]:
+codes = []
+for words in json.loads(sys.argv[1]):
+    sys.argv[1:] = words
+    try:
         main()
-finally:
-    print("\\n" + json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
+    except SystemExit as left:
+        codes.append(left.code or 0)
+print("\\n" + json.dumps([codes, sorted({name.partition(".")[0] for name in sys.modules})]))
 """
-"""Runs the command line; its last line names the packages imported by then."""
+"""Runs command lines one after another; its last line has their exit codes, and the packages imported by then."""
 
 
-def imported_by(*arguments: str, code: int = 0) -> set[str]:
-    command = [sys.executable, "-W", "error", "-c", REPORT, *arguments]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ran.returncode == code
-    return set(json.loads(ran.stdout.splitlines()[-1]))
+def imported_by(*commands: Sequence[str], code: int = 0) -> set[str]:
+    """Return the packages that command lines import, all in one new process and each with this exit code."""
+    command = [sys.executable, "-W", "error", "-c", REPORT, json.dumps(commands)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    codes, imported = json.loads(ran.stdout.splitlines()[-1])
+    assert codes == [code] * len(commands)
+    return set(imported)
 
 
-@pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"]], ids=["import", "--help", "--version"])
-def test_a_start_imports_nothing_heavy(arguments: list[str]) -> None:
-    imported = imported_by(*arguments)
+@pytest.mark.parametrize("commands", [[], [["--help"]], [["--version"]]], ids=["import", "--help", "--version"])
+def test_a_start_imports_nothing_heavy(commands: list[list[str]]) -> None:
+    imported = imported_by(*commands)
     assert "psmpc_cli" in imported
     assert imported & HEAVY == set()
 
 
-@pytest.mark.parametrize(
-    "words",
-    [("check",), ("simulate",), ("compare",), ("sweep-weights", "3x3"), ("monte-carlo", "--runs", "2"), ("bench",)],
-    ids=lambda words: words[0],
-)
+STARTS = (("check",), ("simulate",), ("compare",), ("sweep-weights", "3x3"), ("monte-carlo", "--runs", "2"), ("bench",))
+"""Commands on a task, without the task."""
+
+
 @pytest.mark.parametrize("task", ["bad.yaml", "missing.yaml"])
-def test_a_task_is_rejected_before_what_is_heavy_is_imported(words: tuple[str, ...], task: str, tmp_path: Path) -> None:
+def test_a_task_is_rejected_before_what_is_heavy_is_imported(task: str, tmp_path: Path) -> None:
     """CasADi, SciPy, h5py, Matplotlib and joblib take more than half of what a command takes to start."""
     (tmp_path / "bad.yaml").write_text("robot: planar_dual_arm\ncontroller: {horizont: 4}\n")
     needed = {"numpy", "pydantic", "yaml", "lxml"}
-    assert imported_by(*words, str(tmp_path / task), code=2) & (HEAVY | {"scipy"}) <= needed
+    commands = [(*words, str(tmp_path / task)) for words in STARTS]
+    assert imported_by(*commands, code=2) & (HEAVY | {"scipy"}) <= needed
 
 
 def test_a_task_of_a_front_is_rejected_before_what_computes_is_imported(tmp_path: Path) -> None:
     """Whether it is a log is seen by h5py."""
     (tmp_path / "bad.yaml").write_text("robot: planar_dual_arm\n")
     computes = {"casadi", "joblib", "matplotlib", "scipy"}
-    assert imported_by("pareto", str(tmp_path / "bad.yaml"), code=2) & computes == set()
+    assert imported_by(("pareto", str(tmp_path / "bad.yaml")), code=2) & computes == set()
 
 
-@pytest.mark.parametrize("command", get_command(app).commands)
-def test_the_help_of_a_command_imports_nothing_heavy(command: str) -> None:
+def test_the_help_of_a_command_imports_nothing_heavy() -> None:
     typers_own = {"pydantic"}  # Typer reads the parameters of a command with it
-    assert imported_by(command, "--help") & (HEAVY - typers_own) == set()
+    assert imported_by(*((command, "--help") for command in get_command(app).commands)) & (HEAVY - typers_own) == set()
 
 
 def test_what_prints_imports_no_statistics() -> None:

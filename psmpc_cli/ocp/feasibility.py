@@ -38,8 +38,8 @@ SPEED_SLACK = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Outlook:
-    """One stage, looked at beforehand.
+class StageForecast:
+    """What is known of one stage before a run.
 
     Attributes:
         stage: The stage.
@@ -82,23 +82,23 @@ def ensure_feasible(task: Task) -> Task:
 
 def review(task: Task) -> list[Fault]:
     """Return everything that stands against a task."""
-    outlooks = look_ahead(task)
+    forecasts = forecast_stages(task)
     return [
-        *_initial(task, outlooks[0].stage),
-        *(problem for outlook in outlooks for problem in _targets(task, outlook.stage)),
-        *(problem for outlook in outlooks for problem in _out_of_reach(task, outlook, certain=True)),
-        *(problem for now, then in pairwise(outlooks) for problem in _handover(task, now.stage, then.stage)),
-        *_times(task, outlooks),
-        *_grasps(task, outlooks),
+        *_initial(task, forecasts[0].stage),
+        *(problem for forecast in forecasts for problem in _targets(task, forecast.stage)),
+        *(problem for forecast in forecasts for problem in _out_of_reach(task, forecast, certain=True)),
+        *(problem for now, then in pairwise(forecasts) for problem in _handover(task, now.stage, then.stage)),
+        *_times(task, forecasts),
+        *_grasps(task, forecasts),
     ]
 
 
-def _grasps(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Give what of a capture's end condition and targets lets grippers be outside their envelope when they close."""
     target_object = task.spec.capture
     if target_object is None:
         return
-    stage = outlooks[task.spec.held_stages.start - 1].stage
+    stage = forecasts[task.spec.held_stages.start - 1].stage
     envelope = target_object.grasp.envelope
     if stage.space != "task" or not stage.end_rows:
         return
@@ -156,13 +156,13 @@ def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
     return [row for row in _outside(values, *_bounds(stage, "position")) if _counts(stage, [row])]
 
 
-def _out_of_reach(task: Task, outlook: Outlook, certain: bool) -> Iterator[Fault]:
+def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterator[Fault]:
     """Give the poses that an arm certainly cannot take, or those that it perhaps can, though it was not found how.
 
     Where joint coordinates were looked for and none were found, that is certain of short planar arms alone.
     """
     robot = task.robot
-    for index, (numbers, reaches) in enumerate(zip(outlook.stage.waypoints, outlook.along, strict=True)):
+    for index, (numbers, reaches) in enumerate(zip(forecast.stage.waypoints, forecast.along, strict=True)):
         base = f"with the base at {configuration_space(robot).written(numbers)}"
         for arm, reach in reaches.items():
             known = True
@@ -193,7 +193,7 @@ def _out_of_reach(task: Task, outlook: Outlook, certain: bool) -> Iterator[Fault
                     "condition that do not ask for all of it"
                 )
             if known == certain:
-                yield Fault(_place_of_part(task, outlook.stage, arm, index), f"found {found}")
+                yield Fault(_place_of_part(task, forecast.stage, arm, index), f"found {found}")
 
 
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
@@ -209,13 +209,13 @@ def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
         yield Fault(("stages", stage.index, "ends_when"), message)
 
 
-def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Give end conditions that can never be met, and times that are too early for what comes before them."""
     before = 0.0
-    for outlook in outlooks:
-        stage = outlook.stage
-        path = ("stages", outlook.stage.index)
-        for row in outlook.stuck:
+    for forecast in forecasts:
+        stage = forecast.stage
+        path = ("stages", forecast.stage.index)
+        for row in forecast.stuck:
             names = (*labels(task.robot, "joint"), "the attitude of base")
             limits = _span(task, row if row < len(names) - 1 else 3, stage, "velocity")
             message = f"found {names[row]} to be moved, expected velocity limits that allow it, not {limits}"
@@ -224,23 +224,23 @@ def _times(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
             since = dotted(("stages", stage.index - 1))
             message = f"found {stage.at:g} s, expected later: {since} cannot end before {before:.4g} s"
             yield Fault((*path, "at"), f"{message} under the velocity limits")
-        before = max(before, outlook.earliest_end)
+        before = max(before, forecast.earliest_end)
 
 
-def remarks(task: Task, outlooks: Sequence[Outlook]) -> list[Fault]:
+def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
     """Return what is probably not meant.
 
     A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
     keep, tolerances below the noise, a load that outweighs a robot which does not know of it.
     """
-    pairs = pairwise(outlooks)
+    pairs = pairwise(forecasts)
     return [
-        *(problem for outlook in outlooks for problem in _out_of_reach(task, outlook, certain=False)),
-        *(problem for before, outlook in pairs for problem in _far_base(task, before.stage, outlook)),
-        *(problem for outlook in outlooks for problem in _too_fast(task, outlook.stage)),
-        *_too_short(task, outlooks),
-        *_below_noise(task, outlooks),
-        *_unknown_load(task, outlooks),
+        *(problem for forecast in forecasts for problem in _out_of_reach(task, forecast, certain=False)),
+        *(problem for before, forecast in pairs for problem in _far_base(task, before.stage, forecast)),
+        *(problem for forecast in forecasts for problem in _too_fast(task, forecast.stage)),
+        *_too_short(task, forecasts),
+        *_below_noise(task, forecasts),
+        *_unknown_load(task, forecasts),
     ]
 
 
@@ -253,7 +253,7 @@ regulators (1977). Beyond, plans count on more than twice the deceleration that 
 """
 
 
-def _unknown_load(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Yield a load that outweighs the robot in some motion, where the low-level law does not know of it.
 
     The robot is looked at where the stages lead that take the object and hold it.
@@ -267,7 +267,7 @@ def _unknown_load(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     worst = LARGEST_UNKNOWN_LOAD
     message = ""
     Q, _ = _initial_state(task)
-    for stage, reaches in ((outlook.stage, outlook.reaches) for outlook in outlooks):
+    for stage, reaches in ((forecast.stage, forecast.reaches) for forecast in forecasts):
         Q = _posture(task, stage, reaches, Q)
         if not held.start - 1 <= stage.index < held.stop:
             continue
@@ -287,7 +287,7 @@ def _unknown_load(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
         yield Fault(("object", "grasp", "known"), message)
 
 
-def _below_noise(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Yield end conditions that measurements meet or miss by chance: a tolerance below 3 sigma of its row.
 
     The noise is that which the controller counts with; its effect on a row is that at the stage's target.
@@ -299,7 +299,7 @@ def _below_noise(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
     costs = StageCosts(model)
     deviations = standard_deviations(noise, task.robot)
     Q, v = _initial_state(task)
-    for stage, reaches in ((outlook.stage, outlook.reaches) for outlook in outlooks):
+    for stage, reaches in ((forecast.stage, forecast.reaches) for forecast in forecasts):
         Q = _posture(task, stage, reaches, Q)
         if not stage.end_rows:
             continue
@@ -332,18 +332,18 @@ def _posture(task: Task, stage: Stage, reaches: Mapping[str, Reach], before: np.
     return Q
 
 
-def _too_short(task: Task, outlooks: Sequence[Outlook]) -> Iterator[Fault]:
+def _too_short(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Give a time limit that stops every run before its last stage can end."""
-    earliest = max(outlook.earliest_end for outlook in outlooks)
+    earliest = max(forecast.earliest_end for forecast in forecasts)
     if earliest > task.spec.time_limit:
         message = (
             f"found {task.spec.time_limit:g} s, expected at least {earliest:.4g} s: "
-            f"{quoted(outlooks[-1].stage.name)} cannot end before under the velocity limits"
+            f"{quoted(forecasts[-1].stage.name)} cannot end before under the velocity limits"
         )
         yield Fault(("time_limit",), message)
 
 
-def _far_base(task: Task, before: Stage, then: Outlook) -> Iterator[Fault]:
+def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]:
     """Give a base that a stage in task space wants elsewhere than the stage before leaves it.
 
     And so far that an arm does not reach its first pose from there: one of the two may be a misprint.
@@ -399,12 +399,12 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
             yield Fault(_place(task, stage, i, stage.space, worst + 1), message)
 
 
-def look_ahead(task: Task) -> tuple[Outlook, ...]:
-    """Return the outlook of every stage of a task."""
+def forecast_stages(task: Task) -> tuple[StageForecast, ...]:
+    """Return the forecast of every stage of a task."""
     stages = build_stages(task.spec, task.robot, RobotModel(task.robot))
     ends = earliest_ends(task, stages)
     along = ([_reaches(stage, task.robot, xi) for xi in stage.waypoints] for stage in stages)
-    return tuple(Outlook(stage, reaches, *end) for stage, reaches, end in zip(stages, along, ends, strict=True))
+    return tuple(StageForecast(stage, reaches, *end) for stage, reaches, end in zip(stages, along, ends, strict=True))
 
 
 def _initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:

@@ -7,8 +7,8 @@ The rotor that drives a joint, of inertia I_r about its own axis, turns G times 
 a = G^2 I_r the joint needs the further force a qdd and the kinetic energy has the further term a qd^2 / 2, so that the
 mass matrix is H + diag(0, a). This is the armature of MuJoCo and of Pinocchio: the mass of the rotors belongs to the
 links, and the spin momentum G I_r qd that a rotor adds to that of the body it sits on is neglected, being 1/G of what a
-stands for. That is why neither the wrench on the base nor the momentum has a term of it. Featherstone (2008), section
-9.6.
+stands for. That is why neither the wrench on the base nor the momentum has a term of it. Featherstone (2008), chapter
+9, on gears.
 """
 
 from collections.abc import Mapping, Sequence

@@ -206,13 +206,8 @@ static void dense_backward(const RiccatiData *data, const DenseGains *intervals,
     for (int c = 0; c < S; c++) p_q[N + c] = gradient_tau[c];
     for (int64_t k = data->K - 1; k >= 0; k--) {
         double a = -data->gap_velocity[2 * k];
-        double b = -data->gap_velocity[2 * k + 1];
         double *r = control_gradients + k * N_PADDED;
-        for (int i = 0; i < N; i++) p_q[i] += gradient[k * NX + i];
-        for (int i = 0; i < N; i++) r[i] = b * p_q[i] + p_v[i] + gradient[k * NX + N + i];
-        for (int i = N; i < N_PADDED; i++) r[i] = 0.0;
-        for (int j = 0; j < N; j++)
-            for (int c = 0; c < S; c++) p_q[N + c] -= data->gap_tau[(k * N + j) * S + c] * p_q[j];
+        compute_control_gradient(data, k, gradient, p_v, p_q, r);
         for (int i = 0; i < N; i++) p_v[i] = a * p_q[i];
         for (int i = 0; i < N; i++)
             for (int j = 0; j < N_VECS + NQ_VECS; j++) p[j] += r[i] * intervals[k].gain[i][j];

@@ -320,6 +320,21 @@ NOINLINE int riccati_factorize(const RiccatiData *data, IntervalGains *intervals
     return 1;
 }
 
+/* Begin the step of a backward sweep over interval k: add the gradient at the node after it, and compute
+ *
+ *     r = b p_Q + p_v,   p_tau += Gamma' p_Q.
+ *
+ * In and out: p_q (N + S,). In: p_v (N,). Out: r (N,), padded. */
+INLINE void compute_control_gradient(const RiccatiData *data, int64_t k, const double *gradient, const double *p_v,
+                                     double *p_q, double *r) {
+    double b = -data->gap_velocity[2 * k + 1];
+    for (int i = 0; i < N; i++) p_q[i] += gradient[k * NX + i];
+    for (int i = 0; i < N; i++) r[i] = b * p_q[i] + p_v[i] + gradient[k * NX + N + i];
+    for (int i = N; i < N_PADDED; i++) r[i] = 0.0;
+    for (int j = 0; j < N; j++)
+        for (int c = 0; c < S; c++) p_q[N + c] -= data->gap_tau[(k * N + j) * S + c] * p_q[j];
+}
+
 /* Compute the gradient p = [p_q; p_v] of the value function, from the last interval to the first:
  *
  *     p += g_k+1,   r = b p_Q + p_v,   p_tau += Gamma' p_Q,
@@ -336,13 +351,8 @@ static void riccati_backward(const RiccatiData *data, const IntervalGains *inter
     for (int c = 0; c < S; c++) p_q[N + c] = gradient_tau[c];
     for (int64_t k = data->K - 1; k >= 0; k--) {
         double a = -data->gap_velocity[2 * k];
-        double b = -data->gap_velocity[2 * k + 1];
         double *r = control_gradients + k * N_PADDED;
-        for (int i = 0; i < N; i++) p_q[i] += gradient[k * NX + i];
-        for (int i = 0; i < N; i++) r[i] = b * p_q[i] + p_v[i] + gradient[k * NX + N + i];
-        for (int i = N; i < N_PADDED; i++) r[i] = 0.0;
-        for (int j = 0; j < N; j++)
-            for (int c = 0; c < S; c++) p_q[N + c] -= data->gap_tau[(k * N + j) * S + c] * p_q[j];
+        compute_control_gradient(data, k, gradient, p_v, p_q, r);
         memset(p_v, 0, N_PADDED * sizeof(double));
         for (int i = 0; i < N; i++)
             for (int j = 0; j < NQ_VECS + N_VECS; j++) p[j] += r[i] * intervals[k].gain[i][j];

@@ -8,7 +8,7 @@ import pytest
 import psmpc_cli as psmpc
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.feasibility import look_ahead, remarks
+from psmpc_cli.ocp.feasibility import forecast_stages, remarks
 from psmpc_cli.robot.configuration import SPACE, space_of_pose
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.simulation.verify import Verification
@@ -204,6 +204,6 @@ def test_a_known_load_in_one_gripper_settles_as_fast_as_the_arm_alone(armature: 
 def test_a_load_in_one_gripper_that_check_remarks_on_does_not_settle() -> None:
     """In twice the time that it takes where the load is known."""
     task = six_joint_arm.mission(0.1, 20, "object.grasp.known=false", "time_limit=16")
-    (remark,) = remarks(task, look_ahead(task))
+    (remark,) = remarks(task, forecast_stages(task))
     assert "an object of 20 kg" in remark.message and "mostly of arm." in remark.message
     assert not psmpc.simulate(task).summary().completed

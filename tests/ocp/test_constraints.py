@@ -121,7 +121,10 @@ def test_derivatives_are_those_of_the_rows(problem: Problem, kept: bool) -> None
     if curvature is not None:
         y = np.random.default_rng(4).standard_normal(rows.functions.count)
         upper = curvature(x, a, y)[0].reshape(n, n)
-        by_Q = lambda at: (y @ rows.functions.with_jacobian(at, a)[1].reshape(-1, 2 * n))[:n]  # noqa: E731
+
+        def by_Q(at: Array) -> Array:
+            return (y @ rows.functions.with_jacobian(at, a)[1].reshape(-1, 2 * n))[:n]
+
         ahead = [(by_Q(x + h * each) - by_Q(x - h * each)) / (2 * h) for each in np.eye(2 * n)[:n]]
         np.testing.assert_allclose(upper, np.triu(ahead), atol=1e-7)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility import ensure_feasible, load_feasible, look_ahead, remarks, review
+from psmpc_cli.ocp.feasibility import ensure_feasible, forecast_stages, load_feasible, remarks, review
 from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.library import built_ins, find
 from psmpc_cli.specs.load import Task, load_task, parse_task
@@ -32,12 +32,12 @@ def stage(at: str) -> str:
 def test_built_in_tasks_are_feasible_and_without_remarks(name: str) -> None:
     task = load_task(name)
     ensure_feasible(task)
-    assert remarks(task, look_ahead(task)) == []
+    assert remarks(task, forecast_stages(task)) == []
 
 
 def noisy(*changes: str) -> list[tuple[str, str]]:
     task = transport("uncertainty.noise={position: 1e-3, angle: 1e-3}", *changes)
-    return [(dotted(remark.path), remark.message) for remark in remarks(task, look_ahead(task))]
+    return [(dotted(remark.path), remark.message) for remark in remarks(task, forecast_stages(task))]
 
 
 def test_a_tolerance_below_three_sigma_of_its_measurement_is_remarked() -> None:
@@ -78,7 +78,7 @@ def test_misprint_of_the_paper_names_arm_distance_and_reach() -> None:
 def test_misprint_in_approach_alone_is_remarked() -> None:
     task = transport("stages.approach.target.base=[-2, -2, 30 deg]")
     assert review(task) == []
-    assert [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, look_ahead(task))] == [
+    assert [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, forecast_stages(task))] == [
         'stages[1].target.base: found the base 4 m from where "approach" leaves it, expected it there: '
         "the target of arm_1 is then 5.021 m from its shoulder, its reach is 1.2 m"
     ]
@@ -193,7 +193,7 @@ def test_trajectory_faster_than_the_velocity_limits_is_remarked_where_it_is_wors
     rows = "base: [[-2, 2, 30 deg], [-0.5, 1, 30 deg], [0, 0, 0]], arms: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]"
     task = transport(f"stages.transport.target={{times: [0, 5, 10], {rows}}}")
     assert review(task) == []
-    assert [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, look_ahead(task))] == [
+    assert [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, forecast_stages(task))] == [
         "stages[2].target.base[1][0]: found base.x to move at 0.3 m/s from 0 s to 5 s, expected within its velocity "
         "limits [-0.2 m/s, 0.2 m/s]: the robot falls behind"
     ]
@@ -202,14 +202,14 @@ def test_trajectory_faster_than_the_velocity_limits_is_remarked_where_it_is_wors
         "skills.move.weights.base=[0, 100, 10]",
         "stages.transport.ends_when.coordinates=[base.y]",
     )
-    assert remarks(unweighed, look_ahead(unweighed)) == []
+    assert remarks(unweighed, forecast_stages(unweighed)) == []
 
 
 def test_base_that_follows_a_path_is_compared_with_where_it_is_left_at_its_first_row() -> None:
     task = load_task("tracking")
-    assert remarks(task, look_ahead(task)) == []
+    assert remarks(task, forecast_stages(task)) == []
     shifted = load_task("tracking", ["stages.unfold.target.base=[1.5, 0, 0]"])
-    (remark,) = remarks(shifted, look_ahead(shifted))
+    (remark,) = remarks(shifted, forecast_stages(shifted))
     assert dotted(remark.path) == "stages[1].target.base[0]"
     assert remark.message.startswith('found the base 1.5 m from where "unfold" leaves it')
 
@@ -218,16 +218,16 @@ def test_a_time_limit_no_run_can_keep_is_remarked_on() -> None:
     """It is no error: a run may be meant to stop early."""
     task = transport("time_limit=19.9")
     assert review(task) == []
-    (remark,) = remarks(task, look_ahead(task))
+    (remark,) = remarks(task, forecast_stages(task))
     assert remark.message.endswith('"release" cannot end before under the velocity limits')
 
 
 def test_reach_is_known_where_the_target_asks_for_poses_and_a_base() -> None:
-    reaches = [outlook.reaches for outlook in look_ahead(TRANSPORT)]
+    reaches = [forecast.reaches for forecast in forecast_stages(TRANSPORT)]
     assert [list(reach) for reach in reaches] == [[], ["arm_1", "arm_2"], [], ["arm_1", "arm_2"]]
     np.testing.assert_allclose([reach.distance for reach in reaches[3].values()], 1.2)
     free = ["skills.reach.weights.base=[0, 0, 0]", "stages.capture.ends_when.coordinates=arms"]
-    assert look_ahead(load_task("transport", free))[1].reaches == {}
+    assert forecast_stages(load_task("transport", free))[1].reaches == {}
 
 
 WAY, BACK = (2 - 2e-3) / 0.2, (2 - 3.1e-3) / 0.2
@@ -248,7 +248,7 @@ WAY, BACK = (2 - 2e-3) / 0.2, (2 - 3.1e-3) / 0.2
 def test_a_stage_ends_no_earlier_than_its_slowest_coordinate_dwell_and_trajectory(
     task: str, changes: list[str], expected: list[float]
 ) -> None:
-    ends = [outlook.earliest_end for outlook in look_ahead(load_task(task, changes))]
+    ends = [forecast.earliest_end for forecast in forecast_stages(load_task(task, changes))]
     np.testing.assert_allclose(ends[: len(expected)], expected)
 
 
@@ -286,7 +286,7 @@ def test_a_pose_that_no_joints_within_their_limits_take_is_remarked_with_the_nea
     stiff = "limits={arm: {position: [[-10 deg, 10 deg], [-10 deg, 10 deg], [-10 deg, 10 deg]]}}"
     task = free_flyer.reaching(stiff)
     assert review(task) == []
-    (remark,) = remarks(task, look_ahead(task))
+    (remark,) = remarks(task, forecast_stages(task))
     assert dotted(remark.path) == "stages[1].target.arm"
     assert "the nearest misses it by 0.12 m and 13 deg" in remark.message
 
@@ -295,7 +295,7 @@ def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -
     rows = [{"position": [0.5 * k, 0, 0], "attitude": free_flyer.attitude([0, 0, 1], 60 * k)} for k in range(3)]
     target = {"times": [0, 2, 4], "base": rows, "arm": [[0, 0, 0]] * 3}
     task = free_flyer.turning(0, f"stages.fly.target={json.dumps(target)}")
-    found = [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, look_ahead(task))]
+    found = [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, forecast_stages(task))]
     assert [line.partition(" from ")[0] for line in found] == [
         "stages[0].target.base[1][0]: found base.x to move at 0.25 m/s",
         "stages[0].target.base[1][5]: found base.rz to move at 30 deg/s",
@@ -320,7 +320,7 @@ def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -
     ids=["turn", "the short way", "flight", "up to speed", "never up to speed"],
 )
 def test_a_spatial_base_turns_and_flies_no_faster_than_its_limits(change: str, seconds: float) -> None:
-    assert look_ahead(free_flyer.turning(120, change))[0].earliest_end == pytest.approx(seconds)
+    assert forecast_stages(free_flyer.turning(120, change))[0].earliest_end == pytest.approx(seconds)
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,7 @@ def test_grippers_that_cannot_close_on_an_object(change: str, path: str, words: 
 def unknown_load(task: str, changes: dict[str, object]) -> list[tuple[str, str]]:
     """Remarks on a built-in task whose low-level law does not know the load."""
     unknown = load_task(task, {"object.grasp.known": False, **changes})
-    return [(dotted(remark.path), remark.message) for remark in remarks(unknown, look_ahead(unknown))]
+    return [(dotted(remark.path), remark.message) for remark in remarks(unknown, forecast_stages(unknown))]
 
 
 @pytest.mark.parametrize(

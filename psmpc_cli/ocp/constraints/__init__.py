@@ -64,6 +64,8 @@ def soft_row_violations(model: RobotModel, window: Window, plan: Plan) -> tuple[
     Different units count alike, as in the penalty.
     """
     soft = [rows for rows in node_rows(model, window_shape(window)) if rows.soft]
+    if not soft:
+        return 0.0, 0.0
     p = window_numbers(window, plan.instants)
     at_nodes = [0.0]
     at_first = [0.0]

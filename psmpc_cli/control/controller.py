@@ -133,7 +133,8 @@ class ControlLaw:
         self._one_stage = spec.controller.traits.one_stage
         self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
-        self._estimator = Estimator(self._spec, problem.model.space, noise, self._tick)
+        model = problem.model
+        self._estimator = Estimator(self._spec, model.space, model.actuated, noise, self._tick)
         self._placer = Placer(problem)
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
         self._load = _known_load(problem)
@@ -319,6 +320,7 @@ class ControlLaw:
                 horizon=self._spec.horizon,
                 sample_time=self._spec.sample_time,
                 chart=situation.placement.chart,
+                brakes=self.problem.model.actuated,
             )
         if situation.is_measured:
             plans = plans.measured()

@@ -59,17 +59,27 @@ class Estimator:
     Delay: the state in which a command acts follows from the estimate and the accelerations planned since.
 
     Disturbance: an acceleration that is constant over a sample, on top of the commanded one. What the measured velocity
-    changed by, less what was commanded, passes a first-order filter: integral action.
+    changed by, less what was commanded, passes a first-order filter: integral action. A base without thrusters has
+    none, since nothing can be commanded against it.
 
     Args:
         spec: The controller.
         space: Of the robot.
+        actuated: Which of its velocity coordinates have a force of their own (n,).
         noise: Standard deviations of the measured coordinates and velocities, (2n,) [m, rad, m/s, rad/s].
         tick: Length of a tick of the low-level loop [s].
     """
 
-    def __init__(self, spec: ControllerSpec, space: ConfigurationSpace, noise: np.ndarray, tick: float) -> None:
+    def __init__(
+        self,
+        spec: ControllerSpec,
+        space: ConfigurationSpace,
+        actuated: np.ndarray,
+        noise: np.ndarray,
+        tick: float,
+    ) -> None:
         self._space = space
+        self._actuated = actuated
         self._spec = spec
         self._tick = tick
         self._filters = bool(noise.any())
@@ -162,7 +172,7 @@ class Estimator:
         if self._spec.offset_free:
             surplus = (v - estimate.velocity) / self._spec.sample_time - estimate.commanded[0]
             filtered = d + self._spec.offset_gain * (surplus - d)
-            d = np.where(np.isfinite(surplus), filtered, d)
+            d = np.where(np.isfinite(surplus) & self._actuated, filtered, d)
         commanded = u - d
         after = replace(
             estimate,

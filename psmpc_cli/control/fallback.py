@@ -47,7 +47,14 @@ class PlansInForce:
         return replace(self, solved=plan, braking=None)
 
     def without_plan(
-        self, time: float, x: np.ndarray, limits: Limits, horizon: float, sample_time: float, chart: Chart
+        self,
+        time: float,
+        x: np.ndarray,
+        limits: Limits,
+        horizon: float,
+        sample_time: float,
+        chart: Chart,
+        brakes: np.ndarray,
     ) -> tuple["PlansInForce", Plan]:
         """Return the plans after a sample without a solution, and the one that is applied.
 
@@ -61,17 +68,18 @@ class PlansInForce:
             horizon: T_h [s].
             sample_time: Time between two samples [s].
             chart: The chart of x.
+            brakes: Which coordinates can brake (n,): not those of a base without thrusters.
         """
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
         v = x[len(x) // 2 :]
-        duration = max(BRAKING_TIME, float(np.max(np.abs(v) / strongest)))
+        duration = max(BRAKING_TIME, float(np.max(np.abs(v) / strongest * brakes)))
         if self.solved is None:
-            first = braking_plan(time, x, duration, horizon, chart)
+            first = braking_plan(time, x, duration, horizon, chart, brakes)
             return replace(self, solved=first), first
         if self.braking is not None:
             return self, self.braking
         if self.used_up(time, sample_time):
-            braking = braking_plan(time, x, duration, chart=chart)
+            braking = braking_plan(time, x, duration, chart=chart, brakes=brakes)
             return replace(self, braking=braking), braking
         return self, self.solved
 

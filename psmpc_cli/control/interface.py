@@ -229,5 +229,5 @@ class Command:
         check_time(time)
         check_state(state, self.model)
         tick = int(np.clip(np.floor((time - self.time) / self.tick + 1e-6), 0, len(self.u) - 1))
-        law = self.load.force if self.load is not None and self.closed[tick] else self.model.inverse_dynamics
+        law = self.load.force if self.load is not None and self.closed[tick] else self.model.computed_torque
         return law(state.Q, state.v, self.u[tick])

@@ -101,7 +101,8 @@ class VelocityForm:
         row_node: Node of each row of these, ascending, (E,): rows are ordered by node, then as in `node_rows`.
         row_is_soft: Which of them may be violated at a cost, (E,).
         row_interval: Interval of each row over intervals, in an order alike, (I,).
-        curved: Some of them are curved.
+        has_thrusters: The base is pushed and turned at will; without, residuals count with their curvature.
+        curved: Programs have curvature besides that of the Gauss-Newton model, see `with_curvature`.
     """
 
     def __init__(self, model: RobotModel, shape: WindowShape, native: bool = False) -> None:
@@ -118,7 +119,10 @@ class VelocityForm:
         self.row_interval, self._interval_places = _ordered(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
-        self.curved = any(rows.functions.curvature is not None for rows in self.node_rows)
+        self._giving = [(rows, rows.functions.gives) for rows in self.node_rows if rows.functions.gives is not None]
+        self.has_thrusters = bool(model.actuated.all())
+        rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
+        self.curved = rows_are_curved or not self.has_thrusters
 
     @cached_property
     def stage_durations(self) -> np.ndarray:
@@ -207,6 +211,23 @@ class VelocityForm:
             by_x[at] = jacobian.reshape(len(at), -1)
         return values, by_x
 
+    def with_given_rates(self, point: Point, p: Parameters[np.ndarray]) -> Point:
+        """Return a point with the rates that rows at nodes determine; the point itself if none do.
+
+        Rows g linear in rates y, g = G y + ..., are solved by y - G^-1 g. So they hold at every iterate, as after an
+        elimination of y.
+        """
+        if not self._giving:
+            return point
+        n = self.grid.n
+        X = point.X.copy()
+        for rows, given in self._giving:
+            nodes = list(rows.nodes)
+            g, jacobian = rows.functions.by_given(X[nodes], rows.argument(p), rows=len(nodes))
+            G = jacobian.reshape(len(nodes), rows.functions.count, -1)
+            X[nodes, n + given.start : n + given.stop] -= np.linalg.solve(G, g[..., None])[..., 0]
+        return replace(point, X=X)
+
     def rows_over_intervals(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows over intervals (I,) and their derivatives by x at both ends and tau (I, 4n + S)."""
         values = np.zeros(len(self.row_interval))
@@ -250,7 +271,11 @@ class VelocityForm:
     def with_curvature(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], multipliers: np.ndarray
     ) -> Linearization:
-        """Return the model with the second derivatives by Q of the rows at nodes, each times its multiplier, of (E,).
+        """Return the model with further second derivatives by Q, of which the Gauss-Newton model has none.
+
+        Those of the rows at nodes, each times its multiplier, of (E,), and for a base without thrusters those of the
+        residuals, 2 w sum_i W_i e_i d2e_i/dQ2. Such a robot cannot hold what is fixed in space while it drifts:
+        its residuals stay large, and without their curvature the iterations alternate about the optimum.
 
         Of the Lagrangian's second derivatives it is the part that matters: the multipliers of an end condition are as
         large as what a second of waiting costs, whatever the stage itself weighs. Without it steps overshoot in the
@@ -265,7 +290,20 @@ class VelocityForm:
                 of_nodes = multipliers[at].reshape(len(nodes), -1)
                 by_Q_Q = curvature(point.X[nodes], rows.argument(p), of_nodes, rows=len(nodes))[0]
                 positions[nodes] += by_Q_Q.reshape(-1, n, n)
+        if not self.has_thrusters:
+            self._add_residual_curvature(positions, point, p)
         return replace(model, positions=positions)
+
+    def _add_residual_curvature(self, positions: np.ndarray, point: Point, p: Parameters[np.ndarray]) -> None:
+        """Add 2 w sum_i W_i e_i d2e_i/dQ2 at the nodes of each stage, w = omega tau / (N scale), to (K + 1, n, n)."""
+        n = self.grid.n
+        tau = self.durations(point, float(p.horizon))
+        for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
+            nodes = self.intervals(s)
+            wanted, _ = reference(p, s, tau[s])
+            curvature = stage.residual_curvature(point.X[nodes, :n], p.weights[s], wanted[:N], rows=N)[0]
+            weight = float(p.omega[s] * tau[s] / N / p.scale[s])
+            positions[nodes] += 2 * weight * curvature.reshape(N, n, n)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
         """Return the quadratic model at a point.

@@ -35,9 +35,12 @@ class ConstraintFunctions:
         x: The state [Q; Qdot], a symbol (2n,).
         argument: a, a symbol.
         rows: The rows as an expression of both.
+        gives: Rates that the rows, equations, determine: they are linear in these and as many. None if they do not.
+            `sqp` then solves them at every iterate, and takes no account of their curvature.
     """
 
-    def __init__(self, x: ca.SX, argument: ca.SX, rows: ca.SX) -> None:
+    def __init__(self, x: ca.SX, argument: ca.SX, rows: ca.SX, gives: slice | None = None) -> None:
+        self.gives = gives
         self._x = x
         self._argument = argument
         self._rows = ca.densify(rows)
@@ -57,7 +60,7 @@ class ConstraintFunctions:
     @cached_property
     def curvature(self) -> RowFunction | None:
         """x, a, multipliers y (rows,) -> upper triangle of the second derivatives of y'g by Q (n, n); None where 0."""
-        if not self.count:
+        if not self.count or self.gives is not None:
             return None
         n = self._x.numel() // 2
         multipliers = ca.SX.sym("multipliers", self.count)
@@ -67,6 +70,13 @@ class ConstraintFunctions:
             return None
         arguments = [self._x, self._argument, multipliers]
         return RowFunction(ca.Function("end_curvature", arguments, ca.cse([_row_by_row(upper)])))
+
+    @cached_property
+    def by_given(self) -> RowFunction:
+        """x, a -> g (rows,), its derivatives by the rates that it gives, row by row (rows rows,)."""
+        n = self._x.numel() // 2
+        jacobian = ca.jacobian(self._rows, self._x[n:][self.gives or slice(0, 0)])
+        return RowFunction(ca.Function("given", [self._x, self._argument], ca.cse([self._rows, _row_by_row(jacobian)])))
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Write all of them and return them."""
@@ -167,6 +177,16 @@ class StageFunctions:
         by_position = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _row_by_row(hessian)]
         outputs = ca.cse([self._L, *by_duration, *by_position])
         return RowFunction(ca.Function("cost", [self._Q, W, self._target, slope], outputs), self._native)
+
+    @cached_property
+    def residual_curvature(self) -> RowFunction:
+        """Q, W, target -> upper triangle of sum_i W_i e_i d2e_i/dQ2 (n n): half of what e'We has besides E'WE."""
+        e = self._e
+        E = ca.jacobian(e, self._Q)
+        hessian, _ = ca.hessian(self._L, self._Q)
+        curvature = ca.triu(hessian / 2 - E.T @ (ca.diag(self._W) @ E))
+        arguments = [self._Q, self._W, self._target]
+        return RowFunction(ca.Function("curvature", arguments, ca.cse([_row_by_row(curvature)])), self._native)
 
     @cached_property
     def _end(self) -> ca.SX:

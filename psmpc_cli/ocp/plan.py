@@ -160,8 +160,15 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
     return Plan(times, X, u, plan.instants[plan.instants > now], plan.chart)
 
 
-def braking_plan(start: float, x: np.ndarray, duration: float, horizon: float = 0.0, chart: Chart = IDENTITY) -> Plan:
-    """Return the plan that brings all velocities to rest at a constant rate, and then rests.
+def braking_plan(
+    start: float,
+    x: np.ndarray,
+    duration: float,
+    horizon: float = 0.0,
+    chart: Chart = IDENTITY,
+    brakes: np.ndarray | bool = True,
+) -> Plan:
+    """Return the plan that brings velocities to rest at a constant rate, and then rests.
 
     Args:
         start: When it begins [s].
@@ -169,7 +176,8 @@ def braking_plan(start: float, x: np.ndarray, duration: float, horizon: float = 
         duration: Within which time the robot comes to rest [s].
         horizon: How long the plan is at least [s].
         chart: The chart of x.
+        brakes: Which coordinates can brake (n,); the others drift on.
     """
-    u, at_rest = motion.braking(x, duration)
+    u, at_rest = motion.braking(x, duration, np.asarray(brakes))
     braking = Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0), chart)
     return shift(braking, start, horizon, x) if horizon > duration else braking

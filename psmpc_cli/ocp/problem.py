@@ -157,7 +157,10 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     if isinstance(control, float | int):
         control_weights = np.full(model.n if skill.input == "joint" else model.m, float(control))
     else:
-        control_weights = stack(control, robot, skill.input, of_error=True)
+        control_weights = stack(control, robot, skill.input, missing=0.0, of_error=True)
+    if skill.input == "joint":
+        control_weights = np.where(model.actuated, control_weights, 0.0)
+    onset = rows(spec.onset if spec.onset is not None else ("all",), robot, "joint")
     return Stage(
         index=index,
         name=spec.name,
@@ -175,7 +178,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         at=spec.at,
         dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
         limits=resolve_limits(robot, task.limits, skill.limits),
-        onset_rows=rows(spec.onset if spec.onset is not None else ("all",), robot, "joint"),
+        onset_rows=tuple(row for row in onset if model.actuated[row]),
         attitudes=attitudes,
     )
 
@@ -208,7 +211,7 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     for spec in task.stages:
         space = task.skills[spec.skill].space
         skill = SKILLS[space]
-        waypoints = _waypoints(spec, robot, space, task.object)
+        waypoints = _waypoints(spec, robot, space, task.object, posture.Q[model.space.base_coordinates])
         turning = skill.angles(model)
         if spec.angles == "nearest":
             waypoints[:, turning] = np.unwrap(np.vstack([posture.xi[turning], waypoints[:, turning]]), axis=0)[1:]
@@ -221,13 +224,20 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     return found
 
 
-def _waypoints(spec: StageSpec, robot: RobotSpec, space: Space, target_object: ObjectSpec | None) -> np.ndarray:
-    """Return the rows of a stage's target as given, (T, rows); those relative to the object where it is first."""
+def _waypoints(
+    spec: StageSpec, robot: RobotSpec, space: Space, target_object: ObjectSpec | None, base: np.ndarray
+) -> np.ndarray:
+    """Return the rows of a stage's target as given, (T, rows); those relative to the object where it is first.
+
+    A base that is left out, having no thrusters, is wanted at the pose `base` (n_pose,), with weight 0.
+    """
     if isinstance(spec.target, TrajectorySpec):
         values = spec.target.stacked(robot, space)
     else:
         parts = {part: _placed(aim, target_object) for part, aim in spec.target.items()}
         values = stack(parts, robot, space)[None]
+    of_base = values[:, : len(base)]  # a view: every target begins with the base's pose
+    of_base[...] = np.where(np.isnan(of_base), base, of_base)
     return np.where(np.isnan(values), SKILLS[space].absent, values)
 
 

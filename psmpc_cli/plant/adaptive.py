@@ -63,7 +63,7 @@ class AdaptiveDynamics:
         for given, dt in zip(inputs, np.diff(times), strict=True):
             x = X[-1][:, -1]
             if what == "ticks":
-                given = self._model.inverse_dynamics(x[: self._model.nq], x[self._model.nq :], given)
+                given = self._model.computed_torque(x[: self._model.nq], x[self._model.nq :], given)
             X.append(np.asarray(integrator(x0=x, p=np.r_[given, dt])["xf"]))
         parts = np.arange(1, INSIDE + 1) / INSIDE
         inside = (times[:-1, None] + np.diff(times)[:, None] * parts).ravel()
@@ -82,7 +82,7 @@ def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     v = x[nq:]
     u = p[:n]
     vdot = model.space.charted_acceleration(Q, v, u, p[n:-1]) if lawful else u
-    F = model.dynamics.inverse(Q, v, vdot, w) if lawful else p[:n]
+    F = model.dynamics.law(Q, v, vdot, w) if lawful else p[:n]
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
     ode = p[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, w))
     options: dict[str, Any] = {

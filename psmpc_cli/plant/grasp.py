@@ -463,7 +463,7 @@ class CapturePlant:
 
     def _force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
         if self._chain is None or not self.capture.closed.all():
-            return self.model.inverse_dynamics(Q, v, u, law)
+            return self.model.computed_torque(Q, v, u, law)
         return self._chain.force(Q, v, u, law, self.capture.parameters[:, :-2])
 
 

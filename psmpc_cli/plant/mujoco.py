@@ -44,10 +44,14 @@ class MujocoPlant:
         self._known = np.zeros(0)
         self.set_inertial_parameters(model.nominal)
         names = [body.name for body in model.spec.bodies]
-        base = model.parts["base"].stop
+        space = model.space
+        moves = model.spec.moved_by.moves
         joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
-        self.q = np.r_[: base + model.nq - model.n, self.engine.jnt_qposadr[joints]]
-        self.v = np.r_[:base, self.engine.jnt_dofadr[joints]]
+        self.q = np.r_[: space.n_pose * moves, self.engine.jnt_qposadr[joints]]
+        self.v = np.r_[: space.n_twist * moves, self.engine.jnt_dofadr[joints]]
+        self._base = self.engine.body("base").id
+        self._moving_coordinates = slice(0 if moves else space.n_pose, None)
+        self._moving_rates = slice(0 if moves else space.n_twist, None)
 
     def set_inertial_parameters(self, robot: InertialParameters) -> None:
         """Build the engine for these inertial parameters of the robot and what it holds."""
@@ -82,11 +86,14 @@ class MujocoPlant:
         for k in range(M):
             read = self.model.space.integrate(X[k, :nq], other.noise[k, :n])
             v = X[k, nq:] + other.noise[k, n:]
-            F[k] = np.clip(self.model.inverse_dynamics(read, v, u[k], other.law), -largest, largest)
+            F[k] = np.clip(self.model.computed_torque(read, v, u[k], other.law), -largest, largest)
             X[k + 1], done = self._step(X[k], F[k] + other.push[k])
             work += done
         time = start + self.tick * np.arange(M + 1)
-        return Ticks(time, X, F, np.append(_impulse(self.model.space, X, F + other.push, self.tick), work))
+        impulse = _impulse(self.model.space, X, F + other.push, self.tick)
+        if not self.model.spec.moved_by.moves:
+            impulse[:] = np.nan  # the mount's, which MuJoCo does not return
+        return Ticks(time, X, F, np.append(impulse, work))
 
     def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""
@@ -105,18 +112,24 @@ class MujocoPlant:
         data = self.data
         way = self.resistance
         work = 0.0
-        Q = x[:nq]
-        v = x[nq:]
+        coordinates = self._moving_coordinates
+        rates = self._moving_rates
+        Q = x[:nq].copy()
+        v = x[nq:].copy()
+        if not self.model.spec.moved_by.moves:
+            self.engine.body_pos[self._base], self.engine.body_quat[self._base] = space.lifted(
+                Q[space.base_coordinates]
+            )
         for _ in range(self.substeps):
-            before = Q
-            slower = v
+            before = Q.copy()
+            slower = v.copy()
             acting = way.left_of(F, v)
-            data.qpos[self.q] = Q
-            data.qvel[self.v] = v
-            data.qfrc_applied[self.v] = acting
+            data.qpos[self.q] = Q[coordinates]
+            data.qvel[self.v] = v[rates]
+            data.qfrc_applied[self.v] = acting[rates]
             mujoco.mj_step(self.engine, data)
-            Q = data.qpos[self.q]
-            v = data.qvel[self.v]
+            Q[coordinates] = data.qpos[self.q]
+            v[rates] = data.qvel[self.v]
             step = np.array(space.difference(before, Q))
             step = step - space.magnus_correction(slower[None], v[None], self.engine.opt.timestep)[0]
             work += float(acting @ step)

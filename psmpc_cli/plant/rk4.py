@@ -170,13 +170,15 @@ def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.F
     if disturbed:
         measured_Q = _integrated(model.space, measured_Q, noise[:n])
         measured_v = measured_v + noise[n:]
-    commanded = model.dynamics.inverse(measured_Q, measured_v, u, believed)
+    commanded = model.dynamics.law(measured_Q, measured_v, u, believed)
     Q = z[:nq]
     v = z[nq : nq + n]
     acting = F - viscous * v - coulomb * ca.tanh(v / width)
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    wrench = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
-    rate = ca.vertcat(*Qdot, model.dynamics.forward(Q, v, acting, robot), *wrench, ca.dot(acting, v))
+    vdot = model.dynamics.forward(Q, v, acting, robot)
+    external = F if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot)  # that of the mount
+    wrench = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external))
+    rate = ca.vertcat(*Qdot, vdot, *wrench, ca.dot(acting, v))
     if not disturbed:
         return ca.Function("law", [x, u], ca.cse([commanded])), ca.Function("flow", [z, F], ca.cse([rate]))
     limited = ca.fmin(ca.fmax(commanded, -largest), largest)

@@ -60,9 +60,9 @@ ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_accele
 
 
 def _peaks(summary: Summary, *names: str) -> str:
-    """Write peaks of one row; nothing where they are not known."""
+    """Write peaks of one row; nothing where they are not known, or all 0, those of a base without thrusters."""
     values = [summary.peaks[name] for name in names]
-    return " / ".join(f"{value:.3g}" for value in values) if all(map(math.isfinite, values)) else ""
+    return " / ".join(f"{value:.3g}" for value in values) if all(map(math.isfinite, values)) and any(values) else ""
 
 
 def _departure(capture: CaptureSummary | None) -> str:
@@ -112,8 +112,8 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("largest force, torque of the base [N, N m]", lambda run: _peaks(run, "base_force", "base_torque"), 0, ""),
     ("largest torque of a joint [N m]", lambda run: run.peaks["joint_torque"], 2, ""),
     ("largest accelerations [m/s^2, rad/s^2, rad/s^2]", lambda run: _peaks(run, *ACCELERATIONS), 0, ""),
-    ("base thrusters, force [N s]", lambda run: run.base_force, 2, ""),
-    ("base thrusters, torque [N m s]", lambda run: run.base_torque, 2, ""),
+    ("base thrusters, force [N s]", lambda run: run.base_force or math.nan, 2, ""),
+    ("base thrusters, torque [N m s]", lambda run: run.base_torque or math.nan, 2, ""),
     ("variation of u, base position [m/s^2]", lambda run: run.variation_base_position, 2, DETAIL),
     ("variation of u, base angle [rad/s^2]", lambda run: run.variation_base_angle, 2, DETAIL),
     ("variation of u, joints [rad/s^2]", lambda run: run.variation_joints, 2, DETAIL),

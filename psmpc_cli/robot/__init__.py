@@ -1,1 +1,1 @@
-"""Kinematics and dynamics of free-floating multi-arm robots as CasADi functions."""
+"""Kinematics and dynamics of multi-arm space robots as CasADi functions."""

@@ -283,6 +283,14 @@ class ConfigurationSpace(ABC):
         """Return the chart about the attitude in coordinates Q (nq,)."""
 
     @abstractmethod
+    def charted_coordinates(self, Q: ca.SX, anchor: ca.SX) -> ca.SX:
+        """Return the coordinates (nq,) at coordinates Q (n,) in the chart about an anchor."""
+
+    @abstractmethod
+    def charted_velocity(self, Q: ca.SX, Qdot: ca.SX) -> ca.SX:
+        """Return v (n,) at coordinates Q and rates Qdot (n,) in a chart."""
+
+    @abstractmethod
     def charted_acceleration(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return the rates of v (n,) at accelerations u (n,) in the chart about an anchor."""
 
@@ -314,9 +322,9 @@ class ConfigurationSpace(ABC):
     def base_frame(self, Q: Any) -> Frame:
         """Return the base's frame at coordinates Q (nq,)."""
 
-    @abstractmethod
-    def charted_frame(self, Q: Any, anchor: Any) -> Frame:
+    def charted_frame(self, Q: ca.SX, anchor: ca.SX) -> Frame:
         """Return the base's frame at coordinates Q (n,) in the chart about an anchor."""
+        return self.base_frame(self.charted_coordinates(Q, anchor))
 
     @abstractmethod
     def frames(self, poses: Array) -> Array:
@@ -423,6 +431,14 @@ class PlanarSpace(ConfigurationSpace):
         """Return the identity."""
         return IDENTITY
 
+    def charted_coordinates(self, Q: ca.SX, anchor: ca.SX) -> ca.SX:
+        """Return Q."""
+        return Q
+
+    def charted_velocity(self, Q: ca.SX, Qdot: ca.SX) -> ca.SX:
+        """Return Qdot."""
+        return Qdot
+
     def charted_acceleration(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return u."""
         return u
@@ -450,10 +466,6 @@ class PlanarSpace(ConfigurationSpace):
     def base_frame(self, Q: Any) -> Frame:
         """Return the frame at (x, y, angle)."""
         return PlanarFrame(Q[:2], Q[2])
-
-    def charted_frame(self, Q: Any, anchor: Any) -> Frame:
-        """Return the frame at (x, y, angle)."""
-        return self.base_frame(Q)
 
     def frames(self, poses: Array) -> Array:
         """Turn about z."""
@@ -573,6 +585,16 @@ class SpatialSpace(ConfigurationSpace):
         """Return the chart whose anchor is the quaternion."""
         return AttitudeChart(Q[self.attitude])
 
+    def charted_coordinates(self, Q: ca.SX, anchor: ca.SX) -> ca.SX:
+        """Return A Exp(phi) in the rows of the quaternion."""
+        attitude = product(ca.vertsplit(anchor), exp(ca.vertsplit(Q[3:6])))
+        return ca.vertcat(Q[:3], *attitude, Q[6:])
+
+    def charted_velocity(self, Q: ca.SX, Qdot: ca.SX) -> ca.SX:
+        """Return omega = J_r(phi) phidot in the rows of rotation."""
+        omega = body_rate(ca.vertsplit(Q[3:6]), ca.vertsplit(Qdot[3:6]))
+        return ca.vertcat(Qdot[:3], *omega, Qdot[6:])
+
     def charted_acceleration(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return d/dt (J_r(phi) phidot) in the rows of rotation, phi and phidot being those of Q and v."""
         turned = product(conjugate(ca.vertsplit(anchor)), ca.vertsplit(Q[3:7]))
@@ -612,11 +634,6 @@ class SpatialSpace(ConfigurationSpace):
     def base_frame(self, Q: Any) -> Frame:
         """Return the frame at a position and a quaternion."""
         return SpatialFrame([Q[i] for i in range(3)], [Q[i] for i in range(3, 7)])
-
-    def charted_frame(self, Q: Any, anchor: Any) -> Frame:
-        """Return the frame at a position and the attitude A Exp(phi)."""
-        at = ca.vertsplit(Q)
-        return SpatialFrame(at[:3], product(ca.vertsplit(anchor), exp(at[3:6])))
 
     def frames(self, poses: Array) -> Array:
         """Take rotation matrices of the quaternions."""

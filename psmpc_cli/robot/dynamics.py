@@ -83,8 +83,10 @@ class Dynamics:
 
     Attributes:
         H: Q, w -> (n, n) [kg, kg m, kg m^2]. Paper eq. (3).
-        inverse: Q, v, vdot, w -> F (n,) [N, N m], also the computed-torque law. Paper eqs. (3), (7).
-        forward: Q, v, F, w -> vdot (n,) [m/s^2, rad/s^2]. Paper eq. (3).
+        inverse: Q, v, vdot, w -> F (n,) [N, N m]. Paper eq. (3).
+        law: Q, v, u, w -> F (n,) [N, N m], the computed torque. Paper eq. (7). A base without thrusters gets no force,
+            and its rows of u have no effect.
+        forward: Q, v, F, w -> vdot (n,) [m/s^2, rad/s^2]. Paper eq. (3). A fixed base has none, whatever acts on it.
         momentum: Q, v, w -> linear [N s] and angular about the inertial origin [N m s], (3,) or (6,). Paper eq. (4).
             That of the bodies alone: the armature of joints has none, see above.
         kinetic_energy: Q, v, w -> scalar [J].
@@ -92,6 +94,7 @@ class Dynamics:
 
     H: ca.Function
     inverse: ca.Function
+    law: ca.Function
     forward: ca.Function
     momentum: ca.Function
     kinetic_energy: ca.Function
@@ -112,13 +115,40 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
     momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
     motion = {"Q": Q, "v": v}
+    law, acceleration = _by_mobility(spec, H, bias, force, vdot, F)
     return Dynamics(
         H=function("H", {"Q": Q, "w": w}, {"H": ca.densify(H)}),
         inverse=function("inverse", {**motion, "vdot": vdot, "w": w}, {"F": force}),
-        forward=function("forward", {**motion, "F": F, "w": w}, {"vdot": solve_spd(H, F - bias)}),
+        law=function("law", {**motion, "u": vdot, "w": w}, {"F": law}),
+        forward=function("forward", {**motion, "F": F, "w": w}, {"vdot": acceleration}),
         momentum=function("momentum", {**motion, "w": w}, {"p": momentum}),
         kinetic_energy=function("kinetic_energy", {**motion, "w": w}, {"T": ca.dot(v, Hv) / 2}),
     )
+
+
+def _by_mobility(spec: RobotSpec, H: ca.SX, bias: ca.SX, force: ca.SX, vdot: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return the force of the computed-torque law for accelerations vdot, and the accelerations under a force F.
+
+    With the rows of base and joints, and the bias c, paper eq. (3) is
+
+        H_bb vdot_b + H_bj vdot_j + c_b = F_b,    H_jb vdot_b + H_jj vdot_j + c_j = F_j.
+
+    Free-flying: as they stand. Free-floating: F_b = 0, and the base reacts with vdot_b = -H_bb^-1 (H_bj u_j + c_b).
+    Fixed: vdot_b = 0, F_j = H_jj u_j + c_j, and the force of the mount on the base is none of the robot's.
+    Umetani, Yoshida: Resolved motion rate control of space manipulators with generalized Jacobian matrix (1989).
+    """
+    space = configuration_space(spec)
+    base = space.base
+    joints = space.joint_rates
+    none = ca.SX.zeros(space.n_twist)
+    if spec.moved_by.actuated:
+        return force, solve_spd(H, F - bias)
+    if spec.moved_by.moves:
+        reaction = -solve_spd(H[base, base], H[base, joints] @ vdot[joints] + bias[base])
+        law = ca.substitute(force, vdot[base], reaction)
+        return ca.vertcat(none, law[joints]), solve_spd(H, F - bias)
+    law = ca.substitute(force, vdot[base], none)
+    return ca.vertcat(none, law[joints]), ca.vertcat(none, solve_spd(H[joints, joints], (F - bias)[joints]))
 
 
 def solve_spd(A: ca.SX, b: ca.SX) -> ca.SX:

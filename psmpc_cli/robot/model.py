@@ -41,6 +41,7 @@ class RobotModel:
 
     Attributes:
         spec: The robot's description.
+        actuated: Which velocity coordinates have a force of their own, (n,): not those of a base without thrusters.
         n: Number of velocity coordinates.
         nq: Number of coordinates Q.
         m: Number of pose coordinates xi.
@@ -59,6 +60,8 @@ class RobotModel:
         self.space = configuration_space(spec)
         self.dimension = self.space.dimension
         self.n = self.space.n
+        self.actuated = np.ones(self.n, bool)
+        self.actuated[self.space.base] = spec.moved_by.actuated
         self.nq = self.space.nq
         Q = ca.SX.sym("Q", self.nq)
         bodies, xi = self._placed(self.space.base_frame(Q), Q[self.space.joint_coordinates])
@@ -98,6 +101,16 @@ class RobotModel:
         anchor = ca.SX.sym("anchor", self.space.n_anchor)
         _, xi = self._placed(self.space.charted_frame(Q, anchor), Q[self.space.joint_rates])
         return function("charted", {"Q": Q, "anchor": anchor}, {"xi": xi})
+
+    @cached_property
+    def momentum_in_chart(self) -> ca.Function:
+        """State x (2n,) in a chart, its anchor -> momentum h (n_twist,), as `momentum` has it. Paper eq. (4)."""
+        x = ca.SX.sym("x", 2 * self.n)
+        anchor = ca.SX.sym("anchor", self.space.n_anchor)
+        Q = self.space.charted_coordinates(x[: self.n], anchor)
+        v = self.space.charted_velocity(x[: self.n], x[self.n :])
+        h = self.dynamics.momentum(Q, v, self.nominal.vector)
+        return function("momentum_in_chart", {"x": x, "anchor": anchor}, {"h": h})
 
     @cached_property
     def J_C(self) -> ca.Function:
@@ -197,6 +210,16 @@ class RobotModel:
         """Return the generalized force F = H vdot + C v, (n,) [N, N m], of accelerations vdot (n,). Paper eq. (3)."""
         return self._evaluate("inverse", Q, v, vdot, self._w(parameters))
 
+    def computed_torque(
+        self, Q: ArrayLike, v: ArrayLike, u: ArrayLike, parameters: InertialParameters | None = None
+    ) -> Array:
+        """Return the generalized force, (n,) [N, N m], that gives actuated coordinates accelerations u (n,). Eq. (7).
+
+        Where the base has thrusters it is that of inverse dynamics. Without them the base gets no force, and its rows
+        of u have no effect: it reacts to the joints, or stands still.
+        """
+        return self._evaluate("law", Q, v, u, self._w(parameters))
+
     def forward_dynamics(
         self, Q: ArrayLike, v: ArrayLike, F: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
@@ -257,7 +280,8 @@ class RobotModel:
         balance = ca.Function("balance", state, ca.cse([kept]), dynamics.momentum.name_in(), ["balance"])
         inertial = dynamics.H.sx_in()
         H = ca.Function("H", inertial, [ca.vec(dynamics.H(*inertial))], dynamics.H.name_in(), ["H"])
-        return {each.name(): RowFunction(each) for each in (self.g, H, dynamics.inverse, dynamics.forward, balance)}
+        functions = self.g, H, dynamics.inverse, dynamics.law, dynamics.forward, balance
+        return {each.name(): RowFunction(each) for each in functions}
 
 
 def load_robot(reference: str | Path) -> RobotModel:

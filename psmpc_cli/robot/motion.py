@@ -69,15 +69,19 @@ def rollout(x: Array, u: Array, steps: Array) -> Array:
     return np.hstack([Q, Qdot])
 
 
-def braking(x: Array, duration: float) -> tuple[Array, Array]:
+def braking(x: Array, duration: float, brakes: Array) -> tuple[Array, Array]:
     """Return the constant acceleration (n,) that brings a state x (2n,) to rest within a duration [s].
 
-    And the state at rest (2n,). From Qdot + duration u = 0.
+    And the state then (2n,). From Qdot + duration u = 0. Coordinates that cannot brake (n,), those of a base without
+    thrusters, drift on.
     """
     n = len(x) // 2
-    u = -x[n:] / duration
-    at_rest = np.concatenate([x[:n] + duration / 2 * x[n:], np.zeros(n)])
-    return u, at_rest
+    Q = x[:n]
+    Qdot = x[n:]
+    u = np.where(brakes, -Qdot / duration, 0.0)
+    mean_rate = np.where(brakes, Qdot / 2, Qdot)
+    last_rate = np.where(brakes, 0.0, Qdot)
+    return u, np.concatenate([Q + duration * mean_rate, last_rate])
 
 
 def mean_control(u: Array, times: Array, edges: Array) -> Array:

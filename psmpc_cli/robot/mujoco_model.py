@@ -23,12 +23,12 @@ def mujoco_spec(
     """Describe a robot for MuJoCo, in SI units and radians.
 
     No gravity, damping, contact or joint limits. The base of a planar robot slides along x and y and turns, by joints
-    `base.x`, `base.y` and `base.angle`; that of a spatial one has the free joint `base`. Other joints and bodies are
-    named as in `RobotSpec.bodies`; the sites `base` and `<arm>` are the frames of poses. `qpos` and `qvel` are Q and v,
-    but where an arm is mounted on another one MuJoCo orders the joints by depth. MuJoCo needs three moments of
-    inertia: of a planar body all are the planar one, and the two about axes in the plane have no effect. A
-    `target_object` is a further free body, its joints after the robot's. What the grippers hold is a body of its own in
-    each of them.
+    `base.x`, `base.y` and `base.angle`; that of a spatial one has the free joint `base`; a fixed one has none. Other
+    joints and bodies are named as in `RobotSpec.bodies`; the sites `base` and `<arm>` are the frames of poses. `qpos`
+    and `qvel` are Q and v, but where an arm is mounted on another one MuJoCo orders the joints by depth. MuJoCo needs
+    three moments of inertia: of a planar body all are the planar one, and the two about axes in the plane have no
+    effect. A `target_object` is a further free body, its joints after the robot's. What the grippers hold is a body of
+    its own in each of them.
 
     Args:
         spec: The robot.
@@ -44,7 +44,8 @@ def mujoco_spec(
     robot.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     base, *links = spec.bodies
     added: list[Any] = [robot.worldbody.add_body(name=base.name, **_inertial(base, known, 0))]
-    _let_move(added[0], "base", spec.dimension)
+    if spec.moved_by.moves:
+        _let_move(added[0], "base", spec.dimension)
     added[0].add_site(name="base")
     for number, (link, joint) in enumerate(zip(links, spec.joints, strict=True), start=1):
         carrier = added[joint.at.body]

@@ -119,7 +119,7 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
 
 
 def _unconstrained(stage: PlacedStage) -> PlacedStage:
-    """Remove limits and end condition of a stage."""
+    """Remove limits, constraints and end condition of a stage."""
     none = np.full_like(stage.limits.position_low, np.inf)
     limits = Limits(*(sign * none for _ in range(3) for sign in (-1, 1)))
     return replace(
@@ -129,6 +129,7 @@ def _unconstrained(stage: PlacedStage) -> PlacedStage:
         tolerance=np.zeros(0),
         end_velocity=None,
         object_end=NO_OBJECT_END,
+        constraints={},
         at=None,
         dwell=0.0,
     )

@@ -105,8 +105,9 @@ class Meter:
         force, torque, joint_torque = self._norms(np.array([each.F for each in ticks]))
         accelerations = np.array(applied)
         linear, angular, joint = self._norms(accelerations)
+        own = accelerations[..., model.actuated]  # a base without thrusters has no control
         # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
-        mean = accelerations.mean(axis=1)
+        mean = own.mean(axis=1)
         sample_time = self._tick * accelerations.shape[1]
         passed = np.stack([each[1:] for each in charted], axis=1)
         passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)  # limits are of v
@@ -131,7 +132,7 @@ class Meter:
             "margin/position": margin[:, :n],
             "margin/velocity": margin[:, n:],
             "effort/control": sample_time * (mean**2).sum(axis=1),
-            "effort/squared_acceleration": self._tick * (accelerations**2).sum(axis=(1, 2)),
+            "effort/squared_acceleration": self._tick * (own**2).sum(axis=(1, 2)),
             "effort/base_force": self._tick * force.sum(axis=1),
             "effort/base_torque": self._tick * torque.sum(axis=1),
             "peak/base_force": force.max(axis=1),

@@ -162,6 +162,8 @@ def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
         functions = stage_functions(problem.model, shape)
         yield maker_of(functions.gauss_newton.function)
         yield maker_of(functions.cost.function)
+        if not problem.model.actuated.all():
+            yield maker_of(functions.residual_curvature.function)
     for switches in range(len(problem.stages)):
         yield partial(kernel_library, problem.model.n, switches)
 
@@ -179,13 +181,13 @@ class _Solve:
     def run(self, guess: Point, multipliers: np.ndarray, warm: bool) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         iterate, model = self._begin(guess)
-        qp = self._program(guess, model, multipliers)
-        if not warm and not self._keeps_limits(guess, qp):
+        qp = self._program(iterate.point, model, multipliers)
+        if not warm and not self._keeps_limits(iterate.point, qp):
             later = later_switch(self.window, guess)
             if later is not None:
                 late_iterate, late_model = self._begin(later)
-                late_qp = self._program(later, late_model, multipliers)
-                if self._keeps_limits(later, late_qp):
+                late_qp = self._program(late_iterate.point, late_model, multipliers)
+                if self._keeps_limits(late_iterate.point, late_qp):
                     iterate = late_iterate
                     model = late_model
                     qp = late_qp
@@ -206,6 +208,7 @@ class _Solve:
 
     def _begin(self, point: Point) -> tuple[Iterate, Linearization]:
         """Return the iterate at a guess, and the model there."""
+        point = self.window.moved(point)
         model = self.window.linearize(point)
         return Iterate(point, model.at, self.window.violation(point, model.at)), model
 
@@ -273,7 +276,7 @@ class _Solve:
         slope += self.window.change_of_penalty(iterate.point, model, qp.step)
         share = self._longest_share(iterate.point, qp.step)
         while share >= SHORTEST_STEP:
-            point = iterate.point.moved(qp.step, share)
+            point = self.window.moved(iterate.point, qp.step, share)
             at = self.window.residuals(point)
             trial = Iterate(point, at, self.window.violation(point, at), step, share, qp)
             if filter_.accepts(trial, iterate, slope):

@@ -138,6 +138,10 @@ class SqpWindow:
         """Number of the rows of states, the first of all."""
         return 2 * self.form.grid.n * self.form.grid.K
 
+    def moved(self, point: Point, step: Point | None = None, share: float = 1.0) -> Point:
+        """Return a point a share of a step further, with the rates that rows give."""
+        return self.form.with_given_rates(point if step is None else point.moved(step, share), self.p)
+
     def rows(self, point: Point, at: Residuals) -> np.ndarray:
         """Return the rows at a point, (R,)."""
         rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]

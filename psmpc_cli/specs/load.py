@@ -27,7 +27,7 @@ from psmpc_cli.specs.document import (
 )
 from psmpc_cli.specs.fields import faults_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
-from psmpc_cli.specs.parts import Context
+from psmpc_cli.specs.parts import MOBILITIES, Context
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
@@ -239,7 +239,9 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(("robot",), str(error))))
     spec, robot_faults = (None, ()) if source is None else validate_robot(source)
-    of_robot = (spec.parts, spec.limits) if spec else ()
+    if spec is not None and document.value(("mobility",)) in MOBILITIES:
+        spec = spec.model_copy(update={"mobility": document.value(("mobility",))})
+    of_robot = (spec.parts, spec.limits, spec.mobility) if spec else ()
     kind = document.value(("controller", "kind")) or document.value(("controller",))
     own = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
     task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))

@@ -59,6 +59,36 @@ SPACES: Mapping[Space, SpaceTraits] = {
 
 QUANTITIES = ("position", "velocity", "acceleration")
 
+Mobility = Literal["free-flying", "free-floating", "fixed"]
+"""What moves the base of a robot."""
+
+
+@dataclass(frozen=True)
+class MobilityTraits:
+    """What tells a mobility of the base from the others.
+
+    Attributes:
+        about: What it is, in a few words.
+        actuated: Thrusters push and turn the base at will.
+        moves: The base moves.
+    """
+
+    about: str
+    actuated: bool = False
+    moves: bool = True
+
+
+MOBILITIES: Mapping[Mobility, MobilityTraits] = {
+    "free-flying": MobilityTraits("thrusters push and turn the base", actuated=True),
+    "free-floating": MobilityTraits("nothing acts on the base, which reacts to the arms"),
+    "fixed": MobilityTraits("the base stands still", moves=False),
+}
+"""The mobilities by their name."""
+
+FREE_FLYING: Mobility = "free-flying"
+
+MOBILITY = "; ".join(f"{mobility}: {traits.about}" for mobility, traits in MOBILITIES.items())
+
 
 def parts_of_skills() -> tuple[str, ...]:
     """Return the parts that only skills have: no robot may have an arm of their name."""
@@ -77,11 +107,22 @@ class Context:
         file: The robot's file, or the task's, as written.
         sizes: The parts of the task's robot and their numbers of coordinates; none if the robot is not valid.
         robot_limits: The robot's limits.
+        mobility: What moves its base.
     """
 
     file: Document
     sizes: Mapping[str, int] = field(default_factory=dict)
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
+    mobility: Mobility = FREE_FLYING
+
+    @property
+    def moved_by(self) -> MobilityTraits:
+        """What moves the base of the task's robot."""
+        return MOBILITIES[self.mobility]
+
+    def required(self, parts: Collection[str]) -> list[str]:
+        """Return which parts targets and weights must have: a base without thrusters may be left out."""
+        return [part for part in parts if part != "base" or self.moved_by.actuated]
 
     @cached_property
     def spaces(self) -> dict[str, Space | None]:

@@ -1,4 +1,4 @@
-"""What a robot is: a free-floating base and arms of joints and rigid links, in plane or space. Validated data.
+"""What a robot is: a base and arms of joints and rigid links, in plane or space. Validated data.
 
 And the order of its coordinates: their names, numbers by part as vectors, and the limits in force.
 """
@@ -16,7 +16,21 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
 from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.parts import ERROR_AXES, QUANTITIES, RESERVED, Context, Space, axes_of, misfit, stands_for
+from psmpc_cli.specs.parts import (
+    ERROR_AXES,
+    FREE_FLYING,
+    MOBILITIES,
+    MOBILITY,
+    QUANTITIES,
+    RESERVED,
+    Context,
+    Mobility,
+    MobilityTraits,
+    Space,
+    axes_of,
+    misfit,
+    stands_for,
+)
 
 Vector = NDArray[np.float64]
 Parts = Mapping[str, tuple[float, ...]]
@@ -289,7 +303,7 @@ ArmKey = Annotated[fields.Name, AfterValidator(_not_reserved)]
 
 
 class RobotSpec(Spec):
-    """A space robot: a free-floating base, and arms that are chains of joints and links. Planar or spatial.
+    """A space robot: a base, and arms that are chains of joints and links. Planar or spatial.
 
     `limits` is keyed by `base`, `arms` (every arm) or an arm's name.
     """
@@ -299,10 +313,16 @@ class RobotSpec(Spec):
     arms: Mapping[ArmKey, Arm | SpatialArm]
     limits: LimitsByPart = Field({}, description="limits of base, arms (every arm) or an arm by name")
     armature: fields.Sparse[ArmatureByArm] = Field({}, description=ARMATURE)
+    mobility: Mobility = Field(FREE_FLYING, exclude_if=lambda value: value == FREE_FLYING, description=MOBILITY)
     base: Base | SpatialBase
 
     dimension: ClassVar[int]
     """Number of position coordinates of a pose: 2 or 3."""
+
+    @property
+    def moved_by(self) -> MobilityTraits:
+        """What moves the base."""
+        return MOBILITIES[self.mobility]
 
     @property
     def parts(self) -> dict[str, int]:
@@ -399,7 +419,7 @@ class UrdfRobot(Spec):
     name: fields.Name | None = Field(None, description="name of the robot, by default the URDF's")
     description: str = Field("", description="what it is, for people")
     urdf: str = Field(min_length=1, description="path of the URDF, relative to this file")
-    base: _LinkName | None = Field(None, description="the free-flying link, by default the root")
+    base: _LinkName | None = Field(None, description="the link that is the base, by default the root")
     arms: Mapping[ArmKey, Tip] | None = Field(None, description="the arms by name; by default every leaf that moves")
     locked: Mapping[_JointName, fields.Angle] = Field(
         {}, description="positions of joints that belong to no arm, by name [rad, m]"
@@ -408,6 +428,7 @@ class UrdfRobot(Spec):
         {}, description="limits of base, arms (every arm) or an arm by name, besides the URDF's"
     )
     armature: Mapping[str, tuple[fields.NotNegative, ...]] = Field({}, description=ARMATURE)
+    mobility: Mobility = Field(FREE_FLYING, description=MOBILITY)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, 
 from psmpc_cli.specs.parts import (
     SPACES,
     Context,
+    Mobility,
     Space,
     axes_of,
     in_joint_space,
@@ -262,8 +263,9 @@ def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErr
     """Give missing parts and wrong lengths of a skill's weights."""
     if (space := before.get("space")) is not None:
         axes = axes_of(context.sizes, space)
-        yield from part_faults(weights.parts, axes, SPACES[space].required or axes)
+        yield from part_faults(weights.parts, axes, context.required(SPACES[space].required or axes))
     axes = axes_of(context.sizes, before.get("input", "joint"))
+    axes = {part: axes[part] for part in context.required(axes)}  # a base without thrusters has no control
     for at, error in part_faults(weights.control, axes, axes):
         yield ("control", *at), error
 
@@ -353,7 +355,7 @@ def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
     if (space := context.spaces.get(before.get("skill", ""))) is None:
         return
     axes = axes_of(context.sizes, space, of_error=False)
-    yield from part_faults(written, axes, SPACES[space].required or axes, angles=True)
+    yield from part_faults(written, axes, context.required(SPACES[space].required or axes), angles=True)
     for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
@@ -526,6 +528,8 @@ def _plant(plant: PlantSpec, before: Fields, context: Context) -> RuleErrors:
     if not _is_whole(sample * rate):
         found = f"{rate:g} Hz, which makes {sample * rate:.6g} ticks of a sample_time of {sample:g} s"
         yield ("low_level_rate",), expected("a whole number of ticks", found)
+    if not plant.traits.has_forces and not context.moved_by.actuated:
+        yield ("kind",), expected(f"{plant.alternatives}, by which a {context.mobility} base moves")
     if plant.step is not None and not _is_whole(1 / rate / plant.step):
         found = f"{plant.step:g} s, which makes {1 / rate / plant.step:.6g} steps of a tick of {1 / rate:g} s"
         yield ("step",), expected("a whole number of steps", found)
@@ -551,6 +555,11 @@ def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -
     for name, skill in skills.items():
         if skill.input == "task" and joint_only:
             yield (name, "input"), expected('"joint" (task needs solver ipopt, and another controller than htmpc)')
+        if skill.input == "task" and not context.moved_by.actuated:
+            yield (
+                (name, "input"),
+                expected('"joint": task takes bases with thrusters alone', f"a {context.mobility} base"),
+            )
         if skill.input == "task" and context.sizes.get("base") == 6:
             yield (name, "input"), expected('"joint": task takes planar robots alone')
         for at, error in wider(skill.limits, outer, context.sizes):
@@ -593,17 +602,35 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Rul
 _Monitor = Annotated[MonitorSpec, holds(_monitor)]
 
 
+def _still(velocity: Any, before: Fields, context: Context) -> RuleErrors:
+    """Give an initial velocity of a base that stands still."""
+    if any(velocity.get("base", ())) and not context.moved_by.moves:
+        yield ("base",), expected("zeros, or no base: it is fixed")
+
+
+def _has_thrusters(target_object: ObjectSpec | None, before: Fields, context: Context) -> RuleErrors:
+    """Give an object with a mass where nothing acts on the base."""
+    if target_object is not None and target_object.mass and not context.moved_by.actuated:
+        yield (
+            ("mass",),
+            expected(f"none: only a free-flying robot takes an object with a mass, not a {context.mobility} one"),
+        )
+
+
 class TaskSpec(Spec):
     """A whole experiment."""
 
     name: fields.Name = Field("", description="name of the task; default the file's stem")
     description: str = Field("", description="what it is, for people")
     robot: str = Field(min_length=1, description="a built-in robot's name, or a path relative to this file")
+    mobility: Mobility | None = Field(
+        None, exclude_if=lambda value: value is None, description="what moves the base, instead of the robot's own"
+    )
     initial: Annotated[Mapping[fields.Part, fields.Numbers], in_joint_space(required=True, angles=True)] = Field(
         description="base pose and joint angles at the start [m, rad]"
     )
-    initial_velocity: Annotated[Mapping[fields.Part, tuple[fields.Angle, ...]], in_joint_space()] = Field(
-        {}, description="their rates at the start [m/s, rad/s]; default rest"
+    initial_velocity: Annotated[Mapping[fields.Part, tuple[fields.Angle, ...]], in_joint_space(), holds(_still)] = (
+        Field({}, description="their rates at the start [m/s, rad/s]; default rest")
     )
     controller: Annotated[ControllerSpec, holds(_controller)] = Field(
         ControllerSpec(), description="the controller and its objective"
@@ -627,7 +654,9 @@ class TaskSpec(Spec):
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
-    object: Annotated[ObjectSpec, holds(complete)] | None = Field(None, description="the target object")
+    object: Annotated[ObjectSpec, holds(complete), holds(_has_thrusters)] | None = Field(
+        None, description="the target object"
+    )
     uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )

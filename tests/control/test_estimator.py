@@ -18,7 +18,7 @@ def estimator(noise: float = 0.0, gain: float = 0.3, delay: int = 0, n: int = 3,
     changes = [f"controller.offset_free={offset_free}", f"controller.known_delay={delay}", f"uncertainty.delay={delay}"]
     spec = load_task("transport", changes).spec.controller.model_copy(update={"offset_gain": gain})
     space = SpatialSpace(n - 6) if n > 6 else PlanarSpace(n - 3)
-    return Estimator(spec, space, np.r_[np.full(n, noise), np.zeros(n)], T / TICKS)
+    return Estimator(spec, space, np.ones(n, bool), np.r_[np.full(n, noise), np.zeros(n)], T / TICKS)
 
 
 def follow(true: np.ndarray, gain: float, samples: int, noise: float = 0.0, delay: int = 0) -> np.ndarray:

@@ -40,7 +40,7 @@ def test_steps_as_expressions_have_the_shares_of_velocities_at_their_ends(
 
 @given(X0, st.floats(0.01, 5))
 def test_braking_ends_at_rest_where_it_says(x: np.ndarray, duration: float) -> None:
-    u, at_rest = braking(x, duration)
+    u, at_rest = braking(x, duration, np.ones(len(x) // 2, bool))
     assert advanced(x[None], u[None], duration)[0] == pytest.approx(at_rest, abs=1e-9)
     assert at_rest[N:] == pytest.approx(np.zeros(N))
 

@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 NAMES = (
+    "mobility",
     "end",
     "kept",
     "hands",

@@ -1,0 +1,58 @@
+"""A base without thrusters moves as its momentum, or its mount, has it: equations at every node.
+
+Free-floating: the momentum is that of the sample,
+
+    h(Q, Qdot) = P_b(Q) Qdot_b + P_j(Q) Qdot_j = h,    so    Qdot_b = T Qdot_j + b,    T = -P_b^-1 P_j,  b = P_b^-1 h,
+
+with the generalized Jacobian T of the base and its drift b. Umetani, Yoshida: Resolved motion rate control of space
+manipulators with generalized Jacobian matrix (1989). Fixed: Qdot_b = 0.
+
+The rows stand beside the double integrator of all coordinates, so windows, plans and meshes are those of every robot;
+what u says of the base follows from them and costs nothing. The rows are linear in Qdot_b, and `sqp` solves them for it
+after every step: left to the line search they do not hold, and it rejects steps (docs/decisions.md).
+"""
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
+from psmpc_cli.ocp.stage import ConstraintNumbers
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.task import TaskSpec
+
+
+def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
+    """Return the bounds of the rows, and the momentum, which samples set; None for a base with thrusters."""
+    moved_by = model.spec.moved_by
+    if moved_by.actuated:
+        return None
+    none = np.zeros(model.space.n_twist)
+    unknown = np.full(model.space.n_twist * moved_by.moves, np.nan)
+    return ConstraintNumbers(
+        structure=model.spec.mobility,
+        argument=unknown,
+        low=none,
+        high=none,
+        at_sample=_measured_momentum if moved_by.moves else None,
+    )
+
+
+def _measured_momentum(model: RobotModel, x: np.ndarray, anchor: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+    """Return the momentum (n_twist,) of the robot at a sample."""
+    return np.asarray(model.momentum_in_chart(x, anchor)).ravel()
+
+
+def functions(model: RobotModel, mobility: str) -> ConstraintFunctions:
+    """Return x, [anchor; momentum] -> by how much the momentum differs, or the rates of a base that stands still."""
+    space = model.space
+    x = ca.SX.sym("x", 2 * model.n)
+    if not model.spec.moved_by.moves:
+        anchor = ca.SX.sym("anchor", space.n_anchor)
+        return ConstraintFunctions(x, anchor, x[model.n :][space.base], gives=space.base)
+    argument = ca.SX.sym("argument", space.n_anchor + space.n_twist)
+    h = argument[space.n_anchor :]
+    rows = model.momentum_in_chart(x, argument[: space.n_anchor]) - h
+    return ConstraintFunctions(x, argument, rows, gives=space.base)
+
+
+CONSTRAINT = Constraint(rows_at_nodes("mobility", functions), numbers)

@@ -1,0 +1,252 @@
+"""Bases without thrusters: the rows that give their rates, and plans and runs that keep to them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from psmpc_cli.control import Controller, State
+from psmpc_cli.ocp.constraints.mobility import functions
+from psmpc_cli.ocp.plan import Plan, resting_plan
+from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
+from psmpc_cli.ocp.window import Window, on_mesh
+from psmpc_cli.plant import Plant
+from psmpc_cli.plant.mujoco import MujocoPlant
+from psmpc_cli.plant.rk4 import Rk4Plant
+from psmpc_cli.robot.model import RobotModel, load_robot
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.solvers import Outcome, Solution, build_solver
+from psmpc_cli.specs.library import find
+from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.robot import stack
+
+START = {"arm_1": [0.3, 0.3, 0.3], "arm_2": [-0.3, -0.3, -0.3]}
+REACHED = np.array([0.02, 0.03, -0.3, 0.9, -0.5, 0.5, -0.2, 0.6, -0.4])
+"""Coordinates whose hand poses are the target of the first stage."""
+
+MOMENTUM = np.array([0.5, -0.3, 0.2])
+"""[N s, N s, N m s]"""
+
+
+@pytest.fixture(scope="module")
+def fast_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The robot of Table I with joints of 0.6 rad/s and no other limits."""
+    robot = yaml.safe_load(find("robot", "planar_dual_arm").read_text())
+    robot["limits"] = {"arms": {"velocity": [0.6, 0.6, 0.6]}}
+    path = tmp_path_factory.mktemp("robots") / "fast_arms.yaml"
+    path.write_text(yaml.safe_dump(robot))
+    return path
+
+
+def planar_task(robot: Path, changes: Mapping[str, Any] | None = None) -> Task:
+    """Both hands to poses, then the joints home."""
+    hands = load_robot(robot).poses(REACHED)
+    arms = {"coordinates": ["arms"], "tolerance": 5e-3}
+    task = {
+        "robot": str(robot),
+        "mobility": "free-floating",
+        "initial": {"base": [0, 0, 0], **START},
+        "controller": {"nodes": 25, "horizon": 6, "normalization": "none", "pending_cost": 5},
+        "skills": {
+            "reach": {"space": "task", "weights": {"arms": [100, 100, 10], "control": 0.3}},
+            "home": {"space": "joint", "weights": {"arms": [30, 30, 30], "control": 0.3}},
+        },
+        "stages": [
+            {
+                "name": "reach",
+                "skill": "reach",
+                "priority": 0.05,
+                "target": {"arm_1": hands[1].tolist(), "arm_2": hands[2].tolist()},
+                "ends_when": arms,
+            },
+            {"name": "home", "skill": "home", "priority": 0.2, "target": START, "ends_when": arms},
+        ],
+    }
+    return load_task(task, changes or {})
+
+
+def spatial_task(changes: Mapping[str, Any] | None = None) -> Task:
+    """The hand of a small arm to a place, then its joints home."""
+    place = load_robot("free_flyer_arm").poses(np.r_[0, 0, 0, 1, 0, 0, 0, 0.3, 0.7, -0.9])[1]
+    task = {
+        "robot": "free_flyer_arm",
+        "mobility": "free-floating",
+        "initial": {"base": {"position": [0, 0, 0]}, "arm": [0, 0.5, -0.5]},
+        "controller": {"nodes": 12},
+        "skills": {
+            "reach": {"space": "task", "weights": {"arm": [100, 100, 100, 0, 0, 0], "control": 0.1}},
+            "home": {"space": "joint", "weights": {"arm": [10, 10, 10], "control": 0.1}},
+        },
+        "stages": [
+            {
+                "name": "reach",
+                "skill": "reach",
+                "target": {"arm": {"position": place[:3].tolist(), "attitude": {"quaternion": place[3:].tolist()}}},
+                "ends_when": {"coordinates": ["arm.x", "arm.y", "arm.z"], "tolerance": 5e-3},
+            },
+            {
+                "name": "home",
+                "skill": "home",
+                "target": {"arm": [0, 0.5, -0.5]},
+                "ends_when": {"coordinates": ["arm"], "tolerance": 5e-3},
+            },
+        ],
+        "time_limit": 20,
+    }
+    return load_task(task, changes or {})
+
+
+def drift(model: RobotModel, Q: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Velocity of the base (n_twist,) with which a robot whose joints are at rest has a momentum."""
+    P = np.array([model.momentum(Q, each) for each in np.eye(model.n)[model.space.base]]).T
+    return np.asarray(np.linalg.solve(P, h))
+
+
+def window_of(problem: Problem, Q: np.ndarray, v: np.ndarray) -> Window:
+    """Both stages from a state."""
+    model = problem.model
+    placed = [in_own_chart(model, stage, Q, v) for stage in problem.stages]
+    stages, states = zip(*placed, strict=True)
+    controller = problem.spec.controller
+    chart = model.space.chart_at(Q)
+    h = model.momentum(Q, v)
+    return Window(
+        stages=tuple(stage.with_arguments({"mobility": h}) for stage in stages),
+        start=0.0,
+        elapsed=0.0,
+        x0=states[0],
+        omega=np.array([stage.priority for stage in problem.stages]),
+        offset=np.zeros(2),
+        scale=np.ones(2),
+        horizon=controller.horizon,
+        pending_cost=controller.pending_cost,
+        terminal_cost=0.0,
+        nodes=(controller.uniform_nodes,) * 2,
+        chart=chart,
+    )
+
+
+def solved(problem: Problem, window: Window, kind: str, guess: Plan | None = None) -> Solution:
+    """Solve a window to its optimum, by default from rest with the instant in the middle."""
+    spec = problem.spec.solver.model_copy(update={"kind": kind, "iterations": 100})
+    if guess is None:
+        rest = resting_plan(0.0, window.horizon, problem.spec.controller.uniform_nodes, window.x0, window.chart)
+        guess = on_mesh(replace(rest, instants=np.array([window.horizon / 2])), window)
+    return build_solver(problem, spec).solve(window, guess)
+
+
+@pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt"])
+@pytest.mark.parametrize(
+    ("momentum", "instant", "J"),
+    [
+        (np.zeros(3), 1.2869, 4.35661),
+        (MOMENTUM, 1.378, None),
+    ],
+    ids=["at rest", "drifting"],
+)
+def test_a_window_has_the_optimum_of_the_problem_without_the_base(
+    fast_arms: Path, kind: str, momentum: np.ndarray, instant: float, J: float | None
+) -> None:
+    """The switch time and J of the same problem in the joint rates alone, by other equations of motion and IPOPT."""
+    problem = build_problem(planar_task(fast_arms))
+    model = problem.model
+    Q = np.r_[0, 0, 0, START["arm_1"], START["arm_2"]]
+    v = np.zeros(9)
+    v[model.space.base] = drift(model, Q, momentum)
+    solution = solved(problem, window_of(problem, Q, v), kind)
+    assert solution.outcome.usable
+    assert solution.plan.instants == pytest.approx([instant], abs=1e-3)
+    if J is not None:  # objectives are over the largest priority
+        assert solution.objective * problem.stages[1].priority == pytest.approx(J, abs=1e-4)
+
+
+@pytest.mark.parametrize("mobility", ["free-floating", "fixed"])
+@pytest.mark.parametrize("build", [planar_task, spatial_task])
+def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task], mobility: str) -> None:
+    """At the rates that momentum, or the mount, gives the base the rows are 0; derivatives by central differences."""
+    task = build(fast_arms, {"mobility": mobility}) if build is planar_task else build({"mobility": mobility})
+    model = RobotModel(task.robot)
+    rng = np.random.default_rng(7)
+    Q = model.space.path(model.space.neutral, 0.4 * rng.standard_normal((1, model.n)))[-1]
+    anchor = np.asarray(Q[model.space.attitude])
+    own = functions(model, mobility)
+    x = 0.3 * rng.standard_normal(2 * model.n)
+    h = rng.standard_normal(model.space.n_twist)
+    argument = np.r_[anchor, h if mobility == "free-floating" else []]
+    value, jacobian = own.with_jacobian(x, argument)
+    jacobian = jacobian.reshape(model.space.n_twist, -1)
+    step = 1e-6
+    for i, e in enumerate(np.eye(len(x))):
+        difference = own.value(x + step * e, argument)[0] - own.value(x - step * e, argument)[0]
+        np.testing.assert_allclose(jacobian[:, i], difference.ravel() / (2 * step), atol=1e-7)
+    G = own.by_given(x, argument)[1].reshape(model.space.n_twist, -1)
+    x[model.n :][model.space.base] -= np.linalg.solve(G, value.ravel())
+    np.testing.assert_allclose(own.value(x, argument)[0], 0, atol=1e-12)
+    if mobility == "free-floating":
+        _, v = model.space.chart_at(Q).leave(x[None])
+        there, _ = model.space.chart_at(Q).leave(x[None])
+        np.testing.assert_allclose(model.momentum(there[0], v[0]), h, atol=1e-10)
+
+
+@pytest.mark.parametrize("mobility", ["free-floating", "fixed"])
+@pytest.mark.parametrize("seed", range(3))
+def test_sqp_and_ipopt_agree_in_space(mobility: str, seed: int) -> None:
+    """Windows from random states, with momentum where the base moves: J to 1e-5 from the plan of sqp."""
+    problem = build_problem(spatial_task({"mobility": mobility, "controller.horizon": 6}))
+    model = problem.model
+    rng = np.random.default_rng(seed)
+    Q = model.space.path(stack(problem.spec.initial, model.spec, "joint"), 0.03 * rng.standard_normal((1, model.n)))[-1]
+    v = 0.01 * rng.standard_normal(model.n)
+    v[model.space.base] *= model.spec.moved_by.moves
+    window = window_of(problem, Q, v)
+    own = solved(problem, window, "sqp")
+    other = solved(problem, window, "ipopt", own.plan)
+    assert own.outcome is Outcome.OPTIMAL
+    assert other.outcome is Outcome.OPTIMAL
+    assert own.objective == pytest.approx(other.objective, rel=1e-5)
+
+
+@pytest.mark.parametrize("plant", [Rk4Plant, MujocoPlant])
+@pytest.mark.parametrize("build", ["plane", "space"])
+def test_a_floating_robot_keeps_its_momentum_and_moves_its_base_as_planned(
+    fast_arms: Path, build: str, plant: Callable[..., Plant]
+) -> None:
+    """Joint forces alone: base force exactly 0, momentum kept, and the base within 1e-3 of each sample's plan."""
+    task = planar_task(fast_arms, {"controller.horizon": 4}) if build == "plane" else spatial_task()
+    controller = Controller(task)
+    model = controller.problem.model
+    space = model.space
+    physics = plant(model, 1e-3)
+    Q = stack(task.spec.initial, task.robot, "joint")
+    h = MOMENTUM / 2 if build == "plane" else np.array([0.05, 0, 0, 0, 0.01, 0.01])
+    x = np.r_[Q, np.zeros(model.n)]
+    x[model.nq :][space.base] = drift(model, Q, h)
+    time = 0.0
+    while not controller.done and time < 15:
+        command = controller.step(time, State(x[: model.nq], x[model.nq :]))
+        ticks = physics.advance(time, x, command.u)
+        assert (ticks.F[:, space.base] == 0.0).all()
+        chart = command.plan.chart
+        planned = command.plan.states_at(ticks.time[-1:])
+        reached = chart.entered(ticks.X[-1:])
+        assert np.abs(reached - planned)[0, : space.n_twist].max() < 1e-3
+        x = ticks.X[-1]
+        time = float(ticks.time[-1])
+        assert model.momentum(x[: model.nq], x[model.nq :]) == pytest.approx(h, abs=1e-10)
+    assert controller.done
+
+
+@pytest.mark.parametrize("plant", ["rk4", "mujoco"])
+@pytest.mark.parametrize("build", ["plane", "space"])
+def test_a_fixed_base_stands_still(fast_arms: Path, build: str, plant: str) -> None:
+    changes = {"mobility": "fixed", "plant.kind": plant, "log.ticks": True}
+    run = simulate(planar_task(fast_arms, changes) if build == "plane" else spatial_task(changes))
+    space = run.problem.model.space
+    assert run.summary().succeeded
+    assert (run["ticks/F"][:, space.base] == 0.0).all()
+    assert (run["ticks/Q"][:, space.base_coordinates] == run["ticks/Q"][0, space.base_coordinates]).all()
+    assert (run["ticks/Qdot"][:, space.base] == 0.0).all()

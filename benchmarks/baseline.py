@@ -5,16 +5,19 @@
 Later work compares itself with these tables. A change that moves one says why, in docs/decisions.md.
 """
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import yaml
 
 import psmpc_cli as psmpc
-from psmpc_cli.logs.summary import Summary
 from psmpc_cli.studies.runner import run_study
 from psmpc_cli.studies.sampling import parse_sampling
 from psmpc_cli.studies.sweep import DEFAULT_TASK, load_sweep_task, weight_study
+
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "acceptance"))
+from steadiness import largest_jump
 
 SINGLE_WEIGHT = (
     "controller.zeta=1e-3",
@@ -58,8 +61,9 @@ WEIGHTS_HEADER = (
 )
 
 
-def row(summary: Summary) -> dict[str, object]:
-    """Return a summary's numbers at full precision: a rerun on one machine repeats every digit."""
+def row(run: psmpc.Run) -> dict[str, object]:
+    """Return a run's numbers at full precision: a rerun on one machine repeats every digit."""
+    summary = run.summary()
     stages, efforts = summary.stages, ("squared_acceleration", "base_force", "base_torque")
     return {
         "completed": summary.completed,
@@ -69,6 +73,7 @@ def row(summary: Summary) -> dict[str, object]:
         **{key: getattr(summary, key) for key in efforts},
         "fallbacks": summary.failed_solves,
         "postponed": summary.postponed,
+        "largest_jump": largest_jump(run),
     }
 
 
@@ -94,6 +99,6 @@ def save(name: str, header: str, tables: dict[str, dict[str, object]]) -> None:
 
 if __name__ == "__main__":
     tasks = {name: psmpc.load_task("transport", changes) for name, changes in RUNS.items()}
-    runs = {name: {"set": RUNS[name], **row(psmpc.simulate(task).summary())} for name, task in tasks.items()}
+    runs = {name: {"set": RUNS[name], **row(psmpc.simulate(task))} for name, task in tasks.items()}
     save("baseline.yaml", HEADER, runs)
     save("weights.yaml", WEIGHTS_HEADER, {name: sweep(changes) for name, changes in SETTINGS.items()})

@@ -1,6 +1,8 @@
 """A task of two seconds, ten centimetres there and back, and logs of its runs."""
 
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import Sample
@@ -34,14 +36,28 @@ solver: {kind: fatrop}
 
 
 def there_and_back(folder: Path, *changes: str, samples: int | None = None, name: str = "log", text: str = TASK) -> Run:
-    """Return the log of a run there and back, or of another text, interrupted after so many samples."""
-    task, path, told = folder / "task.yaml", folder / f"{name}.h5", []
-    task.write_text(text)
+    """Return the log of a run there and back, or of another text, interrupted after so many samples.
+
+    Equal runs are made once, and their logs are written into each folder.
+    """
+    path = folder / f"{name}.h5"
+    (folder / "task.yaml").write_text(text)
+    path.write_bytes(_log(changes, samples, text))
+    return read_run(path)
+
+
+@cache
+def _log(changes: tuple[str, ...], samples: int | None, text: str) -> bytes:
+    told: list[Sample] = []
 
     def watch(progress: Sample) -> None:
         told.append(progress)
         if len(told) == samples:
             raise KeyboardInterrupt
 
-    simulate(load_task(task, changes), path, watch=watch)
-    return read_run(path)
+    with TemporaryDirectory() as folder:
+        task = Path(folder) / "task.yaml"
+        path = Path(folder) / "log.h5"
+        task.write_text(text)
+        simulate(load_task(task, changes), path, watch=watch)
+        return path.read_bytes()

@@ -55,7 +55,8 @@ def api(tmp_path_factory: pytest.TempPathFactory) -> Api:
     coarse = {"controller.nodes": 8}
     task = psmpc.load_task("transport", set=coarse)
     names = {"planar": "transport", "spatial": "fly_and_point", "object": "catch_drifting", "turning": "catch_tumbling"}
-    controllers = {key: psmpc.Controller(psmpc.load_task(name, set=coarse)) for key, name in names.items()}
+    interpreted = {**coarse, "solver.compiled": False}
+    controllers = {key: psmpc.Controller(psmpc.load_task(name, set=interpreted)) for key, name in names.items()}
     commands = {key: controller.step(0.0, at_rest(controller)) for key, controller in controllers.items()}
     run = psmpc.simulate(psmpc.load_task("transport", set={**coarse, "plant.kind": "ideal", "time_limit": 0.2}))
     folder = tmp_path_factory.mktemp("files")

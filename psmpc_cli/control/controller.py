@@ -420,6 +420,7 @@ class Controller:
         self.problem = task if isinstance(task, Problem) else build_problem(task)
         self.law = ControlLaw(self.problem, solver)
         self.memory = self.law.first
+        _ = self.problem.model.dynamics  # before the robot moves: `Command.force` evaluates them
 
     def __repr__(self) -> str:
         name = f"{self.problem.spec.controller.kind} for {self.problem.spec.name}"

@@ -286,7 +286,7 @@ def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> li
         Q = SKILLS[stage.space].after(model, before, stage.target).Q.copy()
         base = stage.target[model.pose_rows["base"]]
         for arm in task.robot.arms if stage.space == "task" else ():
-            found = reach_of(task.robot, arm, base, stage.target[model.pose_rows[arm]]).configuration
+            found = reach_of(model, arm, base, stage.target[model.pose_rows[arm]]).configuration
             if found is not None:
                 Q[model.nq - model.n :][model.parts[arm]] = found
         stops.append(Q)

@@ -21,7 +21,7 @@ from psmpc_cli.robot.rotations import conjugate, log, product
 from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.parts import POSITION_AXES
-from psmpc_cli.specs.robot import RobotSpec, labels, stack
+from psmpc_cli.specs.robot import labels, stack
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 SLACK = 1e-9
@@ -42,6 +42,7 @@ class StageForecast:
     """What is known of one stage before a run.
 
     Attributes:
+        model: The robot.
         stage: The stage.
         along: For each waypoint, by arm, how far it is with the base at its own pose, under the limits in force; empty
             in joint space, and for arms (or with a base) whose place neither weights nor the end condition ask for.
@@ -49,6 +50,7 @@ class StageForecast:
         stuck: Coordinates that its end condition wants elsewhere but velocity limits let not move that way.
     """
 
+    model: RobotModel
     stage: Stage
     along: Sequence[Mapping[str, Reach]]
     earliest_end: float
@@ -261,7 +263,7 @@ def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fa
     target_object = task.spec.capture
     if target_object is None or target_object.grasp.known:
         return
-    model = RobotModel(task.robot)
+    model = forecasts[0].model
     load = HeldLoad(model, body_of(target_object), target_object.grasp)
     held = task.spec.held_stages
     worst = LARGEST_UNKNOWN_LOAD
@@ -295,7 +297,7 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
     noise = task.spec.measurement_noise
     if not noise.of_state:
         return
-    model = RobotModel(task.robot)
+    model = forecasts[0].model
     costs = StageCosts(model)
     deviations = standard_deviations(noise, task.robot)
     Q, v = _initial_state(task)
@@ -355,7 +357,7 @@ def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]
     if not set(range(task.robot.parts["base"])) <= set(before.end_rows):
         return
     own = then.along[0]
-    moved = _reaches(stage, task.robot, first, left)
+    moved = _reaches(stage, then.model, first, left)
     far = [arm for arm, reach in moved.items() if reach.distance > reach.full_reach and not reach.reachable]
     for arm in (arm for arm in far[:1] if own[arm].reachable):
         message = (
@@ -401,10 +403,12 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
 
 def forecast_stages(task: Task) -> tuple[StageForecast, ...]:
     """Return the forecast of every stage of a task."""
-    stages = build_stages(task.spec, task.robot, RobotModel(task.robot))
+    model = RobotModel(task.robot)
+    stages = build_stages(task.spec, task.robot, model)
     ends = earliest_ends(task, stages)
-    along = ([_reaches(stage, task.robot, xi) for xi in stage.waypoints] for stage in stages)
-    return tuple(StageForecast(stage, reaches, *end) for stage, reaches, end in zip(stages, along, ends, strict=True))
+    along = ([_reaches(stage, model, xi) for xi in stage.waypoints] for stage in stages)
+    forecasts = zip(stages, along, ends, strict=True)
+    return tuple(StageForecast(model, stage, reaches, *end) for stage, reaches, end in forecasts)
 
 
 def _initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:
@@ -507,11 +511,12 @@ def _counts(stage: Stage, rows: Sequence[int]) -> bool:
     return all(stage.weights[row] > 0 or row in stage.end_rows for row in rows)
 
 
-def _reaches(stage: Stage, robot: RobotSpec, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
+def _reaches(stage: Stage, model: RobotModel, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
     """Return how far poses xi (m,) of a stage's target are, of the arms whose poses count, under the stage's limits.
 
     With the base at its own pose, or elsewhere.
     """
+    robot = model.spec
     size = robot.parts["base"]
     if stage.space != "task" or not _counts(stage, range(size)):
         return {}
@@ -521,7 +526,7 @@ def _reaches(stage: Stage, robot: RobotSpec, xi: np.ndarray, base: np.ndarray | 
     low, high = (np.split(bound, ends[:-1]) for bound in _bounds(stage, "position"))
     for i, arm in enumerate(robot.arms, start=1):
         if _counts(stage, range(size * i, size * (i + 1))):
-            found[arm] = reach_of(robot, arm, poses[0] if base is None else base, poses[i], (low[i], high[i]))
+            found[arm] = reach_of(model, arm, poses[0] if base is None else base, poses[i], (low[i], high[i]))
     return found
 
 

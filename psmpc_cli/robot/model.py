@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.configuration import configuration_space, pose_frames
-from psmpc_cli.robot.dynamics import InertialParameters, derive_dynamics, function, solve_spd
+from psmpc_cli.robot.dynamics import Dynamics, InertialParameters, derive_dynamics, function, solve_spd
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
@@ -50,7 +50,6 @@ class RobotModel:
         parts: Rows of v by part: `base`, then the arms in order.
         pose_rows: Rows of xi by frame: `base`, then the end-effectors of the arms.
         g: Q -> xi (m,) [m, rad]. Paper eq. (1).
-        dynamics: The equations of motion.
         body_poses: Q -> poses of all bodies in the order of `spec.bodies` (coordinates of a pose, bodies), as in xi.
     """
 
@@ -70,7 +69,6 @@ class RobotModel:
         self.parts = _rows(spec.parts)
         self.pose_rows = _rows(dict.fromkeys(("base", *spec.tools), self.space.n_pose))
         self.g = function("g", {"Q": Q}, {"xi": xi})
-        self.dynamics = derive_dynamics(spec)
         self.body_poses = function("body_poses", {"Q": Q}, {"poses": body_poses})
 
     def __repr__(self) -> str:
@@ -93,6 +91,11 @@ class RobotModel:
     def names(self) -> tuple[str, ...]:
         """Names of the generalized coordinates, (n,): `base.x`, ..., `arm_1.1`, ..."""
         return labels(self.spec, "joint")
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """The equations of motion, derived when they are first used: poses and what a task asks need none."""
+        return derive_dynamics(self.spec)
 
     @cached_property
     def charted(self) -> ca.Function:
@@ -248,14 +251,15 @@ class RobotModel:
             InputError: Arguments are no numbers, or of the wrong size.
         """
         rows: tuple[int, ...] = ()
-        for (of, size), argument in zip(self._sizes[name].items(), arguments, strict=True):
+        function, sizes = self._on_arrays(name)
+        for (of, size), argument in zip(sizes.items(), arguments, strict=True):
             shape = shape_of(argument)
             if of == "Q" and shape:
                 rows = shape[:-1]
             scalar = shape == () and of != "Q"
             if len(rows) > 1 or 0 in rows or not (scalar or shape in ((size,), (*rows, size))):
                 raise rejected(of, argument, f"numbers ({size},), or ({size},) at each of K rows of Q")
-        return self._numeric[name](*arguments, rows=max((1, *rows)))[0].reshape(*rows, -1)
+        return function(*arguments, rows=max((1, *rows)))[0].reshape(*rows, -1)
 
     def _w(self, parameters: InertialParameters | None) -> Array:
         if parameters is None:
@@ -263,25 +267,26 @@ class RobotModel:
         require("parameters", parameters, InertialParameters, "InertialParameters")
         return parameters.vector
 
-    @cached_property
-    def _sizes(self) -> dict[str, dict[str, int]]:
-        """The sizes of the arguments of these functions, by name, Q first."""
-        functions = {name: each.function for name, each in self._numeric.items()}
-        return {
-            name: {each.name_in(i): each.size1_in(i) for i in range(each.n_in())} for name, each in functions.items()
-        }
+    def _on_arrays(self, name: str) -> tuple[RowFunction, dict[str, int]]:
+        """Return a CasADi function on arrays, and the sizes of its arguments by name, Q first."""
+
+        def build() -> tuple[RowFunction, dict[str, int]]:
+            function = self.g if name == "g" else self._of_motion[name]
+            return RowFunction(function), {function.name_in(i): function.size1_in(i) for i in range(function.n_in())}
+
+        return self.owned(("on arrays", name), build)
 
     @cached_property
-    def _numeric(self) -> dict[str, RowFunction]:
-        """The CasADi functions on arrays, by name."""
+    def _of_motion(self) -> dict[str, ca.Function]:
+        """The functions of the equations of motion that are evaluated on arrays, by name."""
         dynamics = self.dynamics
         state = dynamics.momentum.sx_in()
         kept = ca.vertcat(dynamics.momentum(*state), dynamics.kinetic_energy(*state))
         balance = ca.Function("balance", state, ca.cse([kept]), dynamics.momentum.name_in(), ["balance"])
         inertial = dynamics.H.sx_in()
         H = ca.Function("H", inertial, [ca.vec(dynamics.H(*inertial))], dynamics.H.name_in(), ["H"])
-        functions = self.g, H, dynamics.inverse, dynamics.law, dynamics.forward, balance
-        return {each.name(): RowFunction(each) for each in functions}
+        functions = H, dynamics.inverse, dynamics.law, dynamics.forward, balance
+        return {each.name(): each for each in functions}
 
 
 def load_robot(reference: str | Path) -> RobotModel:

@@ -12,6 +12,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.kinematics import SpatialFrame, place
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled, shorter
 from psmpc_cli.specs.robot import RobotSpec, limits_of_part
 
@@ -54,12 +55,12 @@ class Reach:
 
 
 def reach_of(
-    robot: RobotSpec, arm: str, base_pose: ArrayLike, pose: ArrayLike, limits: tuple[Array, Array] | None = None
+    model: RobotModel, arm: str, base_pose: ArrayLike, pose: ArrayLike, limits: tuple[Array, Array] | None = None
 ) -> Reach:
     """Compute whether `arm` reaches `pose` with the base at `base_pose`.
 
     Args:
-        robot: The robot.
+        model: The robot, which keeps what is derived for the search.
         arm: Name of the arm.
         base_pose: (x, y, angle), (3,) [m, m, rad]; in space position and quaternion, (7,).
         pose: Of the end-effector, likewise.
@@ -68,6 +69,7 @@ def reach_of(
     Raises:
         InputError: The robot has no such arm, or a pose has not as many numbers.
     """
+    robot = model.spec
     if arm not in robot.arms:
         raise InputError(f"robot '{robot.name}' has no arm '{arm}'; it has {', '.join(robot.arms)}")
     base = _frame(robot, "base_pose", base_pose)
@@ -85,7 +87,7 @@ def reach_of(
     wrist = np.array(target.position) - rotate(turned, tool.position)
     wrist_distance = float(np.linalg.norm(wrist - first.position))
     within = inner - TOLERANCE <= wrist_distance <= outer + TOLERANCE
-    q, missed = _configuration(robot, arm, base, target, low, high) if within else (None, (np.inf, np.inf))
+    q, missed = _configuration(model, arm, base, target, low, high) if within else (None, (np.inf, np.inf))
     return Reach(
         distance=float(np.linalg.norm(np.array(target.position) - first.position)),
         wrist_distance=wrist_distance,
@@ -108,31 +110,26 @@ def _joints(robot: RobotSpec, arm: str) -> tuple[slice, Array]:
 
 
 def _configuration(
-    robot: RobotSpec, arm: str, base: SpatialFrame, target: SpatialFrame, low: Array, high: Array
+    model: RobotModel, arm: str, base: SpatialFrame, target: SpatialFrame, low: Array, high: Array
 ) -> tuple[Array | None, tuple[float, float]]:
     """Search for joint coordinates (links,) within the limits that take a pose, starting near zero; None if not found.
 
     Bounded least squares on the error of the pose, from several starts. Paper eq. (1). Joints of other arms are at 0.
     Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
     """
-    q = ca.SX.sym("q", len(low))
-    rows, sliding = _joints(robot, arm)
-    joints = ca.SX.zeros(len(robot.bodies) - 1)
-    joints[rows.start : rows.stop] = q
-    tip = place(robot, base, joints)[1][arm]
-    turned = shorter(product(conjugate(target.quaternion), tip.quaternion))
-    missed = ca.vertcat(*add(tip.position, scaled(target.position, -1)), *log(turned))
-    evaluate = ArrayFunction(ca.Function("tip", [q], [missed, ca.densify(ca.jacobian(missed, q))]))
+    frames = np.r_[tuple(base.position), tuple(base.quaternion), tuple(target.position), tuple(target.quaternion)]
+    miss, derivative = model.owned(("reach", arm), lambda: _miss(model.spec, arm))
+    _, sliding = _joints(model.spec, arm)
 
     def error(q: Array) -> Array:
-        return evaluate(q)[0].ravel()
+        return miss(q, frames)[0].ravel()
 
     bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
     best = np.inf
     missing = (np.inf, np.inf)
     for start in _starts(low, high):
         found = least_squares(
-            error, start, lambda q: evaluate(q)[1].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
+            error, start, lambda q: derivative(q, frames)[0].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
         )
         angles = np.where(sliding, np.clip(found.x, low, high), _nearest_zero(found.x, low, high))
         off = error(angles)
@@ -142,6 +139,26 @@ def _configuration(
         if np.abs(off).max() <= TOLERANCE:
             return angles, missing
     return None, missing
+
+
+def _miss(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, ArrayFunction]:
+    """Return by how much the end-effector of an arm misses a pose (6,), and the derivative by the arm's joints.
+
+    Both are functions of the joint coordinates (links,) and of [position and quaternion of the base, of the pose]
+    (14,). Joints of other arms are at 0.
+    """
+    rows, sliding = _joints(robot, arm)
+    q = ca.SX.sym("q", len(sliding))
+    frames = ca.SX.sym("frames", 14)
+    base_position, base_quaternion, position, quaternion = map(ca.vertsplit, ca.vertsplit(frames, [0, 3, 7, 10, 14]))
+    joints = ca.SX.zeros(len(robot.bodies) - 1)
+    joints[rows.start : rows.stop] = q
+    tip = place(robot, SpatialFrame(base_position, base_quaternion), joints)[1][arm]
+    turned = shorter(product(conjugate(quaternion), tip.quaternion))
+    missed = ca.densify(ca.vertcat(*add(tip.position, scaled(position, -1)), *log(turned)))
+    derivative = ca.densify(ca.jacobian(missed, q))
+    value = ca.Function("miss", [q, frames], [missed])
+    return ArrayFunction(value), ArrayFunction(ca.Function("miss_by_joints", [q, frames], [derivative]))
 
 
 def _starts(low: Array, high: Array) -> Iterator[Array]:

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import getitem
 from typing import Any, NamedTuple
 
@@ -196,12 +196,18 @@ class Document:
         return f"\n{place.line:>4} | {shown.rstrip()}\n     | {' ' * (place.column - 1 - start)}^"
 
 
+@lru_cache(maxsize=16)
+def _compose(text: str) -> Any:
+    """Return the nodes of a YAML text; of a text that was just read, such as the robot of many tasks, the same ones."""
+    return yaml.compose(text, Loader=yaml.BaseLoader)
+
+
 def read(name: str, text: str) -> Document:
     """Read a YAML text; what is wrong with it as YAML is in the document's `faults`."""
     origins: dict[Location, Origin] = {}
     faults: list[Fault] = []
     try:
-        node = yaml.compose(text, Loader=yaml.BaseLoader)
+        node = _compose(text)
         data = None if node is None else _convert(node, (), None, origins, faults)
         return Document(name, text, data, origins, tuple(faults))
     except MarkedYAMLError as error:

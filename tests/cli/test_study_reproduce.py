@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def ran(folder: Path) -> Result:
-    return reproduce("-o", folder / "out", "--json", folder / "claims.json")
+    return reproduce("-o", folder / "out", "--ablations", "--json", folder / "claims.json")
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,8 @@ def test_claims_that_do_not_hold_are_a_result_with_a_cause(ran: Result, data: di
 
 
 def test_report_and_results_say_the_same(ran: Result, data: dict[str, Any], folder: Path) -> None:
-    assert {path.name for path in (folder / "out").iterdir()} == FILES
+    figures = {f"ablation_{ablation['name']}.png" for ablation in data["ablations"]}
+    assert {path.name for path in (folder / "out").iterdir()} == {*FILES, *figures}
     report = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert f"{data['held']} of {len(data['claims']) - 1} claims hold, and " in report
     assert all(f'id="{claim["id"]}"' in report for claim in data["claims"])
@@ -84,14 +85,22 @@ def test_report_and_results_say_the_same(ran: Result, data: dict[str, Any], fold
     assert [sample["instant"] for sample in data["fronts"]["samples"]] == fronts["instant"].tolist()
 
 
-def test_strict_force_and_ablations(ran: Result, folder: Path) -> None:
-    again = reproduce("-o", folder / "out", "--ablations", "--json", folder / "out" / "new.json", "--strict", "--force")
-    assert again.exit_code == 1
-    ablations = json.loads((folder / "out" / "new.json").read_text())["ablations"]
+def test_every_number_of_the_ablations_is_printed_and_in_the_report(
+    ran: Result, data: dict[str, Any], folder: Path
+) -> None:
+    ablations = data["ablations"]
     report = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert len(ablations) == 3
-    assert all(f"\n{name} " in again.stdout for ablation in ablations for name in ablation["numbers"])
+    assert all(f"\n{name} " in ran.stdout for ablation in ablations for name in ablation["numbers"])
     assert all(name in html.unescape(report) for ablation in ablations for name in ablation["numbers"])
     assert all(f"With and without the {ablation['name'].replace('_', ' ')}" in report for ablation in ablations)
-    figures = {f"ablation_{ablation['name']}.png" for ablation in ablations}
-    assert {path.name for path in (folder / "out").iterdir()} == {*FILES, "new.json", *figures}
+
+
+def test_a_new_report_takes_the_place_of_the_old_one_and_strictly_claims_must_hold(ran: Result, folder: Path) -> None:
+    new = folder / "out" / "new.json"
+    again = reproduce("-o", folder / "out", "--json", new, "--strict", "--force")
+    assert again.exit_code == 1, again.output
+    assert json.loads(new.read_text())["ablations"] == []
+    report = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert "With and without" not in report
+    assert {path.name for path in (folder / "out").iterdir()} >= {*FILES, "new.json"}

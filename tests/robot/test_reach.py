@@ -40,8 +40,8 @@ def assert_takes(robot: RobotSpec, arm: str, base: tuple[float, ...], pose: tupl
 
 
 @pytest.mark.parametrize("arm", ["arm_1", "arm_2"])
-def test_grasp_is_reached_as_published(planar_dual_arm: RobotSpec, arm: str) -> None:
-    reach = reach_of(planar_dual_arm, arm, BASE, GRASP[arm])
+def test_grasp_is_reached_as_published(model: RobotModel, arm: str) -> None:
+    reach = reach_of(model, arm, BASE, GRASP[arm])
     sign = 1 if arm == "arm_1" else -1
     assert reach.reachable
     assert reach.configuration is not None
@@ -59,7 +59,7 @@ def test_any_pose_an_arm_takes_is_reachable(state: State) -> None:
     model, Q, _, _ = state
     base = tuple(Q[model.parts["base"]])
     for arm, pose in zip(model.spec.arms, model.poses(Q)[1:], strict=True):
-        reach = reach_of(model.spec, arm, base, tuple(pose))
+        reach = reach_of(model, arm, base, tuple(pose))
         assert reach.within_annulus
         assert reach.reachable
         assert_takes(model.spec, arm, base, tuple(pose), np.array(reach.configuration))
@@ -74,7 +74,7 @@ def test_three_links_find_what_limits_allow(state: State, data: st.DataObject) -
     below, above = data.draw(span), data.draw(span)
     q = Q[3:6]
     robot = with_limits(model.spec, arm_1=tuple(zip((q - below).tolist(), (q + above).tolist(), strict=True)))
-    found = np.array(reach_of(robot, "arm_1", tuple(Q[:3]), tuple(model.poses(Q)[1])).configuration)
+    found = np.array(reach_of(RobotModel(robot), "arm_1", tuple(Q[:3]), tuple(model.poses(Q)[1])).configuration)
     assert np.all((found >= q - below) & (found <= q + above))
     assert_takes(model.spec, "arm_1", tuple(Q[:3]), tuple(model.poses(Q)[1]), found)
 
@@ -83,7 +83,7 @@ def test_limits_choose_the_elbow(planar_dual_arm: RobotSpec) -> None:
     free = ((-math.pi, math.pi), (0.0, math.pi), (-math.pi, math.pi))
     bent = ((-math.pi, math.pi), (-math.pi, 0.0), (-math.pi, math.pi))
     for limits, sign in ((free, 1), (bent, -1)):
-        q = reach_of(with_limits(planar_dual_arm, arms=limits), "arm_1", BASE, GRASP["arm_1"]).configuration
+        q = reach_of(RobotModel(with_limits(planar_dual_arm, arms=limits)), "arm_1", BASE, GRASP["arm_1"]).configuration
         assert q is not None
         assert math.copysign(1, q[1]) == sign
         assert_takes(planar_dual_arm, "arm_1", BASE, GRASP["arm_1"], np.array(q))
@@ -92,21 +92,21 @@ def test_limits_choose_the_elbow(planar_dual_arm: RobotSpec) -> None:
 def test_an_arms_own_limits_come_before_those_of_all_arms(planar_dual_arm: RobotSpec) -> None:
     free, fixed = ((-math.pi, math.pi),) * 3, ((-0.1, 0.1),) * 3
     robot = with_limits(planar_dual_arm, arms=free, arm_2=fixed)
-    assert reach_of(robot, "arm_1", BASE, GRASP["arm_1"]).reachable
-    reach = reach_of(robot, "arm_2", BASE, GRASP["arm_2"])
+    assert reach_of(RobotModel(robot), "arm_1", BASE, GRASP["arm_1"]).reachable
+    reach = reach_of(RobotModel(robot), "arm_2", BASE, GRASP["arm_2"])
     assert reach.within_annulus
     assert not reach.reachable
 
 
 def test_limits_a_turn_away_are_met_by_an_equivalent_angle(planar_dual_arm: RobotSpec) -> None:
     turned = ((2 * math.pi, 2 * math.pi + 1),) + ((-4.0, 4.0),) * 2
-    reach = reach_of(with_limits(planar_dual_arm, arms=turned), "arm_1", BASE, GRASP["arm_1"])
+    reach = reach_of(RobotModel(with_limits(planar_dual_arm, arms=turned)), "arm_1", BASE, GRASP["arm_1"])
     assert reach.configuration is not None
     assert reach.configuration[0] == pytest.approx(2 * math.pi + math.pi / 4, abs=1e-3)
 
 
 def test_two_links_reach_a_full_pose_only_on_their_circle(planar_dual_arm: RobotSpec) -> None:
-    short = with_links(planar_dual_arm, 1, 2)
+    short = RobotModel(with_links(planar_dual_arm, 1, 2))
     assert reach_of(short, "arm", (0, 0, 0), (0.8, 0.5, math.pi / 2)).reachable
     off = reach_of(short, "arm", (0, 0, 0), (0.8, 0.5, math.pi / 4))
     assert not off.reachable
@@ -114,14 +114,14 @@ def test_two_links_reach_a_full_pose_only_on_their_circle(planar_dual_arm: Robot
 
 
 def test_links_of_unequal_length_leave_a_hole(planar_dual_arm: RobotSpec) -> None:
-    reach = reach_of(with_links(planar_dual_arm, 1, 3, 3), "arm", (0, 0, 0), (0.3 + 0.1 + 0.2, 0.0, 0.0))
+    reach = reach_of(RobotModel(with_links(planar_dual_arm, 1, 3, 3)), "arm", (0, 0, 0), (0.3 + 0.1 + 0.2, 0.0, 0.0))
     assert reach.inner == pytest.approx(0.3)
     assert reach.wrist_distance == pytest.approx(0.1)
     assert not reach.within_annulus
 
 
-def test_unknown_arm_and_short_pose_are_named(planar_dual_arm: RobotSpec) -> None:
+def test_unknown_arm_and_short_pose_are_named(model: RobotModel) -> None:
     with pytest.raises(InputError, match=r"no arm 'arm_3'; it has arm_1, arm_2"):
-        reach_of(planar_dual_arm, "arm_3", (0, 0, 0), (1, 0, 0))
+        reach_of(model, "arm_3", (0, 0, 0), (1, 0, 0))
     with pytest.raises(InputError, match=r"pose is \[1, 0\], but 3 numbers"):
-        reach_of(planar_dual_arm, "arm_1", (0, 0, 0), (1, 0))
+        reach_of(model, "arm_1", (0, 0, 0), (1, 0))

@@ -24,7 +24,6 @@ from psmpc_cli.figures.scene import (
     Camera,
     Scene,
     base_half,
-    configurations,
     corners,
     half_edges,
     in_inertial_frame,
@@ -39,6 +38,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.simulation.postures import configurations
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits
 

@@ -9,12 +9,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from psmpc_cli.figures.coordinates import error_curves
-from psmpc_cli.figures.scene import configurations, object_frames, scene_of
+from psmpc_cli.figures.scene import object_frames, scene_of
 from psmpc_cli.figures.snapshots import plot_scenario, plot_snapshots
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.simulation.postures import configurations
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.object import OnObject

@@ -18,7 +18,7 @@ from psmpc_cli.logs.files import replacing, writing
 from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.specs.arguments import require
-from psmpc_cli.studies.sampling import Draws, Grid
+from psmpc_cli.studies.sampling import Draws, FullFactorial
 
 FORMATS: Mapping[str, dict[str, Any]] = {
     "png": {
@@ -88,8 +88,8 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "snapshots": FigureKind(snapshots.plot_snapshots),
     },
     SWEEP: {
-        "surface": FigureKind(sweep.plot_surface, is_of=lambda cells: cells.sampling is Grid),
-        "heat_map": FigureKind(sweep.plot_heat_map, is_of=lambda cells: cells.sampling is Grid),
+        "surface": FigureKind(sweep.plot_surface, is_of=lambda cells: cells.sampling is FullFactorial),
+        "heat_map": FigureKind(sweep.plot_heat_map, is_of=lambda cells: cells.sampling is FullFactorial),
         "draws": FigureKind(sweep.plot_draws, is_of=lambda cells: cells.sampling is Draws),
         "starts": FigureKind(sweep.plot_starts),
         "sensitivity": FigureKind(sweep.plot_sensitivity),

@@ -1,4 +1,4 @@
-"""Whether a task can be done, as far as that can be told before anything is solved: limits, reach, order of events."""
+"""Whether a task can be done, as far as can be decided before anything is solved: limits, reach, order of events."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

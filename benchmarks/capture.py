@@ -26,6 +26,7 @@ from psmpc_cli.paper.reproduce import BARE_ROBOT
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
+from psmpc_cli.studies.measures import motion_between_hands
 
 CARRY = {
     "skills.carry": {
@@ -240,19 +241,6 @@ def under_both_plants(task: str) -> Iterator[dict[str, object]]:
             "failed solves": run.summary().failed_solves,
             "plants apart [mm]": f"{1e3 * apart:.0e}",
         }
-
-
-def motion_between_hands(run: psmpc.Run) -> tuple[float, float]:
-    """Return the largest change of the relative pose of two hands while both hold the object [m], [rad]."""
-    held = np.flatnonzero(run["grasp/closed"].all(axis=1))
-    frames = list(run.problem.model.pose_rows)
-    one, other = (frames.index(gripper) for gripper in run.task.spec.object.grasp.at)
-    poses = run.problem.model.poses(run.Q[held])
-    space = space_of_pose(poses.shape[-1])
-    relative = [space.relative(each[other], each[one]) for each in poses]
-    errors = np.array([space.pose_error(each, relative[0]) for each in relative])
-    linear, angular = np.split(errors, [space.dimension], axis=1)
-    return float(np.linalg.norm(linear, axis=1).max()), float(np.linalg.norm(angular, axis=1).max())
 
 
 if __name__ == "__main__":

@@ -17,7 +17,8 @@ from psmpc_cli.logs.comparison import Comparison
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.ocp.feasibility import StageForecast
+from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD, StageForecast
+from psmpc_cli.ocp.postures import ArmPosture, arm_postures, configurations, largest_load_ratio
 from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.paper.judge import HEADINGS, Reproduction
 from psmpc_cli.report.texts import (
@@ -32,6 +33,7 @@ from psmpc_cli.report.texts import (
     number,
     stage_rows,
 )
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
 from psmpc_cli.simulation.replay import unequal_conditions
 from psmpc_cli.simulation.run import build_experiment, converging
@@ -279,9 +281,34 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
         typer.echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
     print_table(headings, [row for forecast in forecasts for row in _stage(task, forecast)], left=len(headings))
+    model = RobotModel(task.robot)
+    stages = [forecast.stage for forecast in forecasts]
+    stops = configurations(task, model, stages, [forecast.reaches for forecast in forecasts])
+    if rows := [_posture(task.robot, each) for each in arm_postures(model, stages, stops)]:
+        typer.echo()
+        print_table(("at the target of", "arm", "joints", "end-effector"), rows, left=4)
     if spec.object is not None:
         typer.echo()
-        print_table(("object", ""), list(_object(spec.object)))
+        print_table(("object", ""), [*_object(spec.object), *_unknown_load(task, model, stops)])
+
+
+def _posture(robot: RobotSpec, posture: ArmPosture) -> Row:
+    """Build the row of an arm at the target of a stage: its joints, and the pose of its end-effector."""
+    joints = "none found"
+    if posture.joints is not None:
+        axes = axes_of(robot.parts, "joint", False)[posture.arm]
+        joints = _target(list(zip(axes, posture.joints.tolist(), strict=True)))
+    return posture.stage, posture.arm, joints, _pose(posture.pose.tolist())
+
+
+def _unknown_load(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> Iterator[Row]:
+    """Yield how large a load is against the robot, where the low-level law does not know of it."""
+    capture = task.spec.capture
+    found = largest_load_ratio(task, model, stops)
+    if capture is None or capture.grasp.known or found is None:
+        return
+    where = f"in a motion mostly of {found.coordinate}, where {found.stage} leads"
+    yield "load over the robot's inertia", f"{found.ratio:.3g} {where}; expected at most {LARGEST_UNKNOWN_LOAD:g}"
 
 
 def print_robot(robot: RobotSpec) -> None:

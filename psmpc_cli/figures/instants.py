@@ -19,6 +19,10 @@ HATCHES = ("", "//////", "......")
 """Patterns that go with the colours, so that a print in grey can be read as well."""
 
 
+NOT_LOGGED = "shares in the applied control were not logged: log.shares is off"
+"""Heading of the figure where these shares are missing by the task's choice."""
+
+
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot the planned switch time that ends each stage [s], and how far it is from the actual one [ms].
 
@@ -64,7 +68,7 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     The cost is omega_s J_s of the window's stages; the pending cost, which belongs to no stage, is left out. All stages
     in the window would apply controls on their own; of the convex combinations of these the one nearest to the applied
     control is taken, and a stage's share in the control is its weight in it. The panel of these shares is there only if
-    they were logged.
+    they were logged; where `log.shares` is off, the figure says so.
     """
     shares = {"weighted cost": [cost_shares(run) for run in runs_of(runs)]}
     logged = [run["window/share"] for run in runs_of(runs)]
@@ -78,6 +82,9 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
                 axes.bar(run.time[0], 0, color="white", label=["_no share: stages agree, or no solution"])
         panels[0].set_ylabel(f"Share in the\n{shared} (%)")
     label_row(grid[0], grid[0, 0].get_ylabel())  # one legend serves both rows
+    switched_off = len(shares) == 1 and not all(run.task.spec.log.shares for run in runs_of(runs))
+    if switched_off:
+        figure.suptitle(NOT_LOGGED)
     return style.finish(figure)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpecBase
 from matplotlib.transforms import Bbox
 
 PAD = 0.04
@@ -27,11 +28,13 @@ class Panel:
 
     Attributes:
         axes: The panel.
+        grid: Its grid.
         rows, columns: Those it covers in the grid.
         equal: Whether its scales are equal, so that its height follows from its width.
     """
 
     axes: Axes
+    grid: GridSpecBase
     rows: range
     columns: range
     equal: bool
@@ -58,7 +61,7 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
     panels = _panels_of(figure)
     if not panels:
         return
-    grid = panels[0].axes.get_subplotspec().get_gridspec()  # type: ignore[union-attr]
+    grid = panels[0].grid
     heights = np.array(grid.get_height_ratios(), dtype=float)
     shares = np.array(grid.get_width_ratios(), dtype=float)
     shares /= shares.sum()
@@ -104,7 +107,8 @@ def _panels_of(figure: Figure) -> list[Panel]:
         if spot is not None:
             rows = range(spot.rowspan.start, spot.rowspan.stop)
             columns = range(spot.colspan.start, spot.colspan.stop)
-            panels.append(Panel(axes, rows, columns, axes.get_aspect() != "auto" and axes.name != "3d"))
+            equal = axes.get_aspect() != "auto" and axes.name != "3d"
+            panels.append(Panel(axes, spot.get_gridspec(), rows, columns, equal))
     return panels
 
 

@@ -1,8 +1,6 @@
 """Every figure in one table, and what draws them into files."""
 
-import gc
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,12 +12,13 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, snapshots, sweep
 from psmpc_cli.figures.animation import mp4_possible, offscreen_driver, write_animation, write_film
+from psmpc_cli.figures.processes import make_calls
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.files import replacing, writing
 from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.specs.arguments import require
-from psmpc_cli.studies.sampling import Draws, Grid
+from psmpc_cli.studies.sampling import Draws, FullFactorial
 
 FORMATS: Mapping[str, dict[str, Any]] = {
     "png": {
@@ -89,8 +88,8 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "snapshots": FigureKind(snapshots.plot_snapshots),
     },
     SWEEP: {
-        "surface": FigureKind(sweep.plot_surface, is_of=lambda cells: cells.sampling is Grid),
-        "heat_map": FigureKind(sweep.plot_heat_map, is_of=lambda cells: cells.sampling is Grid),
+        "surface": FigureKind(sweep.plot_surface, is_of=lambda cells: cells.sampling is FullFactorial),
+        "heat_map": FigureKind(sweep.plot_heat_map, is_of=lambda cells: cells.sampling is FullFactorial),
         "draws": FigureKind(sweep.plot_draws, is_of=lambda cells: cells.sampling is Draws),
         "starts": FigureKind(sweep.plot_starts),
         "sensitivity": FigureKind(sweep.plot_sensitivity),
@@ -189,9 +188,7 @@ def draw(
         offscreen_driver()
     _prepare_files(files, force)
     with in_style():
-        for name, paths in figures.items():
-            with uncollected():
-                _save(known[name](subject), paths)
+        make_calls([partial(_make_and_save, known[name], subject, paths) for name, paths in figures.items()])
         for name, paths in film_files.items():
             FILMS[name](subject, paths)
     return files
@@ -220,16 +217,9 @@ def save_figure(make: Callable[[], Figure], path: Path, force: bool = False) -> 
     return path
 
 
-@contextmanager
-def uncollected() -> Iterator[None]:
-    """Keep Python from looking for garbage while a figure is made: in its thousands of new objects there is none."""
-    collecting = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if collecting:
-            gc.enable()
+def _make_and_save(make: Callable[..., Figure], subject: Any, paths: Iterable[Path]) -> None:
+    """Make a figure of a subject and write it into files."""
+    _save(make(subject), paths)
 
 
 def _save(figure: Figure, paths: Iterable[Path]) -> None:

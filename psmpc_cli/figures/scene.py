@@ -14,9 +14,7 @@ from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import MonitorSpec
 
 
@@ -273,24 +271,6 @@ def corners(frame: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Return the corners (8, 3) [m] of a box with half edges (3,) in a frame (4, 4)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return in_inertial_frame(frame, signs * half)
-
-
-def configurations(task: Task, model: RobotModel, stages: Sequence[Stage]) -> list[np.ndarray]:
-    """Return the robot's coordinates at the start and at every stage's target, (nq,) each.
-
-    Where a target is in task space the arms are those of inverse kinematics; an arm that cannot reach stays as it was.
-    """
-    stops = [stack(task.spec.initial, task.robot, "joint")]
-    for stage in stages:
-        before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
-        Q = SKILLS[stage.space].after(model, before, stage.target).Q.copy()
-        base = stage.target[model.pose_rows["base"]]
-        for arm in task.robot.arms if stage.space == "task" else ():
-            found = reach_of(model, arm, base, stage.target[model.pose_rows[arm]]).configuration
-            if found is not None:
-                Q[model.nq - model.n :][model.parts[arm]] = found
-        stops.append(Q)
-    return stops
 
 
 def object_frames(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> list[np.ndarray]:

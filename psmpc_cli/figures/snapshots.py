@@ -24,7 +24,6 @@ from psmpc_cli.figures.scene import (
     Camera,
     Scene,
     base_half,
-    configurations,
     corners,
     half_edges,
     in_inertial_frame,
@@ -36,6 +35,7 @@ from psmpc_cli.figures.scene import (
 )
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.model import RobotModel

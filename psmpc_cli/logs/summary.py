@@ -179,6 +179,8 @@ class Summary:
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
         off_plan: Largest deviations of a position and of a velocity at a sample from the prediction of the plan before.
         beyond_limits: Largest violations of a position and of a velocity limit at a tick, where there are any.
+        closing_samples: The samples in which a gripper closes, numbered from 0.
+        beyond_limits_elsewhere: The largest violations outside these samples, where there are any.
         compiled: Whether solver and plant ran as compiled code.
         end_condition: Largest error over tolerance where a stage ended; None without one.
         end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
@@ -230,12 +232,15 @@ class Summary:
             largest(np.abs(arrays["deviation/Q"]), coordinates, time),
             largest(np.abs(arrays["deviation/Qdot"]), velocities, time),
         )
-        violations = (
-            largest(-arrays["margin/position"], coordinates, time),
-            largest(-arrays["margin/velocity"], velocities, time),
-        )
+        self.closing_samples = _closing_samples(arrays)
+        elsewhere = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
+        beyond = {"position": -arrays["margin/position"], "velocity": -arrays["margin/velocity"]}
+        names = {"position": coordinates, "velocity": velocities}
+        violations = (largest(beyond[kind], names[kind], time) for kind in beyond)
+        others = (largest(np.where(elsewhere, beyond[kind], np.nan), names[kind], time) for kind in beyond)
         self.off_plan = tuple(each for each in deviations if each is not None)
         self.beyond_limits = tuple(each for each in violations if each is not None and each.value > 0)
+        self.beyond_limits_elsewhere = tuple(each for each in others if each is not None and each.value > 0)
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
         self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
@@ -443,6 +448,13 @@ def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ..
         coordinate = str(arrays["coordinate"][column])
         tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
     return tuple(tightest)
+
+
+def _closing_samples(arrays: Arrays) -> tuple[int, ...]:
+    """Return the samples from which on, until the next one, a gripper closes."""
+    closed_at = arrays.get("grasp/closed_at", np.zeros(0))
+    closed = closed_at[np.isfinite(closed_at)]
+    return tuple(np.unique(np.searchsorted(arrays["time"], closed, side="right") - 1).tolist())
 
 
 def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""Whether a task can be done, as far as that can be told before anything is solved: limits, reach, order of events."""
+"""Whether a task can be done, as far as can be decided before anything is solved: limits, reach, order of events."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,11 +10,10 @@ import numpy as np
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.objective import StageCosts
+from psmpc_cli.ocp.postures import configurations, largest_load_ratio
 from psmpc_cli.ocp.problem import build_stages, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
-from psmpc_cli.robot.free_body import body_of
-from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
@@ -256,37 +255,28 @@ regulators (1977). Beyond, plans count on more than twice the deceleration that 
 
 
 def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Yield a load that outweighs the robot in some motion, where the low-level law does not know of it.
-
-    The robot is looked at where the stages lead that take the object and hold it.
-    """
+    """Yield a load that outweighs the robot in some motion, where the low-level law does not know of it."""
     target_object = task.spec.capture
     if target_object is None or target_object.grasp.known:
         return
-    model = forecasts[0].model
-    load = HeldLoad(model, body_of(target_object), target_object.grasp)
-    held = task.spec.held_stages
-    worst = LARGEST_UNKNOWN_LOAD
-    message = ""
-    Q, _ = _initial_state(task)
-    for stage, reaches in ((forecast.stage, forecast.reaches) for forecast in forecasts):
-        Q = _posture(task, stage, reaches, Q)
-        if not held.start - 1 <= stage.index < held.stop:
-            continue
-        ratio, v = load.largest_ratio(Q)
-        if ratio > worst:
-            worst = ratio
-            mostly = int(np.argmax(v * (model.mass_matrix(Q) @ v)))
-            has_armature = mostly >= task.robot.parts["base"]
-            message = (
-                f"found false, and an object of {target_object.mass:g} kg that has {ratio:.3g} times the inertia of "
-                f"the robot in a motion mostly of {labels(task.robot, 'joint')[mostly]}, where {quoted(stage.name)} "
-                f"leads: {100 / (1 + ratio):.2g} % of an acceleration commanded there are left, and it settles up to "
-                f"{1 + ratio:.3g} times as slowly; expected true, or a ratio of at most {LARGEST_UNKNOWN_LOAD:g}"
-                f"{', with the armatures of its joints in the robot file' if has_armature else ''}"
-            )
-    if message:
-        yield Fault(("object", "grasp", "known"), message)
+    found = largest_load_ratio(task, forecasts[0].model, _configurations(task, forecasts))
+    if found is None or found.ratio <= LARGEST_UNKNOWN_LOAD:
+        return
+    has_armature = not found.coordinate.startswith("base.")
+    message = (
+        f"found false, and an object of {target_object.mass:g} kg that has {found.ratio:.3g} times the inertia of "
+        f"the robot in a motion mostly of {found.coordinate}, where {quoted(found.stage)} "
+        f"leads: {100 / (1 + found.ratio):.2g} % of an acceleration commanded there are left, and it settles up to "
+        f"{1 + found.ratio:.3g} times as slowly; expected true, or a ratio of at most {LARGEST_UNKNOWN_LOAD:g}"
+        f"{', with the armatures of its joints in the robot file' if has_armature else ''}"
+    )
+    yield Fault(("object", "grasp", "known"), message)
+
+
+def _configurations(task: Task, forecasts: Sequence[StageForecast]) -> list[np.ndarray]:
+    """Return the robot's coordinates at the start and at every stage's target, (nq,) each."""
+    stages = [forecast.stage for forecast in forecasts]
+    return configurations(task, forecasts[0].model, stages, [forecast.reaches for forecast in forecasts])
 
 
 def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
@@ -300,12 +290,11 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
     model = forecasts[0].model
     costs = StageCosts(model)
     deviations = standard_deviations(noise, task.robot)
-    Q, v = _initial_state(task)
-    for stage, reaches in ((forecast.stage, forecast.reaches) for forecast in forecasts):
-        Q = _posture(task, stage, reaches, Q)
+    at_rest = np.zeros(model.n)
+    for stage, Q in zip([each.stage for each in forecasts], _configurations(task, forecasts)[1:], strict=True):
         if not stage.end_rows:
             continue
-        placed, x = in_own_chart(model, stage, Q, np.zeros_like(v))
+        placed, x = in_own_chart(model, stage, Q, at_rest)
         least = 3 * costs.end_deviations(placed, x, deviations)[: len(stage.end_rows)]
         worst = int(np.argmax(least / stage.tolerance))
         if stage.tolerance[worst] < least[worst]:
@@ -315,23 +304,6 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
                 "three standard deviations of its measurement: when the stage ends depends on the noise"
             )
             yield Fault(("stages", stage.index, "ends_when"), message)
-
-
-def _posture(task: Task, stage: Stage, reaches: Mapping[str, Reach], before: np.ndarray) -> np.ndarray:
-    """Return the coordinates (nq,) at a stage's target: what it does not say, or cannot be reached, is as before."""
-    if stage.space == "joint":
-        return stage.target
-    Q = before.copy()
-    first = len(before) - sum(size for part, size in task.robot.parts.items() if part != "base")
-    if stage.space == "task":
-        Q[:first] = stage.target[:first]
-    for arm in task.robot.arms:
-        joints = slice(first, first + task.robot.parts[arm])
-        configuration = reaches[arm].configuration if arm in reaches else None
-        if configuration is not None:
-            Q[joints] = configuration
-        first = joints.stop
-    return Q
 
 
 def _too_short(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:

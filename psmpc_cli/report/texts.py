@@ -33,6 +33,26 @@ def _largest(*found: Largest | None) -> str:
     return " / ".join(f"{each.where}: {each.value:.3g} at {each.time:.1f} s" for each in found if each is not None)
 
 
+def _beyond_limits(summary: Summary) -> str:
+    """Write the largest violations of limits, with what the closing of grippers has to do with them."""
+    closing = summary.closing_samples
+    at_closing = [each.sample in closing and each.where.endswith("velocity") for each in summary.beyond_limits]
+    text = _largest(*summary.beyond_limits) or "none"
+    if not any(at_closing) or summary.capture is None:
+        return text
+    speeds = _closing_speeds(summary.capture)
+    reason = f"the grasps stop grippers that move by {speeds} against the object at once, which no plan contains"
+    which = "" if all(at_closing) else f"{summary.beyond_limits[at_closing.index(True)].where} "
+    others = _largest(*summary.beyond_limits_elsewhere) or "none"
+    return f"{text}; {which}as the grippers close: {reason}; in other samples: {others}"
+
+
+def _closing_speeds(capture: CaptureSummary) -> str:
+    """Write how fast grippers moved against their grasps when they were to close."""
+    _, _, v, omega = capture.missed_by
+    return f"{1e3 * v:.1f} mm/s, {math.degrees(omega):.2f} deg/s"
+
+
 def _margin(summary: Summary, kind: str) -> str:
     """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
     found = (limit for limit in summary.limits if limit.kind == kind)
@@ -43,8 +63,8 @@ def _closing_error(capture: CaptureSummary | None) -> str:
     """Write by how much grippers were apart from their grasps when they were to close."""
     if capture is None or math.isnan(capture.missed_by[0]):
         return ""
-    r, phi, v, omega = capture.missed_by
-    apart = f"{1e3 * r:.1f} mm, {math.degrees(phi):.2f} deg, {1e3 * v:.1f} mm/s, {math.degrees(omega):.2f} deg/s"
+    r, phi, *_ = capture.missed_by
+    apart = f"{1e3 * r:.1f} mm, {math.degrees(phi):.2f} deg, {_closing_speeds(capture)}"
     return apart if math.isfinite(capture.closed_at) else f"{apart}: outside their envelope"
 
 
@@ -100,7 +120,7 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("other guesses of the switch times chosen", lambda run: math.nan if run.basins is None else run.basins, 0, ""),
     ("tightest position margin, of the limit", lambda run: _margin(run, "position"), 0, ""),
     ("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity"), 0, ""),
-    ("farthest beyond a limit, any tick", lambda run: _largest(*run.beyond_limits) or "none", 0, ALONE),
+    ("farthest beyond a limit, any tick", _beyond_limits, 0, ALONE),
     ("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), 0, DETAIL + ALONE),
     ("end error over tolerance, at switches", lambda run: _largest(run.end_condition), 0, DETAIL),
     ("end error over tolerance, at the end", _end_errors, 0, ALONE),

@@ -171,7 +171,7 @@ class ConfigurationSpace(ABC):
         keeps_posture: Joints that the poses of end-effectors leave free are drawn to where they are.
         pose_angles: Rows of a pose that are angles, of which the nearest equivalent is meant.
         pose_attitude: Rows of a pose that are its unit quaternion; none in the plane.
-        pose_text: A pose in words.
+        pose_text: The coordinates of a pose in their order, for messages.
         joints: Number of joints.
         nq, n: Number of coordinates Q and of velocities v.
         attitude: Rows of Q that are the base's unit quaternion; none in the plane.

@@ -27,7 +27,7 @@ SOURCES = ("recursion.c", "interval_rows.c", "program.c", "interior_point.c")
 """Source files of the kernel, our own method in C, in the order in which they are joined."""
 
 FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-fno-math-errno", "-ffp-contract=off")
-"""Without -ffast-math: a step that is not finite has to be noticed; without contraction: compilers round alike."""
+"""Without -ffast-math: a step that is not finite has to be detected; without contraction: compilers round alike."""
 
 MAX_ITERATIONS = 60
 """Interior-point iterations of one program; a solvable one takes 8 to 25."""

@@ -66,7 +66,7 @@ HEADING = "iter       objective   inf_pr    ||d||    alpha  qp"
 """Columns of the table of iterations, the guess first.
 
 Number of the iteration; objective, J over the window's largest priority; largest violation of a constraint; largest
-component of the program's full step [m, rad, m/s, rad/s, s]; share of the step that was taken, 0 if none of it counted;
+component of the program's full step [m, rad, m/s, rad/s, s]; fraction of it that was taken, 0 if it was rejected;
 interior-point iterations of the program.
 """
 
@@ -78,7 +78,7 @@ class Iterate:
     Attributes:
         violation: The largest of a gap, an end condition or a hard limit [m, rad, m/s, rad/s, s].
         step: Largest component of the program's full step [m, rad, m/s, rad/s, s].
-        share: How much of that step was taken; 0 if no share of it counted.
+        share: Fraction of that step that was taken; 0 if it was rejected.
         qp: The program's solution, None at the guess.
     """
 

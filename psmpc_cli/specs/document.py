@@ -89,7 +89,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong with a description.
+    """One fault of a description.
 
     Attributes:
         path: Where, from the root of the file.
@@ -394,7 +394,7 @@ def shortened(text: str) -> str:
 
 
 def counted(number: int, one: str, many: str) -> str:
-    """Write a number of things: `1 key`, `2 keys`."""
+    """Write a count with its noun: `1 key`, `2 keys`."""
     return f"{number} {one if number == 1 else many}"
 
 

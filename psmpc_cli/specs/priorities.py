@@ -18,7 +18,7 @@ ACCEPTABLE = 0.1
 """Largest consistency ratio of comparisons that still agree well enough. Saaty's rule."""
 
 LARGEST_INDEX = {3: 0.31, 4: 0.35}
-"""Geometric consistency index at which the ratio is `ACCEPTABLE`, by the number of things compared; of more 0.37."""
+"""Geometric consistency index at which the ratio is `ACCEPTABLE`, by the number of stages compared; of more 0.37."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,6 +84,18 @@ def _stage_cost(run: Run) -> np.ndarray:
     return np.bincount(run["window/first"], weights, minlength=len(run.stage_names))
 
 
+def motion_between_hands(run: Run) -> tuple[float, float]:
+    """Compute the largest change of the relative pose of two hands while both hold the object [m], [rad]."""
+    held = np.flatnonzero(run["grasp/closed"].all(axis=1))
+    model = run.problem.model
+    one, other = (list(model.pose_rows).index(str(gripper)) for gripper in run["gripper"])
+    poses = model.poses(run.Q[held])
+    relative = [model.space.relative(each[other], each[one]) for each in poses]
+    errors = np.array([model.space.pose_error(each, relative[0]) for each in relative])
+    linear, angular = np.split(errors, [model.dimension], axis=1)
+    return float(np.linalg.norm(linear, axis=1).max()), float(np.linalg.norm(angular, axis=1).max())
+
+
 _ENDS = _number(
     "switch_time", "s", "instant that ended each stage", lambda run: run.stages["switch_time"], dims=("stage",)
 )

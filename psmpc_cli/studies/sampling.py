@@ -78,8 +78,8 @@ class Draws(Sampling):
         return [number, *super().coordinates(stages)]
 
 
-class Grid(Sampling):
-    """A grid over both priorities, whose cells go along omega_2, then omega_1."""
+class FullFactorial(Sampling):
+    """A full factorial design: a grid over both priorities, whose cells go along omega_2, then omega_1."""
 
     dims = ("omega_2", "omega_1")
     columns = ("ratio",)
@@ -107,7 +107,7 @@ class Grid(Sampling):
         return np.column_stack([omega_1.ravel(), omega_2.ravel()])
 
 
-SAMPLINGS: Mapping[tuple[str, ...], type[Sampling]] = {each.dims: each for each in (Grid, Ratios, Draws)}
+SAMPLINGS: Mapping[tuple[str, ...], type[Sampling]] = {each.dims: each for each in (FullFactorial, Ratios, Draws)}
 """The samplings by the dimensions of their cells, by which a reader tells them apart."""
 
 
@@ -154,4 +154,4 @@ def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampl
     if len(sizes) == 1:
         return Ratios(label, 10.0 ** np.outer(np.linspace(low - high, high - low, sizes[0]) / 2, [-1.0, 1.0]))
     omega_2, omega_1 = np.meshgrid(*(np.linspace(low, high, size) for size in reversed(sizes)), indexing="ij")
-    return Grid(label, 10.0 ** np.column_stack([omega_1.ravel(), omega_2.ravel()]))
+    return FullFactorial(label, 10.0 ** np.column_stack([omega_1.ravel(), omega_2.ravel()]))

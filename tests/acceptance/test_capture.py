@@ -9,10 +9,10 @@ import psmpc_cli as psmpc
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility import forecast_stages, remarks
-from psmpc_cli.robot.configuration import SPACE, space_of_pose
+from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.simulation.verify import Verification
-from psmpc_cli.studies.measures import OUTCOME
+from psmpc_cli.studies.measures import OUTCOME, motion_between_hands
 
 from .. import six_joint_arm
 
@@ -79,19 +79,6 @@ def test_built_in_tasks_deliver_at_rest_by_hands_that_keep_where_they_closed(nam
     assert found.distance < (5e-3 if run.problem.model.space.dimension == 2 else 10e-3)
     moved, turned = motion_between_hands(run)
     assert moved < 2e-3 and turned < np.radians(0.2)
-
-
-def motion_between_hands(run: Run) -> tuple[float, float]:
-    """Largest change of the relative pose of two hands while both hold the object [m], [rad]."""
-    held = np.flatnonzero(run["grasp/closed"].all(axis=1))
-    frames = list(run.problem.model.pose_rows)
-    one, other = (frames.index(gripper) for gripper in run.task.spec.object.grasp.at)
-    poses = run.problem.model.poses(run.Q[held])
-    space = space_of_pose(poses.shape[-1])
-    relative = [space.relative(each[other], each[one]) for each in poses]
-    errors = np.array([space.pose_error(each, relative[0]) for each in relative])
-    linear, angular = np.split(errors, [space.dimension], axis=1)
-    return float(np.linalg.norm(linear, axis=1).max()), float(np.linalg.norm(angular, axis=1).max())
 
 
 def test_pull_is_drawn_where_there_are_grasps(drifting: Run, tmp_path: Path) -> None:

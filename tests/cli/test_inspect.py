@@ -27,6 +27,21 @@ def test_a_valid_task_is_a_table(psmpc: Psmpc) -> None:
     assert any("1.036 of 1.200 m" in line for line in lines)
 
 
+def test_check_prints_joints_and_end_effector_of_every_arm_at_every_target(psmpc: Psmpc) -> None:
+    lines = words(psmpc("check", "transport").stdout)
+    assert "at the target of arm joints end-effector" in lines
+    assert "transport arm_1 45, 45, 60 deg 0.480348, 0.953553 m, 150 deg" in lines
+    assert any(line.startswith("capture arm_1 45, 30, 60 deg -1.9334, 3.1677 m, 165 deg") for line in lines)
+
+
+def test_check_prints_how_large_a_load_is_that_the_low_level_law_does_not_know(psmpc: Psmpc) -> None:
+    light = ("--set", "object.mass=5", "--set", "object.inertia=0.67")
+    unknown = " ".join(psmpc("check", "transport_grasp", *light, "--set", "object.grasp.known=false").stdout.split())
+    assert "load over the robot's inertia 0.577 in a motion mostly of arm_2.2, where transport leads" in unknown
+    assert "probably not meant" not in unknown
+    assert "load over the robot's inertia" not in psmpc("check", "transport_grasp").stdout
+
+
 def test_a_valid_robot_is_a_table_without_empty_columns(psmpc: Psmpc) -> None:
     lines = words(psmpc("check", "planar_dual_arm").stdout)
     assert "base 30 0 0 1.35" in lines

@@ -8,7 +8,9 @@ from matplotlib.patches import StepPatch
 
 from psmpc_cli.figures.instants import cost_shares, plot_instants, plot_shares, plot_solve_time
 from psmpc_cli.logs.run import Run
+from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import find
+from psmpc_cli.specs.load import load_task
 
 from .figure_contents import common_legend, curves, legend, long_curves, points
 
@@ -56,6 +58,13 @@ def test_the_bands_of_the_shares_fill_the_panels_and_switches_are_marked(run: Ru
     assert np.all(top[run.time < 5.9] == 100.0) and np.all(top[run.time > 10.1] == 0.0)
     assert legend(figure.axes[1]) == ["approach", "capture", "transport", "release"]
     assert set(common_legend(figure)) == {"switch", "next stage already acts", "early start"}
+
+
+def test_a_figure_without_shares_in_the_control_says_why() -> None:
+    off = ("controller.nodes=5", "plant.kind=ideal", "time_limit=0.5", "log.shares=false")
+    figure = plot_shares(simulate(load_task("transport", off)))
+    assert len(figure.axes) == 2
+    assert "log.shares is off" in figure.get_suptitle()
 
 
 def test_every_solve_is_drawn_once_by_the_stages_in_its_window(run: Run) -> None:

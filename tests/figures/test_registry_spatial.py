@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from psmpc_cli.figures.coordinates import attitude_error, plot_overlay, plot_states, plot_velocities
 from psmpc_cli.figures.registry import draw, figures_of
-from psmpc_cli.figures.scene import OBLIQUE, configurations, scene_of
+from psmpc_cli.figures.scene import OBLIQUE, scene_of
 from psmpc_cli.figures.snapshots import plot_robot, plot_scenario
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.simulation.run import simulate

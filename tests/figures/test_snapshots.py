@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from psmpc_cli.figures.coordinates import error_curves
-from psmpc_cli.figures.scene import configurations, object_frames, scene_of
+from psmpc_cli.figures.scene import object_frames, scene_of
 from psmpc_cli.figures.snapshots import plot_scenario, plot_snapshots
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.model import RobotModel

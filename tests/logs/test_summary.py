@@ -14,7 +14,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import Arrays, Verdict, judge_monitor, signal, variation
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.report.texts import describe_verdict
+from psmpc_cli.report.texts import describe_verdict, measure_rows
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.run import build_experiment, simulate
 from psmpc_cli.specs.load import load_task
@@ -266,6 +266,26 @@ NEAR = np.array([1e-3, 1e-3, 1e-3, 1e-3])
 FAR = np.array([[1e-3, 1e-3, 1e-3, 1e-3], [0.02, 1e-3, 1e-3, 1e-3]])
 TAKEN = {"grasp_closed_at": 9.0, "grasp_missed_by": NEAR}
 THERE = np.array([0.0, 0.978, 0.0])
+
+
+@pytest.mark.parametrize(("sample", "explained"), [(2, True), (3, False)])
+def test_a_limit_exceeded_where_grippers_close_is_explained_by_their_speed(
+    drifting: Run, sample: int, explained: bool
+) -> None:
+    """They close between the samples 2 and 3; the other samples stay within the limits, or go beyond them by less."""
+    margin = np.full(drifting["margin/velocity"].shape, 0.1)
+    margin[sample, 1] = -0.125
+    margin[1, 0] = -0.02
+    closed_at = drifting.time[2] + 0.05
+    run = changed(drifting, margin_velocity=margin, grasp_closed_at=closed_at, grasp_missed_by=NEAR)
+    row = dict(measure_rows(run.summary()))["farthest beyond a limit, any tick"]
+    where = drifting.coordinates[1]
+    assert row.startswith(f"{where} velocity: 0.125 at {drifting.time[sample]:.1f} s")
+    assert ("as the grippers close" in row) == explained
+    if explained:
+        assert "1.0 mm/s, 0.06 deg/s against the object" in row
+        assert f"in other samples: {drifting.coordinates[0]} velocity: 0.02 at" in row
+
 
 OBJECT_OUTCOMES = {
     "never near": (

@@ -11,7 +11,7 @@ import pytest
 from psmpc_cli.errors import LogError
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.runner import FAILED, REFERENCE, WAITING
-from psmpc_cli.studies.sampling import Draws, Grid, Ratios, Sampling, parse_sampling
+from psmpc_cli.studies.sampling import Draws, FullFactorial, Ratios, Sampling, parse_sampling
 from psmpc_cli.studies.sweep import AlongRatio, Recommendation, SweepCells, origins, parse_stages, recommend
 
 from ..synthetic_sweep import EPSILONS, T_S, Numbers, numbers, sampling_of, synthetic_sweep
@@ -27,7 +27,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "sweep.h5"
 
 
-@pytest.mark.parametrize(("sampling", "kind"), [("3x5", Grid), ("7", Ratios), ("random:9", Draws)])
+@pytest.mark.parametrize(("sampling", "kind"), [("3x5", FullFactorial), ("7", Ratios), ("random:9", Draws)])
 def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kind: type[Sampling]) -> None:
     cells = SweepCells(synthetic_sweep(path, sampling))
     assert cells.sampling is kind

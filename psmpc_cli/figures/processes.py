@@ -1,0 +1,104 @@
+"""Independent calls shared among processes that are forked, and so have all that this one has in memory."""
+
+import gc
+import os
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from psmpc_cli.errors import SIGNALS, Interruption, deferred_signals
+
+MOST_PROCESSES = 4
+"""Most processes that share calls, this one among them."""
+
+
+def make_calls(calls: Sequence[Callable[[], object]]) -> None:
+    """Make calls whose results are files, each once, in this process and in others that are forked for them.
+
+    All take the next call from one queue until it is empty. A call that failed elsewhere, or whose process was killed,
+    is repeated here, where its error appears as if nothing had been forked. After an error or a signal no process
+    begins another call.
+
+    Raises:
+        Exception: What a call raises.
+    """
+    helpers = min(len(calls), _usable_processes()) - 1
+    if helpers < 1:
+        for call in calls:
+            with uncollected():
+                call()
+        return
+    with deferred_signals() as interruption:
+        _make_shared_calls(calls, helpers, interruption)
+
+
+def _usable_processes() -> int:
+    """Return how many processes may share calls: 1 where a fork is unsafe, on other systems and beside threads."""
+    if sys.platform != "linux" or threading.active_count() > 1:
+        return 1
+    return min(MOST_PROCESSES, len(os.sched_getaffinity(0)))
+
+
+def _make_shared_calls(calls: Sequence[Callable[[], object]], helpers: int, interruption: Interruption) -> None:
+    """Make calls in this process and in so many forked ones. Their numbers go through pipes, a byte each."""
+    queue, queue_end = os.pipe()
+    os.write(queue_end, bytes(range(len(calls))))
+    os.close(queue_end)
+    made_elsewhere, report = os.pipe()
+    children = [_fork(calls, queue, report) for _ in range(helpers)]
+    os.close(report)
+
+    waiting = set(range(len(calls)))
+    try:
+        while not interruption.number and (number := os.read(queue, 1)):
+            with uncollected():
+                calls[number[0]]()
+            waiting.remove(number[0])
+    finally:
+        os.read(queue, len(calls))  # empty for the others too
+        os.close(queue)
+        while numbers := os.read(made_elsewhere, len(calls)):
+            waiting.difference_update(numbers)
+        os.close(made_elsewhere)
+        for child in children:
+            os.waitpid(child, 0)
+    for left in sorted(waiting):
+        if interruption.number:
+            return
+        calls[left]()
+
+
+def _fork(calls: Sequence[Callable[[], object]], queue: int, report: int) -> int:
+    """Start a process that makes calls whose numbers it reads from a pipe and reports to another; return its id.
+
+    It leaves signals to its parent, which empties the queue, and ends at the first error without a word.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads of NumPy's libraries, which expect forks
+        child = os.fork()
+    if child:
+        return child
+    try:
+        for each in SIGNALS:
+            signal.signal(each, signal.SIG_IGN)
+        gc.disable()
+        while number := os.read(queue, 1):
+            calls[number[0]]()
+            os.write(report, number)
+    finally:
+        os._exit(0)  # noqa: TID251  # a forked process ends here, not the program
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Keep Python from looking for garbage while a figure is made: in its thousands of new objects there is none."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()

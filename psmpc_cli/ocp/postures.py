@@ -1,0 +1,119 @@
+"""Where a robot is at the targets of a task's stages, before anything has run: joints, end-effectors, loads."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.ocp.skills import SKILLS, Posture
+from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.robot.free_body import body_of
+from psmpc_cli.robot.held_load import HeldLoad
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.reach import Reach, reach_of
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.robot import labels, stack
+
+TAKEN = 5e-3
+"""Largest error of a pose that counts as taken [m, rad]: an arm that cannot reach stays where it was."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmPosture:
+    """An arm at the target of a stage.
+
+    Attributes:
+        stage: Name of the stage.
+        arm: Name of the arm.
+        joints: Its joint coordinates (joints,) [rad, m]; None where none were found that take the target.
+        pose: Pose of its end-effector in the inertial frame, (3,) or (7,) [m, rad].
+    """
+
+    stage: str
+    arm: str
+    joints: np.ndarray | None
+    pose: np.ndarray
+
+
+@dataclass(frozen=True)
+class LoadRatio:
+    """The largest inertia of a held object over that of the robot, over all motions that keep the closed chain.
+
+    Attributes:
+        ratio: rho of docs/capture.md [1].
+        coordinate: The coordinate that has most of the kinetic energy in that motion.
+        stage: Name of the stage at whose target that is so.
+    """
+
+    ratio: float
+    coordinate: str
+    stage: str
+
+
+def configurations(
+    task: Task, model: RobotModel, stages: Sequence[Stage], reaches: Sequence[Mapping[str, Reach]] = ()
+) -> list[np.ndarray]:
+    """Return the robot's coordinates at the start and at every stage's target, (nq,) each.
+
+    Where a target is in task space the arms are those of inverse kinematics; an arm that cannot reach stays as it was.
+
+    Args:
+        task: The task.
+        model: Its robot.
+        stages: Its stages.
+        reaches: What is known already of the arms at the target of each stage; by default nothing.
+    """
+    stops = [stack(task.spec.initial, task.robot, "joint")]
+    for stage, known in zip(stages, reaches or [{}] * len(stages), strict=True):
+        before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
+        Q = SKILLS[stage.space].after(model, before, stage.target).Q.copy()
+        base = stage.target[model.pose_rows["base"]]
+        for arm in task.robot.arms if stage.space == "task" else ():
+            reach = known[arm] if arm in known else reach_of(model, arm, base, stage.target[model.pose_rows[arm]])
+            if reach.configuration is not None:
+                Q[model.nq - model.n :][model.parts[arm]] = reach.configuration
+        stops.append(Q)
+    return stops
+
+
+def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> Iterator[ArmPosture]:
+    """Yield each arm at the target of each stage that says where the arms are: in joint space, or in task space.
+
+    Args:
+        model: The robot.
+        stages: The stages of a task.
+        stops: Their `configurations`.
+    """
+    for stage, Q in zip(stages, stops[1:], strict=True):
+        if stage.space not in ("joint", "task"):
+            continue
+        for arm, pose in zip(model.spec.arms, model.poses(Q)[1:], strict=True):
+            wanted = pose if stage.space == "joint" else stage.target[model.pose_rows[arm]]
+            apart = model.space.pose_error(pose, wanted)
+            taken = bool(np.abs(apart).max() <= TAKEN)
+            joints = Q[model.nq - model.n :][model.parts[arm]] if taken else None
+            yield ArmPosture(stage.name, arm, joints, np.asarray(wanted))
+
+
+def largest_load_ratio(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> LoadRatio | None:
+    """Find where the object is largest against the robot; None where there is no object with a mass.
+
+    The robot is looked at where the stages lead that take the object and hold it.
+
+    Args:
+        task: The task.
+        model: Its robot.
+        stops: The `configurations` of its stages.
+    """
+    target_object = task.spec.capture
+    if target_object is None:
+        return None
+    load = HeldLoad(model, body_of(target_object), target_object.grasp)
+    found = []
+    held = task.spec.held_stages
+    for index in range(held.start - 1, held.stop):
+        Q = stops[index + 1]
+        ratio, v = load.largest_ratio(Q)
+        mostly = int(np.argmax(v * (model.mass_matrix(Q) @ v)))
+        found.append(LoadRatio(ratio, labels(task.robot, "joint")[mostly], task.spec.stages[index].name))
+    return max(found, key=lambda each: each.ratio)

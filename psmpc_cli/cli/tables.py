@@ -270,7 +270,7 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     controller = task.spec.controller
     typer.echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
     typer.echo(
-        f"robot {task.robot.name}; controller {controller.kind}, horizon {controller.horizon:g} s, "
+        f"robot {task.robot.name}{_mobility(task.robot)}; controller {controller.kind}, horizon {controller.horizon:g} s, "
         f"{controller.nodes} nodes a stage, sample time {controller.sample_time:g} s; "
         f"solver {spec.solver.kind}; plant {spec.plant.kind}"
     )
@@ -311,13 +311,19 @@ def _unknown_load(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) ->
     yield "load over the robot's inertia", f"{found.ratio:.3g} {where}; expected at most {LARGEST_UNKNOWN_LOAD:g}"
 
 
+def _mobility(robot: RobotSpec) -> str:
+    """Write what moves the base, where it is not thrusters."""
+    return "" if robot.moved_by.actuated else f", {robot.mobility}"
+
+
 def print_robot(robot: RobotSpec) -> None:
     """Print a robot: its bodies, and the limits of its coordinates."""
     typer.echo(f"{robot.name}: {robot.description}" if robot.description else robot.name)
     d = robot.dimension
     bodies = robot.bodies
     total = sum(body.mass for body in bodies)
-    typer.echo(f"{'planar' if d == 2 else 'spatial'}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
+    kind = "planar" if d == 2 else "spatial"
+    typer.echo(f"{kind}{_mobility(robot)}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
     rows: list[Row] = []
     carried = [("", "", "")]
     for each in robot.joints:
@@ -373,6 +379,8 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     rest = f" ({spec.ends_when.velocity:g}/s)" if spec.ends_when and spec.ends_when.velocity is not None else ""
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
         target = ("to " if stage.trajectory else "") + _target(list(zip(axes, numbers, strict=False)))
+        if part == "base" and not stage.weights[: len(rows)].any() and not task.robot.moved_by.actuated:
+            target = task.robot.mobility
         asked = [tolerances.get(next(row), "-") for _ in rows]
         within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)
         ends = f"at {spec.at:g} s" * (part == "base") if spec.at is not None else "" if within == "-" else within + rest

@@ -79,13 +79,17 @@ def configurations(
 def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> Iterator[ArmPosture]:
     """Yield each arm at the target of each stage that says where the arms are: in joint space, or in task space.
 
+    None of a robot whose base reacts to its arms: where the base is at a target depends on the way there.
+
     Args:
         model: The robot.
         stages: The stages of a task.
         stops: Their `configurations`.
     """
+    moved_by = model.spec.moved_by
+    floats = moved_by.moves and not moved_by.actuated
     for stage, Q in zip(stages, stops[1:], strict=True):
-        if stage.space not in ("joint", "task"):
+        if floats or stage.space not in ("joint", "task"):
             continue
         for arm, pose in zip(model.spec.arms, model.poses(Q)[1:], strict=True):
             wanted = pose if stage.space == "joint" else stage.target[model.pose_rows[arm]]

@@ -119,7 +119,11 @@ class VelocityForm:
         self.row_interval, self._interval_places = _ordered(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
-        self._giving = [(rows, rows.functions.gives) for rows in self.node_rows if rows.functions.gives is not None]
+        self._giving = [
+            (rows, rows.functions.gives, rows.functions.by_given)
+            for rows in self.node_rows
+            if rows.functions.gives is not None and rows.functions.by_given is not None
+        ]
         self.has_thrusters = bool(model.actuated.all())
         rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
         self.curved = rows_are_curved or not self.has_thrusters
@@ -221,9 +225,9 @@ class VelocityForm:
             return point
         n = self.grid.n
         X = point.X.copy()
-        for rows, given in self._giving:
+        for rows, given, by_given in self._giving:
             nodes = list(rows.nodes)
-            g, jacobian = rows.functions.by_given(X[nodes], rows.argument(p), rows=len(nodes))
+            g, jacobian = by_given(X[nodes], rows.argument(p), rows=len(nodes))
             G = jacobian.reshape(len(nodes), rows.functions.count, -1)
             X[nodes, n + given.start : n + given.stop] -= np.linalg.solve(G, g[..., None])[..., 0]
         return replace(point, X=X)

@@ -72,15 +72,17 @@ class ConstraintFunctions:
         return RowFunction(ca.Function("end_curvature", arguments, ca.cse([_row_by_row(upper)])))
 
     @cached_property
-    def by_given(self) -> RowFunction:
-        """x, a -> g (rows,), its derivatives by the rates that it gives, row by row (rows rows,)."""
+    def by_given(self) -> RowFunction | None:
+        """x, a -> g (rows,), its derivatives by the rates that it gives, row by row (rows rows,); None if none."""
+        if self.gives is None:
+            return None
         n = self._x.numel() // 2
-        jacobian = ca.jacobian(self._rows, self._x[n:][self.gives or slice(0, 0)])
+        jacobian = ca.jacobian(self._rows, self._x[n:][self.gives])
         return RowFunction(ca.Function("given", [self._x, self._argument], ca.cse([self._rows, _row_by_row(jacobian)])))
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Write all of them and return them."""
-        return self.value, self.with_jacobian, self.curvature
+        return self.value, self.with_jacobian, self.curvature, self.by_given
 
 
 class IntervalFunctions:
@@ -264,7 +266,8 @@ class StageFunctions:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
             return self.met, *self.end.prepare()
-        return self.error, self.cost, self.gauss_newton
+        curvature = (self.residual_curvature,) if not self.model.actuated.all() else ()
+        return self.error, self.cost, self.gauss_newton, *curvature
 
     def step(self, discretization: str) -> ca.Function:
         """Return x (2n,), u, dt -> x after dt under a constant u."""

@@ -15,12 +15,14 @@ import numpy as np
 
 from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import make_all
+from psmpc_cli.ocp.constraints import node_rows
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import cost_shape, stage_shape
-from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
+from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
+from psmpc_cli.ocp.window import Window, WindowShape, plan_on_mesh, window_numbers, window_shape
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, kernel_library, load_kernel
@@ -110,6 +112,7 @@ class SqpSolver(Solver):
         for stage in problem.stages:  # before the robot moves: of a spatial robot it takes a second
             stage_functions(problem.model, cost_shape(stage_shape(stage)), spec.compiled).prepare()
             stage_functions(problem.model, stage_shape(stage)).prepare()
+            _prepare_rows(problem.model, stage)
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
         """Return what windows of one shape and limits share: form, bounds, method for their programs."""
@@ -166,6 +169,14 @@ def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
             yield maker_of(functions.residual_curvature.function)
     for switches in range(len(problem.stages)):
         yield partial(kernel_library, problem.model.n, switches)
+
+
+def _prepare_rows(model: RobotModel, stage: Stage) -> None:
+    """Write the functions of the constraints at nodes that a stage may have, those that samples set among them."""
+    constraints = tuple((name, each.structure) for name, each in stage.constraints.items())
+    shape = replace(without_end(stage_shape(stage)), constraints=constraints)
+    for rows in node_rows(model, WindowShape(stages=(shape,), nodes=(1,), discretization="exact")):
+        rows.functions.prepare()
 
 
 @dataclass(frozen=True, eq=False)

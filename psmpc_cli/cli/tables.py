@@ -271,7 +271,8 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     typer.echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
     typer.echo(
         f"robot {task.robot.name}{_mobility(task.robot)}; "
-        f"controller {controller.kind}, horizon {controller.horizon:g} s, {controller.nodes} nodes a stage, sample time {controller.sample_time:g} s; "
+        f"controller {controller.kind}, horizon {controller.horizon:g} s, {controller.nodes} nodes a stage, "
+        f"sample time {controller.sample_time:g} s; "
         f"solver {spec.solver.kind}; plant {spec.plant.kind}"
     )
     if spec.priorities is not None:

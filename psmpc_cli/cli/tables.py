@@ -88,7 +88,14 @@ def print_summary(run: Run, verbose: bool) -> None:
 
 
 def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
-    """Print runs of one task side by side, with differences to the first one."""
+    """Print runs of one task side by side, most often one of each controller, with differences to the first one.
+
+    Marks are explained only where they occur. Where all priorities are equal, psmpc is the same controller as smpc.
+
+    Args:
+        runs: The runs by name.
+        path: The one file that holds them all.
+    """
     summaries = {name: run.summary() for name, run in runs.items()}
     first, *others = summaries
     for name, summary in summaries.items():

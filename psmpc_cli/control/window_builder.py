@@ -22,7 +22,7 @@ class WindowBuilder:
         self._costs = problem.costs
         self._soft = problem.spec.limits_are_soft
         self._uniform_nodes = self._spec.uniform_nodes
-        # strict priorities do not depend on the scale; the printed range is 0 for a robot at rest
+        # strict priorities do not depend on the scale; "range", eq. (12) as printed, divides by 0 for a robot at rest
         self._normalization = "nadir" if self._spec.traits.has_levels else self._spec.normalization
         self._priorities = priorities_in_force(self._spec, problem.stages)
 
@@ -31,16 +31,17 @@ class WindowBuilder:
     ) -> Window:
         """Build the window over the stages of a sequence from the first state of a prediction on.
 
-        The costs along the prediction normalize those of the window, paper eq. (12). On an automatic mesh each stage
-        has as many nodes as the quadrature of its cost along the prediction needs, and keeps its number of the window
-        before unless it needs more, or half as many. The prediction of the first window is no plan yet, but the robot
-        at rest: its mesh is made for costs that fall from their largest value to 0.
+        The costs along the prediction normalize those of the window, paper eq. (12). With `nodes: auto` each stage has
+        as many nodes as the quadrature of its cost along the prediction needs. It keeps the number that it had in the
+        last solve as long as that is enough, and at most twice what is needed. Before the first solve the prediction is
+        the motion without control, which says little of costs to come: the mesh is then made for costs that fall from
+        their largest value to 0.
 
         Args:
-            sequence: Which stages are in the window, since when the first has run and when the others are to begin.
+            sequence: The stages in the window, when the first was entered, and the planned switch times between them.
             stages: All stages of the task, placed at this sample.
-            prediction: The plan of the sample before, shifted to begin now, at the measured state.
-            before: The solve that the prediction comes from; None at the first sample.
+            prediction: The last solved plan, shifted to begin now, at the measured state.
+            before: The last solve; None until there is one.
         """
         spec = self._spec
         own = stages[sequence.first : sequence.last + 1]

@@ -131,7 +131,13 @@ class LogWriter:
             self._file.close()
 
     def _write_file(self) -> None:
-        """Write the log as it is now as a whole file, which takes the place of the last one."""
+        """Replace the file by the whole log so far, in one step: a kill at any moment leaves a file that opens.
+
+        A log without a path stays in memory.
+
+        Raises:
+            RunError: The file cannot be written.
+        """
         self._move_rows()
         began = monotonic()
         if self.path is not None:
@@ -144,7 +150,7 @@ class LogWriter:
                 ) from None
         ended = monotonic()
         self._changed = False
-        # so that writing takes no larger share of a run's time than LARGEST_SHARE
+        # the slower the write, the later the next one: writing takes at most LARGEST_SHARE of a run's time
         self._next_write = ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)
 
     def _move_rows(self) -> None:

@@ -341,11 +341,11 @@ def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]
 
 
 def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
-    """Give the coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst.
+    """Remark on coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst.
 
-    A trajectory has a target at each of at least two times, linear in between. Coordinates that its targets say nothing
-    of, such as the joints under a target in task space, are NaN and have no rate. Those that the stage neither weighs
-    nor ends by may fall behind.
+    The robot then falls behind and catches up, which is allowed. Between its times a trajectory moves at a constant
+    rate; an attitude turns at one about a fixed axis. Coordinates without a target, such as joints under a target in
+    task space, are NaN and left out. So are those that neither the stage's weights nor its end condition ask for.
     """
     if stage.trajectory is None:
         return
@@ -353,12 +353,13 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     low, high = _bounds(stage, "velocity")
     space = configuration_space(task.robot)
     at_times = np.array([_coordinates(space, stage, numbers) for numbers in stage.trajectory.values])
-    changes = np.diff(at_times, axis=0)  # of position and joints; in space the base's attitude follows
+    changes = np.diff(at_times, axis=0)  # of position and joints; a spatial base's attitude is set below
     if stage.attitudes:
         q = stage.trajectory.values[:, space.attitude].T  # the base's quaternion stands in a target as in Q
         before = list(q[:, :-1])
         after = list(q[:, 1:])
-        changes[:, space.rotation] = np.transpose(log(product(conjugate(before), after)))  # rotation vectors
+        # rotation vectors about the body's axes: of two neighbouring quaternions `Trajectory` has the nearer signs
+        changes[:, space.rotation] = np.transpose(log(product(conjugate(before), after)))
     rates = changes / np.diff(times)[:, None]
     for i in np.flatnonzero(np.isfinite(changes).all(axis=0)).tolist():
         excess = np.maximum(rates[:, i] - high[i], low[i] - rates[:, i])

@@ -25,11 +25,11 @@ class IdealPlant:
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
     ) -> Ticks:
-        """Advance over the len(u) ticks of a sample, each under the constant acceleration u_k, which is met exactly.
+        """Advance the state x (nq + n,) over the M ticks of a sample, tick k under exactly the acceleration u[k] (n,).
 
-        Forces are those that the robot needs for it, by inverse dynamics at the beginning of each tick. The external
-        impulse and the work of all forces are what momentum and kinetic energy change by over the sample. Other plants
-        know disturbances and grippers that close; this one has neither, and those arguments have no effect.
+        F is the force that this acceleration needs at the beginning of its tick, by inverse dynamics. `gained` is the
+        change of momentum and kinetic energy from the first state to the last: the external impulse and the work of all
+        forces. `disturbance` and `closed` have no effect: this plant knows neither disturbances nor grippers.
         """
         model = self.model
         Q, v = over_ticks(model.space, x[: model.nq], x[model.nq :], u, self.tick)

@@ -185,7 +185,13 @@ def _object(scene: Scene, time: np.ndarray) -> Json | None:
 
 
 def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
-    """Yield the tabs of plots, each with its panels."""
+    """Yield the tabs of plots, each with its panels; tabs and panels without curves are left out.
+
+    Args:
+        run: The run.
+        frames: Indices of the rows of its motion that are shown: samples, and the end of the run. Stages and grasp have
+            rows at samples alone.
+    """
     motion = run.motion
     model = run.problem.model
     time = motion.time[frames]

@@ -88,10 +88,10 @@ def exp(phi: Vector) -> list[Any]:
 
 
 def log(q: Vector) -> list[Any]:
-    """Compute the rotation vector (3,) [rad] of a quaternion of any length, with |phi| in [0, 2 pi).
+    """Compute the rotation vector (3,) [rad] of a quaternion of any norm but 0: 2 atan2(|v|, w) v / |v|, below 2 pi.
 
-    q is not replaced by -q where w < 0: the caller chooses the sign, so that an error that passes pi within a horizon
-    stays smooth. It is smooth but at negative real q.
+    q is not replaced by -q where w < 0: the caller chooses the sign, with `shorter`, so that an error that passes pi
+    within a horizon stays smooth. It is smooth everywhere except at v = 0, w < 0: a whole turn has no axis.
     """
     w = q[0]
     v = q[1:]
@@ -99,11 +99,13 @@ def log(q: Vector) -> list[Any]:
     if _library(s2) is ca:
         # the branch that is not taken gets harmless numbers, or its derivative would be 0 times infinity
         near = ca.logic_and(s2 < 1e-4 * w * w, w > 0)
+        # atan(|v| / w) / |v| as a series in z = |v|^2 / w^2: its derivatives are exact where |v| is 0
         z = ca.if_else(near, s2 / ca.if_else(near, w * w, 1.0), 0.0)
         small = (1 - z * (1 / 3 - z * (1 / 5 - z * (1 / 7 - z / 9)))) / ca.if_else(near, w, 1.0)
         s = ca.sqrt(ca.if_else(near, 1.0, s2))
         return scaled(v, 2 * ca.if_else(near, small, ca.atan2(s, w) / s))
     s = np.sqrt(s2)
+    # values need no derivatives: as near as this, atan2(|v|, w) is the quotient to the last digit
     near = s <= 1e-12 * np.abs(w)
     return scaled(v, 2 * np.where(near, 1 / np.where(near, w, 1.0), np.arctan2(s, w) / np.where(near, 1.0, s)))
 

@@ -295,14 +295,14 @@ def write(data: object) -> str:
 
 
 def plain(value: Any) -> Data:
-    """Return a value of Python as what YAML holds: tuples and arrays of numpy as lists, paths as texts.
+    """Convert a Python value to plain data for YAML or JSON: tuples and arrays to lists, paths and keys to texts.
 
     Raises:
-        SpecError: It has no form in YAML.
+        SpecError: The value, or one in it, cannot be converted.
     """
     try:
         data: Data = to_jsonable_python(value, fallback=lambda item: item.tolist())
-    except (AttributeError, ValueError):  # no other form; one that holds itself, or cannot be serialized
+    except (AttributeError, ValueError):  # no tolist(); contains itself, or cannot be serialized
         wanted = "numbers, texts, True, False, None, lists and mappings"
         raise SpecError(f"found {shortened(reprlib.repr(value))}, expected {wanted}") from None
     return data

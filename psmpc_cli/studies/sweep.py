@@ -276,13 +276,13 @@ def _why_without_reference(cells: SweepCells, ratios: Array, ends: Array, others
 
     A recommended run must need no more effort and force than the reference, the run with the task's own priorities. A
     failed reference sets no such bound. It may have ended all its stages, and failed because a monitored quantity left
-    its bounds or the object did not arrive.
+    its bounds or the object was not delivered.
 
     Args:
         cells: The runs of the sweep, each with its ratio.
         ratios: Ratios of the other runs that succeed (succeeded,).
         ends: Ends of their missions (succeeded,) [s].
-        others: Number of the other runs.
+        others: Number of the other runs made so far, succeeded or not.
     """
     completed_all_stages = cells.reference("completed") == 1
     broken = "a monitor broke, or the object was not delivered"

@@ -31,17 +31,17 @@ class WindowBuilder:
     ) -> Window:
         """Build the window over the stages of a sequence from the first state of a prediction on.
 
-        The costs along the prediction normalize those of the window, paper eq. (12). With `nodes: auto` each stage has
-        as many nodes as the quadrature of its cost along the prediction needs. It keeps the number that it had in the
-        last solve as long as that is enough, and at most twice what is needed. Before the first solve the prediction is
-        the motion without control, which says little of costs to come: the mesh is then made for costs that fall from
-        their largest value to 0.
+        Costs are normalized by their values along the prediction, as `controller.normalization` says; `range` is paper
+        eq. (12) as printed. With `nodes: auto` each stage has as many nodes as the quadrature of its cost along the
+        prediction needs. It keeps the number that it had in the last solve as long as that is enough, and at most
+        twice what is needed. Without a last solve the prediction says little of costs to come: the mesh then assumes
+        that they fall from their largest value to 0 over the window.
 
         Args:
             sequence: The stages in the window, when the first was entered, and the planned switch times between them.
             stages: All stages of the task, placed at this sample.
             prediction: The last solved plan, shifted to begin now, at the measured state.
-            before: The last solve; None until there is one.
+            before: The previous solve, for the numbers of nodes it had; None without one.
         """
         spec = self._spec
         own = stages[sequence.first : sequence.last + 1]

@@ -133,7 +133,8 @@ class LogWriter:
     def _write_file(self) -> None:
         """Replace the file by the whole log so far, in one step: a kill at any moment leaves a file that opens.
 
-        A log without a path stays in memory.
+        Rows that wait are moved to the log in memory before, where a log without a path stays; when the next write is
+        due follows from how long this one took.
 
         Raises:
             RunError: The file cannot be written.

@@ -344,7 +344,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     """Remark on coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst.
 
     The robot then falls behind and catches up, which is allowed. Between its times a trajectory moves at a constant
-    rate; an attitude turns at one about a fixed axis. Coordinates without a target, such as joints under a target in
+    rate; an attitude turns at a constant rate about a fixed axis. Coordinates without a target, such as joints under a target in
     task space, are NaN and left out. So are those that neither the stage's weights nor its end condition ask for.
     """
     if stage.trajectory is None:
@@ -355,7 +355,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     at_times = np.array([_coordinates(space, stage, numbers) for numbers in stage.trajectory.values])
     changes = np.diff(at_times, axis=0)  # of position and joints; a spatial base's attitude is set below
     if stage.attitudes:
-        q = stage.trajectory.values[:, space.attitude].T  # the base's quaternion stands in a target as in Q
+        q = stage.trajectory.values[:, space.attitude].T  # every target begins with the base's pose, as Q does
         before = list(q[:, :-1])
         after = list(q[:, 1:])
         # rotation vectors about the body's axes: of two neighbouring quaternions `Trajectory` has the nearer signs

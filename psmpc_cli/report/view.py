@@ -189,13 +189,13 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
 
     Args:
         run: The run.
-        frames: Indices of the rows of its motion that are shown: samples, and the end of the run. Stages and grasp have
-            rows at samples alone.
+        frames: Indices of the rows of its motion that are shown: samples, and the end of the run. The tabs of stages
+            and of the grasp do without: their data have no row for the end of the run.
     """
     motion = run.motion
     model = run.problem.model
     time = motion.time[frames]
-    u = np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]  # at the last frame the control before it
+    u = np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]  # the end of the run has no control of its own
     tabs = {
         "Velocities": _panels(model, time, motion.v[frames], ("m/s", "rad/s")),
         "Controls": _panels(model, time, u, ("m/s²", "rad/s²"), stepped=True),

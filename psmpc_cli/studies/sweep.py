@@ -275,8 +275,8 @@ def _why_without_reference(cells: SweepCells, ratios: Array, ends: Array, others
     """Say why no ratio omega_2 / omega_1 is recommended where the mission fails with the task's own priorities.
 
     A recommended run must need no more effort and force than the reference, the run with the task's own priorities. A
-    failed reference sets no such bound. It may have ended all its stages, and failed because a monitored quantity left
-    its bounds or the object was not delivered.
+    failed reference sets no such bound. The reason given is the recorded one or, where all stages ended, that a monitor
+    broke or the object was not delivered.
 
     Args:
         cells: The runs of the sweep, each with its ratio.

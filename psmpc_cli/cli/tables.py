@@ -90,7 +90,8 @@ def print_summary(run: Run, verbose: bool) -> None:
 def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
     """Print runs of one task side by side, most often one of each controller, with differences to the first one.
 
-    Brackets are explained only where they occur, parentheses wherever there is a second run. Where all priorities are equal, psmpc is the same controller as smpc.
+    Brackets are explained only where they occur, parentheses wherever there is a second run. Where all priorities are
+    equal, psmpc is the same controller as smpc.
 
     Args:
         runs: The runs by name.

@@ -344,8 +344,9 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     """Remark on coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst.
 
     The robot then falls behind and catches up, which is allowed. Between its times a trajectory moves at a constant
-    rate; an attitude turns at a constant rate about a fixed axis. Coordinates without a target, such as joints under a target in
-    task space, are NaN and left out. So are those that neither the stage's weights nor its end condition ask for.
+    rate; an attitude turns at a constant rate about a fixed axis. Coordinates without a target, such as joints under a
+    target in task space, are NaN and left out. So are those that neither the stage's weights nor its end condition ask
+    for.
     """
     if stage.trajectory is None:
         return

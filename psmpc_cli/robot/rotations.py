@@ -91,7 +91,8 @@ def log(q: Vector) -> list[Any]:
     """Compute the rotation vector (3,) [rad] of a quaternion of any norm but 0: 2 atan2(|v|, w) v / |v|.
 
     It is shorter than 2 pi. q is not replaced by -q where w < 0: the caller chooses the sign, by `shorter` or as the
-    one nearer to a neighbour, so that an error that passes pi within a horizon stays smooth. It is smooth everywhere except at v = 0, w < 0: a whole turn has no axis.
+    one nearer to a neighbour, so that an error that passes pi within a horizon stays smooth. It is smooth everywhere
+    except at v = 0, w < 0: a whole turn has no axis.
     """
     w = q[0]
     v = q[1:]

@@ -105,7 +105,7 @@ class Meter:
         force, torque, joint_torque = self._norms(np.array([each.F for each in ticks]))
         accelerations = np.array(applied)
         linear, angular, joint = self._norms(accelerations)
-        own = accelerations[..., model.actuated]  # a base without thrusters has no control
+        own = accelerations * model.actuated  # a base without thrusters has no control
         # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
         mean = own.mean(axis=1)
         sample_time = self._tick * accelerations.shape[1]

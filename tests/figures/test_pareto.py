@@ -1,11 +1,12 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from psmpc_cli.errors import LogError
-from psmpc_cli.figures.pareto import plot_fronts
+from psmpc_cli.figures.pareto import plot_fronts, plot_fronts_over_instant
 from psmpc_cli.figures.registry import draw
 from psmpc_cli.logs.results import Quantity, Results
 
@@ -105,3 +106,15 @@ def test_a_study_without_a_single_point_cannot_be_drawn(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="no point that could be solved for"):
         draw("pareto", unsolved(made_up(), slice(None)), tmp_path / "new")
     assert not (tmp_path / "new").exists()
+
+
+def test_fronts_over_the_instant_stand_on_their_projection() -> None:
+    figure = plot_fronts_over_instant(made_up(later=2))
+    panels: list[Any] = [axes for axes in figure.axes if axes.name == "3d"]
+    assert [axes.get_title() for axes in panels] == [f"$T_0$ = {instant:.1f} s" for instant in INSTANTS]
+    for axes in panels:
+        lowest, highest = axes.get_zlim()
+        heights = np.concatenate([np.ravel(line.get_data_3d()[2]) for line in axes.lines])
+        assert heights.min() == pytest.approx(lowest)
+        assert heights.max() < highest
+    assert "instant held" in common_legend(figure)

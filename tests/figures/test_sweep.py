@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from matplotlib.figure import Figure
 
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
-from psmpc_cli.figures.sweep import plot_heat_map, plot_sensitivity, plot_starts
+from psmpc_cli.figures.sweep import plot_heat_map, plot_sensitivity, plot_starts, plot_surface
 from psmpc_cli.studies.sweep import ALLOWED_ERROR, SweepCells
 
 from ..synthetic_sweep import T_H, T_S, numbers, synthetic_sweep
@@ -129,3 +130,12 @@ def test_starts_are_drawn_by_threshold_between_t_s_and_t_s_less_the_horizon(swee
         np.testing.assert_allclose(lines[name], np.column_stack([ratios, starts]))
     np.testing.assert_allclose(lines["$t_s$"][:, 1], T_S)
     np.testing.assert_allclose(lines["$t_s - T_h$"][:, 1], T_S - T_H)
+
+
+def test_the_surface_stands_between_the_earliest_start_and_the_switch(sweep: Sweep) -> None:
+    figure = plot_surface(sweep("3x3"))
+    axes: Any = figure.axes[0]
+    assert axes.get_zlim() == pytest.approx((T_S - T_H, T_S))
+    assert axes.get_xlabel() == "ω₁ (1)"
+    assert axes.get_ylabel() == "ω₂ (1)"
+    assert "(s)" in axes.get_zlabel()

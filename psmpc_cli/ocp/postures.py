@@ -115,7 +115,8 @@ def largest_load_ratio(task: Task, model: RobotModel, stops: Sequence[np.ndarray
     load = HeldLoad(model, body_of(target_object), target_object.grasp)
     found = []
     held = task.spec.held_stages
-    for index in range(held.start - 1, held.stop):
+    last = min(held.stop, len(task.spec.stages))  # an object that is held to the end is so beyond the last stage
+    for index in range(held.start - 1, last):
         Q = stops[index + 1]
         ratio, v = load.largest_ratio(Q)
         mostly = int(np.argmax(v * (model.mass_matrix(Q) @ v)))

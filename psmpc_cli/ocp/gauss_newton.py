@@ -140,6 +140,11 @@ class VelocityForm:
         return np.asarray((self.stage_durations / self.nodes[:, None])[self.grid.stage_of])
 
     @cached_property
+    def _no_rows_over_intervals(self) -> tuple[np.ndarray, np.ndarray]:
+        """The rows over intervals and their derivatives where no constraint has any."""
+        return np.zeros(0), np.zeros((0, 4 * self.grid.n + self.grid.switches))
+
+    @cached_property
     def waiting(self) -> np.ndarray:
         """Number of stages that wait while each free duration runs, (S,)."""
         return np.arange(self.grid.switches, 0, -1, dtype=float)
@@ -234,6 +239,8 @@ class VelocityForm:
 
     def rows_over_intervals(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows over intervals (I,) and their derivatives by x at both ends and tau (I, 4n + S)."""
+        if not self.interval_rows:
+            return self._no_rows_over_intervals
         values = np.zeros(len(self.row_interval))
         by_states_and_h = np.zeros((len(self.row_interval), 4 * self.grid.n + 1))
         h = self.steps(point, float(p.horizon))

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, vstack
 
 from psmpc_cli.native.library import library
-from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
 from psmpc_cli.solvers.sqp_window import SqpWindow
 
@@ -183,7 +182,7 @@ class QpMethod(ABC):
             input_low=bounds.input_low,
             input_high=bounds.input_high,
             interval_by_duration=window.form.interval_steps,
-            penalty=PENALTY * window.row_shares(point) * bounds.soft,
+            penalty=window.row_penalties(point),
             X=X[1:],
             tau=np.zeros(S),
             gap_multipliers=np.zeros((K, n)),

@@ -145,6 +145,9 @@ class SqpWindow:
     def rows(self, point: Point, at: Residuals) -> np.ndarray:
         """Return the rows at a point, (R,)."""
         rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]
+        has_rows = len(self.form.row_interval) or len(self.bounds.input_low)
+        if not has_rows:
+            return np.concatenate(rows)
         h = self.form.steps(point, self.horizon)
         if len(self.form.row_interval):
             h_of_rows = h[self.form.row_interval, 0]
@@ -221,6 +224,12 @@ class SqpWindow:
     def row_shares(self, point: Point) -> np.ndarray:
         """Return the share of time of the node of each row, (R,) [s]."""
         return np.asarray(self.shares(point)[self._row_node, 0])
+
+    def row_penalties(self, point: Point) -> np.ndarray:
+        """Return what a unit of violation of each row costs, (R,), 0 of a hard one."""
+        if not len(self._soft_rows):
+            return np.zeros(len(self.bounds.low))
+        return np.asarray(PENALTY * self.row_shares(point) * self.bounds.soft)
 
     def residuals(self, point: Point) -> Residuals:
         """Return the residuals at a point, the penalty of its violations counted in the objective."""

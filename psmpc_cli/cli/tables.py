@@ -17,8 +17,8 @@ from psmpc_cli.logs.comparison import Comparison
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD, StageForecast
-from psmpc_cli.ocp.postures import ArmPosture, arm_postures, configurations, largest_load_ratio
+from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD, StageForecast, forecast_configurations
+from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
 from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.paper.judge import HEADINGS, Reproduction
 from psmpc_cli.report.texts import (
@@ -290,9 +290,9 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
         typer.echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
     print_table(headings, [row for forecast in forecasts for row in _stage(task, forecast)], left=len(headings))
-    model = RobotModel(task.robot)
+    model = forecasts[0].model
     stages = [forecast.stage for forecast in forecasts]
-    stops = configurations(task, model, stages, [forecast.reaches for forecast in forecasts])
+    stops = forecast_configurations(task, forecasts)
     if rows := [_posture(task.robot, each) for each in arm_postures(model, stages, stops)]:
         typer.echo()
         print_table(("at the target of", "arm", "joints", "end-effector"), rows, left=4)
@@ -313,8 +313,10 @@ def _posture(robot: RobotSpec, posture: ArmPosture) -> Row:
 def _unknown_load(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> Iterator[Row]:
     """Yield how large a load is against the robot, where the low-level law does not know of it."""
     capture = task.spec.capture
+    if capture is None or capture.grasp.known:
+        return
     found = largest_load_ratio(task, model, stops)
-    if capture is None or capture.grasp.known or found is None:
+    if found is None:
         return
     where = f"in a motion mostly of {found.coordinate}, where {found.stage} leads"
     yield "load over the robot's inertia", f"{found.ratio:.3g} {where}; expected at most {LARGEST_UNKNOWN_LOAD:g}"

@@ -72,7 +72,7 @@ class PlansInForce:
         """
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
         v = x[len(x) // 2 :]
-        duration = max(BRAKING_TIME, float(np.max(np.abs(v) / strongest * brakes)))
+        duration = max(BRAKING_TIME, float(np.max(np.abs(v[brakes]) / strongest[brakes], initial=0.0)))
         if self.solved is None:
             first = braking_plan(time, x, duration, horizon, chart, brakes)
             return replace(self, solved=first), first

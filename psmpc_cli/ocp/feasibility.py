@@ -259,7 +259,7 @@ def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fa
     target_object = task.spec.capture
     if target_object is None or target_object.grasp.known:
         return
-    found = largest_load_ratio(task, forecasts[0].model, _configurations(task, forecasts))
+    found = largest_load_ratio(task, forecasts[0].model, forecast_configurations(task, forecasts))
     if found is None or found.ratio <= LARGEST_UNKNOWN_LOAD:
         return
     has_armature = not found.coordinate.startswith("base.")
@@ -273,7 +273,7 @@ def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fa
     yield Fault(("object", "grasp", "known"), message)
 
 
-def _configurations(task: Task, forecasts: Sequence[StageForecast]) -> list[np.ndarray]:
+def forecast_configurations(task: Task, forecasts: Sequence[StageForecast]) -> list[np.ndarray]:
     """Return the robot's coordinates at the start and at every stage's target, (nq,) each."""
     stages = [forecast.stage for forecast in forecasts]
     return configurations(task, forecasts[0].model, stages, [forecast.reaches for forecast in forecasts])
@@ -291,7 +291,7 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
     costs = StageCosts(model)
     deviations = standard_deviations(noise, task.robot)
     at_rest = np.zeros(model.n)
-    for stage, Q in zip([each.stage for each in forecasts], _configurations(task, forecasts)[1:], strict=True):
+    for stage, Q in zip([each.stage for each in forecasts], forecast_configurations(task, forecasts)[1:], strict=True):
         if not stage.end_rows:
             continue
         placed, x = in_own_chart(model, stage, Q, at_rest)

@@ -101,7 +101,7 @@ class VelocityForm:
         row_node: Node of each row of these, ascending, (E,): rows are ordered by node, then as in `node_rows`.
         row_is_soft: Which of them may be violated at a cost, (E,).
         row_interval: Interval of each row over intervals, in an order alike, (I,).
-        has_thrusters: The base is pushed and turned at will; without, residuals count with their curvature.
+        residuals_are_curved: The curvature of residuals counts: that of a robot without thrusters.
         curved: Programs have curvature besides that of the Gauss-Newton model, see `with_curvature`.
     """
 
@@ -124,9 +124,9 @@ class VelocityForm:
             for rows in self.node_rows
             if rows.functions.gives is not None and rows.functions.by_given is not None
         ]
-        self.has_thrusters = bool(model.actuated.all())
+        self.residuals_are_curved = not model.spec.moved_by.actuated
         rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
-        self.curved = rows_are_curved or not self.has_thrusters
+        self.curved = rows_are_curved or self.residuals_are_curved
 
     @cached_property
     def stage_durations(self) -> np.ndarray:
@@ -282,15 +282,16 @@ class VelocityForm:
     def with_curvature(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], multipliers: np.ndarray
     ) -> Linearization:
-        """Return the model with further second derivatives by Q, of which the Gauss-Newton model has none.
+        """Return the model with second derivatives by Q that the Gauss-Newton model does not have.
 
-        Those of the rows at nodes, each times its multiplier, of (E,), and for a base without thrusters those of the
-        residuals, 2 w sum_i W_i e_i d2e_i/dQ2. Such a robot cannot hold what is fixed in space while it drifts:
-        its residuals stay large, and without their curvature the iterations alternate about the optimum.
+        Those of the rows at nodes, each times its multiplier, of (E,): of the Lagrangian's second derivatives they are
+        the part that matters. The multipliers of an end condition are as large as what a second of waiting costs,
+        whatever the stage itself weighs. Without them steps overshoot in the motion that is flat in the costs, more
+        than twofold in places, and one iteration a sample chatters.
 
-        Of the Lagrangian's second derivatives it is the part that matters: the multipliers of an end condition are as
-        large as what a second of waiting costs, whatever the stage itself weighs. Without it steps overshoot in the
-        motion that is flat in the costs, more than twofold in places, and one iteration a sample chatters.
+        Of a robot without thrusters also those of the residuals, 2 w sum_i W_i e_i d2e_i/dQ2. While it drifts it cannot
+        hold what is fixed in space: its residuals stay large, and without their curvature the iterations alternate
+        about the optimum. That of the terminal cost is left out.
         """
         positions = model.positions.copy()
         n = self.grid.n
@@ -301,7 +302,7 @@ class VelocityForm:
                 of_nodes = multipliers[at].reshape(len(nodes), -1)
                 by_Q_Q = curvature(point.X[nodes], rows.argument(p), of_nodes, rows=len(nodes))[0]
                 positions[nodes] += by_Q_Q.reshape(-1, n, n)
-        if not self.has_thrusters:
+        if self.residuals_are_curved:
             self._add_residual_curvature(positions, point, p)
         return replace(model, positions=positions)
 

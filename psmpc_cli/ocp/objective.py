@@ -266,7 +266,7 @@ class StageFunctions:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
             return self.met, *self.end.prepare()
-        curvature = (self.residual_curvature,) if not self.model.actuated.all() else ()
+        curvature = () if self.model.spec.moved_by.actuated else (self.residual_curvature,)
         return self.error, self.cost, self.gauss_newton, *curvature
 
     def step(self, discretization: str) -> ca.Function:

@@ -75,7 +75,7 @@ interior-point iterations of the program.
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """Point of an iteration with its residuals and the step that led to it.
+    """A point that an iteration has reached: its residuals, and the step from the iteration before.
 
     Attributes:
         violation: The largest of a gap, an end condition or a hard limit [m, rad, m/s, rad/s, s].
@@ -165,7 +165,7 @@ def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
         functions = stage_functions(problem.model, shape)
         yield maker_of(functions.gauss_newton.function)
         yield maker_of(functions.cost.function)
-        if not problem.model.actuated.all():
+        if not problem.model.spec.moved_by.actuated:
             yield maker_of(functions.residual_curvature.function)
     for switches in range(len(problem.stages)):
         yield partial(kernel_library, problem.model.n, switches)
@@ -219,7 +219,7 @@ class _Solve:
 
     def _begin(self, point: Point) -> tuple[Iterate, Linearization]:
         """Return the iterate at a guess, and the model there."""
-        point = self.window.moved(point)
+        point = self.window.with_given_rates(point)
         model = self.window.linearize(point)
         return Iterate(point, model.at, self.window.violation(point, model.at)), model
 
@@ -287,7 +287,7 @@ class _Solve:
         slope += self.window.change_of_penalty(iterate.point, model, qp.step)
         share = self._longest_share(iterate.point, qp.step)
         while share >= SHORTEST_STEP:
-            point = self.window.moved(iterate.point, qp.step, share)
+            point = self.window.with_given_rates(iterate.point.moved(qp.step, share))
             at = self.window.residuals(point)
             trial = Iterate(point, at, self.window.violation(point, at), step, share, qp)
             if filter_.accepts(trial, iterate, slope):

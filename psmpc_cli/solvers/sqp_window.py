@@ -138,15 +138,15 @@ class SqpWindow:
         """Number of the rows of states, the first of all."""
         return 2 * self.form.grid.n * self.form.grid.K
 
-    def moved(self, point: Point, step: Point | None = None, share: float = 1.0) -> Point:
-        """Return a point a share of a step further, with the rates that rows give."""
-        return self.form.with_given_rates(point if step is None else point.moved(step, share), self.p)
+    def with_given_rates(self, point: Point) -> Point:
+        """Return a point with the rates that rows at nodes determine."""
+        return self.form.with_given_rates(point, self.p)
 
     def rows(self, point: Point, at: Residuals) -> np.ndarray:
         """Return the rows at a point, (R,)."""
         rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]
-        has_rows = len(self.form.row_interval) or len(self.bounds.input_low)
-        if not has_rows:
+        has_rows_over_intervals = len(self.form.row_interval) or len(self.bounds.input_low)
+        if not has_rows_over_intervals:
             return np.concatenate(rows)
         h = self.form.steps(point, self.horizon)
         if len(self.form.row_interval):

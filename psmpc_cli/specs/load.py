@@ -239,11 +239,12 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(("robot",), str(error))))
     spec, robot_faults = (None, ()) if source is None else validate_robot(source)
-    if spec is not None and document.value(("mobility",)) in MOBILITIES:
-        spec = spec.model_copy(update={"mobility": document.value(("mobility",))})
-    of_robot = (spec.parts, spec.limits, spec.mobility) if spec else ()
     kind = document.value(("controller", "kind")) or document.value(("controller",))
     own = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
+    mobility = own.value(("mobility",))
+    if spec is not None and isinstance(mobility, str) and mobility in MOBILITIES:
+        spec = spec.model_copy(update={"mobility": mobility})
+    of_robot = (spec.parts, spec.limits, spec.mobility) if spec else ()
     task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))
     reports = [own.report(faults)]
     for variant in (for_controller(document, other) for other in CONTROLLERS):

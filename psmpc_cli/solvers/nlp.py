@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.constraints import IntervalRows, NodeRows, interval_rows, node_rows
-from psmpc_cli.ocp.constraints.boxes import PENALTY, node_limits, scaled_violations, shifted
+from psmpc_cli.ocp.constraints.boxes import PENALTY, node_limits, scaled_violations, shift_limits
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid, Plan
 from psmpc_cli.ocp.problem import Problem
@@ -149,7 +149,9 @@ class Nlp:
 
     def limits(self, window: Window, guess: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high of [Q; Qdot] at the nodes, (K + 1, 2n) each; those of v in the chart about a guess."""
-        return shifted(window, guess, *node_limits(self.grid, window.stages))
+        low, high = node_limits(self.grid, window.stages)
+        shift_limits(window, guess, low, high)
+        return low, high
 
     def bounds(self, window: Window, guess: Plan, within: float) -> dict[str, np.ndarray]:
         """Return lbx, ubx, lbg, ubg, durations within so many seconds of the guess. Paper (14), (17), (18)."""

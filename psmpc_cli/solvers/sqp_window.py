@@ -18,7 +18,7 @@ from psmpc_cli.ocp.constraints.boxes import (
     node_limits,
     scaled_violations,
     shares_of_time,
-    shifted,
+    shift_limits,
 )
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.plan import Plan
@@ -100,10 +100,10 @@ def window_bounds(
     low = shared.low.copy()
     high = shared.high.copy()
     at_nodes = (window.K, len(window.x0))
-    states = shifted(window, guess, shared.low[:first].reshape(at_nodes), shared.high[:first].reshape(at_nodes))
-    low[:first], high[:first] = (bounds.ravel() for bounds in states)
-    at = slice(first + 2 * S, first + 2 * S + len(form.row_node))
-    low[at], high[at] = form.row_bounds(window)
+    shift_limits(window, guess, low[:first].reshape(at_nodes), high[:first].reshape(at_nodes))
+    if form.node_rows:
+        at = slice(first + 2 * S, first + 2 * S + len(form.row_node))
+        low[at], high[at] = form.row_bounds(window)
     low[first : first + S] = np.maximum(shortest_durations(window)[:-1], tau - within)
     high[first : first + S] = tau + within
     if S:

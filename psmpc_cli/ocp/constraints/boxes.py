@@ -39,17 +39,12 @@ def node_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.nda
     return low, high
 
 
-def shifted(window: Window, guess: Plan, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return limits of [Q; v] at the last nodes (nodes, 2n) as limits of [Q; Qdot] in the chart about a guess."""
-    n = low.shape[1] // 2
-    shift = window.shift_of_limits(guess)[-len(low) :]
-    return _with_rates(low, low[:, n:] + shift), _with_rates(high, high[:, n:] + shift)
-
-
-def _with_rates(bounds: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    bounds = bounds.copy()
-    bounds[:, rates.shape[1] :] = rates
-    return bounds
+def shift_limits(window: Window, guess: Plan, *limits: np.ndarray) -> None:
+    """Turn limits of [Q; v] at the last nodes (nodes, 2n) into those of [Q; Qdot] in the chart about a guess."""
+    shift = window.shift_of_limits(guess)
+    for bounds in limits:
+        nodes, size = bounds.shape
+        bounds[:, size // 2 :] += shift[-nodes:]
 
 
 def acceleration_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray, np.ndarray]:

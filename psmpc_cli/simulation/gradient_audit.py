@@ -13,6 +13,7 @@ from psmpc_cli.ocp.stage import NO_OBJECT_END, PlacedStage
 from psmpc_cli.ocp.window import Window, durations
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
+from psmpc_cli.specs.parts import QUANTITIES
 from psmpc_cli.specs.robot import Limits
 
 AD_TOLERANCE = 1e-8
@@ -121,7 +122,7 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
 def _unconstrained(stage: PlacedStage) -> PlacedStage:
     """Remove limits, constraints and end condition of a stage."""
     none = np.full_like(stage.limits.position_low, np.inf)
-    limits = Limits(*(sign * none for _ in range(3) for sign in (-1, 1)))
+    limits = Limits(*(sign * none for _ in QUANTITIES for sign in (-1, 1)))
     return replace(
         stage,
         limits=limits,

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import partial
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
@@ -298,11 +299,11 @@ def listed(what: str, length: int | None = None) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _mirrored(value: object) -> object:
+def _mirrored(value: object, read: Callable[[object], float] = number_or_angle) -> object:
     """Return a number v as the pair (-v, v); a pair as it is."""
     if isinstance(value, list | tuple):
         return value
-    size = number_or_angle(value)
+    size = read(value)
     return 0.0 - size, size
 
 
@@ -352,6 +353,16 @@ Rate = Annotated[
         "a number of at least 0, or a pair [low, high] around 0: the robot must be able to rest",
     ),
     _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": ANGLE_PATTERN}),
+]
+Force = Annotated[
+    tuple[Number, Number],
+    listed("a pair [low, high]", 2),
+    BeforeValidator(partial(_mirrored, read=number)),
+    ensure(
+        lambda pair: pair[0] <= 0 <= pair[1] and pair[0] < pair[1],
+        "a number greater than 0, or a pair [low, high] around 0: the robot must be able to rest, and to move",
+    ),
+    _Or({"type": "number", "exclusiveMinimum": 0}),
 ]
 
 _Key = TypeVar("_Key")

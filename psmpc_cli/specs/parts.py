@@ -57,7 +57,8 @@ SPACES: Mapping[Space, SpaceTraits] = {
 }
 """The spaces of skills by their name."""
 
-QUANTITIES = ("position", "velocity", "acceleration")
+QUANTITIES = ("position", "velocity", "acceleration", "force")
+"""What of a part may have limits."""
 
 Mobility = Literal["free-flying", "free-floating", "fixed"]
 """What moves the base of a robot."""

@@ -222,16 +222,25 @@ class PartLimits(Spec):
     acceleration: tuple[fields.Rate | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s^2, rad/s^2]"
     )
+    force: fields.Sparse[tuple[fields.Force | None, ...] | None] = Field(
+        None,
+        description="one [low, high] a coordinate, or one number for both ways; the base's along its own axes [N, N m]",
+    )
 
 
 def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
     sizes = context.sizes
+    mobility: str = context.mobility
     if "arms" in before:
-        dimension = 3 if "space" in mapping(context.file.data) else 2
-        sizes = _parts(len(ERROR_AXES[dimension]), before["arms"])
+        robot = mapping(context.file.data)
+        sizes = _parts(len(ERROR_AXES[3 if "space" in robot else 2]), before["arms"])
+        mobility = str(robot.get("mobility", FREE_FLYING))
     axes = axes_of(sizes, "joint")
     yield from _unknown_parts(written, sizes)
+    without_thrusters = {name for name, traits in MOBILITIES.items() if not traits.actuated}
+    if mobility in without_thrusters and written.get("base", {}).get("force") is not None:
+        yield ("base", "force"), expected(f"none: a {mobility} base has no thrusters", at_key=True)
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
@@ -439,6 +448,8 @@ class Limits:
         position_low, position_high: Of Q [m, rad].
         velocity_low, velocity_high: Of Qdot [m/s, rad/s].
         acceleration_low, acceleration_high: Of Qddot [m/s^2, rad/s^2].
+        force_low, force_high: Of the generalized force, the base's along its own axes [N, N m]; +-inf for a base without
+            thrusters.
     """
 
     position_low: Vector
@@ -447,6 +458,8 @@ class Limits:
     velocity_high: Vector
     acceleration_low: Vector
     acceleration_high: Vector
+    force_low: Vector
+    force_high: Vector
 
     def __repr__(self) -> str:
         bounded = []
@@ -481,6 +494,10 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
         low, high = np.moveaxis(np.array(layers, dtype=np.float64), -1, 0)
         bounds[f"{quantity}_low"] = low.max(axis=0)
         bounds[f"{quantity}_high"] = high.min(axis=0)
+    if not robot.moved_by.actuated:
+        base = slice(robot.parts["base"])
+        bounds["force_low"][base] = -np.inf
+        bounds["force_high"][base] = np.inf
     return Limits(**bounds)
 
 

@@ -99,8 +99,23 @@ class UrdfLink:
 
 
 @dataclass(frozen=True)
+class JointLimits:
+    """Limits of a joint, each None where there is none.
+
+    Attributes:
+        position: Low and high [rad, m].
+        rate: The largest rate [rad/s, m/s].
+        effort: The largest torque or force of its drive [N m, N].
+    """
+
+    position: tuple[float, float] | None = None
+    rate: float | None = None
+    effort: float | None = None
+
+
+@dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: where the child's frame is in the parent's at 0 (4, 4), its axis (3,), limits [rad, m] and rate."""
+    """A joint: where the child's frame is in the parent's at 0 (4, 4), its axis (3,), and its limits."""
 
     name: str
     sourceline: int
@@ -110,8 +125,7 @@ class UrdfJoint:
     child: str
     origin: Matrix
     axis: Matrix
-    limits: tuple[float, float] | None
-    rate: float | None
+    limits: JointLimits
 
 
 @dataclass
@@ -246,24 +260,25 @@ class Urdf:
             axis = axis / length if length else axis
         if (mimic := element.find("mimic")) is not None:
             self._note(mimic, f"joint {quoted(name)} mimics another: taken as a joint of its own")
-        limits, rate = self._limits(element, name, of_type)
+        limits = self._limits(element, name, of_type)
         line = element.sourceline
         origin = self._origin(element)
-        return UrdfJoint(name, line, written, of_type, ends["parent"], ends["child"], origin, axis, limits, rate)
+        return UrdfJoint(name, line, written, of_type, ends["parent"], ends["child"], origin, axis, limits)
 
-    def _limits(self, element: Any, name: str, of_type: JointType) -> tuple[tuple[float, float] | None, float | None]:
+    def _limits(self, element: Any, name: str, of_type: JointType) -> JointLimits:
         limit = element.find("limit")
         own = f"of joint {quoted(name)}"
         if limit is None and of_type.is_bounded:
             self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
         if limit is None or not of_type.moves:
-            return None, None
+            return JointLimits()
         before = len(self.errors)
         low, high, rate = (
             self._numbers(element, f"limit/@{key}", 1, "0", largest=np.inf)[0] for key in ("lower", "upper", "velocity")
         )
+        effort = self._effort(element, limit, own)
         if len(self.errors) > before:
-            return None, None
+            return JointLimits()
         position = self._range(limit, low, high, own, not of_type.slides) if of_type.is_bounded else None
         if rate == 0:
             self._note(limit, f"the velocity {own} is 0 or not given: without a limit")
@@ -271,7 +286,19 @@ class Urdf:
             self._note(limit, f"the velocity {rate:g} {own} is beyond {LARGEST:g}: without a limit")
         elif not of_type.slides and rate > 4 * np.pi:
             self._note(limit, f"the velocity {rate:g} rad/s {own} looks like degrees")
-        return position, rate if 0 != rate <= LARGEST else None
+        return JointLimits(position, rate if 0 != rate <= LARGEST else None, effort)
+
+    def _effort(self, element: Any, limit: Any, own: str) -> float | None:
+        """Return the largest torque or force of a joint's drive, None where nothing is said of it."""
+        if limit.get("effort") is None:
+            self._note(limit, f"no effort {own} is given: without a limit")
+            return None
+        effort = self._numbers(element, "limit/@effort", 1, largest=np.inf)[0]
+        if effort <= 0:
+            self._wrong(limit, f"the effort {effort:g} {own}", "a positive one, or no effort: then without a limit")
+        elif effort > LARGEST:
+            self._note(limit, f"the effort {effort:g} {own} is beyond {LARGEST:g}: without a limit")
+        return effort if effort <= LARGEST else None
 
     def _range(self, limit: Any, low: float, high: float, own: str, turns: bool) -> tuple[float, float] | None:
         """Return the limits of a joint's position, None where they say that there are none."""
@@ -440,14 +467,19 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
         for i, joint in enumerate(own):
             sources["arms", name, "links", i] = urdf.where(urdf.links[joint.child])
             sources["arms", name, "links", i, "joint"] = urdf.where(joint)
-            for quantity in ("position", "velocity"):
+            for quantity in ("position", "velocity", "force"):
                 sources["limits", name, quantity, i] = urdf.where(joint)
             kind = "prismatic" if joint.type.slides else "revolute"
             moving = {"kind": kind, "axis": _plain(joint.axis), **_place(places[joint.parent][1] @ joint.origin)}
             links.append({"joint": moving, **_inertial(urdf, places, bodies[joint.name])})
         arms[name] = {"mount": places[own[0].parent][0], "links": links, "tool": _place(places[tip][1])}
-        position = [joint.limits and [_with_unit(joint, end) for end in joint.limits] for joint in own]
-        given: dict[str, list[Any]] = {"position": position, "velocity": [joint.rate for joint in own]}
+        ends = [joint.limits.position for joint in own]
+        position = [pair and [_with_unit(joint, end) for end in pair] for joint, pair in zip(own, ends, strict=True)]
+        given: dict[str, list[Any]] = {
+            "position": position,
+            "velocity": [joint.limits.rate for joint in own],
+            "force": [joint.limits.effort for joint in own],
+        }
         if found := {key: values for key, values in given.items() if any(value is not None for value in values)}:
             limits[name] = found
     return robot, sources

@@ -13,6 +13,7 @@ return lists of components. Names are those of Pinocchio: `neutral`, `integrate`
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from itertools import accumulate
 from typing import Any, ClassVar
 
@@ -315,6 +316,21 @@ class ConfigurationSpace(ABC):
     @abstractmethod
     def external_wrench_rate(self, Q: Any, v: Any, F: Any) -> list[Any]:
         """Compute how fast the external wrench of a held force F (n,) changes, (n_twist,) [N/s, N m/s]."""
+
+    def along_base_axes(self, Q: Any, F: Any) -> list[Any]:
+        """Turn the force in the components F (n,) of a generalized force into the base's own axes, (n,) [N, N m]."""
+        return self._with_force_turned(Q, F, conjugate)
+
+    def along_inertial_axes(self, Q: Any, F: Any) -> list[Any]:
+        """Turn a force along the base's axes in components F (n,) back into the inertial frame, (n,) [N, N m]."""
+        return self._with_force_turned(Q, F, list)
+
+    def _with_force_turned(self, Q: Any, F: Any, by: Callable[[list[Any]], list[Any]]) -> list[Any]:
+        """Return the components F (n,) with the base's force turned by its attitude, or by the inverse."""
+        _, quaternion = self.lifted([Q[i] for i in range(self.n_pose)])
+        linear, angular = self.lifted_twist([F[i] for i in range(self.n_twist)])
+        turned = self.twist(rotate(by(quaternion), linear), angular)
+        return [*turned, *(F[i] for i in range(self.n_twist, self.n))]
 
     # Frames
 

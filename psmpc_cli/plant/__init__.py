@@ -6,12 +6,12 @@ A plant is the module here that its `kind` names, with a function `build`.
 from pkgutil import resolve_name
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks
 from psmpc_cli.plant.grasp import Capture, PlantSetup
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import PlantSpec
 
-__all__ = ["Disturbance", "Plant", "PlantSetup", "Resistance", "Ticks", "build_plant", "ticks_of"]
+__all__ = ["Disturbance", "ForceLimits", "Plant", "PlantSetup", "Resistance", "Ticks", "build_plant", "ticks_of"]
 
 
 def build_plant(
@@ -20,6 +20,7 @@ def build_plant(
     native: bool = False,
     resistance: Resistance | None = None,
     capture: Capture | None = None,
+    force_limits: ForceLimits | None = None,
 ) -> Plant:
     """Build the plant of a task.
 
@@ -27,8 +28,9 @@ def build_plant(
         spec: Which plant.
         model: The robot as its controller knows it.
         native: Whether to run as compiled C, where the plant can.
-        resistance: Friction and force limits of a disturbed plant; None for an undisturbed one.
+        resistance: Friction of a disturbed plant; None for an undisturbed one.
         capture: An object with a mass and its grasps.
+        force_limits: At which the force of the low-level law is cut; None where nothing limits it.
 
     Raises:
         InputError: A package that the plant needs is not installed.
@@ -41,7 +43,7 @@ def build_plant(
             f"plant {spec.kind}: found no working package {error.name} ({error}); "
             f"install it with pip install 'psmpc[{spec.kind}]', or choose plant rk4"
         ) from None
-    plant: Plant = build(PlantSetup(model, tick, substeps, native, resistance, capture))
+    plant: Plant = build(PlantSetup(model, tick, substeps, native, resistance, capture, force_limits))
     return plant
 
 

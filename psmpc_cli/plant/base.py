@@ -1,10 +1,12 @@
 """The interface of all plants: advance over one sample under the low-level controller, return what happened."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 
 
@@ -55,11 +57,13 @@ class Ticks:
     Attributes:
         time: (M + 1,) [s], the first is the sample's start.
         X: States [Q; v] at those times (M + 1, nq + n).
-        F: Generalized force commanded over each tick, within its limits (M, n) [N, N m].
+        F: Generalized force applied over each tick, within the limits of the plant (M, n) [N, N m].
         gained: Integral of the external wrench over the sample, linear [N s] and angular about the inertial origin
             [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,). NaN where
             it is not known.
         target_object: What an object with a mass did; None without one.
+        commanded: Generalized force that the law commanded, before the plant cut it at its limits (M, n) [N, N m].
+            Default F: nothing was cut.
     """
 
     time: np.ndarray
@@ -67,6 +71,12 @@ class Ticks:
     F: np.ndarray
     gained: np.ndarray = field(default_factory=lambda: np.array(np.nan))
     target_object: ObjectTicks | None = None
+    commanded: np.ndarray = field(default_factory=lambda: np.array(np.nan))
+
+    def __post_init__(self) -> None:
+        """Take F for commanded where nothing else is given."""
+        if np.ndim(self.commanded) == 0:
+            object.__setattr__(self, "commanded", self.F)
 
     def __repr__(self) -> str:
         ticks, n = self.F.shape
@@ -75,24 +85,22 @@ class Ticks:
 
 @dataclass(frozen=True, eq=False)
 class Resistance:
-    """Joint friction and force limits by coordinate (n,), constant throughout a run.
+    """Joint friction by coordinate (n,), constant throughout a run.
 
     Attributes:
         viscous: Coefficients of viscous friction [N m s/rad]; 0 for the base.
         coulomb: Coulomb friction [N m]; 0 for the base.
         width: Rate around 0 within which Coulomb friction changes its sign [rad/s].
-        largest: Largest magnitudes of the commanded generalized force [N, N m]; infinite where there is no limit.
     """
 
     viscous: np.ndarray
     coulomb: np.ndarray
     width: float
-    largest: np.ndarray
 
     @classmethod
     def none(cls, n: int) -> "Resistance":
-        """Return that of n coordinates without friction or limits."""
-        return cls(np.zeros(n), np.zeros(n), 1.0, np.full(n, np.inf))
+        """Return that of n coordinates without friction."""
+        return cls(np.zeros(n), np.zeros(n), 1.0)
 
     def left_of(self, F: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return what friction at velocities v (n,) leaves of a generalized force F (n,)."""
@@ -100,8 +108,54 @@ class Resistance:
 
     @property
     def vector(self) -> np.ndarray:
-        """All of it in one vector (3n + 1,)."""
-        return np.concatenate([self.viscous, self.coulomb, self.largest, [self.width]])
+        """All of it in one vector (2n + 1,)."""
+        return np.concatenate([self.viscous, self.coulomb, [self.width]])
+
+
+@dataclass(frozen=True, eq=False)
+class ForceLimits:
+    """Limits at which a plant cuts the generalized force of the low-level law, by coordinate (n,).
+
+    The force on the base is limited along the base's own axes: there its thrusters are.
+
+    Attributes:
+        low, high: Around 0 [N, N m]; infinite where there is no limit.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def vector(self) -> np.ndarray:
+        """Both in one vector (2n,)."""
+        return np.concatenate([self.low, self.high])
+
+    def limited(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return what of a generalized force F (n,) is within the limits where the robot is at Q (nq,)."""
+        return np.array(limited_force(space, Q, F, self.low, self.high, np.clip))
+
+
+def limited_force(
+    space: ConfigurationSpace, Q: Any, F: Any, low: Any, high: Any, clip: Callable[[Any, Any, Any], Any]
+) -> list[Any]:
+    """Cut the components of a generalized force F (n,) at limits, that on the base along the base's own axes.
+
+    A force within the limits is returned to the bit: what is beyond them is taken off, instead of turning what is left
+    back and forth.
+
+    Args:
+        space: Coordinates of the robot.
+        Q: Where it is (nq,); numbers or expressions, as the others.
+        F: The force [N, N m].
+        low: Lower limits (n,).
+        high: Upper limits (n,).
+        clip: Returns a component between its two limits.
+    """
+    own = space.along_base_axes(Q, F)
+    within = [clip(own[i], low[i], high[i]) for i in range(space.n)]
+    excess = [component - left for component, left in zip(own, within, strict=True)]
+    off = space.along_inertial_axes(Q, excess)[: space.dimension]
+    return [*(F[i] - each for i, each in enumerate(off)), *within[space.dimension :]]
 
 
 @dataclass(frozen=True, eq=False)

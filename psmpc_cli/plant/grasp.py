@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, GraspEvent, ObjectTicks, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, GraspEvent, ObjectTicks, Resistance, Ticks
 from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -426,12 +426,12 @@ class CapturePlant:
         capture: The object and its grasps.
     """
 
-    def __init__(self, capture: Capture, step: Step, resistance: Resistance | None) -> None:
+    def __init__(self, capture: Capture, step: Step, force_limits: ForceLimits | None) -> None:
         self.capture = capture
         self._step = step
         self.model = capture.law.model
         self.tick = capture.tick
-        self._largest = np.full(self.model.n, np.inf) if resistance is None else resistance.largest
+        self._force_limits = force_limits
         self._chain = HeldLoad(self.model, capture.described, capture.spec) if capture.spec.known else None
 
     def advance(
@@ -447,6 +447,7 @@ class CapturePlant:
         capture = self.capture
         M = len(u)
         X = np.vstack([x, np.empty((M, len(x)))])
+        commanded = np.empty((M, model.n))
         F = np.empty((M, model.n))
         total = np.zeros(model.parts["base"].stop + 1)
         other = disturbance or Disturbance.none(model.nominal, M, model.n)
@@ -455,11 +456,13 @@ class CapturePlant:
             capture.update(float(time[k]), X[k], closed is not None and bool(closed[k]))
             read = np.array(model.space.integrate(X[k, : model.nq], other.noise[k, : model.n]))
             v = X[k, model.nq :] + other.noise[k, model.n :]
-            F[k] = np.clip(self._force(read, v, u[k], other.law), -self._largest, self._largest)
+            F[k] = commanded[k] = self._force(read, v, u[k], other.law)
+            if self._force_limits is not None:
+                F[k] = self._force_limits.limited(model.space, X[k, : model.nq], commanded[k])
             acting = F[k] + other.push[k]
             X[k + 1], capture.state, gained = self._step(X[k], capture.state, acting, capture.parameters, other.robot)
             total += gained
-        return Ticks(time, X, F, total, capture.ticks())
+        return Ticks(time, X, F, total, capture.ticks(), commanded)
 
     def _force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
         if self._chain is None or not self.capture.closed.all():
@@ -476,8 +479,9 @@ class PlantSetup:
         tick: Length of a tick of the low-level loop [s].
         substeps: Steps of the integrator in a tick.
         native: Whether to run as compiled C, where the plant can.
-        resistance: Friction and force limits of a disturbed plant; None for an undisturbed one.
+        resistance: Friction of a disturbed plant; None for an undisturbed one.
         capture: An object with a mass and its grasps; None without.
+        force_limits: At which the force of the low-level law is cut; None where nothing limits it.
     """
 
     model: RobotModel
@@ -486,3 +490,4 @@ class PlantSetup:
     native: bool
     resistance: Resistance | None
     capture: Capture | None
+    force_limits: ForceLimits | None

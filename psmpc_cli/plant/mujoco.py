@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks
 from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -33,12 +33,14 @@ class MujocoPlant:
         tick: float,
         substeps: int = 1,
         resistance: Resistance | None = None,
+        force_limits: ForceLimits | None = None,
         target_object: FreeBody | None = None,
     ) -> None:
         self.model = model
         self.tick = tick
         self.substeps = substeps
         self.resistance = resistance or Resistance.none(model.n)
+        self.force_limits = force_limits
         self._target_object = target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self._known = np.zeros(0)
@@ -77,8 +79,8 @@ class MujocoPlant:
         n = self.model.n
         nq = self.model.nq
         M = len(u)
-        largest = self.resistance.largest
         X = np.vstack([x, np.empty((M, nq + n))])
+        commanded = np.empty((M, n))
         F = np.empty((M, n))
         work = 0.0
         other = disturbance or Disturbance.none(self.model.nominal, M, n)
@@ -86,14 +88,16 @@ class MujocoPlant:
         for k in range(M):
             read = self.model.space.integrate(X[k, :nq], other.noise[k, :n])
             v = X[k, nq:] + other.noise[k, n:]
-            F[k] = np.clip(self.model.computed_torque(read, v, u[k], other.law), -largest, largest)
+            F[k] = commanded[k] = self.model.computed_torque(read, v, u[k], other.law)
+            if self.force_limits is not None:
+                F[k] = self.force_limits.limited(self.model.space, X[k, :nq], commanded[k])
             X[k + 1], done = self._step(X[k], F[k] + other.push[k])
             work += done
         time = start + self.tick * np.arange(M + 1)
         impulse = _impulse(self.model.space, X, F + other.push, self.tick)
         if not self.model.spec.moved_by.moves:
             impulse[:] = np.nan  # the mount's, which MuJoCo does not return
-        return Ticks(time, X, F, np.append(impulse, work))
+        return Ticks(time, X, F, np.append(impulse, work), commanded=commanded)
 
     def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""
@@ -164,7 +168,7 @@ class MujocoStep:
         self._model = law.model
         self._tick = tick
         self._substeps = substeps
-        self._robot = MujocoPlant(law.model, tick, substeps, resistance, body)
+        self._robot = MujocoPlant(law.model, tick, substeps, resistance, target_object=body)
         self._bushing = ArrayFunction(law.bushing)
         engine = self._robot.engine
         self._sites = [engine.site(gripper).id for gripper in law.grippers]
@@ -239,6 +243,6 @@ def build(setup: PlantSetup) -> Plant:
     """Build the plant, of robot and object together where there is something to capture."""
     capture = setup.capture
     if capture is None:
-        return MujocoPlant(setup.model, setup.tick, setup.substeps, setup.resistance)
+        return MujocoPlant(setup.model, setup.tick, setup.substeps, setup.resistance, setup.force_limits)
     step = MujocoStep(capture.law, capture.body, setup.tick, setup.substeps, setup.resistance)
-    return CapturePlant(capture, step, setup.resistance)
+    return CapturePlant(capture, step, setup.force_limits)

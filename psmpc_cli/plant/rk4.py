@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction, compiled
-from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks, limited_force
 from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -18,6 +18,7 @@ class Rk4Plant:
 
     With a resistance it is a disturbed plant: all that differs from what the controller knows is an argument of one
     function, so every draw, with and without a payload, runs the same code. Without one these arguments are constants.
+    Force limits are an argument where there are any.
     """
 
     def __init__(
@@ -27,11 +28,13 @@ class Rk4Plant:
         substeps: int = 1,
         native: bool = False,
         resistance: Resistance | None = None,
+        force_limits: ForceLimits | None = None,
     ) -> None:
         self.model = model
         self.tick = tick
         self.resistance = resistance
-        one = tick_function(model, tick, substeps, resistance is not None)
+        self.force_limits = force_limits
+        one = tick_function(model, tick, substeps, resistance is not None, force_limits is not None)
         self._tick = compiled(one) if native else one
         self._sample: dict[int, ArrayFunction] = {}
 
@@ -56,13 +59,15 @@ class Rk4Plant:
         if self.resistance is not None and disturbance is not None:
             parameters = disturbance.robot.vector, disturbance.law.vector, self.resistance.vector
             what_differs = disturbance.noise, disturbance.push, np.concatenate(parameters)
+        limits = () if self.force_limits is None else (self.force_limits.vector,)
         nothing_gained = np.zeros(self.model.parts["base"].stop + 1)
-        Z, F = self._sample[ticks](np.concatenate([x, nothing_gained]), u, *what_differs)
+        Z, F, *commanded = self._sample[ticks](np.concatenate([x, nothing_gained]), u, *what_differs, *limits)
         return Ticks(
             time=start + self.tick * np.arange(ticks + 1),
             X=np.concatenate([x[None], Z[:, :nx]]),
             F=F,
             gained=Z[-1, nx:],
+            commanded=commanded[0] if commanded else F,
         )
 
 
@@ -126,25 +131,41 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     return ca.Function("capture", symbols, [after])
 
 
-def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool) -> ca.Function:
+def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool) -> ca.Function:
     """Return one tick z, u -> z_next, F with z = [x; impulse (3,) or (6,); work]: the law (7) sets F once.
 
     A disturbed one has the further arguments noise (2n,), push (n,) and p: the inertial parameters of the robot and of
-    the law, then the vector of a `Resistance`.
+    the law, then the vector of a `Resistance`. A limited one has the vector of `ForceLimits` as its last argument, and
+    returns also the force that the law commanded, before it was cut there.
     """
     n = model.n
     nx = model.nq + model.n
     law, flow = _law_and_flow(model, disturbed)
-    sizes = ("z", flow.size1_in(0)), ("u", n), ("noise", 2 * n), ("push", n)
-    z, u, noise, push = (ca.MX.sym(*each) for each in sizes)
-    attitudes = model.space.attitudes_at(0)
-    if disturbed:
-        p = ca.MX.sym("p", flow.size1_in(2))
-        F = law(z[:nx], u, noise, p)
-        after = _runge_kutta(flow, z, [F + push, p], tick, substeps, attitudes)
-        return ca.Function("disturbed", [z, u, noise, push, p], [after, F])
-    F = law(z[:nx], u)
-    return ca.Function("tick", [z, u], [_runge_kutta(flow, z, [F], tick, substeps, attitudes), F])
+    sizes = ("z", flow.size1_in(0)), ("u", n), ("noise", 2 * n), ("push", n), ("limits", 2 * n)
+    z, u, noise, push, limits = (ca.MX.sym(*each) for each in sizes)
+    p = ca.MX.sym("p", flow.size1_in(2) if disturbed else 0)
+    commanded = law(z[:nx], u, noise, p) if disturbed else law(z[:nx], u)
+    F = _cut(model)(z[: model.nq], commanded, limits) if limited else commanded
+    held = [F + push, p] if disturbed else [F]
+    after = _runge_kutta(flow, z, held, tick, substeps, model.space.attitudes_at(0))
+    arguments = [z, u, *([noise, push, p] if disturbed else []), *([limits] if limited else [])]
+    results = [after, F, *([commanded] if limited else [])]
+    return ca.Function("disturbed" if disturbed else "tick", arguments, results)
+
+
+def _cut(model: RobotModel) -> ca.Function:
+    """Return the function Q, F, limits -> F that cuts a generalized force at the vector of `ForceLimits`."""
+    n = model.n
+    Q, F, limits = (ca.SX.sym(*each) for each in (("Q", model.nq), ("F", n), ("limits", 2 * n)))
+    within = limited_force(
+        model.space,
+        ca.vertsplit(Q),
+        ca.vertsplit(F),
+        ca.vertsplit(limits[:n]),
+        ca.vertsplit(limits[n:]),
+        lambda component, low, high: ca.fmin(ca.fmax(component, low), high),
+    )
+    return ca.Function("cut", [Q, F, limits], [ca.cse(ca.vertcat(*within))])
 
 
 def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.Function]:
@@ -160,9 +181,7 @@ def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.F
     w = model.nominal.vector
     known = np.concatenate([w, w, Resistance.none(n).vector])
     p = ca.SX.sym("p", known.size) if disturbed else ca.SX(known)
-    robot, believed, viscous, coulomb, largest, width = ca.vertsplit(
-        p, np.cumsum([0, w.size, w.size, n, n, n, 1]).tolist()
-    )
+    robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
     sizes = ("x", nq + n), ("u", n), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
     x, u, noise, z, F = (ca.SX.sym(*each) for each in sizes)
     measured_Q = x[:nq]
@@ -181,8 +200,7 @@ def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.F
     rate = ca.vertcat(*Qdot, vdot, *wrench, ca.dot(acting, v))
     if not disturbed:
         return ca.Function("law", [x, u], ca.cse([commanded])), ca.Function("flow", [z, F], ca.cse([rate]))
-    limited = ca.fmin(ca.fmax(commanded, -largest), largest)
-    return ca.Function("law", [x, u, noise, p], [limited]), ca.Function("flow", [z, F, p], [rate])
+    return ca.Function("law", [x, u, noise, p], [commanded]), ca.Function("flow", [z, F, p], [rate])
 
 
 def _integrated(space: ConfigurationSpace, Q: ca.SX, step: ca.SX) -> ca.SX:
@@ -210,6 +228,6 @@ def build(setup: PlantSetup) -> Plant:
     """Build the plant, of robot and object together where there is something to capture."""
     capture = setup.capture
     if capture is None:
-        return Rk4Plant(setup.model, setup.tick, setup.substeps, setup.native, setup.resistance)
+        return Rk4Plant(setup.model, setup.tick, setup.substeps, setup.native, setup.resistance, setup.force_limits)
     step = Rk4Step(capture.law, capture.body, setup.tick, setup.substeps, setup.native, setup.resistance)
-    return CapturePlant(capture, step, setup.resistance)
+    return CapturePlant(capture, step, setup.force_limits)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.plant.base import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import RobotSpec, stack
+from psmpc_cli.specs.robot import RobotSpec, resolve_limits, stack
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec, standard_deviations
 
@@ -43,7 +43,7 @@ class Uncertainty:
     Attributes:
         spec: The uncertainty of the task.
         draw: What was drawn for the bodies.
-        resistance: Friction and force limits, to build the plant with; None where nothing disturbs it.
+        resistance: Friction, to build the plant with; None where nothing disturbs it.
     """
 
     def __init__(self, task: TaskSpec, model: RobotModel) -> None:
@@ -214,10 +214,23 @@ def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int,
 
 
 def resistance_of(spec: UncertaintySpec, robot: RobotSpec) -> Resistance:
-    """Return friction and force limits by coordinate."""
+    """Return friction by coordinate."""
     viscous, coulomb = (_by_coordinate(each, robot, 0.0) for each in (spec.friction.viscous, spec.friction.coulomb))
     viscous[: robot.parts["base"]] = coulomb[: robot.parts["base"]] = 0.0
-    return Resistance(viscous, coulomb, spec.friction.width, _by_coordinate(spec.force_limits, robot, np.inf))
+    return Resistance(viscous, coulomb, spec.friction.width)
+
+
+def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
+    """Return the limits at which a plant cuts forces; None where there are none.
+
+    They are those of robot and task, of which the share is there that the task's uncertainty says. The tighter limits
+    of a skill are wishes of the plan; the robot does not know them.
+    """
+    declared = resolve_limits(robot, task.limits)
+    if not (np.isfinite(declared.force_low) | np.isfinite(declared.force_high)).any():
+        return None
+    share = _by_coordinate(task.uncertainty.force_share, robot, 1.0)
+    return ForceLimits(share * declared.force_low, share * declared.force_high)
 
 
 def payload_shares(payload: PayloadSpec, robot: RobotSpec) -> np.ndarray:

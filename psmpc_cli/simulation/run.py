@@ -18,7 +18,7 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function
-from psmpc_cli.plant.uncertainty import Uncertainty, disturbs
+from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, Meter
@@ -57,7 +57,7 @@ def build_experiment(loaded: Task) -> Experiment:
         problem=problem,
         controller=controller,
         counterfactuals=Counterfactuals(controller),
-        plant=build_plant(task.plant, model, compiled, resistance, capture),
+        plant=build_plant(task.plant, model, compiled, resistance, capture, force_limits_of(task, model.spec)),
         uncertainty=uncertainty,
         capture=capture,
         x0=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],
@@ -96,7 +96,8 @@ def _tick_function(task: TaskSpec, model: RobotModel) -> ca.Function:
     tick, substeps = ticks_of(task.plant)
     capture = build_capture(task, model)
     if capture is None:
-        return tick_function(model, tick, substeps, disturbs(task))
+        is_limited = force_limits_of(task, model.spec) is not None
+        return tick_function(model, tick, substeps, disturbs(task), is_limited)
     return capture_tick(capture.law, tick, substeps)
 
 

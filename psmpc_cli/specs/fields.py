@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import (
@@ -24,7 +24,6 @@ from pydantic import (
     WrapValidator,
     model_validator,
 )
-from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
@@ -91,6 +90,9 @@ class Spec(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra=_untitled)
 
+    replaced_keys: ClassVar[Mapping[str, str]] = {}
+    """What to write instead of keys that earlier versions had."""
+
     @model_validator(mode="wrap")
     @classmethod
     def _explain(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
@@ -117,38 +119,41 @@ def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
         if kind == "too_short" and len(value) >= context["min_length"]:
             continue  # only too short because wrong entries do not count
         if kind in _EXPLANATIONS:
-            error = _EXPLANATIONS[kind](detail, keys)
+            error = _EXPLANATIONS[kind](detail, model)
         else:
             error = expected(_WORDINGS.get(kind, detail["msg"]).format(**context))
         yield {"type": error, "loc": at, "input": value}
 
 
-def _mapping_of(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
-    return expected(f"a mapping ({keys[str(detail['loc'][0])].description})")
+def _mapping_of(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
+    return expected(f"a mapping ({model.model_fields[str(detail['loc'][0])].description})")
 
 
-def _mapping_with(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
-    return expected(f"a mapping with the keys {', '.join(keys)}")
+def _mapping_with(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
+    return expected(f"a mapping with the keys {', '.join(model.model_fields)}")
 
 
-def _unknown_key(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
-    return flaw(choice(str(detail["loc"][0]), keys), "an unknown key", at_key=True)
-
-
-def _missing_key(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+def _unknown_key(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
     key = str(detail["loc"][0])
-    return expected(f"{keys[key].description}", f'no key "{key}"', at_key=True)
+    if key in model.replaced_keys:
+        return expected(model.replaced_keys[key], "an old key", at_key=True)
+    return flaw(choice(key, model.model_fields), "an unknown key", at_key=True)
 
 
-def _other_choice(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+def _missing_key(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
+    key = str(detail["loc"][0])
+    return expected(f"{model.model_fields[key].description}", f'no key "{key}"', at_key=True)
+
+
+def _other_choice(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
     return flaw(choice(str(detail["input"]), re.findall(r"'([^']*)'", detail["ctx"]["expected"])))
 
 
-def _own_flaw(detail: ErrorDetails, keys: Mapping[str, FieldInfo]) -> PydanticCustomError:
+def _own_flaw(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
     return flaw(**detail["ctx"])
 
 
-_EXPLANATIONS: Mapping[str, Callable[[ErrorDetails, Mapping[str, FieldInfo]], PydanticCustomError]] = {
+_EXPLANATIONS: Mapping[str, Callable[[ErrorDetails, type[Spec]], PydanticCustomError]] = {
     FLAW: _own_flaw,
     "extra_forbidden": _unknown_key,
     "missing": _missing_key,

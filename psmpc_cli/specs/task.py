@@ -28,7 +28,7 @@ from psmpc_cli.specs.parts import (
     stands_for,
 )
 from psmpc_cli.specs.priorities import disagreements
-from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, rows, stack, wider
+from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, limits_of_part, rows, stack, wider
 from psmpc_cli.specs.uncertainty import StateNoiseSpec, UncertaintySpec
 
 _Aim = Annotated[
@@ -597,6 +597,25 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Rul
         yield ("payload",), expected("none: the object has a mass of its own", "a payload", at_key=True)
     if spec.object and not has_mass:
         yield ("object",), expected('an "object" with a mass', "no such object", at_key=True)
+    yield from (_shares_of_no_limit(spec.force_share, before["limits"], context) if "limits" in before else ())
+
+
+def _shares_of_no_limit(
+    given: float | Mapping[str, tuple[float, ...]], limits: Mapping[str, PartLimits], context: Context
+) -> RuleErrors:
+    """Give shares other than 1 of the force limits of parts whose force neither the robot nor the task limits."""
+    layers = (context.robot_limits, limits)
+    limited = [part for part in context.sizes if any(limits_of_part(each, part, "force") for each in layers)]
+    if not context.moved_by.actuated:
+        limited = [part for part in limited if part != "base"]
+    by_part = given if isinstance(given, Mapping) else {"robot": (given,)}
+    for key, shares in by_part.items():
+        parts = [part for part in context.sizes if key == "robot" or stands_for(key, part)]
+        if any(share != 1 for share in shares) and parts and not set(parts) & set(limited):
+            where = () if key == "robot" else (key,)
+            part = "PART" if key == "robot" else key
+            wanted = f"1, or a limit that it is a share of: limits: {{{part}: {{force: ...}}}} in the robot or the task"
+            yield ("force_share", *where), expected(wanted)
 
 
 _Monitor = Annotated[MonitorSpec, holds(_monitor)]

@@ -1,7 +1,7 @@
 """What the controller does not know: inertial parameters, friction, noise, delay, impulse, payload."""
 
 from collections.abc import Mapping
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -12,6 +12,7 @@ from psmpc_cli.specs.parts import Context, by_dimension, in_joint_space
 from psmpc_cli.specs.robot import RobotSpec, Vector
 
 _Fractions = fields.OrByPart[fields.Fraction, fields.Part, fields.Fraction]
+_Shares = fields.OrByPart[fields.Positive, fields.Part, fields.OneOrMore[fields.Positive]]
 _ByArm = fields.OrByPart[fields.NotNegative, fields.ArmName, fields.OneOrMore[fields.NotNegative]]
 
 
@@ -90,8 +91,17 @@ class ObjectErrorSpec(Spec):
     angular: fields.Size = Field(0.0, description="largest error of its angular velocity about each axis [rad/s]")
 
 
+def _all_one(shares: float | Mapping[str, tuple[float, ...]]) -> bool:
+    """Tell whether every share is 1."""
+    return shares == 1 or (isinstance(shares, Mapping) and all(each == 1 for row in shares.values() for each in row))
+
+
 class UncertaintySpec(Spec):
     """How the real robot differs from the one the controller knows; what is random is drawn from the task's seed."""
+
+    replaced_keys: ClassVar[Mapping[str, str]] = {
+        "force_limits": "limits: {PART: {force: ...}} in the robot or the task, and uncertainty.force_share of them"
+    }
 
     mass: _Fractions = Field(0.0, description="largest relative error of a body's mass, one number or numbers by part")
     inertia: _Fractions = Field(0.0, description="the same of its inertia about the centre of mass")
@@ -101,9 +111,10 @@ class UncertaintySpec(Spec):
     friction: FrictionSpec = Field(FrictionSpec(), description="friction in the joints")
     noise: NoiseSpec = Field(NoiseSpec(), description="noise of the measurement")
     delay: fields.Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
-    force_limits: Annotated[Mapping[fields.Part, fields.OneOrMore[fields.Positive]], in_joint_space(one=True)] = Field(
-        {},
-        description="largest force and torque of the base, [Fx, Fy, torque] or 6 in space, and of arms [N, N m]",
+    force_share: Annotated[_Shares, in_joint_space(one=True)] = Field(
+        1.0,
+        exclude_if=_all_one,
+        description="how much of the declared limits of forces is there, one number or numbers by part",
     )
     impulse: ImpulseSpec | None = Field(None, description="a blow to the base")
     payload: PayloadSpec | None = Field(None, description="what the task's object weighs")

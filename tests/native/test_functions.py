@@ -23,10 +23,10 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     "build",
     [
         lambda model: model.f_2,
-        lambda model: tick_function(model, 1e-3, 1, False),
-        lambda model: tick_function(model, 1e-3, 2, True),
+        lambda model: tick_function(model, 1e-3, 1, False, False),
+        lambda model: tick_function(model, 1e-3, 2, True, True),
     ],
-    ids=["pose acceleration", "a tick", "two substeps, disturbed"],
+    ids=["pose acceleration", "a tick", "two substeps, disturbed, limited"],
 )
 def test_a_compiled_function_equals_the_interpreted_one(
     model: RobotModel, build: Callable[[RobotModel], ca.Function]

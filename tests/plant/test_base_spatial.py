@@ -89,7 +89,7 @@ def test_so_it_is_with_everything_that_disturbs(
     robot: RobotModel, x: Array, u: Array, everything: Disturbance, plant: type
 ) -> None:
     n = robot.n
-    rough = Resistance(np.r_[np.zeros(6), np.full(n - 6, 0.02)], np.zeros(n), 0.02, np.full(n, 2.0))
+    rough = Resistance(np.r_[np.zeros(6), np.full(n - 6, 0.02)], np.zeros(n), 0.02)
     ticks: Ticks = plant(robot, TICK, 2, resistance=rough).advance(0.0, x, u, everything)
     before, after = (kept(robot, ticks.X[k], everything.robot) for k in (0, -1))
     np.testing.assert_allclose(after - before, ticks.gained, atol=2e-9)

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from psmpc_cli.plant import ForceLimits
 from psmpc_cli.plant.uncertainty import (
     draw_bodies,
+    force_limits_of,
     measurement_noise,
     payload_shares,
     release,
@@ -13,6 +15,7 @@ from psmpc_cli.plant.uncertainty import (
 )
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec
 
 
@@ -66,14 +69,35 @@ def test_noise_is_a_function_of_seed_and_sample_with_its_deviations(model: Robot
     assert not np.array_equal(late[0], measurement_noise(given, model.spec, 1, 58, 100)[0])
 
 
-def test_friction_and_limits_are_of_the_coordinates_they_name(model: RobotModel) -> None:
+def test_friction_is_of_the_coordinates_it_names(model: RobotModel) -> None:
     friction = {"viscous": 0.1, "coulomb": {"arm_2": [0.1, 0.2, 0.3]}}
-    limits = {"base": [10, 20, 3], "arms": 5, "arm_1": [1, 2, 3]}
-    way = resistance_of(spec(friction=friction, force_limits=limits), model.spec)
+    way = resistance_of(spec(friction=friction), model.spec)
     np.testing.assert_array_equal(way.viscous, [0, 0, 0] + 6 * [0.1])
     np.testing.assert_array_equal(way.coulomb, 6 * [0] + [0.1, 0.2, 0.3])
-    np.testing.assert_array_equal(way.largest, [10, 20, 3, 1, 2, 3, 5, 5, 5])
-    assert np.isinf(resistance_of(spec(friction=friction), model.spec).largest).all()
+
+
+def limits_of(*changes: str) -> ForceLimits | None:
+    task = load_task("transport", changes)
+    return force_limits_of(task.spec, task.robot)
+
+
+LIMITED = "limits.base.force=[[-10, 20], null, 3]", "limits.arm_2.force=[5, 5, 5]"
+
+
+def test_forces_are_cut_at_the_share_that_is_there_of_what_robot_and_task_declare() -> None:
+    assert limits_of() is None
+    inf = np.inf
+    whole = limits_of(*LIMITED, "skills.move.limits={base: {force: [1, 1, 1]}}")
+    assert whole is not None
+    np.testing.assert_array_equal(whole.low, [-10, -inf, -3, -inf, -inf, -inf, -5, -5, -5])
+    np.testing.assert_array_equal(whole.high, [20, inf, 3, inf, inf, inf, 5, 5, 5])
+    less = limits_of(*LIMITED, "uncertainty.force_share={base: 0.5, arms: [1, 0.8, 2]}")
+    assert less is not None
+    np.testing.assert_array_equal(less.low, [-5, -inf, -1.5, -inf, -inf, -inf, -5, -4, -10])
+    np.testing.assert_array_equal(less.high, [10, inf, 1.5, inf, inf, inf, 5, 4, 10])
+    half = limits_of(*LIMITED, "uncertainty.force_share=0.5")
+    assert half is not None
+    np.testing.assert_array_equal(half.high, 0.5 * whole.high)
 
 
 def test_grippers_share_a_payload(model: RobotModel) -> None:

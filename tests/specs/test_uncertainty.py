@@ -22,7 +22,6 @@ def uncertainty(*changes: str) -> UncertaintySpec:
         ("inertia={arm_2: 0.1}", True, False),
         ("centre_of_mass=0.01", True, False),
         ("friction.coulomb={arm_1: [0, 0, 0.1]}", True, False),
-        ("force_limits={base: 10}", True, False),
         ("impulse={at: 3, linear: [1, 0]}", True, False),
         ("payload={mass: 5, inertia: 0.7}", True, False),
         ("delay=2", False, False),
@@ -35,3 +34,16 @@ def test_uncertainty_is_of_the_plant_or_of_the_measurement(change: str, plant: b
     if plant:
         with pytest.raises(SpecError, match=r"with plant ideal, expected .*rk4 or mujoco: ideal has neither"):
             load_task("transport", ["plant=ideal", f"uncertainty.{change}"])
+
+
+def test_a_share_of_the_force_limits_changes_the_plant_unless_it_is_1() -> None:
+    limits = "limits={base: {force: [10, 10, 3]}}"
+    less = load_task("transport", [limits, "uncertainty.force_share={base: 0.9}"])
+    assert less.spec.uncertainty.in_force
+    assert less.spec.uncertainty.changes_the_plant and not less.spec.uncertainty.measures_with_noise
+    whole = load_task("transport", [limits])
+    assert less.digest != whole.digest
+    for share in ("1", "{base: 1, arms: 1.0}"):
+        same = load_task("transport", [limits, f"uncertainty.force_share={share}"])
+        assert not same.spec.uncertainty.in_force and not same.spec.uncertainty.changes_the_plant
+        assert same.digest == whole.digest

@@ -72,7 +72,8 @@ class Linearization:
         gap_velocity: Of the gaps by Qdot_k and Qdot_k+1, one number an interval, (K, 2).
         gap_tau: By tau, (K, n, S).
         rows_by_x: Of the rows at nodes by x there, (E, 2n).
-        interval_rows_by: Of the rows over intervals by x at both ends and tau, (I, 4n + S).
+        interval_rows: Which rows over intervals the model has, ascending, (J,); see `VelocityForm.interval_jacobian`.
+        interval_rows_by: Their derivatives by x at both ends and tau, (J, 4n + S).
     """
 
     at: Residuals
@@ -85,6 +86,7 @@ class Linearization:
     gap_velocity: np.ndarray
     gap_tau: np.ndarray
     rows_by_x: np.ndarray
+    interval_rows: np.ndarray
     interval_rows_by: np.ndarray
 
 
@@ -109,13 +111,16 @@ class VelocityForm:
         self.grid = Grid(model.n, shape.nodes)
         self.costs = [stage_functions(model, cost_shape(stage), native) for stage in shape.stages]
         self.node_rows = node_rows(model, shape)
+        self.interval_rows = interval_rows(model, shape)
+        if native:
+            self.node_rows = [replace(rows, functions=rows.functions.compiled) for rows in self.node_rows]
+            self.interval_rows = [replace(rows, functions=rows.functions.compiled) for rows in self.interval_rows]
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
         self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows])
         self.row_is_soft = np.zeros(len(self.row_node), bool)
         for rows, at in zip(self.node_rows, self._places, strict=True):
             self.row_is_soft[at] = rows.soft
-        self.interval_rows = interval_rows(model, shape)
         self.row_interval, self._interval_places = _ordered(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
@@ -138,11 +143,6 @@ class VelocityForm:
     def interval_steps(self) -> np.ndarray:
         """Derivative of h of each interval by the free durations, (K, S)."""
         return np.asarray((self.stage_durations / self.nodes[:, None])[self.grid.stage_of])
-
-    @cached_property
-    def _no_rows_over_intervals(self) -> tuple[np.ndarray, np.ndarray]:
-        """The rows over intervals and their derivatives where no constraint has any."""
-        return np.zeros(0), np.zeros((0, 4 * self.grid.n + self.grid.switches))
 
     @cached_property
     def waiting(self) -> np.ndarray:
@@ -178,7 +178,7 @@ class VelocityForm:
         if p.terminal:
             L = stage.cost(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0)[0]
             terminal = _terminal_cost(p, L)
-        return self._residuals(point, p, costs, terminal, self.rows(point, p)[0], self.rows_over_intervals(point, p)[0])
+        return self._residuals(point, p, costs, terminal, self.row_values(point, p), self.interval_row_values(point, p))
 
     def _residuals(
         self,
@@ -207,6 +207,26 @@ class VelocityForm:
         last = self.grid.first_node[s + 1]
         dv = np.diff(point.X[first : last + 1, self.grid.n :], axis=0)
         return dv, float((dv**2 @ p.control_weights[s]).sum() * self.grid.nodes[s] / tau)
+
+    def row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return the rows of all constraints at nodes, (E,)."""
+        values = np.zeros(len(self.row_node))
+        for rows, at in zip(self.node_rows, self._places, strict=True):
+            found = rows.functions.value(point.X[list(rows.nodes)], rows.argument(p), rows=len(rows.nodes))[0]
+            values[at] = found.ravel()
+        return values
+
+    def interval_row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return the rows of all constraints over intervals, (I,)."""
+        values = np.zeros(len(self.row_interval))
+        if not self.interval_rows:
+            return values
+        h = self.steps(point, float(p.horizon))
+        for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
+            k = np.array(rows.intervals)
+            found = rows.functions.value(point.X[k], point.X[k + 1], h[k], rows.argument(p), rows=len(k))[0]
+            values[at] = found.ravel()
+        return values
 
     def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of all constraints at nodes (E,) and their derivatives by x at their nodes (E, 2n)."""
@@ -237,20 +257,26 @@ class VelocityForm:
             X[nodes, n + given.start : n + given.stop] -= np.linalg.solve(G, g[..., None])[..., 0]
         return replace(point, X=X)
 
-    def rows_over_intervals(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows over intervals (I,) and their derivatives by x at both ends and tau (I, 4n + S)."""
-        if not self.interval_rows:
-            return self._no_rows_over_intervals
-        values = np.zeros(len(self.row_interval))
+    def interval_jacobian(self, point: Point, p: Parameters[np.ndarray], which: np.ndarray) -> np.ndarray:
+        """Return the derivatives of some rows over intervals (J,) by x at both ends and tau, (J, 4n + S).
+
+        Derivatives of all rows cost several times what a program does; those of rows whose bounds are far are not
+        needed. They are evaluated at the intervals that have one of the rows.
+        """
+        if not len(which):
+            return np.zeros((0, 4 * self.grid.n + self.grid.switches))
         by_states_and_h = np.zeros((len(self.row_interval), 4 * self.grid.n + 1))
         h = self.steps(point, float(p.horizon))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
-            k = np.array(rows.intervals)
-            g, jacobian = rows.functions.with_jacobian(point.X[k], point.X[k + 1], h[k], rows.argument(p), rows=len(k))
-            values[at] = g.ravel()
-            by_states_and_h[at] = jacobian.reshape(len(at), -1)
-        by_tau = by_states_and_h[:, -1:] * self.interval_steps[self.row_interval]
-        return values, np.hstack([by_states_and_h[:, :-1], by_tau])
+            of_interval = at.reshape(len(rows.intervals), -1)
+            has_one = np.isin(of_interval, which).any(axis=1)
+            k = np.array(rows.intervals)[has_one]
+            if len(k):
+                ends = point.X[k], point.X[k + 1]
+                _, jacobian = rows.functions.with_jacobian(*ends, h[k], rows.argument(p), rows=len(k))
+                by_states_and_h[of_interval[has_one].ravel()] = jacobian.reshape(-1, by_states_and_h.shape[1])
+        by_tau = by_states_and_h[which, -1:] * self.interval_steps[self.row_interval[which]]
+        return np.hstack([by_states_and_h[which, :-1], by_tau])
 
     def interval_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high (I,) of the rows over intervals, each over the length of its interval."""
@@ -318,7 +344,7 @@ class VelocityForm:
             positions[nodes] += 2 * weight * curvature.reshape(N, n, n)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
-        """Return the quadratic model at a point.
+        """Return the quadratic model at a point, without rows over intervals.
 
         Derivatives by the durations of all stages become those by the free ones through D, `stage_durations`: the
         last stage takes what the others leave of the horizon.
@@ -327,7 +353,8 @@ class VelocityForm:
         of = self.grid.stage_of
         cost = _CostModel(self, point, p)
         rows, rows_by_x = self.rows(point, p)
-        over_intervals, over_intervals_by = self.rows_over_intervals(point, p)
+        over_intervals = self.interval_row_values(point, p)
+        no_rows = np.zeros(0, int)
         gaps_by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
             at=self._residuals(point, p, cost.costs, cost.terminal, rows, over_intervals),
@@ -340,7 +367,8 @@ class VelocityForm:
             gap_velocity=-self.steps(point, float(p.horizon)) * np.array(self.weights),
             gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
             rows_by_x=rows_by_x,
-            interval_rows_by=over_intervals_by,
+            interval_rows=no_rows,
+            interval_rows_by=self.interval_jacobian(point, p, no_rows),
         )
 
 

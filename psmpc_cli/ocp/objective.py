@@ -28,6 +28,16 @@ def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
     return ca.dot(weights * r, r)
 
 
+COMPILED_FROM = 1000
+"""Operations from which on a function of a constraint gains more by compiled C than its compilation takes."""
+
+
+def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], native: bool) -> RowFunction:
+    """Return a function on rows of arrays, common subexpressions computed once; `native`, a large one as compiled C."""
+    function = ca.Function(name, arguments, ca.cse(outputs))
+    return RowFunction(function, native and function.n_instructions() >= COMPILED_FROM)
+
+
 class ConstraintFunctions:
     """Rows g(x, a) of the state at a node, and their derivatives, each written when it is first used.
 
@@ -37,25 +47,34 @@ class ConstraintFunctions:
         rows: The rows as an expression of both.
         gives: Rates that the rows, equations, determine: they are linear in these and as many. None if they do not.
             `sqp` then solves them at every iterate, and takes no account of their curvature.
+        native: Functions with many operations run as compiled C.
     """
 
-    def __init__(self, x: ca.SX, argument: ca.SX, rows: ca.SX, gives: slice | None = None) -> None:
+    def __init__(
+        self, x: ca.SX, argument: ca.SX, rows: ca.SX, gives: slice | None = None, native: bool = False
+    ) -> None:
         self.gives = gives
+        self._native = native
         self._x = x
         self._argument = argument
         self._rows = ca.densify(rows)
         self.count = int(rows.numel())
 
     @cached_property
+    def compiled(self) -> "ConstraintFunctions":
+        """The same rows with functions as compiled C."""
+        return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, native=True)
+
+    @cached_property
     def value(self) -> RowFunction:
         """x, a -> g (rows,)."""
-        return RowFunction(ca.Function("h", [self._x, self._argument], [self._rows]))
+        return _on_rows("h", [self._x, self._argument], [self._rows], self._native)
 
     @cached_property
     def with_jacobian(self) -> RowFunction:
         """x, a -> g (rows,), dg/dx row by row (rows 2n,)."""
-        outputs = ca.cse([self._rows, _row_by_row(ca.jacobian(self._rows, self._x))])
-        return RowFunction(ca.Function("end", [self._x, self._argument], outputs))
+        outputs = [self._rows, _row_by_row(ca.jacobian(self._rows, self._x))]
+        return _on_rows("end", [self._x, self._argument], outputs, self._native)
 
     @cached_property
     def curvature(self) -> RowFunction | None:
@@ -69,7 +88,7 @@ class ConstraintFunctions:
         if not upper.nnz():
             return None
         arguments = [self._x, self._argument, multipliers]
-        return RowFunction(ca.Function("end_curvature", arguments, ca.cse([_row_by_row(upper)])))
+        return _on_rows("end_curvature", arguments, [_row_by_row(upper)], self._native)
 
     @cached_property
     def by_given(self) -> RowFunction | None:
@@ -78,7 +97,7 @@ class ConstraintFunctions:
             return None
         n = self._x.numel() // 2
         jacobian = ca.jacobian(self._rows, self._x[n:][self.gives])
-        return RowFunction(ca.Function("given", [self._x, self._argument], ca.cse([self._rows, _row_by_row(jacobian)])))
+        return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._native)
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Write all of them and return them."""
@@ -93,24 +112,36 @@ class IntervalFunctions:
         h: The length of the interval, a symbol.
         argument: a, a symbol.
         rows: The rows as an expression of all.
+        native: Functions with many operations run as compiled C.
     """
 
-    def __init__(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX) -> None:
+    def __init__(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, native: bool = False) -> None:
+        self._native = native
         self._arguments = [x, x_next, h, argument]
         self._unknowns = ca.vertcat(x, x_next, h)
         self._rows = ca.densify(rows)
         self.count = int(rows.numel())
 
     @cached_property
+    def compiled(self) -> "IntervalFunctions":
+        """The same rows with functions as compiled C."""
+        x, x_next, h, argument = self._arguments
+        return IntervalFunctions(x, x_next, h, argument, self._rows, native=True)
+
+    @cached_property
     def value(self) -> RowFunction:
         """x, x+, h, a -> g (rows,)."""
-        return RowFunction(ca.Function("interval_rows", self._arguments, ca.cse([self._rows])))
+        return _on_rows("interval_rows", self._arguments, [self._rows], self._native)
 
     @cached_property
     def with_jacobian(self) -> RowFunction:
         """x, x+, h, a -> g (rows,), its derivatives by [x; x+; h] row by row (rows (4n + 1),)."""
-        outputs = ca.cse([self._rows, _row_by_row(ca.jacobian(self._rows, self._unknowns))])
-        return RowFunction(ca.Function("interval_jacobian", self._arguments, outputs))
+        outputs = [self._rows, _row_by_row(ca.jacobian(self._rows, self._unknowns))]
+        return _on_rows("interval_jacobian", self._arguments, outputs, self._native)
+
+    def prepare(self) -> tuple[RowFunction, ...]:
+        """Write both of them and return them."""
+        return self.value, self.with_jacobian
 
 
 class StageFunctions:

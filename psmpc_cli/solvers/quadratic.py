@@ -72,7 +72,7 @@ class QpSolution:
         status: How it ended.
         step: The step; that of x_0 is 0.
         gaps: Multipliers of the gaps, (K, n).
-        rows: Of the rows of `SqpWindow`, (R,).
+        rows: Of those rows of `SqpWindow` that the program has, (R,).
         node_multipliers: Of the constraints at nodes, a part of `rows`, (E,).
         iterations: Interior-point iterations.
     """
@@ -92,8 +92,8 @@ class QpArrays:
         min  1/2 x'H x + g'x  over x = (X, tau)   s.t.   low <= C x <= high,
         Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau + gaps_k = 0.
 
-    X are the steps of x_1 .. x_K, tau those of the S free durations; C has the R rows of `SqpWindow`. H and g are those
-    of `Linearization`.
+    X are the steps of x_1 .. x_K, tau those of the S free durations; C has the R rows of `SqpWindow`, of those over
+    intervals the ones of the model alone. H and g are those of `Linearization`.
 
     Attributes:
         positions: Upper triangles of H by the positions, (K, n, n).
@@ -159,7 +159,8 @@ class QpMethod(ABC):
         bounds = window.bounds
         K, n = model.coupling.shape
         S = len(point.tau)
-        rows = window.rows(point, model.at)
+        in_program = window.rows_in_program(model)
+        rows = window.rows(point, model.at)[in_program]
         X = np.zeros((K + 1, 2 * n))
         arrays = QpArrays(
             positions=model.positions[1:],
@@ -173,16 +174,16 @@ class QpMethod(ABC):
             gaps=model.at.gaps,
             row_node=window.form.row_node - 1,
             row_jacobian=model.rows_by_x,
-            interval_row=window.form.row_interval,
+            interval_row=window.form.row_interval[model.interval_rows],
             interval_jacobian=model.interval_rows_by,
-            interval_low=bounds.interval_low,
-            interval_high=bounds.interval_high,
-            low=bounds.low - rows,
-            high=bounds.high - rows,
+            interval_low=bounds.interval_low[model.interval_rows],
+            interval_high=bounds.interval_high[model.interval_rows],
+            low=bounds.low[in_program] - rows,
+            high=bounds.high[in_program] - rows,
             input_low=bounds.input_low,
             input_high=bounds.input_high,
             interval_by_duration=window.form.interval_steps,
-            penalty=window.row_penalties(point),
+            penalty=window.row_penalties(point)[in_program],
             X=X[1:],
             tau=np.zeros(S),
             gap_multipliers=np.zeros((K, n)),

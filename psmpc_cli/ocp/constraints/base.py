@@ -30,6 +30,7 @@ __all__ = [
     "argument_of",
     "bounds_of",
     "rows_at_nodes",
+    "rows_over_intervals",
 ]
 
 
@@ -119,6 +120,29 @@ def rows_at_nodes(
                     argument=argument_of(name, s),
                     bounds=bounds_of(name, s),
                     soft=soft,
+                )
+
+    return rows
+
+
+def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], IntervalFunctions]) -> RowsOfShape:
+    """Return how a constraint yields its rows over the intervals of the stages that it concerns.
+
+    Args:
+        name: Of the constraint in the table.
+        functions: Robot, structure -> x, x+, h, [anchor of the chart; argument] -> the rows.
+    """
+
+    def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
+        first_node = Grid(model.n, shape.nodes).first_node
+        for s, stage in enumerate(shape.stages):
+            for structure in (structure for of, structure in stage.constraints if of == name):
+                yield IntervalRows(
+                    name=name,
+                    intervals=range(int(first_node[s]), int(first_node[s + 1])),
+                    functions=model.owned((functions, structure), partial(functions, model, structure)),
+                    argument=argument_of(name, s),
+                    bounds=bounds_of(name, s),
                 )
 
     return rows

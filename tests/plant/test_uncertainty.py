@@ -6,7 +6,6 @@ import pytest
 from psmpc_cli.plant.uncertainty import (
     draw_bodies,
     measurement_noise,
-    payload_shares,
     release,
     resistance_of,
     take_up,
@@ -76,11 +75,11 @@ def test_friction_and_limits_are_of_the_coordinates_they_name(model: RobotModel)
     assert np.isinf(resistance_of(spec(friction=friction), model.spec).largest).all()
 
 
-def test_grippers_share_a_payload(model: RobotModel) -> None:
+def test_grippers_share_a_payload() -> None:
     payload = {"mass": 5, "inertia": 0.7}
-    np.testing.assert_array_equal(payload_shares(PayloadSpec.model_validate(payload), model.spec), [0.5, 0.5])
-    given = PayloadSpec.model_validate({**payload, "share": {"arm_1": 0.8, "arm_2": 0.2}})
-    np.testing.assert_array_equal(payload_shares(given, model.spec), [0.8, 0.2])
+    arms = ("arm_1", "arm_2")
+    assert PayloadSpec.model_validate(payload).shares(arms) == [0.5, 0.5]
+    assert PayloadSpec.model_validate({**payload, "share": {"arm_1": 0.8, "arm_2": 0.2}}).shares(arms) == [0.8, 0.2]
 
 
 @pytest.fixture

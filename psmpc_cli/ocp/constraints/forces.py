@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, rows_over_intervals
+from psmpc_cli.ocp.loads import Load, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import resolve_limits
@@ -30,9 +31,11 @@ class ForceStructure:
 
     Attributes:
         coordinates: The limited ones.
+        load: What the grippers are known to hold.
     """
 
     coordinates: tuple[int, ...]
+    load: Load
 
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
@@ -43,7 +46,7 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     if not limited.any():
         return None
     return ConstraintNumbers(
-        structure=ForceStructure(tuple(np.flatnonzero(limited).tolist())),
+        structure=ForceStructure(tuple(np.flatnonzero(limited).tolist()), known_load(task, model, stage)),
         argument=np.zeros(0),
         low=np.tile(limits.force_low[limited], 2),
         high=np.tile(limits.force_high[limited], 2),
@@ -59,19 +62,20 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     anchor = ca.SX.sym("anchor", model.space.n_anchor)
     change = x_next[n:] - x[n:]
     limited = list(structure.coordinates)
-    rows = [_force(model, end[:n], ca.sqrt(h) * end[n:], change, anchor)[limited] for end in (x, x_next)]
+    rows = [
+        own_force(model, structure.load, end[:n], ca.sqrt(h) * end[n:], change, anchor)[limited] for end in (x, x_next)
+    ]
     return IntervalFunctions(x, x_next, h, anchor, ca.vertcat(*rows))
 
 
-def _force(model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
+def own_force(model: RobotModel, load: Load, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
     """Return the generalized force (n,) of accelerations u in a chart, the base's along its own axes."""
     space = model.space
     position = space.charted_coordinates(Q, anchor)
     v = space.charted_velocity(Q, Qdot)
     vdot = space.charted_acceleration(Q, Qdot, u)
-    F = model.dynamics.law(position, v, vdot, model.nominal.vector)
-    along_base_axes = space.along_base_axes(ca.vertsplit(position), ca.vertsplit(F))
-    return ca.SX(ca.vertcat(*along_base_axes))
+    F = load.force(model, position, v, vdot)
+    return ca.SX(ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(F))))
 
 
 CONSTRAINT = Constraint(rows_over_intervals("forces", functions), numbers)

@@ -79,6 +79,15 @@ class Load:
         body = FreeBody(self.held.mass, self.held.inertia)
         return planned_force(model, body, self.held.grippers, np.array(self.held.grasps), Q, v, u)
 
+    def own_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
+        """Return that force (n,) for accelerations u in a chart, the base's along its own axes."""
+        space = model.space
+        position = space.charted_coordinates(Q, anchor)
+        v = space.charted_velocity(Q, Qdot)
+        vdot = space.charted_acceleration(Q, Qdot, u)
+        F = self.force(model, position, v, vdot)
+        return ca.SX(ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(F))))
+
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     """Return what the grippers are known to hold in a stage of a task."""

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.ocp.loads import Load
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.skills.base import anchored_poses
 from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape, without_end
@@ -175,8 +176,15 @@ class StageFunctions:
         self._x = ca.vertcat(self._Q, self._Qdot)
         self._W = ca.SX.sym("W", self.rows)
         self._W_r = ca.SX.sym("W_r", self.inputs)
+        self._W_F = ca.SX.sym("W_F", 0 if shape.force_load is None else n)
         self._e = ca.densify(skill.error(model, self._Q, self._target[: self._numbers_of_skill]))
         self._L = weighted_square(self._e, self._W)
+
+    @property
+    def anchor(self) -> slice:
+        """Where the anchor of the chart stands in the numbers of a target."""
+        first = self._numbers_of_skill - self.model.space.n_sample_numbers
+        return slice(first, first + self.model.space.n_anchor)
 
     @cached_property
     def error(self) -> RowFunction:
@@ -189,9 +197,13 @@ class StageFunctions:
 
     @cached_property
     def cost(self) -> RowFunction:
-        """x, u, target, W, W_r -> Lbar."""
+        """x, u, target, W, [W_r; W_F] -> Lbar."""
         L = self._L + weighted_square(self._u, self._W_r)
-        arguments = [self._x, self._u, self._target, self._W, self._W_r]
+        if self.shape.force_load is not None:
+            anchor = self._target[self.anchor]
+            F = self.shape.force_load.own_force(self.model, self._Q, self._Qdot, self._u, anchor)
+            L += weighted_square(F, self._W_F)
+        arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F)]
         return RowFunction(ca.Function("Lbar", arguments, ca.cse([L])), self._native)
 
     @cached_property
@@ -306,6 +318,26 @@ class StageFunctions:
         return self.model.owned(("step", of_input, discretization), lambda: _step(self.model, of_input, discretization))
 
 
+def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
+    """Return x, x+, h, anchor -> sqrt(h) F (n,), F at the beginning of an interval: its square is the integral of F^2.
+
+    With F as `constraints.forces` writes it,
+
+        sqrt(h) F(Q, v, u) = F(Q, sqrt(h) v, Qdot+ - Qdot) / sqrt(h).
+    """
+
+    def build() -> IntervalFunctions:
+        n = model.n
+        x = ca.SX.sym("x", 2 * n)
+        x_next = ca.SX.sym("x_next", 2 * n)
+        h = ca.SX.sym("h")
+        anchor = ca.SX.sym("anchor", model.space.n_anchor)
+        F = load.own_force(model, x[:n], ca.sqrt(h) * x[n:], x_next[n:] - x[n:], anchor)
+        return IntervalFunctions(x, x_next, h, anchor, F / ca.sqrt(h))
+
+    return model.owned((force_residual, load), build)
+
+
 def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) -> StageFunctions:
     """Return the functions of the stages of a shape, the same ones for every call; the model owns them."""
     return model.owned((StageFunctions, shape, native), lambda: StageFunctions(model, shape, native))
@@ -322,7 +354,7 @@ class StageCosts:
     def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
         """Return the functions of a stage; without its end condition stages of one skill share them."""
         end = (stage.end_rows, stage.end_velocity is not None) if with_end else ()
-        key = (stage.space, stage.input, stage.object_end.names, *end)
+        key = (stage.space, stage.input, stage.object_end.names, stage.force_load, *end)
         if key not in self._functions:
             shape = stage_shape(stage) if with_end else without_end(stage_shape(stage))
             shape = replace(shape, fixed_end=False, moving=False)

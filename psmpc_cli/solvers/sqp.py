@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import make_all
-from psmpc_cli.ocp.constraints import IntervalRows, NodeRows, interval_rows, node_rows
+from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.objective import COMPILED_FROM, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
@@ -113,8 +112,8 @@ class SqpSolver(Solver):
         for stage in problem.stages:
             stage_functions(problem.model, cost_shape(stage_shape(stage)), spec.compiled).prepare()
             stage_functions(problem.model, stage_shape(stage)).prepare()
-            for rows in _rows_of(problem.model, stage):
-                (rows.functions.compiled if spec.compiled else rows.functions).prepare()
+            for functions in _functions_of_rows(problem.model, stage):
+                (functions.compiled if spec.compiled else functions).prepare()
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
         """Return what windows of one shape and limits share: form, bounds, method for their programs."""
@@ -169,25 +168,20 @@ def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
         yield maker_of(functions.cost.function)
         if not problem.model.spec.moved_by.actuated:
             yield maker_of(functions.residual_curvature.function)
-    for function in {each for stage in problem.stages for each in _functions_of_rows(problem.model, stage)}:
+    of_rows = {each for stage in problem.stages for each in _functions_of_rows(problem.model, stage)}
+    for function in [each.function for functions in of_rows for each in functions.prepare() if each is not None]:
         if function.n_instructions() >= COMPILED_FROM:
             yield maker_of(function)
     for switches in range(len(problem.stages)):
         yield partial(kernel_library, problem.model.n, switches)
 
 
-def _rows_of(model: RobotModel, stage: Stage) -> list[NodeRows | IntervalRows]:
-    """Return the rows of the constraints that a stage may have, those that samples set among them."""
+def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFunctions | IntervalFunctions]:
+    """Return the functions of the rows that a stage may have, those that samples set among them."""
     constraints = tuple((name, each.structure) for name, each in stage.constraints.items())
     shape = replace(without_end(stage_shape(stage)), constraints=constraints)
-    of_window = WindowShape(stages=(shape,), nodes=(1,), discretization="exact")
-    return [*node_rows(model, of_window), *interval_rows(model, of_window)]
-
-
-def _functions_of_rows(model: RobotModel, stage: Stage) -> Iterator[ca.Function]:
-    """Yield the functions of the constraints that a stage may have."""
-    for rows in _rows_of(model, stage):
-        yield from (function.function for function in rows.functions.prepare() if function is not None)
+    form = VelocityForm(model, WindowShape(stages=(shape,), nodes=(1,), discretization="exact"), native=False)
+    return [*(rows.functions for rows in form.node_rows), *(rows.functions for rows in form.interval_rows)]
 
 
 @dataclass(frozen=True, eq=False)

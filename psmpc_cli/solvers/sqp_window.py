@@ -150,6 +150,11 @@ class SqpWindow:
         """Index of the first of the rows over intervals less low h; those less high h follow."""
         return self.states + 2 * self.form.grid.switches + len(self.form.row_node)
 
+    @cached_property
+    def interval_weights(self) -> np.ndarray:
+        """What the squares of the rows over intervals add to the Hessian, (I,); 0 of constraints."""
+        return self.form.hessian_weights(self.p)
+
     def rows_in_program(self, model: Linearization) -> np.ndarray | slice:
         """Return the indices of the rows that the program of a model has, ascending."""
         first = self._first_interval_row

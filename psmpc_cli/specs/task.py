@@ -250,13 +250,23 @@ class PlantSpec(Choice):
 
 
 class SkillWeights(InlineParts):
-    """W_q or W_p by part, and W_r: one number for all controls, or numbers by part.
+    """W_q or W_p by part; W_r of the control and W_F of the force: one number for all of it, or numbers by part.
 
-    In YAML the parts and `control` stand side by side.
+    In YAML the parts, `control` and `force` stand side by side.
     """
 
     parts: Mapping[_SkillPart, tuple[fields.Size, ...]] = {}
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
+    force: fields.Sparse[_Control] = Field(
+        0.0,
+        description="weights of the generalized force, the base's along its own axes, one number or numbers by part",
+    )
+
+    @property
+    def weighs_force(self) -> bool:
+        """Whether the force costs anything."""
+        numbers = self.force.values() if isinstance(self.force, Mapping) else [self.force]
+        return any(np.any(each) for each in numbers)
 
 
 def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErrors:
@@ -268,6 +278,10 @@ def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErr
     axes = {part: axes[part] for part in context.required(axes)}  # a base without thrusters has no control
     for at, error in part_faults(weights.control, axes, axes):
         yield ("control", *at), error
+    for at, error in part_faults(weights.force, axes):
+        yield ("force", *at), error
+    if weights.weighs_force and before.get("input", "joint") == "task":
+        yield ("force",), expected("none with input task", at_key=True)
 
 
 class SkillSpec(Spec):

@@ -65,6 +65,7 @@ class IntervalRows:
         functions: x, x+, h, a -> the rows and their Jacobian; the same object wherever the rows are the same.
         argument: Parameters of a window, numbers or symbols -> a.
         bounds: Window -> low and high (rows,), of the rows over h; infinite where there is none.
+        weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
     """
 
     name: str
@@ -72,6 +73,7 @@ class IntervalRows:
     functions: IntervalFunctions
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
+    weights: Callable[[Parameters[Any]], Any] | None = None
 
 
 RowsOfShape: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]

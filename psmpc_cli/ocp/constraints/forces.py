@@ -63,19 +63,9 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     change = x_next[n:] - x[n:]
     limited = list(structure.coordinates)
     rows = [
-        own_force(model, structure.load, end[:n], ca.sqrt(h) * end[n:], change, anchor)[limited] for end in (x, x_next)
+        structure.load.own_force(model, end[:n], ca.sqrt(h) * end[n:], change, anchor)[limited] for end in (x, x_next)
     ]
     return IntervalFunctions(x, x_next, h, anchor, ca.vertcat(*rows))
-
-
-def own_force(model: RobotModel, load: Load, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
-    """Return the generalized force (n,) of accelerations u in a chart, the base's along its own axes."""
-    space = model.space
-    position = space.charted_coordinates(Q, anchor)
-    v = space.charted_velocity(Q, Qdot)
-    vdot = space.charted_acceleration(Q, Qdot, u)
-    F = load.force(model, position, v, vdot)
-    return ca.SX(ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(F))))
 
 
 CONSTRAINT = Constraint(rows_over_intervals("forces", functions), numbers)

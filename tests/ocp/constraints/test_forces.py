@@ -10,14 +10,18 @@ from hypothesis import given
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.forces import ForceStructure, functions
+from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.loads import Load, known_load
 from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import Outcome
+from psmpc_cli.solvers.quadratic import PiqpQp, QpStatus, RiccatiQp, load_kernel
+from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robot import stack
 
@@ -138,6 +142,55 @@ def test_a_window_has_the_optimum_of_the_problem_in_the_joint_rates(
         assert solution.outcome.usable
         assert solution.plan.instants == pytest.approx([instant], abs=2e-3)
         assert solution.objective == pytest.approx(found[0].objective, rel=1e-5)
+
+
+FORCE_COSTS = {"skills.reach.weights.force": {"arms": [0.05] * 3}, "skills.home.weights.force": 0.02}
+
+
+def test_what_force_costs_is_in_the_optimum_of_both_solvers(fast_arms: Path) -> None:
+    problem = build_problem(planar_task(fast_arms, FORCE_COSTS))
+    window = window_of(problem, stack(problem.spec.initial, problem.task.robot, "joint"), np.zeros(problem.model.n))
+    own = solved(problem, window, "sqp")
+    other = solved(problem, window, "ipopt", own.plan)
+    assert own.outcome is Outcome.OPTIMAL
+    assert other.outcome is Outcome.OPTIMAL
+    assert own.objective == pytest.approx(other.objective, rel=1e-5)
+    assert own.plan.instants == pytest.approx(other.plan.instants, abs=1e-4)
+    assert own.plan.instants > 1.3  # without it 1.287 s
+
+
+@pytest.mark.parametrize("limits", [{}, {"limits": {"arms": {"force": [4.0] * 3}}}], ids=["free", "limited"])
+def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object]) -> None:
+    """Gradient by differences, and the program as another method solves it."""
+    problem = build_problem(planar_task(fast_arms, {**FORCE_COSTS, **limits}))
+    model = problem.model
+    window = window_of(problem, stack(problem.spec.initial, problem.task.robot, "joint"), np.zeros(model.n))
+    form = VelocityForm(model, window_shape(window))
+    rng = np.random.default_rng(2)
+    p = window_numbers(window, np.array([2.5]))
+    X = window.x0 + 0.05 * rng.standard_normal((form.grid.K + 1, 2 * model.n))
+    X[0] = window.x0
+    point = Point(X, np.array([2.5]))
+    direction = Point(rng.standard_normal(X.shape), np.array([0.3]))
+    direction.X[0] = 0.0
+    linear = form.linearize(point, p)
+    step = 1e-5
+    ahead, behind = (form.residuals(point.moved(direction, each), p).objective for each in (step, -step))
+    slope = (linear.gradient * direction.X).sum() + linear.gradient_tau @ direction.tau
+    assert slope == pytest.approx((ahead - behind) / (2 * step), rel=1e-6)
+    plan = solved(problem, window, "sqp").plan
+    bounds = window_bounds(form, fixed_bounds(form, window), window, plan, plan.instants, np.inf)
+    sqp_window = SqpWindow(form, bounds, p)
+    start = sqp_window.with_given_rates(Point(plan.X + 0.01 * (X - window.x0), plan.instants))
+    program = sqp_window.linearize(start)
+    kernel = load_kernel(model.n, 1)
+    assert kernel is not None
+    own = RiccatiQp(kernel, 1e-9).solve(sqp_window, program, start)
+    other = PiqpQp(1e-9).solve(sqp_window, program, start)
+    assert own.status is QpStatus.SOLVED
+    assert other.status is QpStatus.SOLVED
+    np.testing.assert_allclose(own.step.tau, other.step.tau, atol=1e-6)
+    np.testing.assert_allclose(own.step.X, other.step.X, atol=1e-5)
 
 
 @pytest.mark.parametrize("mobility", ["free-floating", "fixed"])

@@ -177,7 +177,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         force_load=known_load(task, model, index) if skill.weights.weighs_force else None,
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
         tolerance=np.zeros(0) if end is None else end.tolerances(robot, skill.space),
-        end_velocity=None if end is None else end.velocity,
+        end_velocity=None if end is None else end.velocities(robot, skill.space),
         hold=0.0 if end is None else end.hold,
         at=spec.at,
         dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),

@@ -168,7 +168,7 @@ class Stage:
         force_load: What the grippers are known to hold, where force costs; None where it does not.
         end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
         tolerance: Its tolerance, one per end row [m, rad].
-        end_velocity: Bound on the rate of those rows [m/s, rad/s], or None.
+        end_velocity: Bounds on the rates of those rows, as `tolerance` [m/s, rad/s], or None.
         hold: How long the end condition must be met without a break [s].
         at: Fixed switching time [s], or None.
         dwell: Minimum duration [s], that of the trajectory at least.
@@ -190,7 +190,7 @@ class Stage:
     control_weights: np.ndarray
     end_rows: tuple[int, ...]
     tolerance: np.ndarray
-    end_velocity: float | None
+    end_velocity: np.ndarray | float | None
     hold: float
     at: float | None
     dwell: float
@@ -215,7 +215,8 @@ class Stage:
     @cached_property
     def end_tolerance(self) -> np.ndarray:
         """Tolerance of each end row, positions first, then rates where they count, then the object's. Eq. (18)."""
-        rates = np.full(0 if self.end_velocity is None else len(self.end_rows), self.end_velocity or 0.0)
+        none = np.zeros(0)
+        rates = none if self.end_velocity is None else np.broadcast_to(self.end_velocity, len(self.end_rows))
         return np.concatenate([self.tolerance, rates, self.object_end.tolerance])
 
     @property

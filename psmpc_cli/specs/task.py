@@ -310,7 +310,9 @@ class EndCondition(Spec):
 
     coordinates: fields.OneOrMore[str] = Field((), description="what must be at the target")
     tolerance: _Tolerance = Field(3e-3, description="how near, one number or numbers by part [m, rad]")
-    velocity: fields.Width | None = Field(None, description="how much at rest [m/s, rad/s]")
+    velocity: _Tolerance | None = Field(
+        None, description="how much at rest, one number or numbers by part [m/s, rad/s]"
+    )
     object: fields.Sparse[ObjectEndSpec | None] = Field(
         None, description="where the held object must be, and how much at rest"
     )
@@ -318,10 +320,17 @@ class EndCondition(Spec):
 
     def tolerances(self, robot: RobotSpec, space: Space) -> Vector:
         """Return the tolerance of every row of the error that it selects [m, rad], in the order of `rows`."""
+        return self._of_rows(self.tolerance, robot, space)
+
+    def velocities(self, robot: RobotSpec, space: Space) -> Vector | None:
+        """Return the bound on the rate of every row of the error that it selects [m/s, rad/s]; None without one."""
+        return None if self.velocity is None else self._of_rows(self.velocity, robot, space)
+
+    def _of_rows(self, numbers: float | Mapping[str, Any], robot: RobotSpec, space: Space) -> Vector:
         chosen = list(rows(self.coordinates, robot, space))
-        if not isinstance(self.tolerance, Mapping):
-            return np.full(len(chosen), self.tolerance)
-        return stack(self.tolerance, robot, space, of_error=True)[chosen]
+        if not isinstance(numbers, Mapping):
+            return np.full(len(chosen), numbers)
+        return stack(numbers, robot, space, of_error=True)[chosen]
 
 
 def _rising(times: tuple[float, ...], before: Fields, context: Context) -> RuleErrors:
@@ -413,8 +422,9 @@ def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
     keys = [name.partition(".")[0] for name in end.coordinates]
     axes = axes_of(sizes, space)
     needed = [part for part in axes if any(key == "all" or stands_for(key, part) for key in keys)]
-    for at, error in part_faults(end.tolerance, axes, needed, one=True):
-        yield ("tolerance", *at), error
+    for key in ("tolerance", "velocity"):
+        for at, error in part_faults(getattr(end, key), axes, needed, one=True):
+            yield (key, *at), error
 
 
 def _one_way(priority: float, before: Fields, context: Context) -> RuleErrors:

@@ -177,10 +177,11 @@ def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
 
 
 def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFunctions | IntervalFunctions]:
-    """Return the functions of the rows that a stage may have, those that samples set among them."""
+    """Return the functions of the rows that a stage may have, its end's and those that samples set among them."""
     constraints = tuple((name, each.structure) for name, each in stage.constraints.items())
-    shape = replace(without_end(stage_shape(stage)), constraints=constraints)
-    form = VelocityForm(model, WindowShape(stages=(shape,), nodes=(1,), discretization="exact"), native=False)
+    shape = replace(stage_shape(stage), constraints=constraints)
+    stages = shape, without_end(shape)
+    form = VelocityForm(model, WindowShape(stages=stages, nodes=(1, 1), discretization="exact"), native=False)
     return [*(rows.functions for rows in form.node_rows), *(rows.functions for rows in form.interval_rows)]
 
 

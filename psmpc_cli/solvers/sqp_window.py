@@ -177,11 +177,15 @@ class SqpWindow:
         return np.flatnonzero((has_low & below) | (has_high & above))
 
     def missed_rows(self, model: Linearization, point: Point) -> np.ndarray:
-        """Return the rows over intervals that a point violates and a model does not have, ascending."""
+        """Return the rows over intervals that a model does not have and a point violates, ascending.
+
+        With them those that the point brings near their bounds: one more program then is enough, most often.
+        """
         if not len(self.form.row_interval):
             return np.zeros(0, int)
         values = self.form.interval_row_values(point, self.p)
-        return np.setdiff1d(self._interval_rows_beyond(point, values, 1.0, FEASIBLE), model.interval_rows)
+        violated = np.setdiff1d(self._interval_rows_beyond(point, values, 1.0, FEASIBLE), model.interval_rows)
+        return self._interval_rows_beyond(point, values, NEAR_BOUND, 0.0) if len(violated) else violated
 
     def with_interval_rows(self, model: Linearization, point: Point, which: np.ndarray) -> Linearization:
         """Return the model at a point with some more rows over intervals."""

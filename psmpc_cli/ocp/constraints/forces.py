@@ -9,7 +9,9 @@ of the velocities, so h F is the force in a time that runs slower by sqrt(h):
 
     h F(Q, v, u) = F(Q, sqrt(h) v, h u) = F(Q, sqrt(h) v, Qdot+ - Qdot).
 
-The force of the base is along its own axes, as thrusters are.
+They are divided by the diagonal of H, so that they are changes of velocities like the others of a program: left in
+N s those of a heavy robot ask the interior-point method for digits that it does not have. The force of the base is
+along its own axes, as thrusters are.
 """
 
 from dataclasses import dataclass
@@ -48,13 +50,18 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     return ConstraintNumbers(
         structure=ForceStructure(tuple(np.flatnonzero(limited).tolist()), known_load(task, model, stage)),
         argument=np.zeros(0),
-        low=np.tile(limits.force_low[limited], 2),
-        high=np.tile(limits.force_high[limited], 2),
+        low=np.tile((limits.force_low / inertia(model))[limited], 2),
+        high=np.tile((limits.force_high / inertia(model))[limited], 2),
     )
 
 
+def inertia(model: RobotModel) -> np.ndarray:
+    """Return the diagonal of H in the neutral posture, (n,) [kg, kg m^2]."""
+    return np.diag(model.mass_matrix(model.neutral))
+
+
 def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions:
-    """Return x, x+, h, anchor -> h F of the limited coordinates at the beginning of an interval, then at its end."""
+    """Return x, x+, h, anchor -> h F / H_ii of the limited coordinates at the beginning of an interval, then its end."""
     n = model.n
     x = ca.SX.sym("x", 2 * n)
     x_next = ca.SX.sym("x_next", 2 * n)
@@ -62,9 +69,8 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     anchor = ca.SX.sym("anchor", model.space.n_anchor)
     change = x_next[n:] - x[n:]
     limited = list(structure.coordinates)
-    rows = [
-        structure.load.own_force(model, end[:n], ca.sqrt(h) * end[n:], change, anchor)[limited] for end in (x, x_next)
-    ]
+    forces = [structure.load.own_force(model, end[:n], ca.sqrt(h) * end[n:], change, anchor) for end in (x, x_next)]
+    rows = [(F / inertia(model))[limited] for F in forces]
     return IntervalFunctions(x, x_next, h, anchor, ca.vertcat(*rows))
 
 

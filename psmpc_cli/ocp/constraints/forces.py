@@ -61,7 +61,7 @@ def inertia(model: RobotModel) -> np.ndarray:
 
 
 def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions:
-    """Return x, x+, h, anchor -> h F / H_ii of the limited coordinates at the beginning of an interval, then its end."""
+    """Return x, x+, h, anchor -> h F / H_ii of the limited coordinates at the beginning, then at the end."""
     n = model.n
     x = ca.SX.sym("x", 2 * n)
     x_next = ca.SX.sym("x_next", 2 * n)

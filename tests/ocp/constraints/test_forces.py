@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from psmpc_cli.control import Controller, State
-from psmpc_cli.ocp.constraints.forces import ForceStructure, functions
+from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.loads import Load, known_load
 from psmpc_cli.ocp.problem import build_problem
@@ -48,7 +48,7 @@ def own_axes(model: RobotModel, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
 
 
 def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_next: np.ndarray) -> np.ndarray:
-    """Compare derivatives with differences; return the rows over h, at the beginning and at the end, (2, n)."""
+    """Compare derivatives with differences; return the forces of the rows, at the beginning and at the end, (2, n)."""
     rows = functions(model, ForceStructure(tuple(range(model.n)), load))
     anchor = np.asarray(Q[model.space.attitude])
     z = np.r_[x, x_next, 0.04]
@@ -59,7 +59,7 @@ def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_n
 
     _, jacobian = rows.with_jacobian(x, x_next, z[-1], anchor)
     assert_close_to_differences(jacobian.reshape(2 * model.n, -1), jacobian_by_differences(value, z))
-    return value(z).reshape(2, -1) / z[-1]
+    return value(z).reshape(2, -1) / z[-1] * inertia(model)
 
 
 @pytest.mark.parametrize("states", [moving_robots(), moving_spatial_robots()], ids=["plane", "space"])

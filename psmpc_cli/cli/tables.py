@@ -386,15 +386,18 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     numbers = iter(stage.target)
     row = count()
     parts = []
-    tolerances = {i: f"{each:g}" for i, each in zip(stage.end_rows, stage.tolerance, strict=True)}
-    rest = f" ({spec.ends_when.velocity:g}/s)" if spec.ends_when and spec.ends_when.velocity is not None else ""
+    rests = [""] * len(stage.end_rows)
+    if stage.end_velocity is not None:
+        rests = [f" ({each:g}/s)" for each in np.broadcast_to(stage.end_velocity, len(stage.end_rows))]
+    asked_of = zip(stage.end_rows, stage.tolerance, rests, strict=True)
+    tolerances = {row: f"{tolerance:g}{rest}" for row, tolerance, rest in asked_of}
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
         target = ("to " if stage.trajectory else "") + _target(list(zip(axes, numbers, strict=False)))
         if part == "base" and not stage.weights[: len(rows)].any() and not task.robot.moved_by.actuated:
             target = task.robot.mobility
         asked = [tolerances.get(next(row), "-") for _ in rows]
         within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)
-        ends = f"at {spec.at:g} s" * (part == "base") if spec.at is not None else "" if within == "-" else within + rest
+        ends = f"at {spec.at:g} s" * (part == "base") if spec.at is not None else "" if within == "-" else within
         reach = forecast.reaches.get(part)
         parts.append((part, target, ends, f"{reach.distance:.3f} of {reach.full_reach:.3f} m" if reach else ""))
     earliest = [f"{math.floor(forecast.earliest_end * 100) / 100:g} s"]

@@ -113,7 +113,9 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     poses = dict(zip(frames, stage.target.reshape(len(frames), -1), strict=True))
     tolerance = np.full(len(stage.weights), np.inf)
     tolerance[list(stage.end_rows)] = stage.tolerance
-    rate = np.where(np.isfinite(tolerance), np.inf if stage.end_velocity is None else stage.end_velocity, np.inf)
+    rate = np.full(len(stage.weights), np.inf)
+    if stage.end_velocity is not None:
+        rate[list(stage.end_rows)] = stage.end_velocity
     widths = dict[str, list[float]]()
     for arm, at in target_object.grasp.at.items():
         own = slice(size * frames.index(arm), size * (frames.index(arm) + 1))

@@ -10,14 +10,14 @@ velocities and duration together and has its exact one; the pending cost is line
 semidefinite. End conditions about poses are curved, see `VelocityForm.curved`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints import interval_rows, node_rows
-from psmpc_cli.ocp.objective import stage_functions
+from psmpc_cli.ocp.constraints import IntervalRows, interval_rows, node_rows
+from psmpc_cli.ocp.objective import force_residual, stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import cost_shape
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference
@@ -72,7 +72,8 @@ class Linearization:
         gap_velocity: Of the gaps by Qdot_k and Qdot_k+1, one number an interval, (K, 2).
         gap_tau: By tau, (K, n, S).
         rows_by_x: Of the rows at nodes by x there, (E, 2n).
-        interval_rows_by: Of the rows over intervals by x at both ends and tau, (I, 4n + S).
+        interval_rows: Which rows over intervals the model has, ascending, (J,); see `VelocityForm.interval_jacobian`.
+        interval_rows_by: Their derivatives by x at both ends and tau, (J, 4n + S).
     """
 
     at: Residuals
@@ -85,6 +86,7 @@ class Linearization:
     gap_velocity: np.ndarray
     gap_tau: np.ndarray
     rows_by_x: np.ndarray
+    interval_rows: np.ndarray
     interval_rows_by: np.ndarray
 
 
@@ -109,16 +111,20 @@ class VelocityForm:
         self.grid = Grid(model.n, shape.nodes)
         self.costs = [stage_functions(model, cost_shape(stage), native) for stage in shape.stages]
         self.node_rows = node_rows(model, shape)
+        self.interval_rows = [*interval_rows(model, shape), *_force_rows(model, shape)]
+        if native:
+            self.node_rows = [replace(rows, functions=rows.functions.compiled) for rows in self.node_rows]
+            self.interval_rows = [replace(rows, functions=rows.functions.compiled) for rows in self.interval_rows]
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
         self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows])
         self.row_is_soft = np.zeros(len(self.row_node), bool)
         for rows, at in zip(self.node_rows, self._places, strict=True):
             self.row_is_soft[at] = rows.soft
-        self.interval_rows = interval_rows(model, shape)
         self.row_interval, self._interval_places = _ordered(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
+        self.costing_rows = self._costing_rows()
         self._giving = [
             (rows, rows.functions.gives, rows.functions.by_given)
             for rows in self.node_rows
@@ -138,11 +144,6 @@ class VelocityForm:
     def interval_steps(self) -> np.ndarray:
         """Derivative of h of each interval by the free durations, (K, S)."""
         return np.asarray((self.stage_durations / self.nodes[:, None])[self.grid.stage_of])
-
-    @cached_property
-    def _no_rows_over_intervals(self) -> tuple[np.ndarray, np.ndarray]:
-        """The rows over intervals and their derivatives where no constraint has any."""
-        return np.zeros(0), np.zeros((0, 4 * self.grid.n + self.grid.switches))
 
     @cached_property
     def waiting(self) -> np.ndarray:
@@ -168,17 +169,18 @@ class VelocityForm:
     def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
         tau = self.durations(point, float(p.horizon))
-        costs = np.zeros(len(self.costs))
+        over_intervals = self.interval_row_values(point, p)
+        costs = self.force_costs(over_intervals, p)
         terminal = 0.0
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             at = self.intervals(s)
             wanted, _ = reference(p, s, tau[s])
             L = stage.cost(point.X[at], 0.0, wanted[:N], p.weights[s], 0.0, rows=N)[0]
-            costs[s] = _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
+            costs[s] += _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
         if p.terminal:
             L = stage.cost(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0)[0]
             terminal = _terminal_cost(p, L)
-        return self._residuals(point, p, costs, terminal, self.rows(point, p)[0], self.rows_over_intervals(point, p)[0])
+        return self._residuals(point, p, costs, terminal, self.row_values(point, p), over_intervals)
 
     def _residuals(
         self,
@@ -206,7 +208,28 @@ class VelocityForm:
         first = self.grid.first_node[s]
         last = self.grid.first_node[s + 1]
         dv = np.diff(point.X[first : last + 1, self.grid.n :], axis=0)
-        return dv, float((dv**2 @ p.control_weights[s]).sum() * self.grid.nodes[s] / tau)
+        W_r = p.control_weights[s][: self.grid.n]
+        return dv, float((dv**2 @ W_r).sum() * self.grid.nodes[s] / tau)
+
+    def row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return the rows of all constraints at nodes, (E,)."""
+        values = np.zeros(len(self.row_node))
+        for rows, at in zip(self.node_rows, self._places, strict=True):
+            found = rows.functions.value(point.X[list(rows.nodes)], rows.argument(p), rows=len(rows.nodes))[0]
+            values[at] = found.ravel()
+        return values
+
+    def interval_row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return the rows of all constraints over intervals, (I,)."""
+        values = np.zeros(len(self.row_interval))
+        if not self.interval_rows:
+            return values
+        h = self.steps(point, float(p.horizon))
+        for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
+            k = np.array(rows.intervals)
+            found = rows.functions.value(point.X[k], point.X[k + 1], h[k], rows.argument(p), rows=len(k))[0]
+            values[at] = found.ravel()
+        return values
 
     def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of all constraints at nodes (E,) and their derivatives by x at their nodes (E, 2n)."""
@@ -237,20 +260,54 @@ class VelocityForm:
             X[nodes, n + given.start : n + given.stop] -= np.linalg.solve(G, g[..., None])[..., 0]
         return replace(point, X=X)
 
-    def rows_over_intervals(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows over intervals (I,) and their derivatives by x at both ends and tau (I, 4n + S)."""
-        if not self.interval_rows:
-            return self._no_rows_over_intervals
-        values = np.zeros(len(self.row_interval))
+    def interval_jacobian(self, point: Point, p: Parameters[np.ndarray], which: np.ndarray) -> np.ndarray:
+        """Return the derivatives of some rows over intervals (J,) by x at both ends and tau, (J, 4n + S).
+
+        Derivatives of all rows cost several times what a program does; those of rows whose bounds are far are not
+        needed. They are evaluated at the intervals that have one of the rows.
+        """
+        if not len(which):
+            return np.zeros((0, 4 * self.grid.n + self.grid.switches))
         by_states_and_h = np.zeros((len(self.row_interval), 4 * self.grid.n + 1))
         h = self.steps(point, float(p.horizon))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
-            k = np.array(rows.intervals)
-            g, jacobian = rows.functions.with_jacobian(point.X[k], point.X[k + 1], h[k], rows.argument(p), rows=len(k))
-            values[at] = g.ravel()
-            by_states_and_h[at] = jacobian.reshape(len(at), -1)
-        by_tau = by_states_and_h[:, -1:] * self.interval_steps[self.row_interval]
-        return values, np.hstack([by_states_and_h[:, :-1], by_tau])
+            of_interval = at.reshape(len(rows.intervals), -1)
+            has_one = np.isin(of_interval, which).any(axis=1)
+            k = np.array(rows.intervals)[has_one]
+            if len(k):
+                ends = point.X[k], point.X[k + 1]
+                _, jacobian = rows.functions.with_jacobian(*ends, h[k], rows.argument(p), rows=len(k))
+                by_states_and_h[of_interval[has_one].ravel()] = jacobian.reshape(-1, by_states_and_h.shape[1])
+        by_tau = by_states_and_h[which, -1:] * self.interval_steps[self.row_interval[which]]
+        return np.hstack([by_states_and_h[which, :-1], by_tau])
+
+    def _costing_rows(self) -> np.ndarray:
+        """Return which rows over intervals are residuals of the cost, ascending."""
+        costing = [
+            at for rows, at in zip(self.interval_rows, self._interval_places, strict=True) if rows.weights is not None
+        ]
+        return np.sort(np.concatenate([np.zeros(0, int), *costing]))
+
+    def interval_weights(self, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return what the squares of the rows over intervals cost, without priorities, (I,); 0 of constraints."""
+        weights = np.zeros(len(self.row_interval))
+        for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
+            if rows.weights is not None:
+                weights[at] = np.tile(rows.weights(p), len(rows.intervals))
+        return weights
+
+    def force_costs(self, over_intervals: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return what the rows over intervals, of these values, add to the cost of each stage, (S + 1,)."""
+        costs = np.zeros(len(self.costs))
+        if len(self.costing_rows):
+            stage = self.grid.stage_of[self.row_interval]
+            np.add.at(costs, stage, self.interval_weights(p) * over_intervals**2)
+        return costs
+
+    def hessian_weights(self, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return the weights of the rows over intervals in the Hessian of J, (I,): those of their squares, doubled."""
+        omega = p.omega[self.grid.stage_of[self.row_interval]]
+        return np.asarray(2 * omega * self.interval_weights(p))
 
     def interval_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high (I,) of the rows over intervals, each over the length of its interval."""
@@ -318,7 +375,7 @@ class VelocityForm:
             positions[nodes] += 2 * weight * curvature.reshape(N, n, n)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
-        """Return the quadratic model at a point.
+        """Return the quadratic model at a point; of the rows over intervals it has those that are residuals.
 
         Derivatives by the durations of all stages become those by the free ones through D, `stage_durations`: the
         last stage takes what the others leave of the horizon.
@@ -327,12 +384,23 @@ class VelocityForm:
         of = self.grid.stage_of
         cost = _CostModel(self, point, p)
         rows, rows_by_x = self.rows(point, p)
-        over_intervals, over_intervals_by = self.rows_over_intervals(point, p)
+        over_intervals = self.interval_row_values(point, p)
+        costing = self.costing_rows
+        costing_by = self.interval_jacobian(point, p, costing)
+        gradient_tau = D.T @ cost.gradient_tau + p.pending * self.waiting
+        if len(costing):
+            of_rows = (self.hessian_weights(p) * over_intervals)[costing, None] * costing_by
+            n = self.grid.n
+            np.add.at(cost.gradient, self.row_interval[costing], of_rows[:, : 2 * n])
+            np.add.at(cost.gradient, self.row_interval[costing] + 1, of_rows[:, 2 * n : 4 * n])
+            gradient_tau += of_rows[:, 4 * n :].sum(axis=0)
         gaps_by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
-            at=self._residuals(point, p, cost.costs, cost.terminal, rows, over_intervals),
+            at=self._residuals(
+                point, p, cost.costs + self.force_costs(over_intervals, p), cost.terminal, rows, over_intervals
+            ),
             gradient=cost.gradient,
-            gradient_tau=D.T @ cost.gradient_tau + p.pending * self.waiting,
+            gradient_tau=gradient_tau,
             positions=cost.positions,
             coupling=cost.coupling,
             arrow=cost.arrow @ D,
@@ -340,8 +408,35 @@ class VelocityForm:
             gap_velocity=-self.steps(point, float(p.horizon)) * np.array(self.weights),
             gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
             rows_by_x=rows_by_x,
-            interval_rows_by=over_intervals_by,
+            interval_rows=costing,
+            interval_rows_by=costing_by,
         )
+
+
+def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
+    """Yield the residuals of what force costs, of the stages where it does."""
+    first_node = Grid(model.n, shape.nodes).first_node
+    nothing = np.full(model.n, np.inf)
+    for s, stage in enumerate(shape.stages):
+        if stage.force_load is not None:
+            yield IntervalRows(
+                name="force",
+                intervals=range(int(first_node[s]), int(first_node[s + 1])),
+                functions=force_residual(model, stage.force_load),
+                argument=partial(_anchor, stage_functions(model, cost_shape(stage)).anchor, s),
+                bounds=lambda window: (-nothing, nothing),
+                weights=partial(_force_weights, model.n, s),
+            )
+
+
+def _anchor(at: slice, s: int, p: Parameters[np.ndarray]) -> np.ndarray:
+    """Return the anchor of the chart (n_anchor,), which the numbers of a stage's target have."""
+    return np.asarray(p.targets[s][at])
+
+
+def _force_weights(n: int, s: int, p: Parameters[np.ndarray]) -> np.ndarray:
+    """Return the normalized weights of the force in a stage, (n,)."""
+    return np.asarray(p.control_weights[s][n:] / p.scale[s])
 
 
 def _ordered(by_constraint: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -455,7 +550,7 @@ class _CostModel:
         after = slice(before.start + 1, before.stop + 1)
         dv, effort = self._form.control(s, self._point, p, tau)
         weight = p.omega[s] / p.scale[s]
-        b = 2 * weight * self._form.nodes[s] / tau * p.control_weights[s]
+        b = 2 * weight * self._form.nodes[s] / tau * p.control_weights[s][:n]
         self.gradient[after, n:] += b * dv
         self.gradient[before, n:] -= b * dv
         self.coupling[before] -= b

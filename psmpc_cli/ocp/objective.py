@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.ocp.loads import Load
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.skills.base import anchored_poses
 from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape, without_end
@@ -28,6 +29,16 @@ def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
     return ca.dot(weights * r, r)
 
 
+COMPILED_FROM = 1000
+"""Operations from which on a function of a constraint gains more by compiled C than its compilation takes."""
+
+
+def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], native: bool) -> RowFunction:
+    """Return a function on rows of arrays, common subexpressions computed once; `native`, a large one as compiled C."""
+    function = ca.Function(name, arguments, ca.cse(outputs))
+    return RowFunction(function, native and function.n_instructions() >= COMPILED_FROM)
+
+
 class ConstraintFunctions:
     """Rows g(x, a) of the state at a node, and their derivatives, each written when it is first used.
 
@@ -37,25 +48,34 @@ class ConstraintFunctions:
         rows: The rows as an expression of both.
         gives: Rates that the rows, equations, determine: they are linear in these and as many. None if they do not.
             `sqp` then solves them at every iterate, and takes no account of their curvature.
+        native: Functions with many operations run as compiled C.
     """
 
-    def __init__(self, x: ca.SX, argument: ca.SX, rows: ca.SX, gives: slice | None = None) -> None:
+    def __init__(
+        self, x: ca.SX, argument: ca.SX, rows: ca.SX, gives: slice | None = None, native: bool = False
+    ) -> None:
         self.gives = gives
+        self._native = native
         self._x = x
         self._argument = argument
         self._rows = ca.densify(rows)
         self.count = int(rows.numel())
 
     @cached_property
+    def compiled(self) -> "ConstraintFunctions":
+        """The same rows with functions as compiled C."""
+        return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, native=True)
+
+    @cached_property
     def value(self) -> RowFunction:
         """x, a -> g (rows,)."""
-        return RowFunction(ca.Function("h", [self._x, self._argument], [self._rows]))
+        return _on_rows("h", [self._x, self._argument], [self._rows], self._native)
 
     @cached_property
     def with_jacobian(self) -> RowFunction:
         """x, a -> g (rows,), dg/dx row by row (rows 2n,)."""
-        outputs = ca.cse([self._rows, _row_by_row(ca.jacobian(self._rows, self._x))])
-        return RowFunction(ca.Function("end", [self._x, self._argument], outputs))
+        outputs = [self._rows, _row_by_row(ca.jacobian(self._rows, self._x))]
+        return _on_rows("end", [self._x, self._argument], outputs, self._native)
 
     @cached_property
     def curvature(self) -> RowFunction | None:
@@ -69,7 +89,7 @@ class ConstraintFunctions:
         if not upper.nnz():
             return None
         arguments = [self._x, self._argument, multipliers]
-        return RowFunction(ca.Function("end_curvature", arguments, ca.cse([_row_by_row(upper)])))
+        return _on_rows("end_curvature", arguments, [_row_by_row(upper)], self._native)
 
     @cached_property
     def by_given(self) -> RowFunction | None:
@@ -78,7 +98,7 @@ class ConstraintFunctions:
             return None
         n = self._x.numel() // 2
         jacobian = ca.jacobian(self._rows, self._x[n:][self.gives])
-        return RowFunction(ca.Function("given", [self._x, self._argument], ca.cse([self._rows, _row_by_row(jacobian)])))
+        return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._native)
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Write all of them and return them."""
@@ -93,24 +113,36 @@ class IntervalFunctions:
         h: The length of the interval, a symbol.
         argument: a, a symbol.
         rows: The rows as an expression of all.
+        native: Functions with many operations run as compiled C.
     """
 
-    def __init__(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX) -> None:
+    def __init__(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, native: bool = False) -> None:
+        self._native = native
         self._arguments = [x, x_next, h, argument]
         self._unknowns = ca.vertcat(x, x_next, h)
         self._rows = ca.densify(rows)
         self.count = int(rows.numel())
 
     @cached_property
+    def compiled(self) -> "IntervalFunctions":
+        """The same rows with functions as compiled C."""
+        x, x_next, h, argument = self._arguments
+        return IntervalFunctions(x, x_next, h, argument, self._rows, native=True)
+
+    @cached_property
     def value(self) -> RowFunction:
         """x, x+, h, a -> g (rows,)."""
-        return RowFunction(ca.Function("interval_rows", self._arguments, ca.cse([self._rows])))
+        return _on_rows("interval_rows", self._arguments, [self._rows], self._native)
 
     @cached_property
     def with_jacobian(self) -> RowFunction:
         """x, x+, h, a -> g (rows,), its derivatives by [x; x+; h] row by row (rows (4n + 1),)."""
-        outputs = ca.cse([self._rows, _row_by_row(ca.jacobian(self._rows, self._unknowns))])
-        return RowFunction(ca.Function("interval_jacobian", self._arguments, outputs))
+        outputs = [self._rows, _row_by_row(ca.jacobian(self._rows, self._unknowns))]
+        return _on_rows("interval_jacobian", self._arguments, outputs, self._native)
+
+    def prepare(self) -> tuple[RowFunction, ...]:
+        """Write both of them and return them."""
+        return self.value, self.with_jacobian
 
 
 class StageFunctions:
@@ -144,8 +176,15 @@ class StageFunctions:
         self._x = ca.vertcat(self._Q, self._Qdot)
         self._W = ca.SX.sym("W", self.rows)
         self._W_r = ca.SX.sym("W_r", self.inputs)
+        self._W_F = ca.SX.sym("W_F", 0 if shape.force_load is None else n)
         self._e = ca.densify(skill.error(model, self._Q, self._target[: self._numbers_of_skill]))
         self._L = weighted_square(self._e, self._W)
+
+    @property
+    def anchor(self) -> slice:
+        """Where the anchor of the chart stands in the numbers of a target."""
+        first = self._numbers_of_skill - self.model.space.n_sample_numbers
+        return slice(first, first + self.model.space.n_anchor)
 
     @cached_property
     def error(self) -> RowFunction:
@@ -158,9 +197,13 @@ class StageFunctions:
 
     @cached_property
     def cost(self) -> RowFunction:
-        """x, u, target, W, W_r -> Lbar."""
+        """x, u, target, W, [W_r; W_F] -> Lbar."""
         L = self._L + weighted_square(self._u, self._W_r)
-        arguments = [self._x, self._u, self._target, self._W, self._W_r]
+        if self.shape.force_load is not None:
+            anchor = self._target[self.anchor]
+            F = self.shape.force_load.own_force(self.model, self._Q, self._Qdot, self._u, anchor)
+            L += weighted_square(F, self._W_F)
+        arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F)]
         return RowFunction(ca.Function("Lbar", arguments, ca.cse([L])), self._native)
 
     @cached_property
@@ -275,6 +318,26 @@ class StageFunctions:
         return self.model.owned(("step", of_input, discretization), lambda: _step(self.model, of_input, discretization))
 
 
+def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
+    """Return x, x+, h, anchor -> sqrt(h) F (n,), F at the beginning of an interval: its square is the integral of F^2.
+
+    With F as `constraints.forces` writes it,
+
+        sqrt(h) F(Q, v, u) = F(Q, sqrt(h) v, Qdot+ - Qdot) / sqrt(h).
+    """
+
+    def build() -> IntervalFunctions:
+        n = model.n
+        x = ca.SX.sym("x", 2 * n)
+        x_next = ca.SX.sym("x_next", 2 * n)
+        h = ca.SX.sym("h")
+        anchor = ca.SX.sym("anchor", model.space.n_anchor)
+        F = load.own_force(model, x[:n], ca.sqrt(h) * x[n:], x_next[n:] - x[n:], anchor)
+        return IntervalFunctions(x, x_next, h, anchor, F / ca.sqrt(h))
+
+    return model.owned((force_residual, load), build)
+
+
 def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) -> StageFunctions:
     """Return the functions of the stages of a shape, the same ones for every call; the model owns them."""
     return model.owned((StageFunctions, shape, native), lambda: StageFunctions(model, shape, native))
@@ -291,7 +354,7 @@ class StageCosts:
     def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
         """Return the functions of a stage; without its end condition stages of one skill share them."""
         end = (stage.end_rows, stage.end_velocity is not None) if with_end else ()
-        key = (stage.space, stage.input, stage.object_end.names, *end)
+        key = (stage.space, stage.input, stage.object_end.names, stage.force_load, *end)
         if key not in self._functions:
             shape = stage_shape(stage) if with_end else without_end(stage_shape(stage))
             shape = replace(shape, fixed_end=False, moving=False)

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from psmpc_cli.ocp.constraints import CONSTRAINTS
+from psmpc_cli.ocp.loads import known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.ocp.stage import (
@@ -160,6 +161,8 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         control_weights = stack(control, robot, skill.input, missing=0.0, of_error=True)
     if skill.input == "joint":
         control_weights = np.where(model.actuated, control_weights, 0.0)
+    if skill.weights.weighs_force:
+        control_weights = np.append(control_weights, _force_weights(skill, robot, model))
     onset = rows(spec.onset if spec.onset is not None else ("all",), robot, "joint")
     return Stage(
         index=index,
@@ -171,9 +174,10 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         trajectory=trajectory,
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
+        force_load=known_load(task, model, index) if skill.weights.weighs_force else None,
         end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
         tolerance=np.zeros(0) if end is None else end.tolerances(robot, skill.space),
-        end_velocity=None if end is None else end.velocity,
+        end_velocity=None if end is None else end.velocities(robot, skill.space),
         hold=0.0 if end is None else end.hold,
         at=spec.at,
         dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
@@ -181,6 +185,16 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         onset_rows=tuple(row for row in onset if model.actuated[row]),
         attitudes=attitudes,
     )
+
+
+def _force_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
+    """Return the weights of the generalized force (n,), 0 where nothing acts."""
+    force = skill.weights.force
+    if isinstance(force, float | int):
+        weights = np.full(model.n, float(force))
+    else:
+        weights = stack(force, robot, "joint", missing=0.0, of_error=True)
+    return np.where(model.actuated, weights, 0.0)
 
 
 def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:

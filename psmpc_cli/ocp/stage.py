@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from psmpc_cli.ocp.loads import Load
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
@@ -163,10 +164,11 @@ class Stage:
         target: Target in the order of Q (n,) or xi (m,) [m, rad]; of a trajectory, its last value.
         trajectory: The desired trajectory the cost follows, or None where it is the target throughout.
         weights: Diagonal of W_q or W_p, as `target`.
-        control_weights: Diagonal of W_r, one per input.
+        control_weights: Diagonal of W_r, one per input; behind it that of W_F, one per coordinate, where force costs.
+        force_load: What the grippers are known to hold, where force costs; None where it does not.
         end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
         tolerance: Its tolerance, one per end row [m, rad].
-        end_velocity: Bound on the rate of those rows [m/s, rad/s], or None.
+        end_velocity: Bounds on the rates of those rows, as `tolerance` [m/s, rad/s], or None.
         hold: How long the end condition must be met without a break [s].
         at: Fixed switching time [s], or None.
         dwell: Minimum duration [s], that of the trajectory at least.
@@ -188,7 +190,7 @@ class Stage:
     control_weights: np.ndarray
     end_rows: tuple[int, ...]
     tolerance: np.ndarray
-    end_velocity: float | None
+    end_velocity: np.ndarray | float | None
     hold: float
     at: float | None
     dwell: float
@@ -198,6 +200,7 @@ class Stage:
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_end: ObjectEnd = NO_OBJECT_END
     constraints: Mapping[str, ConstraintNumbers] = field(default_factory=dict)
+    force_load: Load | None = None
 
     def __repr__(self) -> str:
         size = f"{len(self.target)} numbers of its target"
@@ -212,7 +215,8 @@ class Stage:
     @cached_property
     def end_tolerance(self) -> np.ndarray:
         """Tolerance of each end row, positions first, then rates where they count, then the object's. Eq. (18)."""
-        rates = np.full(0 if self.end_velocity is None else len(self.end_rows), self.end_velocity or 0.0)
+        none = np.zeros(0)
+        rates = none if self.end_velocity is None else np.broadcast_to(self.end_velocity, len(self.end_rows))
         return np.concatenate([self.tolerance, rates, self.object_end.tolerance])
 
     @property
@@ -369,6 +373,7 @@ class StageShape:
         ends_by_object: This is an end condition at the stage's end.
         fixed_end: The stage switches at a given instant.
         moving: The cost follows a desired trajectory.
+        force_load: What the grippers are known to hold, where force costs; None where it does not.
         constraints: Names and structures of the constraints that have rows in it.
     """
 
@@ -380,6 +385,7 @@ class StageShape:
     ends_by_object: bool = False
     fixed_end: bool = False
     moving: bool = False
+    force_load: Load | None = None
     constraints: tuple[tuple[str, Hashable], ...] = ()
 
 
@@ -394,6 +400,7 @@ def stage_shape(stage: Stage) -> StageShape:
         ends_by_object=bool(stage.object_end.measures),
         fixed_end=stage.at is not None,
         moving=stage.trajectory is not None,
+        force_load=stage.force_load,
         constraints=tuple((name, each.structure) for name, each in stage.constraints.items() if each.is_known),
     )
 
@@ -404,5 +411,5 @@ def without_end(shape: StageShape) -> StageShape:
 
 
 def cost_shape(shape: StageShape) -> StageShape:
-    """Return the shape that all stages share whose error and target are the same functions."""
+    """Return the shape that all stages share whose error and target are the same functions; force is left out."""
     return StageShape(shape.space, object_end=shape.object_end)

@@ -15,7 +15,7 @@ from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, stack
 from psmpc_cli.specs.task import TaskSpec
-from psmpc_cli.specs.uncertainty import NoiseSpec, PayloadSpec, UncertaintySpec, standard_deviations
+from psmpc_cli.specs.uncertainty import NoiseSpec, UncertaintySpec, standard_deviations
 
 ByPart = float | Mapping[str, float] | Mapping[str, tuple[float, ...]]
 """One number for all, or numbers by part, of which one is for all of it; `arms` is every arm that has none."""
@@ -113,7 +113,7 @@ class Uncertainty:
         payload = self.spec.payload
         if payload is None:
             return free
-        share = payload_shares(payload, self._model.spec)
+        share = np.array(payload.shares(tuple(self._model.spec.arms)))
         return free.holding(share * payload.mass, share * payload.inertia)
 
     def _noise(self, sample: int) -> np.ndarray:
@@ -231,13 +231,6 @@ def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
         return None
     share = _by_coordinate(task.uncertainty.force_share, robot, 1.0)
     return ForceLimits(share * declared.force_low, share * declared.force_high)
-
-
-def payload_shares(payload: PayloadSpec, robot: RobotSpec) -> np.ndarray:
-    """Return the share of a payload in each gripper (arms,); they sum to 1."""
-    given = 1 / len(robot.arms) if payload.share is None else payload.share
-    by_arm = given if isinstance(given, Mapping) else {"arms": given}
-    return np.array([by_arm.get(arm, by_arm.get("arms", 0.0)) for arm in robot.arms])
 
 
 def _check_step(task: TaskSpec, inertia: np.ndarray, way: Resistance) -> None:

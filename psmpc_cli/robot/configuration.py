@@ -292,8 +292,12 @@ class ConfigurationSpace(ABC):
         """Return v (n,) at coordinates Q and rates Qdot (n,) in a chart."""
 
     @abstractmethod
-    def charted_acceleration(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
-        """Return the rates of v (n,) at accelerations u (n,) in the chart about an anchor."""
+    def charted_acceleration(self, Q: ca.SX, Qdot: ca.SX, u: ca.SX) -> ca.SX:
+        """Return the rates of v (n,) at coordinates Q, rates Qdot and accelerations u (n,) in a chart."""
+
+    @abstractmethod
+    def acceleration_at(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
+        """Return the rates of v (n,) at a state (nq,), (n,) under accelerations u (n,) in the chart about an anchor."""
 
     @abstractmethod
     def in_order_of_v(self, Q: Array) -> Array:
@@ -455,7 +459,11 @@ class PlanarSpace(ConfigurationSpace):
         """Return Qdot."""
         return Qdot
 
-    def charted_acceleration(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
+    def charted_acceleration(self, Q: ca.SX, Qdot: ca.SX, u: ca.SX) -> ca.SX:
+        """Return u."""
+        return u
+
+    def acceleration_at(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return u."""
         return u
 
@@ -611,17 +619,21 @@ class SpatialSpace(ConfigurationSpace):
         omega = body_rate(ca.vertsplit(Q[3:6]), ca.vertsplit(Qdot[3:6]))
         return ca.vertcat(Qdot[:3], *omega, Qdot[6:])
 
-    def charted_acceleration(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
-        """Return d/dt (J_r(phi) phidot) in the rows of rotation, phi and phidot being those of Q and v."""
-        turned = product(conjugate(ca.vertsplit(anchor)), ca.vertsplit(Q[3:7]))
+    def charted_acceleration(self, Q: ca.SX, Qdot: ca.SX, u: ca.SX) -> ca.SX:
+        """Return d/dt (J_r(phi) phidot) in the rows of rotation."""
         phi = ca.SX.sym("phi", 3)
         phidot = ca.SX.sym("phidot", 3)
         omega = ca.vertcat(*body_rate(ca.vertsplit(phi), ca.vertsplit(phidot)))
         alpha = ca.jtimes(omega, ca.vertcat(phi, phidot), ca.vertcat(phidot, u[3:6]))
-        phi_here = log(turned)
-        phidot_here = chart_rate(phi_here, ca.vertsplit(v[3:6]))
-        alpha_here = ca.substitute(alpha, ca.vertcat(phi, phidot), ca.vertcat(*phi_here, *phidot_here))
+        alpha_here = ca.substitute(alpha, ca.vertcat(phi, phidot), ca.vertcat(Q[3:6], Qdot[3:6]))
         return ca.vertcat(u[:3], alpha_here, u[6:])
+
+    def acceleration_at(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
+        """Take phi and phidot of the state first, of which position and joints have no part."""
+        turned = product(conjugate(ca.vertsplit(anchor)), ca.vertsplit(Q[3:7]))
+        phi = log(turned)
+        phidot = chart_rate(phi, ca.vertsplit(v[3:6]))
+        return self.charted_acceleration(ca.vertcat(Q[:3], *phi), ca.vertcat(v[:3], *phidot), u)
 
     def in_order_of_v(self, Q: Array) -> Array:
         """Return Q with NaN for the quaternion."""

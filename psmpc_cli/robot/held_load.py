@@ -9,7 +9,7 @@ from scipy.linalg import eigh, null_space
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.dynamics import InertialParameters, solve_spd
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, product, rotate, scaled
@@ -34,7 +34,7 @@ class HeldLoad:
         self._model = model
         self._size = body.space.n_twist
         grippers = [arm for arm in model.spec.arms if arm in grasp.at]
-        self._described = np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
+        self._described = described_grasps(grippers, grasp)
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
 
     def force(
@@ -96,6 +96,42 @@ class HeldLoad:
         SN = S.mean(axis=0) @ N
         ratios, motions = eigh(SN.T @ W @ SN, N.T @ H @ N)
         return float(ratios[-1]), N @ motions[:, -1]
+
+
+def described_grasps(grippers: Sequence[str], grasp: GraspSpec) -> np.ndarray:
+    """Return of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9)."""
+    return np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
+
+
+def planned_force(
+    model: RobotModel, body: FreeBody, grippers: Sequence[str], grasps: np.ndarray, Q: ca.SX, v: ca.SX, u: ca.SX
+) -> ca.SX:
+    """Return the force of `HeldLoad.force` (n,) as an expression, for motions in which the grippers keep together.
+
+    Then u' = u, and S u + s is that of any gripper:
+
+        F = H u + c + sum_i S_i' C_i (sum C)^-1 (M (S u + s) + bias).
+
+    Args:
+        model: The robot.
+        body: The object.
+        grippers: Those that hold it.
+        grasps: As `described_grasps` has them.
+        Q: Position (nq,).
+        v: Velocity (n,).
+        u: Acceleration (n,).
+    """
+    size = body.space.n_twist
+    A = len(grippers)
+    S, s, C, M, bias = _chain_terms(model, body, list(grippers))(Q, v, grasps.ravel())
+    by_gripper = [range(size * i, size * (i + 1)) for i in range(A)]
+    first = by_gripper[0]
+    load = M @ (S[first, :] @ u + s[first]) + bias
+    give = load if A == 1 else solve_spd(sum((C[rows, :] for rows in by_gripper), ca.SX.zeros(size, size)), load)
+    F = model.dynamics.law(Q, v, u, model.nominal.vector)
+    for rows in by_gripper:
+        F += S[rows, :].T @ (give if A == 1 else C[rows, :] @ give)
+    return ca.SX(F)
 
 
 SINGULAR = 1e-9

@@ -106,16 +106,6 @@ class RobotModel:
         return function("charted", {"Q": Q, "anchor": anchor}, {"xi": xi})
 
     @cached_property
-    def momentum_in_chart(self) -> ca.Function:
-        """State x (2n,) in a chart, its anchor -> momentum h (n_twist,), as `momentum` has it. Paper eq. (4)."""
-        x = ca.SX.sym("x", 2 * self.n)
-        anchor = ca.SX.sym("anchor", self.space.n_anchor)
-        Q = self.space.charted_coordinates(x[: self.n], anchor)
-        v = self.space.charted_velocity(x[: self.n], x[self.n :])
-        h = self.dynamics.momentum(Q, v, self.nominal.vector)
-        return function("momentum_in_chart", {"x": x, "anchor": anchor}, {"h": h})
-
-    @cached_property
     def J_C(self) -> ca.Function:
         """Q -> (rows, n), velocities of the frames by v. Paper eq. (2).
 

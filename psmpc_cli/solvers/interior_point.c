@@ -159,7 +159,8 @@ static void add_inequality_weights(Inequalities ineq, double *weights) {
  *
  *     w = w_l + w_h,   t = (w_l t_l + w_h t_h) / w,
  *
- * and what that leaves of the Hessian by tau, w_l t_l t_l' + w_h t_h t_h' - w t t', is added to `durations`. */
+ * and what that leaves of the Hessian by tau, w_l t_l t_l' + w_h t_h t_h' - w t t', is added to `durations`. A residual
+ * has its own weight, and neither w_l nor w_h. */
 static void form_interval_rows(InteriorPoint *ip, const double *weights) {
     const QuadraticProgram *program = ip->program;
     int64_t count = program->interval_row_count;
@@ -170,7 +171,7 @@ static void form_interval_rows(InteriorPoint *ip, const double *weights) {
         double weight_high = weights[count + i];
         double weight = weight_low + weight_high;
         double *mean = ip->dense_by_tau + i * S;
-        ip->dense_weights[i] = weight;
+        ip->dense_weights[i] = weight + program->interval_weight[i];
         double share_high = weight > 0.0 ? weight_high / weight : 0.0;
         double width = program->interval_high[i] - program->interval_low[i];
         double bound = program->interval_low[i] + share_high * width;

@@ -46,6 +46,7 @@ typedef struct {
     const double *interval_jacobian;    /* their derivatives by [Q; v] at both ends and tau, (I, 4N + S) */
     const double *interval_low;         /* their bounds over h, (I,) */
     const double *interval_high;
+    const double *interval_weight;      /* w of those that are residuals, which have no bounds and add w c'c to H; else 0 */
     const double *low;                  /* bounds of all rows, infinite where there is none, (rows,) */
     const double *high;
     const double *input_low;            /* u_low, u_high (K, N) */
@@ -155,6 +156,27 @@ static double length_step(const QuadraticProgram *program, int64_t k, const doub
     return h;
 }
 
+/* Compute c x of a constraint or residual on an interval at x = (X, tau). */
+static double interval_value(const QuadraticProgram *program, int64_t i, const double *X, const double *tau) {
+    int64_t k = program->interval_row[i];
+    const double *c = program->interval_jacobian + i * INTERVAL_ROW;
+    double value = 0.0;
+    for (int j = 0; j < NX && k; j++) value += c[j] * X[(k - 1) * NX + j];
+    for (int j = 0; j < NX; j++) value += c[NX + j] * X[k * NX + j];
+    for (int e = 0; e < S; e++) value += c[2 * NX + e] * tau[e];
+    return value;
+}
+
+/* Add y c to (X, tau). */
+static void add_interval_row(const QuadraticProgram *program, int64_t i, double y, double *restrict X,
+                             double *restrict tau) {
+    int64_t k = program->interval_row[i];
+    const double *c = program->interval_jacobian + i * INTERVAL_ROW;
+    for (int j = 0; j < NX && k; j++) X[(k - 1) * NX + j] += y * c[j];
+    for (int j = 0; j < NX; j++) X[k * NX + j] += y * c[NX + j];
+    for (int e = 0; e < S; e++) tau[e] += y * c[2 * NX + e];
+}
+
 /* Compute C x at x = (X, tau). The first 2NK `rows` are X, which the caller has set; this sets those behind. */
 static void apply_rows(const QuadraticProgram *program, const double *tau, double *rows) {
     const double *X = rows;
@@ -173,13 +195,8 @@ static void apply_rows(const QuadraticProgram *program, const double *tau, doubl
     }
     out += program->node_row_count;
     for (int64_t i = 0; i < program->interval_row_count; i++) {
-        int64_t k = program->interval_row[i];
-        const double *c = program->interval_jacobian + i * INTERVAL_ROW;
-        double h = length_step(program, k, tau);
-        double value = 0.0;
-        for (int j = 0; j < NX && k; j++) value += c[j] * X[(k - 1) * NX + j];
-        for (int j = 0; j < NX; j++) value += c[NX + j] * X[k * NX + j];
-        for (int e = 0; e < S; e++) value += c[2 * NX + e] * tau[e];
+        double h = length_step(program, program->interval_row[i], tau);
+        double value = interval_value(program, i, X, tau);
         out[i] = value - program->interval_low[i] * h;
         out[program->interval_row_count + i] = value - program->interval_high[i] * h;
     }
@@ -211,14 +228,11 @@ static void add_rows_transposed(const QuadraticProgram *program, const double *y
     y += program->node_row_count;
     for (int64_t i = 0; i < program->interval_row_count; i++) {
         int64_t k = program->interval_row[i];
-        const double *c = program->interval_jacobian + i * INTERVAL_ROW;
         double y_low = y[i];
         double y_high = y[program->interval_row_count + i];
         double by_h = y_low * program->interval_low[i] + y_high * program->interval_high[i];
-        for (int j = 0; j < NX && k; j++) X[(k - 1) * NX + j] += (y_low + y_high) * c[j];
-        for (int j = 0; j < NX; j++) X[k * NX + j] += (y_low + y_high) * c[NX + j];
-        for (int e = 0; e < S; e++)
-            tau[e] += (y_low + y_high) * c[2 * NX + e] - by_h * program->interval_by_duration[k * S + e];
+        add_interval_row(program, i, y_low + y_high, X, tau);
+        for (int e = 0; e < S; e++) tau[e] -= by_h * program->interval_by_duration[k * S + e];
     }
     y += 2 * program->interval_row_count;
     if (!program->has_input_rows) return;
@@ -234,7 +248,8 @@ static void add_rows_transposed(const QuadraticProgram *program, const double *y
 }
 
 /* Compute the gradient H x + g of the objective at x = (X, tau) into cost_gradient and cost_gradient_tau. H has the
- * blocks `positions` by Q_k, R by v_k+1 - v_k, `arrow` by states and durations, `durations` by tau. */
+ * blocks `positions` by Q_k, R by v_k+1 - v_k, `arrow` by states and durations, `durations` by tau, and w c'c of the
+ * residuals on intervals. */
 static void compute_cost_gradient(InteriorPoint *ip, const double *X, const double *tau) {
     const QuadraticProgram *program = ip->program;
     memcpy(ip->cost_gradient, program->gradient, program->K * NX * sizeof(double));
@@ -260,6 +275,12 @@ static void compute_cost_gradient(InteriorPoint *ip, const double *X, const doub
                 g[i] += program->arrow[(k * NX + i) * S + c] * tau[c];
                 ip->cost_gradient_tau[c] += program->arrow[(k * NX + i) * S + c] * x[i];
             }
+    }
+    for (int64_t i = 0; i < program->interval_row_count; i++) {
+        double weight = program->interval_weight[i];
+        if (weight == 0.0) continue;
+        double value = interval_value(program, i, X, tau);
+        add_interval_row(program, i, weight * value, ip->cost_gradient, ip->cost_gradient_tau);
     }
 }
 

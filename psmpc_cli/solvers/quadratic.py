@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import piqp
 from numpy.typing import ArrayLike
-from scipy.sparse import csr_array, vstack
+from scipy.sparse import csr_array, diags_array, triu, vstack
 
 from psmpc_cli.native.library import library
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
@@ -72,7 +72,7 @@ class QpSolution:
         status: How it ended.
         step: The step; that of x_0 is 0.
         gaps: Multipliers of the gaps, (K, n).
-        rows: Of the rows of `SqpWindow`, (R,).
+        rows: Of those rows of `SqpWindow` that the program has, (R,).
         node_multipliers: Of the constraints at nodes, a part of `rows`, (E,).
         iterations: Interior-point iterations.
     """
@@ -92,8 +92,8 @@ class QpArrays:
         min  1/2 x'H x + g'x  over x = (X, tau)   s.t.   low <= C x <= high,
         Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau + gaps_k = 0.
 
-    X are the steps of x_1 .. x_K, tau those of the S free durations; C has the R rows of `SqpWindow`. H and g are those
-    of `Linearization`.
+    X are the steps of x_1 .. x_K, tau those of the S free durations; C has the R rows of `SqpWindow`, of those over
+    intervals the ones of the model alone. H and g are those of `Linearization`.
 
     Attributes:
         positions: Upper triangles of H by the positions, (K, n, n).
@@ -110,6 +110,8 @@ class QpArrays:
         interval_row: Intervals of the constraints over intervals, ascending, (I,).
         interval_jacobian: Their rows of C by the states at both ends and tau, but for their bounds, (I, 4n + S).
         interval_low, interval_high: Their bounds over the length of their interval, (I,).
+        interval_weight: Of those that are residuals of the cost, which have no bounds, what they add to H: weight c'c,
+            (I,); 0 of others.
         low, high: Bounds of the rows, (R,).
         input_low, input_high: Bounds of the accelerations, (K, n); (0, n) where none has one.
         interval_by_duration: Derivatives of the lengths of the intervals by tau, (K, S).
@@ -135,6 +137,7 @@ class QpArrays:
     interval_jacobian: np.ndarray
     interval_low: np.ndarray
     interval_high: np.ndarray
+    interval_weight: np.ndarray
     low: np.ndarray
     high: np.ndarray
     input_low: np.ndarray
@@ -159,7 +162,8 @@ class QpMethod(ABC):
         bounds = window.bounds
         K, n = model.coupling.shape
         S = len(point.tau)
-        rows = window.rows(point, model.at)
+        in_program = window.rows_in_program(model)
+        rows = window.rows(point, model.at)[in_program]
         X = np.zeros((K + 1, 2 * n))
         arrays = QpArrays(
             positions=model.positions[1:],
@@ -173,16 +177,17 @@ class QpMethod(ABC):
             gaps=model.at.gaps,
             row_node=window.form.row_node - 1,
             row_jacobian=model.rows_by_x,
-            interval_row=window.form.row_interval,
+            interval_row=window.form.row_interval[model.interval_rows],
             interval_jacobian=model.interval_rows_by,
-            interval_low=bounds.interval_low,
-            interval_high=bounds.interval_high,
-            low=bounds.low - rows,
-            high=bounds.high - rows,
+            interval_low=bounds.interval_low[model.interval_rows],
+            interval_high=bounds.interval_high[model.interval_rows],
+            interval_weight=window.interval_weights[model.interval_rows],
+            low=bounds.low[in_program] - rows,
+            high=bounds.high[in_program] - rows,
             input_low=bounds.input_low,
             input_high=bounds.input_high,
             interval_by_duration=window.form.interval_steps,
-            penalty=window.row_penalties(point),
+            penalty=window.row_penalties(point)[in_program],
             X=X[1:],
             tau=np.zeros(S),
             gap_multipliers=np.zeros((K, n)),
@@ -340,6 +345,8 @@ class PiqpQp(QpMethod):
         unknowns = _order_unknowns(arrays)
         kinds = _sort_rows(arrays, unknowns)
         hessian = _sparse(unknowns.count, unknowns.count, _hessian_entries(arrays, unknowns))
+        if arrays.interval_weight.any():
+            hessian += _hessian_of_rows(arrays, unknowns)
         solver = self._set_up(arrays, unknowns, kinds, hessian)
         piqp_status = solver.solve()
         result = solver.result
@@ -562,6 +569,14 @@ def _hessian_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
         (unknowns.X[..., None], tau, arrays.arrow),
         (tau[c], tau[e], arrays.durations[c, e]),
     ]
+
+
+def _hessian_of_rows(arrays: QpArrays, unknowns: _Unknowns) -> csr_array:
+    """Return the upper triangle of what the rows over intervals add to H, C' diag(weight) C."""
+    first = arrays.X.size + 2 * len(arrays.tau) + len(arrays.row_node)
+    of_low = slice(first, first + len(arrays.interval_row))  # of a residual low is 0: it is the row itself
+    C = _sparse(len(arrays.low), unknowns.count, _row_entries(arrays, unknowns))[of_low]
+    return csr_array(triu(C.T @ (diags_array(arrays.interval_weight) @ C)))
 
 
 def _gap_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:

@@ -15,9 +15,9 @@ import numpy as np
 
 from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import make_all
-from psmpc_cli.ocp.constraints import node_rows
+from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
-from psmpc_cli.ocp.objective import stage_functions
+from psmpc_cli.ocp.objective import COMPILED_FROM, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
@@ -108,11 +108,12 @@ class SqpSolver(Solver):
         self.deadline = np.inf if spec.deadline is None else spec.deadline
         self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
         if spec.compiled:
-            make_all(libraries(problem))
-        for stage in problem.stages:  # before the robot moves: of a spatial robot it takes a second
+            make_all(libraries(problem))  # before the robot moves: of a spatial robot it takes seconds
+        for stage in problem.stages:
             stage_functions(problem.model, cost_shape(stage_shape(stage)), spec.compiled).prepare()
             stage_functions(problem.model, stage_shape(stage)).prepare()
-            _prepare_rows(problem.model, stage)
+            for functions in _functions_of_rows(problem.model, stage):
+                (functions.compiled if spec.compiled else functions).prepare()
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
         """Return what windows of one shape and limits share: form, bounds, method for their programs."""
@@ -167,16 +168,21 @@ def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
         yield maker_of(functions.cost.function)
         if not problem.model.spec.moved_by.actuated:
             yield maker_of(functions.residual_curvature.function)
+    of_rows = {each for stage in problem.stages for each in _functions_of_rows(problem.model, stage)}
+    for function in [each.function for functions in of_rows for each in functions.prepare() if each is not None]:
+        if function.n_instructions() >= COMPILED_FROM:
+            yield maker_of(function)
     for switches in range(len(problem.stages)):
         yield partial(kernel_library, problem.model.n, switches)
 
 
-def _prepare_rows(model: RobotModel, stage: Stage) -> None:
-    """Write the functions of the constraints at nodes that a stage may have, those that samples set among them."""
+def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFunctions | IntervalFunctions]:
+    """Return the functions of the rows that a stage may have, its end's and those that samples set among them."""
     constraints = tuple((name, each.structure) for name, each in stage.constraints.items())
-    shape = replace(without_end(stage_shape(stage)), constraints=constraints)
-    for rows in node_rows(model, WindowShape(stages=(shape,), nodes=(1,), discretization="exact")):
-        rows.functions.prepare()
+    shape = replace(stage_shape(stage), constraints=constraints)
+    stages = shape, without_end(shape)
+    form = VelocityForm(model, WindowShape(stages=stages, nodes=(1, 1), discretization="exact"), native=False)
+    return [*(rows.functions for rows in form.node_rows), *(rows.functions for rows in form.interval_rows)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,14 +243,28 @@ class _Solve:
         window = self.window
         if window.form.curved and len(multipliers):
             curved = window.form.with_curvature(model, point, window.p, multipliers)
-            qp = self.method.solve(window, curved, point)
+            qp = self._solved(window, curved, point)
             if qp.status is QpStatus.SOLVED:
                 return qp
-        qp = self.method.solve(window, model, point)
+        qp = self._solved(window, model, point)
         if qp.status is QpStatus.FAILED and window.bounds.soft.any():
             hard = replace(window, bounds=replace(window.bounds, soft=np.zeros_like(window.bounds.soft)))
-            proof = self.method.solve(hard, model, point)
+            proof = self._solved(hard, model, point)
             return qp if proof.status is QpStatus.FAILED else proof
+        return qp
+
+    def _solved(self, window: SqpWindow, model: Linearization, point: Point) -> QpSolution:
+        """Return the solution of the program of a model, with those rows over intervals that its step would violate.
+
+        So far from their bounds that the model does not have them, rows do not change the solution.
+        """
+        qp = self.method.solve(window, model, point)
+        while qp.status is QpStatus.SOLVED:
+            missed = window.missed_rows(model, point.moved(qp.step, 1.0))
+            if not len(missed):
+                break
+            model = window.with_interval_rows(model, point, missed)
+            qp = self.method.solve(window, model, point)
         return qp
 
     def _outcome(self, count: int, iterate: Iterate, before: Iterate, qp: QpSolution, warm: bool) -> Outcome | None:

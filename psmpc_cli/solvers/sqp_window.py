@@ -25,6 +25,9 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Parameters, Window, shortest_durations
 from psmpc_cli.solvers.base import FEASIBLE
 
+NEAR_BOUND = 0.5
+"""Rows over intervals are in a program from this share of their bounds on, or where the step would violate them."""
+
 
 @dataclass(frozen=True, eq=False)
 class WindowBounds:
@@ -142,6 +145,56 @@ class SqpWindow:
         """Return a point with the rates that rows at nodes determine."""
         return self.form.with_given_rates(point, self.p)
 
+    @property
+    def _first_interval_row(self) -> int:
+        """Index of the first of the rows over intervals less low h; those less high h follow."""
+        return self.states + 2 * self.form.grid.switches + len(self.form.row_node)
+
+    @cached_property
+    def interval_weights(self) -> np.ndarray:
+        """What the squares of the rows over intervals add to the Hessian, (I,); 0 of constraints."""
+        return self.form.hessian_weights(self.p)
+
+    def rows_in_program(self, model: Linearization) -> np.ndarray | slice:
+        """Return the indices of the rows that the program of a model has, ascending."""
+        first = self._first_interval_row
+        count = len(self.form.row_interval)
+        if not count:
+            return slice(None)
+        of_intervals = first + model.interval_rows
+        after = np.arange(first + 2 * count, len(self.bounds.low))
+        return np.concatenate([np.arange(first), of_intervals, of_intervals + count, after])
+
+    def _interval_rows_beyond(self, point: Point, values: np.ndarray, share: float, excess: float) -> np.ndarray:
+        """Return which rows over intervals (I,), of these values, exceed a share of their bounds by more than that."""
+        first = self._first_interval_row
+        count = len(values)
+        h = self.form.steps(point, self.horizon)[self.form.row_interval, 0]
+        has_low = np.isfinite(self.bounds.low[first : first + count])
+        has_high = np.isfinite(self.bounds.high[first + count : first + 2 * count])
+        below = values < share * self.bounds.interval_low * h - excess
+        above = values > share * self.bounds.interval_high * h + excess
+        return np.flatnonzero((has_low & below) | (has_high & above))
+
+    def missed_rows(self, model: Linearization, point: Point) -> np.ndarray:
+        """Return the rows over intervals that a model does not have and a point violates, ascending.
+
+        With them those that the point brings near their bounds: one more program then is enough, most often.
+        """
+        if not len(self.form.row_interval):
+            return np.zeros(0, int)
+        values = self.form.interval_row_values(point, self.p)
+        violated = np.setdiff1d(self._interval_rows_beyond(point, values, 1.0, FEASIBLE), model.interval_rows)
+        return self._interval_rows_beyond(point, values, NEAR_BOUND, 0.0) if len(violated) else violated
+
+    def with_interval_rows(self, model: Linearization, point: Point, which: np.ndarray) -> Linearization:
+        """Return the model at a point with some more rows over intervals."""
+        if not len(which):
+            return model
+        of_model = np.union1d(model.interval_rows, which)
+        derivatives = self.form.interval_jacobian(point, self.p, of_model)
+        return replace(model, interval_rows=of_model, interval_rows_by=derivatives)
+
     def rows(self, point: Point, at: Residuals) -> np.ndarray:
         """Return the rows at a point, (R,)."""
         rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]
@@ -244,9 +297,13 @@ class SqpWindow:
     def linearize(self, point: Point) -> Linearization:
         """Return the model at a point, its violations counted with the durations they last.
 
-        What a step changes of the violations is left to the program, which knows it exactly.
+        What a step changes of the violations is left to the program, which knows it exactly. Of the rows over
+        intervals it has those that are near their bounds.
         """
         model = self.form.linearize(point, self.p)
+        if len(self.form.row_interval):
+            near = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
+            model = self.with_interval_rows(model, point, near)
         if not len(self._soft_rows):
             return model
         by_tau = self._penalty_by_node(point, self.rows(point, model.at)) @ shares_of_time(self.form.interval_steps)

@@ -250,13 +250,23 @@ class PlantSpec(Choice):
 
 
 class SkillWeights(InlineParts):
-    """W_q or W_p by part, and W_r: one number for all controls, or numbers by part.
+    """W_q or W_p by part; W_r of the control and W_F of the force: one number for all of it, or numbers by part.
 
-    In YAML the parts and `control` stand side by side.
+    In YAML the parts, `control` and `force` stand side by side.
     """
 
     parts: Mapping[_SkillPart, tuple[fields.Size, ...]] = {}
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
+    force: fields.Sparse[_Control] = Field(
+        0.0,
+        description="weights of the generalized force, the base's along its own axes, one number or numbers by part",
+    )
+
+    @property
+    def weighs_force(self) -> bool:
+        """Whether the force costs anything."""
+        numbers = self.force.values() if isinstance(self.force, Mapping) else [self.force]
+        return any(np.any(each) for each in numbers)
 
 
 def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErrors:
@@ -268,6 +278,10 @@ def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErr
     axes = {part: axes[part] for part in context.required(axes)}  # a base without thrusters has no control
     for at, error in part_faults(weights.control, axes, axes):
         yield ("control", *at), error
+    for at, error in part_faults(weights.force, axes):
+        yield ("force", *at), error
+    if weights.weighs_force and before.get("input", "joint") == "task":
+        yield ("force",), expected("none with input task", at_key=True)
 
 
 class SkillSpec(Spec):
@@ -296,7 +310,9 @@ class EndCondition(Spec):
 
     coordinates: fields.OneOrMore[str] = Field((), description="what must be at the target")
     tolerance: _Tolerance = Field(3e-3, description="how near, one number or numbers by part [m, rad]")
-    velocity: fields.Width | None = Field(None, description="how much at rest [m/s, rad/s]")
+    velocity: _Tolerance | None = Field(
+        None, description="how much at rest, one number or numbers by part [m/s, rad/s]"
+    )
     object: fields.Sparse[ObjectEndSpec | None] = Field(
         None, description="where the held object must be, and how much at rest"
     )
@@ -304,10 +320,17 @@ class EndCondition(Spec):
 
     def tolerances(self, robot: RobotSpec, space: Space) -> Vector:
         """Return the tolerance of every row of the error that it selects [m, rad], in the order of `rows`."""
+        return self._of_rows(self.tolerance, robot, space)
+
+    def velocities(self, robot: RobotSpec, space: Space) -> Vector | None:
+        """Return the bound on the rate of every row of the error that it selects [m/s, rad/s]; None without one."""
+        return None if self.velocity is None else self._of_rows(self.velocity, robot, space)
+
+    def _of_rows(self, numbers: float | Mapping[str, Any], robot: RobotSpec, space: Space) -> Vector:
         chosen = list(rows(self.coordinates, robot, space))
-        if not isinstance(self.tolerance, Mapping):
-            return np.full(len(chosen), self.tolerance)
-        return stack(self.tolerance, robot, space, of_error=True)[chosen]
+        if not isinstance(numbers, Mapping):
+            return np.full(len(chosen), numbers)
+        return stack(numbers, robot, space, of_error=True)[chosen]
 
 
 def _rising(times: tuple[float, ...], before: Fields, context: Context) -> RuleErrors:
@@ -399,8 +422,9 @@ def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
     keys = [name.partition(".")[0] for name in end.coordinates]
     axes = axes_of(sizes, space)
     needed = [part for part in axes if any(key == "all" or stands_for(key, part) for key in keys)]
-    for at, error in part_faults(end.tolerance, axes, needed, one=True):
-        yield ("tolerance", *at), error
+    for key in ("tolerance", "velocity"):
+        for at, error in part_faults(getattr(end, key), axes, needed, one=True):
+            yield (key, *at), error
 
 
 def _one_way(priority: float, before: Fields, context: Context) -> RuleErrors:

@@ -1,6 +1,6 @@
 """What the controller does not know: inertial parameters, friction, noise, delay, impulse, payload."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -81,6 +81,12 @@ class PayloadSpec(Spec):
     share: Annotated[fields.OrByPart[fields.NotNegative, fields.ArmName, fields.NotNegative] | None, holds(_whole)] = (
         Field(None, description="what each gripper holds of it, one number or numbers by arm; default equal shares")
     )
+
+    def shares(self, arms: Sequence[str]) -> list[float]:
+        """Return the share of each gripper, (arms,); they sum to 1."""
+        given = 1 / len(arms) if self.share is None else self.share
+        by_arm = given if isinstance(given, Mapping) else {"arms": given}
+        return [by_arm.get(arm, by_arm.get("arms", 0.0)) for arm in arms]
 
 
 class ObjectErrorSpec(Spec):

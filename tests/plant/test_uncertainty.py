@@ -8,7 +8,6 @@ from psmpc_cli.plant.uncertainty import (
     draw_bodies,
     force_limits_of,
     measurement_noise,
-    payload_shares,
     release,
     resistance_of,
     take_up,
@@ -100,11 +99,11 @@ def test_forces_are_cut_at_the_share_that_is_there_of_what_robot_and_task_declar
     np.testing.assert_array_equal(half.high, 0.5 * whole.high)
 
 
-def test_grippers_share_a_payload(model: RobotModel) -> None:
+def test_grippers_share_a_payload() -> None:
     payload = {"mass": 5, "inertia": 0.7}
-    np.testing.assert_array_equal(payload_shares(PayloadSpec.model_validate(payload), model.spec), [0.5, 0.5])
-    given = PayloadSpec.model_validate({**payload, "share": {"arm_1": 0.8, "arm_2": 0.2}})
-    np.testing.assert_array_equal(payload_shares(given, model.spec), [0.8, 0.2])
+    arms = ("arm_1", "arm_2")
+    assert PayloadSpec.model_validate(payload).shares(arms) == [0.5, 0.5]
+    assert PayloadSpec.model_validate({**payload, "share": {"arm_1": 0.8, "arm_2": 0.2}}).shares(arms) == [0.8, 0.2]
 
 
 @pytest.fixture

@@ -82,7 +82,7 @@ def test_accelerations_in_the_chart_are_those_of_its_coordinates(space: Configur
     h = 1e-5
     X = [np.concatenate([x[: space.n] + t * x[space.n :] + t**2 / 2 * u, x[space.n :] + t * u]) for t in (-h, 0, h)]
     Q, v = chart.leave(np.array(X))
-    found = space.charted_acceleration(*(ca.SX(each) for each in (Q[1], v[1], u, chart.anchor)))
+    found = space.acceleration_at(*(ca.SX(each) for each in (Q[1], v[1], u, chart.anchor)))
     np.testing.assert_allclose(np.asarray(ca.DM(found)).ravel(), (v[2] - v[0]) / (2 * h), atol=1e-8)
 
 

@@ -42,6 +42,9 @@ def structure(nodes: tuple[int, ...], over_intervals: bool = False) -> VelocityF
             constrained = [k for k in range(self.grid.K) if over_intervals and k % 4 != 3]
             self.row_interval = np.repeat(np.array(constrained, int), INTERVAL_ROWS)
 
+        def hessian_weights(self, p: Any) -> np.ndarray:
+            return np.zeros(len(self.row_interval))
+
     return Form()
 
 
@@ -87,6 +90,7 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
         gap_velocity=-h * np.array([0.5, 0.5]),
         gap_tau=rng.normal(size=(K, n, S)),
         rows_by_x=rng.normal(size=(END_ROWS * S, 2 * n)),
+        interval_rows=np.arange(len(form.row_interval)),
         interval_rows_by=rng.normal(size=(len(form.row_interval), 4 * n + S)),
     )
 

@@ -36,6 +36,7 @@ NAMES = (
     "end",
     "kept",
     "hands",
+    "forces",
 )
 
 CONSTRAINTS: dict[str, Constraint] = {name: resolve_name(f"{__name__}.{name}:CONSTRAINT") for name in NAMES}

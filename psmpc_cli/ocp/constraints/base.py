@@ -30,6 +30,7 @@ __all__ = [
     "argument_of",
     "bounds_of",
     "rows_at_nodes",
+    "rows_over_intervals",
 ]
 
 
@@ -64,6 +65,7 @@ class IntervalRows:
         functions: x, x+, h, a -> the rows and their Jacobian; the same object wherever the rows are the same.
         argument: Parameters of a window, numbers or symbols -> a.
         bounds: Window -> low and high (rows,), of the rows over h; infinite where there is none.
+        weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
     """
 
     name: str
@@ -71,6 +73,7 @@ class IntervalRows:
     functions: IntervalFunctions
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
+    weights: Callable[[Parameters[Any]], Any] | None = None
 
 
 RowsOfShape: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]
@@ -119,6 +122,29 @@ def rows_at_nodes(
                     argument=argument_of(name, s),
                     bounds=bounds_of(name, s),
                     soft=soft,
+                )
+
+    return rows
+
+
+def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], IntervalFunctions]) -> RowsOfShape:
+    """Return how a constraint yields its rows over the intervals of the stages that it concerns.
+
+    Args:
+        name: Of the constraint in the table.
+        functions: Robot, structure -> x, x+, h, [anchor of the chart; argument] -> the rows.
+    """
+
+    def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
+        first_node = Grid(model.n, shape.nodes).first_node
+        for s, stage in enumerate(shape.stages):
+            for structure in (structure for of, structure in stage.constraints if of == name):
+                yield IntervalRows(
+                    name=name,
+                    intervals=range(int(first_node[s]), int(first_node[s + 1])),
+                    functions=model.owned((functions, structure), partial(functions, model, structure)),
+                    argument=argument_of(name, s),
+                    bounds=bounds_of(name, s),
                 )
 
     return rows

@@ -12,10 +12,13 @@ what u says of the base follows from them and costs nothing. The rows are linear
 after every step: left to the line search they do not hold, and it rejects steps (docs/decisions.md).
 """
 
+from functools import partial
+
 import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
+from psmpc_cli.ocp.loads import Load, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
@@ -28,22 +31,28 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
         return None
     none = np.zeros(model.space.n_twist)
     unknown = np.full(model.space.n_twist * moved_by.moves, np.nan)
+    load = known_load(task, model, stage)
     return ConstraintNumbers(
-        structure=model.spec.mobility,
+        structure=load,
         argument=unknown,
         low=none,
         high=none,
-        at_sample=_measured_momentum if moved_by.moves else None,
+        at_sample=partial(_measured_momentum, load) if moved_by.moves else None,
     )
 
 
-def _measured_momentum(model: RobotModel, x: np.ndarray, anchor: np.ndarray, before: np.ndarray | None) -> np.ndarray:
-    """Return the momentum (n_twist,) of the robot at a sample."""
-    return np.asarray(model.momentum_in_chart(x, anchor)).ravel()
+def _measured_momentum(
+    load: Load, model: RobotModel, x: np.ndarray, anchor: np.ndarray, before: np.ndarray | None
+) -> np.ndarray:
+    """Return the momentum (n_twist,) of the robot and its load at a sample."""
+    return np.asarray(load.momentum(model)(x, anchor)).ravel()
 
 
-def functions(model: RobotModel, mobility: str) -> ConstraintFunctions:
-    """Return x, [anchor; momentum] -> by how much the momentum differs, or the rates of a base that stands still."""
+def functions(model: RobotModel, load: Load) -> ConstraintFunctions:
+    """Return x, [anchor; momentum] -> by how much the momentum differs, or the rates of a base that stands still.
+
+    A payload is at rest when it is taken and when it is let go, so the momentum of robot and payload stays throughout.
+    """
     space = model.space
     x = ca.SX.sym("x", 2 * model.n)
     if not model.spec.moved_by.moves:
@@ -51,7 +60,7 @@ def functions(model: RobotModel, mobility: str) -> ConstraintFunctions:
         return ConstraintFunctions(x, anchor, x[model.n :][space.base], gives=space.base)
     argument = ca.SX.sym("argument", space.n_anchor + space.n_twist)
     h = argument[space.n_anchor :]
-    rows = model.momentum_in_chart(x, argument[: space.n_anchor]) - h
+    rows = load.momentum(model)(x, argument[: space.n_anchor]) - h
     return ConstraintFunctions(x, argument, rows, gives=space.base)
 
 

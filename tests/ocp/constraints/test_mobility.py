@@ -11,6 +11,7 @@ import yaml
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.mobility import functions
+from psmpc_cli.ocp.loads import known_load
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
 from psmpc_cli.ocp.window import Window, on_mesh
@@ -173,7 +174,7 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
     rng = np.random.default_rng(7)
     Q = model.space.path(model.space.neutral, 0.4 * rng.standard_normal((1, model.n)))[-1]
     anchor = np.asarray(Q[model.space.attitude])
-    own = functions(model, mobility)
+    own = functions(model, known_load(task.spec, model, 0))
     x = 0.3 * rng.standard_normal(2 * model.n)
     h = rng.standard_normal(model.space.n_twist)
     argument = np.r_[anchor, h if mobility == "free-floating" else []]

@@ -1,0 +1,232 @@
+"""Limits of forces: the rows that state them, and plans that keep to them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+
+from psmpc_cli.control import Controller, State
+from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia
+from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.loads import Load, known_load
+from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.ocp.window import window_numbers, window_shape
+from psmpc_cli.plant.mujoco import MujocoPlant
+from psmpc_cli.plant.rk4 import Rk4Plant
+from psmpc_cli.robot.free_body import body_of
+from psmpc_cli.robot.held_load import HeldLoad
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.solvers import Outcome
+from psmpc_cli.solvers.quadratic import PiqpQp, QpStatus, RiccatiQp, load_kernel
+from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds
+from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.robot import stack
+
+from ...robot.strategies import State as Moving
+from ...robot.strategies import (
+    assert_close_to_differences,
+    jacobian_by_differences,
+    laws,
+    moving_robots,
+    moving_spatial_robots,
+)
+from .test_mobility import fast_arms, planar_task, solved, spatial_task, window_of
+
+__all__ = ["fast_arms"]
+
+
+def nothing_held(model: RobotModel) -> Load:
+    return Load((0.0,) * len(model.spec.arms), (0.0,) * len(model.spec.arms))
+
+
+def own_axes(model: RobotModel, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """A generalized force with the base's along its own axes."""
+    return np.asarray(model.space.along_base_axes(Q.tolist(), F.tolist()), float)
+
+
+def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_next: np.ndarray) -> np.ndarray:
+    """Compare derivatives with differences; return the forces of the rows, at the beginning and at the end, (2, n)."""
+    rows = functions(model, ForceStructure(tuple(range(model.n)), load))
+    anchor = np.asarray(Q[model.space.attitude])
+    z = np.r_[x, x_next, 0.04]
+
+    def value(z: np.ndarray) -> np.ndarray:
+        found = rows.value(z[: 2 * model.n], z[2 * model.n : -1], z[-1], anchor)[0]
+        return np.asarray(found).ravel()
+
+    _, jacobian = rows.with_jacobian(x, x_next, z[-1], anchor)
+    assert_close_to_differences(jacobian.reshape(2 * model.n, -1), jacobian_by_differences(value, z))
+    return value(z).reshape(2, -1) / z[-1] * inertia(model)
+
+
+@pytest.mark.parametrize("states", [moving_robots(), moving_spatial_robots()], ids=["plane", "space"])
+def test_rows_are_the_forces_of_the_law(states: object) -> None:
+    """On random trees, h times the force for a constant acceleration; their derivatives by central differences."""
+
+    @given(states)
+    @laws
+    def check(state: Moving) -> None:
+        model, Q, v, u = state
+        chart = model.space.chart_at(Q)
+        x = chart.enter(Q[None], v[None])[0]
+        x_next = np.r_[x[: model.n] + 0.04 * x[model.n :], x[model.n :] + 0.04 * u]
+        found = assert_rows(model, nothing_held(model), Q, x, x_next)
+        X = np.array([x, x_next])
+        places, velocities = chart.leave(X)
+        for F, end, place, velocity in zip(found, X, places, velocities, strict=True):
+            Qdot = end[model.n :]
+            own = model.space.charted_acceleration(ca.SX(end[: model.n]), ca.SX(Qdot), ca.SX(u))
+            vdot = np.asarray(ca.DM(own)).ravel()
+            expected = own_axes(model, place, model.inverse_dynamics(place, velocity, vdot))
+            np.testing.assert_allclose(F, expected, rtol=1e-9, atol=1e-9 * max(1.0, np.abs(expected).max()))
+
+    check()
+
+
+@pytest.mark.parametrize("name", ["transport_grasp", "servicing"])
+def test_rows_of_a_held_object_are_the_forces_of_the_law_that_knows_it(name: str) -> None:
+    """For motions that keep the grippers together: that of a robot whose joints stand still."""
+    task = load_task(name, {"object.grasp.known": True})
+    model = RobotModel(task.robot)
+    capture = task.spec.capture
+    assert capture is not None
+    stage = task.spec.held_stages.start
+    load = known_load(task.spec, model, stage)
+    assert load.held is not None
+    assert known_load(task.spec, model, stage - 1) == nothing_held(model)
+    rng = np.random.default_rng(4)
+    Q = model.space.path(model.neutral, 0.4 * rng.standard_normal((1, model.n)))[-1]
+    poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
+    tips = [poses[gripper] for gripper in load.held.grippers]
+    at = [np.asarray(model.space.relative(tip, tips[0])) for tip in tips]
+    grasps = np.array([[*pose, *described[-2:]] for pose, described in zip(at, load.held.grasps, strict=True)])
+    load = replace(load, held=replace(load.held, grasps=tuple(map(tuple, grasps.tolist()))))
+    v, u = np.zeros((2, model.n))
+    v[model.space.base], u[model.space.base] = 0.3 * rng.standard_normal((2, model.space.n_twist))
+    x = model.space.chart_at(Q).enter(Q[None], v[None])[0]
+    x_next = np.r_[x[: model.n], x[model.n :] + 0.04 * u]
+    found = assert_rows(model, load, Q, x, x_next)
+    vdot = model.space.charted_acceleration(ca.SX(x[: model.n]), ca.SX(x[model.n :]), ca.SX(u))
+    law = HeldLoad(model, body_of(capture), capture.grasp)
+    expected = own_axes(model, Q, law.force(Q, v, np.asarray(ca.DM(vdot)).ravel(), None, grasps))
+    np.testing.assert_allclose(found[0], expected, atol=1e-9 * np.abs(expected).max())
+    assert np.abs(expected - own_axes(model, Q, model.inverse_dynamics(Q, v, u))).max() > 1e-2
+
+
+def test_a_known_payload_is_part_of_the_last_links() -> None:
+    payload = {"mass": 5, "inertia": 0.7, "known": True}
+    task = load_task("transport", {"uncertainty.payload": payload, "object.let_go_by": "release"})
+    model = RobotModel(task.robot)
+    load = known_load(task.spec, model, task.spec.held_stages.start)
+    assert load.mass == (2.5, 2.5) and load.held is None
+    Q = model.space.path(model.neutral, 0.3 * np.ones((1, model.n)))[-1]
+    v, u = 0.1 * np.ones((2, model.n))
+    expected = model.inverse_dynamics(Q, v, u, load.parameters(model))
+    F = ca.DM(load.force(model, ca.SX(Q), ca.SX(v), ca.SX(u)))
+    np.testing.assert_allclose(np.asarray(F).ravel(), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("torque", "instant", "kinds"), [(4.0, 1.332, ["sqp"]), (1.5, 1.698, ["sqp", "ipopt"])])
+def test_a_window_has_the_optimum_of_the_problem_in_the_joint_rates(
+    fast_arms: Path, torque: float, instant: float, kinds: list[str]
+) -> None:
+    """Its switch time by other equations of motion and IPOPT, without the base among the unknowns."""
+    problem = build_problem(planar_task(fast_arms, {"limits": {"arms": {"force": [torque] * 3}}}))
+    Q = stack(problem.spec.initial, problem.task.robot, "joint")
+    window = window_of(problem, Q, np.zeros(problem.model.n))
+    found = [solved(problem, window, kind) for kind in kinds]
+    for solution in found:
+        assert solution.outcome.usable
+        assert solution.plan.instants == pytest.approx([instant], abs=2e-3)
+        assert solution.objective == pytest.approx(found[0].objective, rel=1e-5)
+
+
+FORCE_COSTS = {"skills.reach.weights.force": {"arms": [0.05] * 3}, "skills.home.weights.force": 0.02}
+
+
+def test_what_force_costs_is_in_the_optimum_of_both_solvers(fast_arms: Path) -> None:
+    problem = build_problem(planar_task(fast_arms, FORCE_COSTS))
+    window = window_of(problem, stack(problem.spec.initial, problem.task.robot, "joint"), np.zeros(problem.model.n))
+    own = solved(problem, window, "sqp")
+    other = solved(problem, window, "ipopt", own.plan)
+    assert own.outcome is Outcome.OPTIMAL
+    assert other.outcome is Outcome.OPTIMAL
+    assert own.objective == pytest.approx(other.objective, rel=1e-5)
+    assert own.plan.instants == pytest.approx(other.plan.instants, abs=1e-4)
+    assert own.plan.instants > 1.3  # without it 1.287 s
+
+
+@pytest.mark.parametrize("limits", [{}, {"limits": {"arms": {"force": [4.0] * 3}}}], ids=["free", "limited"])
+def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object]) -> None:
+    """Gradient by differences, and the program as another method solves it."""
+    problem = build_problem(planar_task(fast_arms, {**FORCE_COSTS, **limits}))
+    model = problem.model
+    window = window_of(problem, stack(problem.spec.initial, problem.task.robot, "joint"), np.zeros(model.n))
+    form = VelocityForm(model, window_shape(window))
+    rng = np.random.default_rng(2)
+    p = window_numbers(window, np.array([2.5]))
+    X = window.x0 + 0.05 * rng.standard_normal((form.grid.K + 1, 2 * model.n))
+    X[0] = window.x0
+    point = Point(X, np.array([2.5]))
+    direction = Point(rng.standard_normal(X.shape), np.array([0.3]))
+    direction.X[0] = 0.0
+    linear = form.linearize(point, p)
+    step = 1e-5
+    ahead, behind = (form.residuals(point.moved(direction, each), p).objective for each in (step, -step))
+    slope = (linear.gradient * direction.X).sum() + linear.gradient_tau @ direction.tau
+    assert slope == pytest.approx((ahead - behind) / (2 * step), rel=1e-6)
+    plan = solved(problem, window, "sqp").plan
+    bounds = window_bounds(form, fixed_bounds(form, window), window, plan, plan.instants, np.inf)
+    sqp_window = SqpWindow(form, bounds, p)
+    start = sqp_window.with_given_rates(Point(plan.X + 0.01 * (X - window.x0), plan.instants))
+    program = sqp_window.linearize(start)
+    kernel = load_kernel(model.n, 1)
+    assert kernel is not None
+    own = RiccatiQp(kernel, 1e-9).solve(sqp_window, program, start)
+    other = PiqpQp(1e-9).solve(sqp_window, program, start)
+    assert own.status is QpStatus.SOLVED
+    assert other.status is QpStatus.SOLVED
+    np.testing.assert_allclose(own.step.tau, other.step.tau, atol=1e-6)
+    np.testing.assert_allclose(own.step.X, other.step.X, atol=1e-5)
+
+
+@pytest.mark.parametrize("mobility", ["free-floating", "fixed"])
+def test_sqp_and_ipopt_agree_in_space(mobility: str) -> None:
+    """Started at the plan of sqp, with limits that bind."""
+    limits = {"arm": {"force": [0.02, 0.02, 0.02]}}
+    changes = {"mobility": mobility, "controller.horizon": 6, "limits": limits}
+    problem = build_problem(spatial_task(changes))
+    model = problem.model
+    window = window_of(problem, stack(problem.spec.initial, model.spec, "joint"), np.zeros(model.n))
+    own = solved(problem, window, "sqp")
+    other = solved(problem, window, "ipopt", own.plan)
+    assert own.outcome is Outcome.OPTIMAL
+    assert other.outcome is Outcome.OPTIMAL
+    assert own.objective == pytest.approx(other.objective, rel=1e-5)
+    free = build_problem(spatial_task({"mobility": mobility, "controller.horizon": 6}))
+    unlimited = window_of(free, stack(free.spec.initial, model.spec, "joint"), np.zeros(model.n))
+    assert own.objective > 1.001 * solved(free, unlimited, "sqp").objective
+
+
+@pytest.mark.parametrize("plant", [Rk4Plant, MujocoPlant])
+def test_forces_that_are_commanded_keep_to_the_limits(fast_arms: Path, plant: type) -> None:
+    """At every tick within 3 %, and near the limits in some."""
+    torque = 1.5
+    task = planar_task(fast_arms, {"limits": {"arms": {"force": [torque] * 3}}, "controller.horizon": 4})
+    controller = Controller(task)
+    model = controller.problem.model
+    physics = plant(model, 1e-3)
+    x = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)]
+    time = 0.0
+    largest = 0.0
+    while not controller.done and time < 15:
+        command = controller.step(time, State(x[: model.nq], x[model.nq :]))
+        ticks = physics.advance(time, x, command.u)
+        largest = max(largest, np.abs(ticks.F).max())
+        x = ticks.X[-1]
+        time = float(ticks.time[-1])
+    assert controller.done
+    assert 0.99 * torque < largest < 1.03 * torque

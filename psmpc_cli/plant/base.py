@@ -62,8 +62,8 @@ class Ticks:
             [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,). NaN where
             it is not known.
         target_object: What an object with a mass did; None without one.
-        commanded: Generalized force that the law commanded, before the plant cut it at its limits (M, n) [N, N m].
-            Default F: nothing was cut.
+        commanded: Generalized force that the law commanded, before the plant cut it at its limits (M, n) [N, N m];
+            None of a plant without limits, where it is F.
     """
 
     time: np.ndarray
@@ -71,12 +71,7 @@ class Ticks:
     F: np.ndarray
     gained: np.ndarray = field(default_factory=lambda: np.array(np.nan))
     target_object: ObjectTicks | None = None
-    commanded: np.ndarray = field(default_factory=lambda: np.array(np.nan))
-
-    def __post_init__(self) -> None:
-        """Take F for commanded where nothing else is given."""
-        if np.ndim(self.commanded) == 0:
-            object.__setattr__(self, "commanded", self.F)
+    commanded: np.ndarray | None = None
 
     def __repr__(self) -> str:
         ticks, n = self.F.shape

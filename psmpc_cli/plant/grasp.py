@@ -462,7 +462,7 @@ class CapturePlant:
             acting = F[k] + other.push[k]
             X[k + 1], capture.state, gained = self._step(X[k], capture.state, acting, capture.parameters, other.robot)
             total += gained
-        return Ticks(time, X, F, total, capture.ticks(), commanded)
+        return Ticks(time, X, F, total, capture.ticks(), None if self._force_limits is None else commanded)
 
     def _force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
         if self._chain is None or not self.capture.closed.all():

@@ -97,7 +97,8 @@ class MujocoPlant:
         impulse = _impulse(self.model.space, X, F + other.push, self.tick)
         if not self.model.spec.moved_by.moves:
             impulse[:] = np.nan  # the mount's, which MuJoCo does not return
-        return Ticks(time, X, F, np.append(impulse, work), commanded=commanded)
+        is_limited = self.force_limits is not None
+        return Ticks(time, X, F, np.append(impulse, work), commanded=commanded if is_limited else None)
 
     def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""

@@ -67,7 +67,7 @@ class Rk4Plant:
             X=np.concatenate([x[None], Z[:, :nx]]),
             F=F,
             gained=Z[-1, nx:],
-            commanded=commanded[0] if commanded else F,
+            commanded=commanded[0] if commanded else None,
         )
 
 

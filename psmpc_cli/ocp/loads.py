@@ -77,7 +77,7 @@ class Load:
         if self.held is None:
             return ca.SX(model.dynamics.law(Q, v, u, self.parameters(model).vector))
         body = FreeBody(self.held.mass, self.held.inertia)
-        return planned_force(model, body, self.held.grippers, np.array(self.held.grasps), Q, v, u)
+        return ca.SX(planned_force(model, body, self.held.grippers, np.array(self.held.grasps))(Q, v, u))
 
     def own_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return that force (n,) for accelerations u in a chart, the base's along its own axes."""

@@ -34,9 +34,14 @@ COMPILED_FROM = 1000
 
 
 def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], native: bool) -> RowFunction:
-    """Return a function on rows of arrays, common subexpressions computed once; `native`, a large one as compiled C."""
-    function = ca.Function(name, arguments, ca.cse(outputs))
-    return RowFunction(function, native and function.n_instructions() >= COMPILED_FROM)
+    """Return a function on rows of arrays; `native`, a large one as compiled C.
+
+    In a large one looking for common subexpressions takes seconds, finds a few per cent, and a compiler does it too.
+    """
+    function = ca.Function(name, arguments, outputs)
+    if function.n_instructions() < COMPILED_FROM:
+        return RowFunction(ca.Function(name, arguments, ca.cse(outputs)))
+    return RowFunction(function, native)
 
 
 class ConstraintFunctions:

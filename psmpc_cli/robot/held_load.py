@@ -103,12 +103,10 @@ def described_grasps(grippers: Sequence[str], grasp: GraspSpec) -> np.ndarray:
     return np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
 
 
-def planned_force(
-    model: RobotModel, body: FreeBody, grippers: Sequence[str], grasps: np.ndarray, Q: ca.SX, v: ca.SX, u: ca.SX
-) -> ca.SX:
-    """Return the force of `HeldLoad.force` (n,) as an expression, for motions in which the grippers keep together.
+def planned_force(model: RobotModel, body: FreeBody, grippers: Sequence[str], grasps: np.ndarray) -> ca.Function:
+    """Return Q, v, u -> the force of `HeldLoad.force` (n,), for motions in which the grippers keep together.
 
-    Then u' = u, and S u + s is that of any gripper:
+    Then u' = u, and the object's acceleration S u + s is that of any gripper:
 
         F = H u + c + sum_i S_i' C_i (sum C)^-1 (M (S u + s) + bias).
 
@@ -117,21 +115,22 @@ def planned_force(
         body: The object.
         grippers: Those that hold it.
         grasps: As `described_grasps` has them.
-        Q: Position (nq,).
-        v: Velocity (n,).
-        u: Acceleration (n,).
     """
     size = body.space.n_twist
-    A = len(grippers)
-    S, s, C, M, bias = _chain_terms(model, body, list(grippers))(Q, v, grasps.ravel())
-    by_gripper = [range(size * i, size * (i + 1)) for i in range(A)]
-    first = by_gripper[0]
-    load = M @ (S[first, :] @ u + s[first]) + bias
-    give = load if A == 1 else solve_spd(sum((C[rows, :] for rows in by_gripper), ca.SX.zeros(size, size)), load)
-    F = model.dynamics.law(Q, v, u, model.nominal.vector)
-    for rows in by_gripper:
-        F += S[rows, :].T @ (give if A == 1 else C[rows, :] @ give)
-    return ca.SX(F)
+    Q = ca.SX.sym("Q", model.nq)
+    v = ca.SX.sym("v", model.n)
+    u = ca.SX.sym("u", model.n)
+    moving, stiffness, attitude = _chain(model, body, grippers, Q, v, ca.SX(grasps.ravel()))
+    rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
+    acceleration = ca.jtimes(moving, v, u) + ca.jtimes(moving, Q, rate)
+    M, bias = _load(body, attitude, ca.vertsplit(moving[:size]))
+    wrench = M @ acceleration[:size] + bias
+    wrenches = [wrench]
+    if len(grippers) > 1:
+        share = solve_spd(sum(stiffness, ca.SX.zeros(size, size)), wrench)
+        wrenches = [C @ share for C in stiffness]
+    of_load = ca.jtimes(moving, v, ca.vertcat(*wrenches), True)
+    return ca.Function("planned", [Q, v, u], [model.dynamics.law(Q, v, u, model.nominal.vector) + of_load])
 
 
 SINGULAR = 1e-9
@@ -139,17 +138,29 @@ SINGULAR = 1e-9
 
 
 def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.Function:
-    """Return Q, v, grasps -> S of all grippers (A size, n), S_i' v (A size,), C, inertia of the object, its bias.
+    """Return Q, v, grasps -> S of all grippers (A size, n), S_i' v (A size,), C, inertia of the object, its bias."""
+    Q = ca.SX.sym("Q", model.nq)
+    v = ca.SX.sym("v", model.n)
+    p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
+    moving, stiffness, attitude = _chain(model, body, grippers, Q, v, p)
+    S = ca.jacobian(moving, v)
+    rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
+    inertia, spin = _load(body, attitude, ca.vertsplit(moving[: body.space.n_twist]))
+    terms = S, ca.jtimes(moving, Q, rate), ca.vertcat(*stiffness), inertia, spin
+    return ca.Function("chain", [Q, v, p], ca.cse([ca.densify(each) for each in terms]))
+
+
+def _chain(
+    model: RobotModel, body: FreeBody, grippers: Sequence[str], Q: ca.SX, v: ca.SX, p: ca.SX
+) -> tuple[ca.SX, list[ca.SX], Vector]:
+    """Return S_i v of all grippers (A size,), the stiffnesses C_i about the object's centre, and its attitude.
 
     S_i v is the velocity of the object's centre of mass and its angular velocity, both in the inertial frame, if it is
     fixed to gripper i at its pose in the object's frame.
     """
-    Q = ca.SX.sym("Q", model.nq)
-    v = ca.SX.sym("v", model.n)
     space = body.space
     size = space.n_twist
     numbers = space.n_pose + 2
-    p = ca.SX.sym("p", numbers * len(grippers))
     xi = model.g(Q)
     xidot = model.J_C(Q) @ v
     velocities = list[ca.SX]()
@@ -165,12 +176,7 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
         lever = scaled(rotate(attitude, inside), -1)
         stiffness.append(_at_centre(space, scaled(lever, -1), *own[-2:]))
         velocities += space.twist(add(linear, cross(angular, lever)), angular)
-    moving = ca.vertcat(*velocities)
-    S = ca.jacobian(moving, v)
-    rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
-    inertia, spin = _load(body, attitude, ca.vertsplit(moving[:size]))
-    terms = S, ca.jtimes(moving, Q, rate), ca.vertcat(*stiffness), inertia, spin
-    return ca.Function("chain", [Q, v, p], ca.cse([ca.densify(each) for each in terms]))
+    return ca.vertcat(*velocities), stiffness, attitude
 
 
 def _at_centre(space: ConfigurationSpace, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:

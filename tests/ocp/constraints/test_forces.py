@@ -116,19 +116,6 @@ def test_rows_of_a_held_object_are_the_forces_of_the_law_that_knows_it(name: str
     assert np.abs(expected - own_axes(model, Q, model.inverse_dynamics(Q, v, u))).max() > 1e-2
 
 
-def test_a_known_payload_is_part_of_the_last_links() -> None:
-    payload = {"mass": 5, "inertia": 0.7, "known": True}
-    task = load_task("transport", {"uncertainty.payload": payload, "object.let_go_by": "release"})
-    model = RobotModel(task.robot)
-    load = known_load(task.spec, model, task.spec.held_stages.start)
-    assert load.mass == (2.5, 2.5) and load.held is None
-    Q = model.space.path(model.neutral, 0.3 * np.ones((1, model.n)))[-1]
-    v, u = 0.1 * np.ones((2, model.n))
-    expected = model.inverse_dynamics(Q, v, u, load.parameters(model))
-    F = ca.DM(load.force(model, ca.SX(Q), ca.SX(v), ca.SX(u)))
-    np.testing.assert_allclose(np.asarray(F).ravel(), expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize(("torque", "instant", "kinds"), [(4.0, 1.332, ["sqp"]), (1.5, 1.698, ["sqp", "ipopt"])])
 def test_a_window_has_the_optimum_of_the_problem_in_the_joint_rates(
     fast_arms: Path, torque: float, instant: float, kinds: list[str]

@@ -8,6 +8,7 @@ import pytest
 from psmpc_cli.ocp.constraints import NodeRows, node_rows, soft_row_violations
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Window, window_numbers, window_shape
 from psmpc_cli.ocp.window_record import WindowFrame, read_window
 from psmpc_cli.robot.configuration import space_of_pose
@@ -41,6 +42,11 @@ def relative_pose(problem: Problem, Q: np.ndarray) -> np.ndarray:
     assert problem.capture
     one, other = (poses[gripper] for gripper in problem.capture.grasp.at)
     return space_of_pose(len(one)).relative(other, one)
+
+
+def without_forces(stage: PlacedStage) -> PlacedStage:
+    """The stage without limits of forces, which other back-ends than sqp take half a minute to write out."""
+    return replace(stage, constraints={name: each for name, each in stage.constraints.items() if name != "forces"})
 
 
 def window_of(problem: Problem, relative: np.ndarray) -> Window:
@@ -124,7 +130,12 @@ def test_both_kinds_of_back_end_keep_the_band(problem: Problem, beyond: float) -
     two_stages = window_of(problem, relative)
     alone = np.ones(1)
     window = replace(
-        two_stages, stages=two_stages.stages[:1], omega=alone, offset=0 * alone, scale=alone, nodes=(sum(NODES),)
+        two_stages,
+        stages=(without_forces(two_stages.stages[0]),),
+        omega=alone,
+        offset=0 * alone,
+        scale=alone,
+        nodes=(sum(NODES),),
     )
     guess = resting_plan(0.0, window.horizon, sum(NODES), window.x0, window.chart)
     window = window.about(guess)

@@ -227,8 +227,7 @@ class VelocityForm:
         h = self.steps(point, float(p.horizon))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
             k = np.array(rows.intervals)
-            found = rows.functions.value(point.X[k], point.X[k + 1], h[k], rows.argument(p), rows=len(k))[0]
-            values[at] = found.ravel()
+            values[at] = rows.functions.values(point.X[k], point.X[k + 1], h[k], rows.argument(p)).ravel()
         return values
 
     def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -275,8 +274,7 @@ class VelocityForm:
             has_one = np.isin(of_interval, which).any(axis=1)
             k = np.array(rows.intervals)[has_one]
             if len(k):
-                ends = point.X[k], point.X[k + 1]
-                _, jacobian = rows.functions.with_jacobian(*ends, h[k], rows.argument(p), rows=len(k))
+                jacobian = rows.functions.jacobian(point.X[k], point.X[k + 1], h[k], rows.argument(p))
                 by_states_and_h[of_interval[has_one].ravel()] = jacobian.reshape(-1, by_states_and_h.shape[1])
         by_tau = by_states_and_h[which, -1:] * self.interval_steps[self.row_interval[which]]
         return np.hstack([by_states_and_h[which, :-1], by_tau])

@@ -4,6 +4,7 @@ The running cost of a stage is Lbar = |e|^2_W + |u|^2_Wr with the residual e of 
 of the NLP, its Gauss-Newton model, stage costs on arrays and the audits of the gradient are derived from it.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -68,7 +69,9 @@ class ConstraintFunctions:
 
     @cached_property
     def compiled(self) -> "ConstraintFunctions":
-        """The same rows with functions as compiled C."""
+        """The same rows with functions as compiled C, if they give rates: those are evaluated at every point."""
+        if self.gives is None:
+            return self
         return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, native=True)
 
     @cached_property
@@ -111,43 +114,78 @@ class ConstraintFunctions:
 
 
 class IntervalFunctions:
-    """Rows g(x, x+, h, a) of the states at both ends of an interval, and their derivatives.
+    """Rows over intervals, and their derivatives: r(x, dv, h, a) at one end of an interval, or at both.
+
+    One function serves both ends, since its derivatives are long.
 
     Args:
-        x, x_next: The states [Q; Qdot], symbols (2n,).
+        x: The state [Q; Qdot] at an end, a symbol (2n,).
+        dv: The change of Qdot over the interval, a symbol (n,).
         h: The length of the interval, a symbol.
         argument: a, a symbol.
-        rows: The rows as an expression of all.
+        rows: The rows at an end as an expression of all.
+        ends: Where they stand: at the beginning, 0, the end, 1, or one after the other at both.
         native: Functions with many operations run as compiled C.
     """
 
-    def __init__(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, native: bool = False) -> None:
+    def __init__(
+        self, x: ca.SX, dv: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, ends: Sequence[int], native: bool = False
+    ) -> None:
         self._native = native
-        self._arguments = [x, x_next, h, argument]
-        self._unknowns = ca.vertcat(x, x_next, h)
+        self._arguments = [x, dv, h, argument]
         self._rows = ca.densify(rows)
-        self.count = int(rows.numel())
+        self._ends = ends
+        self.count = int(rows.numel()) * len(ends)
 
     @cached_property
     def compiled(self) -> "IntervalFunctions":
         """The same rows with functions as compiled C."""
-        x, x_next, h, argument = self._arguments
-        return IntervalFunctions(x, x_next, h, argument, self._rows, native=True)
+        x, dv, h, argument = self._arguments
+        return IntervalFunctions(x, dv, h, argument, self._rows, self._ends, native=True)
 
     @cached_property
-    def value(self) -> RowFunction:
-        """x, x+, h, a -> g (rows,)."""
+    def _value(self) -> RowFunction:
+        """x, dv, h, a -> r."""
         return _on_rows("interval_rows", self._arguments, [self._rows], self._native)
 
     @cached_property
-    def with_jacobian(self) -> RowFunction:
-        """x, x+, h, a -> g (rows,), its derivatives by [x; x+; h] row by row (rows (4n + 1),)."""
-        outputs = [self._rows, _row_by_row(ca.jacobian(self._rows, self._unknowns))]
-        return _on_rows("interval_jacobian", self._arguments, outputs, self._native)
+    def _with_jacobian(self) -> RowFunction:
+        """x, dv, h, a -> its derivatives by [x; dv; h], row by row."""
+        jacobian = ca.jacobian(self._rows, ca.vertcat(*self._arguments[:3]))
+        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(jacobian)], self._native)
+
+    def expression(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX) -> ca.SX:
+        """Return the rows (rows,) between two states (2n,)."""
+        n = x.numel() // 2
+        dv = x_next[n:] - x[n:]
+        return ca.vertcat(*(self._value.function((x, x_next)[end], dv, h, argument) for end in self._ends))
+
+    def values(self, X: np.ndarray, X_next: np.ndarray, h: np.ndarray, argument: np.ndarray) -> np.ndarray:
+        """Return the rows (K, rows) of intervals between states (K, 2n) of lengths (K, 1)."""
+        n = X.shape[1] // 2
+        dv = X_next[:, n:] - X[:, n:]
+        found = [self._value((X, X_next)[end], dv, h, argument, rows=len(X))[0] for end in self._ends]
+        return np.hstack(found)
+
+    def jacobian(self, X: np.ndarray, X_next: np.ndarray, h: np.ndarray, argument: np.ndarray) -> np.ndarray:
+        """Return their derivatives by both states and the length, (K, rows, 4n + 1)."""
+        K = len(X)
+        n = X.shape[1] // 2
+        dv = X_next[:, n:] - X[:, n:]
+        by = np.zeros((K, len(self._ends), self.count // len(self._ends), 4 * n + 1))
+        for i, end in enumerate(self._ends):
+            found = self._with_jacobian((X, X_next)[end], dv, h, argument, rows=K)[0].reshape(K, -1, 3 * n + 1)
+            at_end = slice(2 * n * end, 2 * n * (end + 1))
+            by_dv = found[..., 2 * n : 3 * n]
+            by[:, i, :, at_end] = found[..., : 2 * n]
+            by[:, i, :, n : 2 * n] -= by_dv
+            by[:, i, :, 3 * n : 4 * n] += by_dv
+            by[:, i, :, -1] = found[..., -1]
+        return by.reshape(K, self.count, 4 * n + 1)
 
     def prepare(self) -> tuple[RowFunction, ...]:
-        """Write both of them and return them."""
-        return self.value, self.with_jacobian
+        """Write both of its functions and return them."""
+        return self._value, self._with_jacobian
 
 
 class StageFunctions:
@@ -324,7 +362,7 @@ class StageFunctions:
 
 
 def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
-    """Return x, x+, h, anchor -> sqrt(h) F (n,), F at the beginning of an interval: its square is the integral of F^2.
+    """Return the rows sqrt(h) F (n,) at the beginning of an interval: their squares are the integrals of F^2.
 
     With F as `constraints.forces` writes it,
 
@@ -334,11 +372,11 @@ def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
     def build() -> IntervalFunctions:
         n = model.n
         x = ca.SX.sym("x", 2 * n)
-        x_next = ca.SX.sym("x_next", 2 * n)
+        dv = ca.SX.sym("dv", n)
         h = ca.SX.sym("h")
         anchor = ca.SX.sym("anchor", model.space.n_anchor)
-        F = load.own_force(model, x[:n], ca.sqrt(h) * x[n:], x_next[n:] - x[n:], anchor)
-        return IntervalFunctions(x, x_next, h, anchor, F / ca.sqrt(h))
+        F = load.own_force(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+        return IntervalFunctions(x, dv, h, anchor, F / ca.sqrt(h), ends=(0,))
 
     return model.owned((force_residual, load), build)
 

@@ -265,7 +265,7 @@ class Nlp:
         for over_interval in self._interval_rows:
             if k in over_interval.intervals:
                 h = self._step(k, k)
-                value = over_interval.functions.value.function(X, self._led_to(k), h, over_interval.argument(p))
+                value = over_interval.functions.expression(X, self._led_to(k), h, over_interval.argument(p))
                 yield value / h, partial(_node_bounds, over_interval)
         if sums.numel() and k == self.grid.K:
             for i in range(len(self.shape.kept)):

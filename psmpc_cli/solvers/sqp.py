@@ -169,7 +169,8 @@ def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
         if not problem.model.spec.moved_by.actuated:
             yield maker_of(functions.residual_curvature.function)
     of_rows = {each for stage in problem.stages for each in _functions_of_rows(problem.model, stage)}
-    for function in [each.function for functions in of_rows for each in functions.prepare() if each is not None]:
+    to_compile = [each for each in of_rows if each.compiled is not each]
+    for function in [each.function for functions in to_compile for each in functions.prepare() if each is not None]:
         if function.n_instructions() >= COMPILED_FROM:
             yield maker_of(function)
     for switches in range(len(problem.stages)):

@@ -218,10 +218,9 @@ def slow_base_over_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
     """A constraint over intervals that says the same as a limit on the base's acceleration."""
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
-        x, x_next = ca.SX.sym("x", 2 * model.n), ca.SX.sym("x_next", 2 * model.n)
-        change = (x_next - x)[model.n :][:3]
+        x, dv = ca.SX.sym("x", 2 * model.n), ca.SX.sym("dv", model.n)
         nothing = ca.SX.sym("nothing", 0)
-        functions = IntervalFunctions(x, x_next, ca.SX.sym("h"), nothing, change)
+        functions = IntervalFunctions(x, dv, ca.SX.sym("h"), nothing, dv[:3], ends=(0,))
         bounds = -SLOW * np.ones(3), SLOW * np.ones(3)
         yield IntervalRows("slow", range(sum(shape.nodes)), functions, lambda p: np.zeros(0), lambda window: bounds)
 

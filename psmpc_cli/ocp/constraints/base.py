@@ -62,7 +62,7 @@ class IntervalRows:
     Attributes:
         name: Of the constraint.
         intervals: The intervals, ascending.
-        functions: x, x+, h, a -> the rows and their Jacobian; the same object wherever the rows are the same.
+        functions: The rows and their Jacobian; the same object wherever the rows are the same.
         argument: Parameters of a window, numbers or symbols -> a.
         bounds: Window -> low and high (rows,), of the rows over h; infinite where there is none.
         weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
@@ -132,7 +132,7 @@ def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], Interv
 
     Args:
         name: Of the constraint in the table.
-        functions: Robot, structure -> x, x+, h, [anchor of the chart; argument] -> the rows.
+        functions: Robot, structure -> the rows, their argument [anchor of the chart; argument].
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:

@@ -61,17 +61,15 @@ def inertia(model: RobotModel) -> np.ndarray:
 
 
 def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions:
-    """Return x, x+, h, anchor -> h F / H_ii of the limited coordinates at the beginning, then at the end."""
+    """Return the rows h F / H_ii of the limited coordinates, at the beginning and at the end of an interval."""
     n = model.n
     x = ca.SX.sym("x", 2 * n)
-    x_next = ca.SX.sym("x_next", 2 * n)
+    dv = ca.SX.sym("dv", n)
     h = ca.SX.sym("h")
     anchor = ca.SX.sym("anchor", model.space.n_anchor)
-    change = x_next[n:] - x[n:]
-    limited = list(structure.coordinates)
-    forces = [structure.load.own_force(model, end[:n], ca.sqrt(h) * end[n:], change, anchor) for end in (x, x_next)]
-    rows = [(F / inertia(model))[limited] for F in forces]
-    return IntervalFunctions(x, x_next, h, anchor, ca.vertcat(*rows))
+    F = structure.load.own_force(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+    rows = (F / inertia(model))[list(structure.coordinates)]
+    return IntervalFunctions(x, dv, h, anchor, rows, ends=(0, 1))
 
 
 CONSTRAINT = Constraint(rows_over_intervals("forces", functions), numbers)

@@ -54,11 +54,11 @@ def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_n
     z = np.r_[x, x_next, 0.04]
 
     def value(z: np.ndarray) -> np.ndarray:
-        found = rows.value(z[: 2 * model.n], z[2 * model.n : -1], z[-1], anchor)[0]
-        return np.asarray(found).ravel()
+        start, end, h = np.split(z, [2 * model.n, 4 * model.n])
+        return rows.values(start[None], end[None], h[None], anchor).ravel()
 
-    _, jacobian = rows.with_jacobian(x, x_next, z[-1], anchor)
-    assert_close_to_differences(jacobian.reshape(2 * model.n, -1), jacobian_by_differences(value, z))
+    jacobian = rows.jacobian(x[None], x_next[None], z[None, -1:], anchor)[0]
+    assert_close_to_differences(jacobian, jacobian_by_differences(value, z))
     return value(z).reshape(2, -1) / z[-1] * inertia(model)
 
 

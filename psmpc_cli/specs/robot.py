@@ -448,8 +448,8 @@ class Limits:
         position_low, position_high: Of Q [m, rad].
         velocity_low, velocity_high: Of Qdot [m/s, rad/s].
         acceleration_low, acceleration_high: Of Qddot [m/s^2, rad/s^2].
-        force_low, force_high: Of the generalized force, the base's along its own axes [N, N m]; +-inf for a base without
-            thrusters.
+        force_low, force_high: Of the generalized force, the base's along its own axes [N, N m]; +-inf for a base
+            without thrusters.
     """
 
     position_low: Vector

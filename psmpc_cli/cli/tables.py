@@ -390,7 +390,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     rest = f" ({spec.ends_when.velocity:g}/s)" if spec.ends_when and spec.ends_when.velocity is not None else ""
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
         target = ("to " if stage.trajectory else "") + _target(list(zip(axes, numbers, strict=False)))
-        if part == "base" and not stage.weights[: len(rows)].any() and not task.robot.moved_by.actuated:
+        if part == "base" and not stage.asked[: len(rows)].any() and not task.robot.moved_by.actuated:
             target = task.robot.mobility
         asked = [tolerances.get(next(row), "-") for _ in rows]
         within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)

@@ -482,7 +482,7 @@ def _tolerances(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
 
 def _counts(stage: Stage, rows: Sequence[int]) -> bool:
     """Tell whether weights or the end condition ask for all of some rows of the target."""
-    return all(stage.weights[row] > 0 or row in stage.end_rows for row in rows)
+    return bool(stage.asked[list(rows)].all())
 
 
 def _reaches(stage: Stage, model: RobotModel, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:

@@ -393,7 +393,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     tolerances = {row: f"{tolerance:g}{rest}" for row, tolerance, rest in asked_of}
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
         target = ("to " if stage.trajectory else "") + _target(list(zip(axes, numbers, strict=False)))
-        if part == "base" and not stage.weights[: len(rows)].any() and not task.robot.moved_by.actuated:
+        if part == "base" and not stage.asked[: len(rows)].any() and not task.robot.moved_by.actuated:
             target = task.robot.mobility
         asked = [tolerances.get(next(row), "-") for _ in rows]
         within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)

@@ -78,7 +78,7 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot base pose [m, rad] and joint angles [rad], of a run or of several side by side. Paper Figs. 8 to 10.
 
     Of one run it also shows what the controller saw of them. In space the attitude is a rotation vector, beside the
-    angle to the attitude the current stage aims at [rad].
+    angle to the attitude the current stage aims at [rad], where it aims at one.
     """
     curves = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs_of(runs)]
     seen = _in_vectors(runs, runs.motion.Q_seen) if isinstance(runs, Run) else None
@@ -93,7 +93,10 @@ def plot_velocities(run: Run) -> Figure:
 
 
 def plot_controls(run: Run) -> Figure:
-    """Plot the applied accelerations [m/s^2, rad/s^2], constant over each sample, with the limits in force."""
+    """Plot the applied accelerations [m/s^2, rad/s^2], constant over each sample, with the limits in force.
+
+    Those of a base without thrusters are what the plan has for its reaction.
+    """
     held = [(np.r_[run.time, run.motion.end], np.vstack([run.u, run.u[-1:]]))]
     linear = ("control", "m/s²")
     angular = ("control", "rad/s²")
@@ -113,13 +116,16 @@ def _in_vectors(run: Run, Q: np.ndarray) -> np.ndarray:
 
 
 def attitude_error(run: Run) -> np.ndarray:
-    """Compute the angle (N,) [rad] from the base's attitude to the one that the current stage aims at, in space."""
+    """Compute the angle (N,) [rad] from the base's attitude to the one that the current stage aims at, in space.
+
+    NaN where the stage asks for none.
+    """
     motion = run.motion
     angle = np.full(len(motion.time), np.nan)
     for span in run.spans:
         stage = run.followed[span.index]
         during = (motion.time >= span.start) & (motion.time <= span.end)
-        if during.any():
+        if during.any() and stage.asked[3:6].any():
             errors = _errors(run.problem, stage, motion.Q[during], motion.time[during] - span.start)
             angle[during] = np.linalg.norm(errors[:, 3:6], axis=1)
             if span.index > 0:
@@ -195,8 +201,8 @@ def _plot_quantity(
                 _plot_limits(axes, run, limits, panel.rows, values)
             if seen is not None and not np.array_equal(seen, all_values, equal_nan=True):
                 axes.plot(time, seen[:, panel.rows], **style.look("seen by the controller"))
-            if panel.quantity == "attitude":
-                axes.plot(time, attitude_error(run), label="to the target", color="black", linewidth=0.8)
+            if panel.quantity == "attitude" and np.isfinite(angle := attitude_error(run)).any():
+                axes.plot(time, angle, label="to the target", color="black", linewidth=0.8)
             if peaked:
                 note = _compress(axes, values) or note
 
@@ -214,14 +220,16 @@ def _panels(model: RobotModel, linear: tuple[str, str], angular: tuple[str, str]
     """
     base = model.parts["base"]
     d = model.dimension
-    quantity, unit = angular
-    yield CoordinatePanel("Base", *linear, slice(base.start, base.start + d), "xyz"[:d])
+    names = {} if d == 2 else {"angle": "attitude"}
+    if not model.spec.moved_by.actuated:
+        names["control"] = "acceleration"  # nobody controls it
+    quantity, unit = linear
+    positions = slice(base.start, base.start + d)
+    yield CoordinatePanel("Base", names.get(quantity, quantity), unit, positions, "xyz"[:d])
 
+    quantity, unit = angular
     angles = slice(base.start + d, base.stop)
-    if d == 2:
-        yield CoordinatePanel("Base", quantity, unit, angles, ("θ",))
-    else:
-        yield CoordinatePanel("Base", quantity.replace("angle", "attitude"), unit, angles, "xyz")
+    yield CoordinatePanel("Base", names.get(quantity, quantity), unit, angles, ("θ",) if d == 2 else "xyz")
 
     for name, rows in list(model.parts.items())[1:]:
         joints = rows.stop - rows.start
@@ -261,16 +269,19 @@ def plot_errors(run: Run) -> Figure:
 
     A curve is the largest error of a group of coordinates: base position [m], base angle [rad], and of each arm its
     joints [rad], or the position [m] and angle [rad] of its end-effector, by what the stage controls. If the end
-    condition asks for some coordinates of a group, only those count, and a line shows their tolerance. Where the target
-    is a trajectory, the error is against its present value. The axes are logarithmic.
+    condition asks for some coordinates of a group, only those count, and a line shows their tolerance. What neither
+    weights nor the end condition ask for has no curve. Where the target is a trajectory, the error is against its
+    present value. The axes are logarithmic.
     """
-    figure, grid = timeline(run, 2, 1.35)
-    panels = list(grid[:, 0])
-    looks = {part: _part_look(index) for index, part in enumerate(error_parts(run))}
-    for axes in panels:
+    curves = list(error_curves(run))
+    kinds = sorted({curve.angular for curve in curves})
+    figure, grid = timeline(run, len(kinds), 1.35)
+    panels = dict(zip(kinds, grid[:, 0], strict=True))
+    drawn = {curve.part for curve in curves}
+    looks = {part: _part_look(index) for index, part in enumerate(error_parts(run)) if part in drawn}
+    for axes in panels.values():
         for part, look in looks.items():
             axes.plot([], [], label=style.readable(part), **look)
-    curves = list(error_curves(run))
     for curve in curves:
         axes = panels[curve.angular]
         look = looks[curve.part]
@@ -283,14 +294,13 @@ def plot_errors(run: Run) -> Figure:
 
     labels = ("Position error\n(m)", "Angle error\n(rad)")
     notes = ("largest coordinate", "largest joint or angle")
-    for row_of_axes, label, note in zip(grid, labels, notes, strict=True):
-        axes = row_of_axes[0]
+    for angular, axes in panels.items():
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST_ERROR))
         axes.yaxis.set_minor_formatter(NullFormatter())
-        label_row(row_of_axes, label, note)
+        label_row([axes], labels[angular], notes[angular])
     if np.isfinite([curve.tolerance for curve in curves]).any():
-        panels[0].plot([], [], label="_tolerance", **style.LEVEL)
+        panels[kinds[0]].plot([], [], label="_tolerance", **style.LEVEL)
     return style.finish(figure)
 
 
@@ -302,7 +312,7 @@ def error_parts(run: Run) -> list[str]:
 
 
 def error_curves(run: Run) -> Iterator[ErrorCurve]:
-    """Yield the errors against the current stage's target, stage by stage, as `plot_errors` draws them."""
+    """Yield the errors against the current stage's target that it asks for, stage by stage, for `plot_errors`."""
     motion = run.motion
     parts = run.problem.model.spec.parts
     for span in run.spans:
@@ -318,8 +328,8 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
             for angular in (False, True):
                 rows = [row for row, axis in enumerate(axes, start=first_row) if (axis not in POSITION_AXES) == angular]
                 rows_in_end = [row for row in rows if row in tolerances]
-                if rows:
-                    largest = errors[:, rows_in_end or rows].max(axis=1)
+                if asked := rows_in_end or [row for row in rows if stage.asked[row]]:
+                    largest = errors[:, asked].max(axis=1)
                     tightest = min((tolerances[row] for row in rows_in_end), default=np.nan)
                     yield ErrorCurve(span, part, angular, time, largest, tightest)
             first_row += len(axes)

@@ -15,6 +15,7 @@ from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.parts import axes_of
 from psmpc_cli.specs.task import MonitorSpec
 
 
@@ -114,7 +115,10 @@ class Scene:
         return [span.index for span in begun if time < span.end] or [begun[-1].index]
 
     def target_frames(self, stage: int, time: float) -> np.ndarray:
-        """Return the frames (1 + arms, 4, 4) [m] a stage aims at, at a time [s]; NaN as attitude where it has none."""
+        """Return the frames (1 + arms, 4, 4) [m] a stage aims at, at a time [s].
+
+        NaN where the stage asks for no position, or for no attitude.
+        """
         model = self.run.problem.model
         followed = self.run.followed[stage]
         skill = SKILLS[followed.space]
@@ -123,8 +127,9 @@ class Scene:
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
         frames = pose_frames(skill.after(model, before, aim).xi.reshape(len(model.pose_rows), -1))
         frames[:, : model.dimension, 3] = skill.aims(model, aim)
-        if skill.points:
-            frames[1:, :3, :3] = np.nan  # an arm that points at a point has no attitude to take
+        positions, attitudes = asked_frames(model, followed)
+        frames[~positions, :3, 3] = np.nan
+        frames[~attitudes, :3, :3] = np.nan
         return frames
 
     def paths(self, since: float, time: float) -> np.ndarray:
@@ -191,6 +196,30 @@ def points_with_shadows(bodies: Sequence[np.ndarray], others: Sequence[np.ndarra
 def _finite(points: np.ndarray) -> np.ndarray:
     """Return those of points (., 3) of which all coordinates are finite."""
     return np.asarray(points[np.isfinite(points).all(axis=1)])
+
+
+def asked_frames(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
+    """Return of which frames a stage asks for the position, and of which for the attitude, (1 + arms,) each.
+
+    Joints have their end-effector at one place and attitude only with the base at its own. An arm that points at a
+    point has no attitude to take.
+    """
+    skill = SKILLS[stage.space]
+    parts = model.spec.parts
+    axes = axes_of(parts, stage.space)
+    ends = np.cumsum([len(each) for each in axes.values()])
+    rows = dict(zip(axes, np.split(stage.asked[: ends[-1]], ends[:-1]), strict=True))
+    positions = list[bool]()
+    attitudes = list[bool]()
+    for part in parts:
+        asked = rows[part]
+        if part == "base" or skill.poses:
+            positions.append(bool(asked[: model.dimension].any()))
+            attitudes.append(bool(asked[model.dimension :].any()))
+        else:
+            positions.append(bool(asked.any() and (skill.points or rows["base"].all())))
+            attitudes.append(positions[-1] and not skill.points)
+    return np.array(positions), np.array(attitudes)
 
 
 def pointing_targets(model: RobotModel, stage: Stage) -> np.ndarray:

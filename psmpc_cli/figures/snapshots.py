@@ -37,6 +37,7 @@ from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import build_stages
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
@@ -233,6 +234,8 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
         _draw_floor(axes, camera, model, Q, extent)
     for stage in scene.acting(time):
         for i, target in enumerate(scene.target_frames(stage, time)):
+            if not np.isfinite(target[:3, 3]).all():
+                continue
             color = _arm_color(i - 1) if i else "black"
             axes.plot(
                 *camera.project(target[:3, 3]), color=color, **style.look("target", zorder=-BELOW_ALL, **look.target)
@@ -384,7 +387,7 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
 def plot_scenario(task: Task) -> Figure:
     """Plot a task before anything has run: a panel for each stage with the robot at its target, and the object.
 
-    The robot is faint where the stage begins.
+    The robot is faint where the stage begins. A base that the stage wants nowhere is drawn where it was.
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
@@ -405,9 +408,16 @@ def plot_scenario(task: Task) -> Figure:
         for frame in objects[i : i + 1]:
             _draw_box(axes, camera, frame, half, style.look("object"))
         draw_robot(axes, camera, model, stops[i], "where the stage begins", FAINT_OPACITY)
-        draw_robot(axes, camera, model, stops[i + 1], "base at the target")
+        draw_robot(axes, camera, model, stops[i + 1], _base_of_scenario(model, stages[i]))
         for arm, point in enumerate(camera.project(points[i])):
             axes.plot(
                 *point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=-BELOW_ALL)
             )
     return style.finish(figure, describe(camera, extent))
+
+
+def _base_of_scenario(model: RobotModel, stage: Stage) -> str:
+    """Return what the legend calls the base of the robot at a stage's target."""
+    if stage.asked[model.space.base].any():
+        return "base at the target"
+    return "base as if it stayed" if model.spec.moved_by.moves else "fixed base"

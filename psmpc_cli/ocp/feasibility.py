@@ -15,7 +15,7 @@ from psmpc_cli.ocp.problem import build_stages, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.reach import Reach, reach_of
+from psmpc_cli.robot.reach import Reach, furthest_centre, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
 from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task, load_task
@@ -87,6 +87,7 @@ def review(task: Task) -> list[Fault]:
     return [
         *_initial(task, forecasts[0].stage),
         *(problem for forecast in forecasts for problem in _targets(task, forecast.stage)),
+        *(problem for forecast in forecasts for problem in _beyond_momentum(task, forecast)),
         *(problem for forecast in forecasts for problem in _out_of_reach(task, forecast, certain=True)),
         *(problem for now, then in pairwise(forecasts) for problem in _handover(task, now.stage, then.stage)),
         *_times(task, forecasts),
@@ -199,6 +200,38 @@ def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterato
                 yield Fault(_place_of_part(task, forecast.stage, arm, index), f"found {found}")
 
 
+def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
+    """Give where an end condition wants a floating base, though no posture and no momentum of the start lead there.
+
+    The common centre of mass moves at p / M, from when the stage can end to when the run does. Only differences along
+    each axis are compared, so that what is given is certain.
+    """
+    model = forecast.model
+    stage = forecast.stage
+    moved_by = task.robot.moved_by
+    if moved_by.actuated or not moved_by.moves or task.spec.uncertainty.changes_the_plant:
+        return
+    d = task.robot.dimension
+    Q, v = _initial_state(task)
+    masses = np.array([body.mass for body in task.robot.bodies])
+    rate = model.momentum(Q, v)[:d] / masses.sum()
+    times = np.array([forecast.earliest_end, max(task.spec.time_limit, forecast.earliest_end)])
+    centre = model.centre_of_mass(Q) + times[:, None] * rate
+    within = {row: tolerance for row, tolerance in _tolerances(model.space, stage).items() if row < d}
+    asked = list(within)
+    wanted = stage.target[asked]
+    below = centre.min(axis=0)[asked] - wanted
+    above = wanted - centre.max(axis=0)[asked]
+    distance = float(np.linalg.norm(np.maximum(np.maximum(below, above) - list(within.values()), 0.0)))
+    most = furthest_centre(task.robot, stage.limits)
+    if distance > most * (1 + SLACK) + SLACK:
+        found = (
+            f"found the base at least {distance:.4g} m from the common centre of mass, which momentum keeps, expected "
+            f"at most {most:.4g} m, with all arms stretched"
+        )
+        yield Fault(_place_of_part(task, stage, "base", len(stage.waypoints) - 1), found)
+
+
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
     """Give the coordinates that a stage leaves where the limits of the next one do not allow them."""
     space = configuration_space(task.robot)
@@ -220,6 +253,12 @@ def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
         path = ("stages", forecast.stage.index)
         for row in forecast.stuck:
             names = (*labels(task.robot, "joint"), "the attitude of base")
+            is_of_base = row < task.robot.parts["base"] or row == len(names) - 1
+            if is_of_base and not task.robot.moved_by.moves:
+                yield Fault(
+                    (*path, "ends_when"), f"found {names[row]} to be moved, expected it where it is: it is fixed"
+                )
+                continue
             limits = _span(task, row if row < len(names) - 1 else 3, stage, "velocity")
             message = f"found {names[row]} to be moved, expected velocity limits that allow it, not {limits}"
             yield Fault((*path, "ends_when"), message)
@@ -415,6 +454,9 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     end = 0.0
     for stage in stages:
         most = np.maximum(most, _largest_rates(space, stage))  # up and down, since a coordinate was known
+        if not task.robot.moved_by.moves:
+            most[:, space.base] = 0.0
+            most[:, -1] = 0.0
         asked = _tolerances(space, stage)
         rows = np.array(list(asked), int)
         within = np.array(list(asked.values()))
@@ -484,7 +526,7 @@ def _tolerances(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
 
 def _counts(stage: Stage, rows: Sequence[int]) -> bool:
     """Tell whether weights or the end condition ask for all of some rows of the target."""
-    return all(stage.weights[row] > 0 or row in stage.end_rows for row in rows)
+    return bool(stage.asked[list(rows)].all())
 
 
 def _reaches(stage: Stage, model: RobotModel, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:

@@ -207,6 +207,13 @@ class Stage:
         name = f"{type(self).__name__} {self.name}"
         return f"<{name}: index {self.index}, in {self.space} space, priority {self.priority:g}, {size}>"
 
+    @cached_property
+    def asked(self) -> np.ndarray:
+        """Which rows of the error the weights or the end condition ask for (rows,)."""
+        found = self.weights > 0
+        found[list(self.end_rows)] = True
+        return np.asarray(found)
+
     @property
     def has_end_condition(self) -> bool:
         """Whether an end condition (18) ends the stage, by the robot or by the object that it holds."""

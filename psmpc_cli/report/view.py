@@ -160,7 +160,7 @@ def _plans(run: Run, samples: np.ndarray) -> Json:
 def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
     """Compute the frames at which the acting stages aim (T, S, frames, 7): position [m] and quaternion x, y, z, w.
 
-    NaN of stages that do not act, and of the attitude where a target has none.
+    NaN of stages that do not act, and where a stage asks for no position or attitude.
     """
     found = np.full((len(time), len(scene.run.stage_names), len(scene.run.problem.model.pose_rows), 7), np.nan)
     for row, t in enumerate(time):

@@ -189,6 +189,13 @@ class RobotModel:
         poses = self.body_poses(Q.reshape(-1, self.nq).T).full().T
         return pose_frames(poses).reshape(*Q.shape[:-1], len(self.spec.bodies), 4, 4)
 
+    def centre_of_mass(self, Q: ArrayLike) -> Array:
+        """Compute the common centre of mass (2,) or (3,) [m] at Q (nq,)."""
+        centres = np.array([[*body.centre, 1.0] for body in self.spec.bodies])
+        masses = np.array([body.mass for body in self.spec.bodies])
+        placed = np.einsum("bij,bj->bi", self.body_frames(Q), centres)
+        return np.asarray(masses @ placed[:, : self.spec.dimension] / masses.sum())
+
     def mass_matrix(self, Q: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return H(Q), (n, n) [kg, kg m, kg m^2]. Paper eq. (3)."""
         return self._evaluate("H", Q, self._w(parameters)).reshape(self.n, self.n)

@@ -14,7 +14,7 @@ from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.kinematics import SpatialFrame, place
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled, shorter
-from psmpc_cli.specs.robot import RobotSpec, limits_of_part
+from psmpc_cli.specs.robot import Limits, RobotSpec, limits_of_part
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,33 @@ class Reach:
     reachable: bool
     configuration: tuple[float, ...] | None
     missed: tuple[float, float]
+
+
+def furthest_centre(robot: RobotSpec, limits: Limits) -> float:
+    """Return a bound of the distance [m] between the origin of the base and the common centre of mass.
+
+    With the mass M of all, and mu_j that of all which joint j carries, body i adds a vector fixed in it,
+
+        s_i = (m_i c_i + sum over the joints j on body i of mu_j p_j) / M,
+
+    so that the distance is at most sum_i |s_i|, and mu_j / M times how far joint j slides. It is the length of the
+    virtual manipulator: Vafa, Dubowsky: The kinematics and dynamics of space manipulators: the virtual manipulator
+    approach (1990).
+    """
+    bodies = robot.bodies
+    masses = np.array([body.mass for body in bodies])
+    vectors = masses[:, None] * np.array([body.centre for body in bodies])
+    carried = masses.copy()
+    slides = 0.0
+    first = len(limits.position_low) - len(robot.joints)
+    for number in range(len(robot.joints), 0, -1):  # from the tips inward
+        joint = robot.joints[number - 1]
+        carried[joint.at.body] += carried[number]
+        vectors[joint.at.body] += carried[number] * np.array(joint.at.position)
+        if joint.prismatic:
+            row = first + number - 1
+            slides += carried[number] * max(abs(limits.position_low[row]), abs(limits.position_high[row]))
+    return float((np.linalg.norm(vectors, axis=1).sum() + slides) / masses.sum())
 
 
 def reach_of(

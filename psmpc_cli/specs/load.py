@@ -242,9 +242,10 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     kind = document.value(("controller", "kind")) or document.value(("controller",))
     own = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
     mobility = own.value(("mobility",))
-    if spec is not None and isinstance(mobility, str) and mobility in MOBILITIES:
+    is_known = isinstance(mobility, str) and mobility in MOBILITIES
+    if spec is not None and is_known:
         spec = spec.model_copy(update={"mobility": mobility})
-    of_robot = (spec.parts, spec.limits, spec.mobility) if spec else ()
+    of_robot = (spec.parts, spec.limits, spec.mobility if is_known or mobility is None else None) if spec else ()
     task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))
     reports = [own.report(faults)]
     for variant in (for_controller(document, other) for other in CONTROLLERS):

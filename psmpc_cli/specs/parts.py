@@ -108,22 +108,23 @@ class Context:
         file: The robot's file, or the task's, as written.
         sizes: The parts of the task's robot and their numbers of coordinates; none if the robot is not valid.
         robot_limits: The robot's limits.
-        mobility: What moves its base.
+        mobility: What moves its base; None if what is written is none, which no further rule then judges.
     """
 
     file: Document
     sizes: Mapping[str, int] = field(default_factory=dict)
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
-    mobility: Mobility = FREE_FLYING
+    mobility: Mobility | None = FREE_FLYING
 
     @property
     def moved_by(self) -> MobilityTraits:
         """What moves the base of the task's robot."""
-        return MOBILITIES[self.mobility]
+        return MOBILITIES[self.mobility or FREE_FLYING]
 
     def required(self, parts: Collection[str]) -> list[str]:
         """Return which parts targets and weights must have: a base without thrusters may be left out."""
-        return [part for part in parts if part != "base" or self.moved_by.actuated]
+        may_lack_the_base = self.mobility is None or not self.moved_by.actuated
+        return [part for part in parts if part != "base" or not may_lack_the_base]
 
     @cached_property
     def spaces(self) -> dict[str, Space | None]:

@@ -231,7 +231,7 @@ class PartLimits(Spec):
 def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
     sizes = context.sizes
-    mobility: str = context.mobility
+    mobility: str | None = context.mobility
     if "arms" in before:
         robot = mapping(context.file.data)
         sizes = _parts(len(ERROR_AXES[3 if "space" in robot else 2]), before["arms"])

@@ -3,7 +3,7 @@
 Plain validated data in SI units.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -275,8 +275,9 @@ def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErr
         axes = axes_of(context.sizes, space)
         yield from part_faults(weights.parts, axes, context.required(SPACES[space].required or axes))
     axes = axes_of(context.sizes, before.get("input", "joint"))
-    axes = {part: axes[part] for part in context.required(axes)}  # a base without thrusters has no control
-    for at, error in part_faults(weights.control, axes, axes):
+    if not context.moved_by.actuated:
+        axes = {part: axes[part] for part in axes if part != "base"}  # which has no control
+    for at, error in part_faults(weights.control, axes, context.required(axes)):
         yield ("control", *at), error
     for at, error in part_faults(weights.force, axes):
         yield ("force", *at), error
@@ -405,6 +406,18 @@ def _object_end(end: ObjectEndSpec, before: Fields, context: Context) -> RuleErr
         yield (), expected(wanted, f"it in {quoted(name)}", at_key=True)
 
 
+def parts_of_target(target: Mapping[str, Any] | TrajectorySpec) -> Collection[str]:
+    """Return the parts of which a target, or a trajectory of targets, says where they are to be."""
+    return target.parts if isinstance(target, TrajectorySpec) else target
+
+
+def _has_control(names_of_joints: tuple[str, ...] | None, before: Fields, context: Context) -> RuleErrors:
+    """Give coordinates of a base without thrusters, which has no control."""
+    for i, name in enumerate(names_of_joints or ()):
+        if name.partition(".")[0] == "base" and not context.moved_by.actuated:
+            yield (i,), expected(f"coordinates of arms: a {context.mobility} base has no control")
+
+
 def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
     if end.object is not None:
@@ -420,6 +433,11 @@ def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
         if name not in valid:
             yield ("coordinates", i), flaw(choice(name, valid))
     keys = [name.partition(".")[0] for name in end.coordinates]
+    target = before.get("target")
+    if target is not None and "base" not in parts_of_target(target):
+        wanted = 'a target of "base" in this stage, or coordinates without it'
+        of_base = (i for i, key in enumerate(keys) if key in ("base", "all"))
+        yield from ((("coordinates", i), expected(wanted)) for i in of_base)
     axes = axes_of(sizes, space)
     needed = [part for part in axes if any(key == "all" or stands_for(key, part) for key in keys)]
     for key in ("tolerance", "velocity"):
@@ -462,7 +480,9 @@ class StageSpec(Spec):
         None, validate_default=True, description="fixed time that ends the stage [s], instead of a condition"
     )
     dwell: fields.NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
-    onset: _JointNames | None = Field(None, description="coordinates whose control marks the stage's actual start")
+    onset: Annotated[_JointNames | None, holds(_has_control)] = Field(
+        None, description="coordinates whose control marks the stage's actual start"
+    )
     angles: Literal["nearest", "exact"] = Field(
         "nearest", description="nearest: a target angle means the nearest equivalent one; exact: itself"
     )
@@ -613,6 +633,8 @@ def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> Rul
     if spec.impulse is not None and spec.impulse.at >= before.get("time_limit", np.inf):
         wanted = f"a time before the time_limit of {before['time_limit']:g} s"
         yield ("impulse", "at"), expected(wanted, f"{spec.impulse.at:g} s")
+    if spec.impulse is not None and not context.moved_by.moves:
+        yield ("impulse",), expected("none: the base is fixed", at_key=True)
     if spec.payload and "object" in before and not before["object"]:
         wanted = "one: it says which stages take the payload and let it go"
         yield ("payload",), expected(wanted, 'no "object"', at_key=True)

@@ -7,9 +7,12 @@ import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.feasibility import ensure_feasible, forecast_stages, load_feasible, remarks, review
+from psmpc_cli.robot.model import load_robot
+from psmpc_cli.robot.reach import furthest_centre
 from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.library import built_ins, find
 from psmpc_cli.specs.load import Task, load_task, parse_task
+from psmpc_cli.specs.robot import resolve_limits
 
 from .. import free_flyer
 
@@ -139,6 +142,49 @@ def test_misprint_in_approach_alone_is_remarked() -> None:
 )
 def test_what_stands_against_a_task_is_named(overrides: Sequence[str], expected: list[str]) -> None:
     assert found(transport(*overrides)) == expected
+
+
+def wanting_the_base(x: float, *changes: str) -> Task:
+    """Two hands reach poses, then the base is to be at x."""
+    stages = (
+        f"stages.fold.target={{base: [{x}, 0, 0], arm_1: [0.3, 0.3, 0.3], arm_2: [-0.3, -0.3, -0.3]}}",
+        "stages.fold.ends_when={coordinates: [base.x, base.y], tolerance: 5e-3}",
+    )
+    return load_task("float_and_reach", (*stages, *changes))
+
+
+def test_a_floating_base_is_no_farther_from_the_common_centre_of_mass_than_stretched_arms_have_it() -> None:
+    """The bound is that of both arms stretched the same way; the target is tried 1 mm on either side of it."""
+    model = load_robot("planar_dual_arm")
+    stretched = np.zeros(9)
+    stretched[[3, 6]] = np.pi / 2 - np.array([arm.mount.angle for arm in model.spec.arms.values()])  # both to +y
+    limits = resolve_limits(model.spec)
+    most = furthest_centre(model.spec, limits)
+    assert np.linalg.norm(model.centre_of_mass(stretched)) == pytest.approx(most)
+    start = model.centre_of_mass(np.r_[0, 0, 0, 0.3, 0.3, 0.3, -0.3, -0.3, -0.3])
+    edge = start[0] + np.sqrt((most + 1e-12) ** 2 - (abs(start[1]) - 5e-3) ** 2) + 5e-3
+    assert found(wanting_the_base(edge - 1e-3)) == []
+    (message,) = found(wanting_the_base(edge + 1e-3))
+    assert message.startswith("stages[1].target.base: found the base at least 0.25")
+    assert message.endswith(f"expected at most {most:.4g} m, with all arms stretched")
+
+
+@pytest.mark.parametrize(("x", "reached"), [(2.0, True), (-1.0, False)])
+def test_a_floating_base_that_drifts_comes_by_what_lies_ahead(x: float, reached: bool) -> None:
+    """At 0.1 m/s over the 40 s of the task's limit; what lies behind is not met."""
+    assert (found(wanting_the_base(x, "initial_velocity={base: [0.1, 0, 0]}")) == []) == reached
+
+
+def test_a_floating_base_that_a_blow_pushes_is_not_judged_by_momentum() -> None:
+    assert found(wanting_the_base(2.0, "uncertainty.impulse={at: 1, linear: [1, 0]}")) == []
+
+
+@pytest.mark.parametrize(("x", "expected"), [(0.004, []), (0.1, ["base.x"])])
+def test_a_fixed_base_is_wanted_where_it_is(x: float, expected: list[str]) -> None:
+    wanted = [
+        f"stages[1].ends_when: found {name} to be moved, expected it where it is: it is fixed" for name in expected
+    ]
+    assert found(wanting_the_base(x, "mobility=fixed")) == wanted
 
 
 def test_instant_before_the_stage_can_begin_is_named() -> None:

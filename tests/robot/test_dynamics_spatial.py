@@ -3,6 +3,7 @@
 from importlib.metadata import files
 from pathlib import Path
 
+import casadi as ca
 import mujoco
 import numpy as np
 import pinocchio as pin
@@ -133,6 +134,53 @@ def moved(Q: Array, by: Array) -> Array:
     left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     q = left @ (turn / np.linalg.norm(turn))
     return np.r_[Q[:3] + by[:3], q, Q[7:] + by[6:]]
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("robot", ["dual_arm_servicer", "free_flyer_arm"])
+def test_momentum_and_generalized_jacobians_are_pinocchios(robot: str, seed: int) -> None:
+    """Of the base, and of the end-effectors: at phi = 0 of a chart, where the rates of its coordinates are v.
+
+    With the momentum h = P_b v_b + P_j v_j the base moves by T = -P_b^-1 P_j, an end-effector by J_b T + J_j. P is that
+    about the inertial origin, Pinocchio's that about the centre of mass c: the angular rows differ by c x linear.
+    """
+    spec = load_robot(robot)
+    assert isinstance(spec, SpatialRobot)
+    model = RobotModel(spec)
+    base, joints = model.space.base, model.space.joint_rates
+    random = np.random.default_rng(seed)
+    attitude = random.standard_normal(4)
+    Q = np.r_[3 * random.standard_normal(3), attitude / np.linalg.norm(attitude), random.uniform(-2, 2, model.n - 6)]
+    v = random.standard_normal(model.n)
+
+    engine = in_pinocchio(spec)
+    tools = [
+        engine.addFrame(pin.Frame(arm, 1 + at.body, frame(at), pin.FrameType.OP_FRAME))
+        for arm, at in spec.tools.items()
+    ]
+    data = engine.createData()
+    q, rates, _ = pinocchio_state(Q, v, np.zeros(model.n))
+    in_body = np.eye(model.n)
+    in_body[:3, :3] = np.array(matrix(Q[3:7])).T
+    centroidal = pin.computeCentroidalMap(engine, data, q)
+    about_origin = np.eye(6)
+    about_origin[3:, :3] = pin.skew(data.com[0])
+    theirs = about_origin @ centroidal @ in_body
+
+    x = model.space.chart_at(Q).enter(Q[None], v[None])[0]
+    symbol = ca.SX.sym("x", len(x))
+    by_rates = ca.jacobian(model.momentum_in_chart(symbol, Q[3:7]), symbol[model.n :])
+    P = ca.Function("P", [symbol], [by_rates])(x).full()
+    close(P, theirs)
+    close(model.momentum_in_chart(x, Q[3:7]).full().ravel(), about_origin @ centroidal @ rates)
+
+    T = -np.linalg.solve(P[:, base], P[:, joints])
+    their_T = -np.linalg.solve(theirs[:, base], theirs[:, joints])
+    close(T, their_T)
+    J = model.J_C(Q).full().reshape(-1, 6, model.n)[1:]  # without that of the base
+    for own, tool in zip(J, tools, strict=True):
+        jacobian = pin.computeFrameJacobian(engine, data, q, tool, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED) @ in_body
+        close(own[:, base] @ T + own[:, joints], jacobian[:, base] @ their_T + jacobian[:, joints])
 
 
 def shipped(robot: str) -> Path:

@@ -78,11 +78,19 @@ def _loads(capture: CaptureSummary | None) -> str:
 ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_acceleration")
 """The commanded accelerations among the peaks: the base's linear and angular one, and a joint's."""
 
+NO_LIMITS = "none declared: nothing bounds the largest values above"
+
 
 def _peaks(summary: Summary, *names: str) -> str:
     """Write peaks of one row; nothing where they are not known, or all 0, those of a base without thrusters."""
     values = [summary.peaks[name] for name in names]
     return " / ".join(f"{value:.3g}" for value in values) if all(map(math.isfinite, values)) and any(values) else ""
+
+
+def describe_tightest_force(summary: Summary) -> str:
+    """Write which commanded force came nearest to its limit, or farthest beyond it, in percent of it, and when."""
+    force = summary.tightest_force
+    return "" if force is None else f"{force.where}: {100 * force.value:.1f} % at {force.time:.1f} s"
 
 
 def _departure(capture: CaptureSummary | None) -> str:
@@ -120,6 +128,8 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("other guesses of the switch times chosen", lambda run: math.nan if run.basins is None else run.basins, 0, ""),
     ("tightest position margin, of the limit", lambda run: _margin(run, "position"), 0, ""),
     ("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity"), 0, ""),
+    ("largest commanded force, of its limit", describe_tightest_force, 0, ""),
+    ("forces cut at their limits [% of the time]", lambda run: 100 * run.saturated, 1, ""),
     ("farthest beyond a limit, any tick", _beyond_limits, 0, ALONE),
     ("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), 0, DETAIL + ALONE),
     ("end error over tolerance, at switches", lambda run: _largest(run.end_condition), 0, DETAIL),
@@ -132,6 +142,7 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("largest force, torque of the base [N, N m]", lambda run: _peaks(run, "base_force", "base_torque"), 0, ""),
     ("largest torque of a joint [N m]", lambda run: run.peaks["joint_torque"], 2, ""),
     ("largest accelerations [m/s^2, rad/s^2, rad/s^2]", lambda run: _peaks(run, *ACCELERATIONS), 0, ""),
+    ("limits of forces and accelerations", lambda run: "" if run.limits_dynamics else NO_LIMITS, 0, ALONE),
     ("base thrusters, force [N s]", lambda run: run.base_force or math.nan, 2, ""),
     ("base thrusters, torque [N m s]", lambda run: run.base_torque or math.nan, 2, ""),
     ("variation of u, base position [m/s^2]", lambda run: run.variation_base_position, 2, DETAIL),

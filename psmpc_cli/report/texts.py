@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
+from psmpc_cli.logs.schema import PEAKS
 from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summary, Verdict
 from psmpc_cli.specs.object import GRASP_LOADS
 
@@ -213,6 +214,18 @@ def describe_brief_stages(summary: Summary) -> str:
     brief = [stage for stage in summary.stages if stage.duration < summary.sample_time - ROUNDING]
     lasted = ", ".join(f"stage {stage.name} lasted {1e3 * stage.duration:.2g} ms" for stage in brief)
     return f"{lasted}, less than a sample of {1e3 * summary.sample_time:g} ms" if brief else ""
+
+
+def describe_forces(summary: Summary) -> str:
+    """Write how near forces come to their limits, or what a run without limits asks for; empty if it is not known."""
+    if force := describe_tightest_force(summary):
+        cut = number(100 * summary.saturated, 1)
+        return f"largest commanded force, of its limit: {force}; forces cut {cut} % of the time"
+    peaks = {name: peak for name, peak in summary.peaks.items() if math.isfinite(peak) and peak > 0}
+    if summary.limits_dynamics or not peaks:
+        return ""
+    asked_for = ", ".join(f"{name.replace('_', ' ')} {peak:.3g} {PEAKS[name][0]}" for name, peak in peaks.items())
+    return f"no limit of forces or accelerations is declared; the largest are: {asked_for}"
 
 
 def describe_verdict(verdict: Verdict) -> str:

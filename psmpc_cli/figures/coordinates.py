@@ -122,7 +122,22 @@ def plot_forces(run: Run) -> Figure:
         F, commanded = (along_base_axes(run.problem.model, Q, each) for each in (F, commanded))
     is_cut = np.abs(commanded - F) > NOT_CUT * np.abs(commanded).max(axis=0, initial=0.0)
     beside = ("commanded, cut", np.where(is_cut, commanded, np.nan)) if is_cut.any() else None
-    return _plot_quantity(run, ("force", unit), ("torque", "N m"), [(time, F)], beside, "force", peaked=True)
+    heading = _tightest_force(run)
+    return _plot_quantity(
+        run, ("force", unit), ("torque", "N m"), [(time, F)], beside, "force", peaked=True, heading=heading
+    )
+
+
+def _tightest_force(run: Run) -> str:
+    """Write which commanded force came nearest to its limit, and how long forces were cut; empty without limits."""
+    summary = run.summary()
+    force = summary.tightest_force
+    if force is None:
+        return ""
+    part, _, axis = force.where.rpartition(".")
+    of = "its limit" if run.task.spec.uncertainty.force_share == 1 else "what is there"
+    largest = f"{style.readable(part)}.{axis} commanded up to {100 * force.value:.1f} % of {of}, at {force.time:.1f} s"
+    return f"{largest}\nforces cut {100 * summary.saturated:.1f} % of the time"
 
 
 def limits_base_force(run: Run) -> bool:
@@ -197,6 +212,7 @@ def _plot_quantity(
     limits: Literal["velocity", "acceleration", "force"] | None = None,
     drawstyle: Literal["default", "steps-post"] = "default",
     peaked: bool = False,
+    heading: str = "",
 ) -> Figure:
     """Plot a quantity with a value for each generalized coordinate over time.
 
@@ -211,6 +227,7 @@ def _plot_quantity(
         limits: Which limits of the stages bound it.
         drawstyle: How values are joined.
         peaked: Whether it may have short peaks that hide the rest; the axis is then logarithmic far out.
+        heading: What is written above the figure.
     """
     panels = list(_panels(runs_of(runs)[0].problem.model, linear, angular))
     figure, grid = timeline(runs, len(panels), PANEL_HEIGHT)
@@ -235,6 +252,8 @@ def _plot_quantity(
         on_one_line = len(name) * style.CHARACTER < PANEL_HEIGHT
         lines = f"{name}\n({panel.unit})" if on_one_line else f"{panel.part}\n{panel.quantity} ({panel.unit})"
         label_row(row_of_axes, lines, note)
+    if heading:
+        figure.suptitle(heading)
     return style.finish(figure)
 
 

@@ -12,7 +12,7 @@ from psmpc_cli.figures.coordinates import plot_controls, plot_errors, plot_force
 from psmpc_cli.logs.run import Run
 
 from ..short_runs import CUT, there_and_back
-from .figure_contents import common_legend, curves, long_curves, points
+from .figure_contents import check_figure, common_legend, curves, long_curves, points
 
 Load = Callable[..., Run]
 
@@ -108,6 +108,13 @@ def test_forces_have_their_limits_and_what_was_commanded_where_they_are_cut(tmp_
     np.testing.assert_allclose(commanded[is_cut], along_x["commanded"][is_cut], atol=1e-12)
     assert is_cut.any() and (np.abs(along_x["F"][is_cut]) <= 4.8 + 1e-9).all()
     assert "commanded, cut" in common_legend(figure)
+    largest = cut.time[np.argmax(cut["force/utilization"][:, 0])]
+    share = 100 * cut["force/saturated"].mean()
+    assert figure.get_suptitle().splitlines() == [
+        f"base.x commanded up to 125.0 % of what is there, at {largest:.1f} s",
+        f"forces cut {share:.1f} % of the time",
+    ]
+    check_figure(figure)
 
 
 def test_errors_are_the_largest_of_a_group_in_the_coordinates_the_stage_controls(run: Run) -> None:

@@ -133,6 +133,7 @@ OUTCOME = (
     _number("tightest_force", "1", "coordinate of that force", _tightest_force("where", ""), dtype="text"),
     _number("tightest_force_time", "s", "sample at which it was largest", _tightest_force("time")),
     _number("force_saturated", "1", "share of the time in which a force was cut at its limit", "saturated"),
+    _whole("limits_dynamics", "1 if some stage has a limit of forces or accelerations, 0 if none has"),
     _number("monitor_margin", "m, m/s, 1", _MARGINS, _monitor_margins, dims=("monitor",)),
     _whole("unmeasured", "samples whose state was not measured, at least in part"),
 )

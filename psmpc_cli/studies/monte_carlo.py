@@ -171,6 +171,12 @@ class MonteCarloRuns:
         excess = np.nan_to_num(-self[f"relative_{kind}_margin"])
         return np.where(excess > EXCEEDED, excess, 0.0)
 
+    @property
+    def is_without_limits(self) -> bool:
+        """Whether the task is known to have no limit of forces and accelerations."""
+        found = self.results.quantities.get("limits_dynamics")
+        return found is not None and bool((found.values == 0).any())
+
     def quantiles(self) -> Iterator[tuple[str, int, tuple[float, ...]]]:
         """Yield how every quantity spreads: what it is, how many runs have it, and its 5, 50 and 95 % quantiles."""
         values = {"mission ends, successful runs [s]": self.end_time}

@@ -67,6 +67,12 @@ class Sample:
         return len(self.command.disturbance)
 
     @property
+    def commanded(self) -> np.ndarray:
+        """Generalized forces that the law commanded at the ticks (M, n); those applied where a plant cuts none."""
+        commanded = self.ticks.commanded
+        return self.ticks.F if commanded is None else commanded
+
+    @property
     def tick_numbers(self) -> np.ndarray:
         """Numbers of the sample's ticks (M,), counted from the start of the run."""
         ticks = len(self.ticks.F)
@@ -413,7 +419,7 @@ SCHEMA = (
         "ticks/commanded",
         FORCE_UNITS,
         "generalized force that the law commands, before it is cut at its limits",
-        "ticks.commanded",
+        "commanded",
         only="commanded at ticks",
     ),
     _tick_of_object(

@@ -155,18 +155,18 @@ class Meter:
             "state/Qdot_true": x[:, model.nq :],
             "payload/held": [held] * len(x),
             "payload/energy": [0.0 if each is None else each.gained[-1] for each in contacts],
-            **({} if self._force_limits is None else self._force_use(self._force_limits, ticks)),
+            **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
         }
         for sample, row in zip(samples, zip(*columns.values(), strict=True), strict=True):
             sample.measured.update(zip(columns, row, strict=True))
         return np.asarray(expected[-1])
 
-    def _force_use(self, limits: ForceLimits, ticks: Sequence[Ticks]) -> dict[str, np.ndarray]:
+    def _force_use(self, limits: ForceLimits, samples: Sequence[Sample]) -> dict[str, np.ndarray]:
         """Return how near commanded forces come to their limits, and how often they are cut, by path in the log."""
         model = self._problem.model
-        F = np.array([each.F for each in ticks])
-        commanded = np.array([each.commanded for each in ticks])
-        Q = np.array([each.X[:-1, : model.nq] for each in ticks])
+        F = np.array([each.ticks.F for each in samples])
+        commanded = np.array([each.commanded for each in samples])
+        Q = np.array([each.ticks.X[:-1, : model.nq] for each in samples])
         utilization = limits.utilization(model.space, Q, commanded)
         is_cut = (commanded != F).any(axis=2) & (utilization > 1 + NOT_CUT).any(axis=2)
         return {

@@ -385,10 +385,13 @@ class Recorder:
 def _checked(ticks: Ticks, command: Command) -> Ticks:
     """Return the ticks of a sample with arrays of numbers, and NaN for an impulse and a work that are not given.
 
+    Forces are commanded as they are applied where nothing else is given.
+
     Raises:
         InputError: An array is not as large as the ticks of the command make it.
     """
     count, n = command.u.shape
+    ticks = replace(ticks, commanded=ticks.F if ticks.commanded is None else ticks.commanded)
     shapes = {"time": (count + 1,), "X": (count + 1, len(command.x)), "F": (count, n), "commanded": (count, n)}
     for name, shape in shapes.items():
         if shape_of(getattr(ticks, name)) != shape:

@@ -93,6 +93,8 @@ def print_summary(run: Run, verbose: bool) -> None:
     if brief := describe_brief_stages(summary):
         typer.echo(brief)
     print_table(("", ""), list(measure_rows(summary, verbose)))
+    if not summary.limits_dynamics:
+        typer.echo(NO_LIMITS)
     typer.echo(f"log: {run.path}")
 
 
@@ -115,7 +117,7 @@ def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
     rows = [row for row in _compared(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
     print_table(("", *summaries), rows, left=1)
     if not any(summary.limits_dynamics for summary in summaries.values()):
-        typer.echo(f"limits of forces and accelerations: {NO_LIMITS}")
+        typer.echo(NO_LIMITS)
     if others:
         typer.echo(f"in parentheses: difference to {first}")
     if any("[" in cell for row in rows for cell in row[1:]):
@@ -226,7 +228,7 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
     rows = [(name, str(count), *(number(value, 3) for value in at)) for name, count, at in runs.quantiles()]
     print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), rows, left=1)
     if runs.is_without_limits:
-        typer.echo(f"limits of forces and accelerations: {NO_LIMITS}")
+        typer.echo(NO_LIMITS)
     if worst := [int(run) for run in runs.worst(count=5)]:
         typer.echo("worst runs: failed, latest, largest error")
         rows = []

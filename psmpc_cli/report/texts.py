@@ -79,7 +79,8 @@ def _loads(capture: CaptureSummary | None) -> str:
 ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_acceleration")
 """The commanded accelerations among the peaks: the base's linear and angular one, and a joint's."""
 
-NO_LIMITS = "none declared: nothing bounds the largest values above"
+NO_LIMITS = "limits of forces and accelerations: none declared: nothing bounds the largest values above"
+"""Remark on runs of a task that declares none."""
 
 
 def _peaks(summary: Summary, *names: str) -> str:
@@ -143,7 +144,6 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("largest force, torque of the base [N, N m]", lambda run: _peaks(run, "base_force", "base_torque"), 0, ""),
     ("largest torque of a joint [N m]", lambda run: run.peaks["joint_torque"], 2, ""),
     ("largest accelerations [m/s^2, rad/s^2, rad/s^2]", lambda run: _peaks(run, *ACCELERATIONS), 0, ""),
-    ("limits of forces and accelerations", lambda run: "" if run.limits_dynamics else NO_LIMITS, 0, ALONE),
     ("base thrusters, force [N s]", lambda run: run.base_force or math.nan, 2, ""),
     ("base thrusters, torque [N m s]", lambda run: run.base_torque or math.nan, 2, ""),
     ("variation of u, base position [m/s^2]", lambda run: run.variation_base_position, 2, DETAIL),

@@ -34,6 +34,17 @@ time_limit: 4
 solver: {kind: fatrop}
 """
 
+CUT = (
+    "plant.kind=rk4",
+    "solver.compiled=false",
+    "limits.base.force=[6, 20, 1]",
+    "uncertainty.force_share={base: [0.8, 1, 1]}",
+    "log.ticks=true",
+    "log.shares=false",
+    "time_limit=1.5",
+)
+"""Changes with which the plan keeps forces on the base within limits of which less is there than it knows."""
+
 
 def there_and_back(folder: Path, *changes: str, samples: int | None = None, name: str = "log", text: str = TASK) -> Run:
     """Return the log of a run there and back, or of another text, interrupted after so many samples.

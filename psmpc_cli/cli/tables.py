@@ -25,6 +25,7 @@ from psmpc_cli.report.texts import (
     ALONE,
     EMPTY,
     MEASURES,
+    NO_LIMITS,
     describe_brief_stages,
     describe_mission,
     describe_verdict,
@@ -43,13 +44,21 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import GRASP_LOADS, ObjectSpec
 from psmpc_cli.specs.parts import POSITION_AXES, TARGET_AXES, axes_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
-from psmpc_cli.specs.robot import RobotSpec, SpatialRobot, labels, resolve_limits
+from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits
 from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
 Row = Sequence[str]
+
+LIMIT_UNITS = {
+    "position": ("m", "deg"),
+    "velocity": ("m/s", "rad/s"),
+    "acceleration": ("m/s^2", "rad/s^2"),
+    "force": ("N", "N m"),
+}
+"""Quantities that have limits, with the units of linear and of angular coordinates."""
 
 MOST_ROWS = 49
 """Rows of a sweep's table; of more runs so many are printed, evenly from the smallest to the largest ratio."""
@@ -84,6 +93,8 @@ def print_summary(run: Run, verbose: bool) -> None:
     if brief := describe_brief_stages(summary):
         typer.echo(brief)
     print_table(("", ""), list(measure_rows(summary, verbose)))
+    if not summary.limits_dynamics:
+        typer.echo(NO_LIMITS)
     typer.echo(f"log: {run.path}")
 
 
@@ -105,6 +116,8 @@ def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
             typer.echo(f"{name}: {brief}")
     rows = [row for row in _compared(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
     print_table(("", *summaries), rows, left=1)
+    if not any(summary.limits_dynamics for summary in summaries.values()):
+        typer.echo(NO_LIMITS)
     if others:
         typer.echo(f"in parentheses: difference to {first}")
     if any("[" in cell for row in rows for cell in row[1:]):
@@ -214,6 +227,8 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
     typer.echo(_success(runs))
     rows = [(name, str(count), *(number(value, 3) for value in at)) for name, count, at in runs.quantiles()]
     print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), rows, left=1)
+    if runs.is_without_limits:
+        typer.echo(NO_LIMITS)
     if worst := [int(run) for run in runs.worst(count=5)]:
         typer.echo("worst runs: failed, latest, largest error")
         rows = []
@@ -296,6 +311,9 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if rows := [_posture(task.robot, each) for each in arm_postures(model, stages, stops)]:
         typer.echo()
         print_table(("at the target of", "arm", "joints", "end-effector"), rows, left=4)
+    if limits := [(coordinate, force) for coordinate, *_, force in _limits(task.robot, spec.limits) if force]:
+        typer.echo()
+        print_table(("coordinate", "limit of force, of robot and task"), limits, left=2)
     if spec.object is not None:
         typer.echo()
         print_table(("object", ""), [*_object(spec.object), *_unknown_load(task, model, stops)])
@@ -351,7 +369,7 @@ def print_robot(robot: RobotSpec) -> None:
     headings = ("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]", "armature")
     print_table(headings, rows, left=len(headings))
     typer.echo()
-    print_table(("coordinate", "position", "velocity", "acceleration"), _limits(robot), left=4)
+    print_table(("coordinate", *LIMIT_UNITS), _limits(robot), left=1 + len(LIMIT_UNITS))
     typer.echo()
     if isinstance(robot, SpatialRobot) and robot.assumed:
         typer.echo("assumed:")
@@ -478,18 +496,23 @@ def _listed_in_degrees(angles: Sequence[float]) -> str:
     return _listed([math.degrees(angle) for angle in angles])
 
 
-def _limits(robot: RobotSpec) -> list[Row]:
-    """Build the rows of the limits of every coordinate, angles in degrees; empty where there is none."""
-    limits = resolve_limits(robot)
+def _limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> list[Row]:
+    """Build the rows of the limits of every coordinate, angles in degrees; empty where there is none.
+
+    Args:
+        robot: The robot.
+        more: Limits that hold besides its own, such as a task's.
+    """
+    limits = resolve_limits(robot, *more)
     rows = list[Row]()
     for row, label in enumerate(labels(robot, "joint")):
         length = label.rpartition(".")[2] in POSITION_AXES
         spans = [label]
-        for quantity, unit in (("position", "deg"), ("velocity", "rad/s"), ("acceleration", "rad/s^2")):
+        for quantity, (of_length, of_angle) in LIMIT_UNITS.items():
+            unit = of_length if length else of_angle
             ends = (float(getattr(limits, f"{quantity}_{end}")[row]) for end in ("low", "high"))
-            low, high = (math.degrees(end) if unit == "deg" and not length else end for end in ends)
-            shown = unit.replace("deg", "m").replace("rad", "m") if length else unit
-            spans.append("" if math.isinf(low) and math.isinf(high) else f"{low:.4g} to {high:.4g} {shown}")
+            low, high = (math.degrees(end) if unit == "deg" else end for end in ends)
+            spans.append("" if math.isinf(low) and math.isinf(high) else f"{low:.4g} to {high:.4g} {unit}")
         rows.append(spans)
     return rows
 

@@ -21,6 +21,9 @@ POSITION = ("position", "m")
 ANGLE = ("angle", "rad")
 """Names and units of what states are."""
 
+SEEN = "seen by the controller"
+"""Look of the values that the controller saw."""
+
 PANEL_HEIGHT = 0.82
 """Height of a panel of coordinates [in]."""
 
@@ -29,6 +32,9 @@ LIMIT_DISTANCE = 4.0
 
 PEAK_RATIO = 5.0
 """A peak so many times as large as the 95th percentile of the values hides the rest."""
+
+NOT_CUT = 1e-6
+"""A force that is cut by no larger part of the largest one is drawn as applied [1]."""
 
 SMALLEST_ERROR = 1e-5
 """Smaller errors are not shown [m, rad]."""
@@ -81,14 +87,14 @@ def plot_states(runs: Run | Mapping[str, Run]) -> Figure:
     angle to the attitude the current stage aims at [rad], where it aims at one.
     """
     curves = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs_of(runs)]
-    seen = _in_vectors(runs, runs.motion.Q_seen) if isinstance(runs, Run) else None
+    seen = (SEEN, _in_vectors(runs, runs.motion.Q_seen)) if isinstance(runs, Run) else None
     return _plot_quantity(runs, POSITION, ANGLE, curves, seen)
 
 
 def plot_velocities(run: Run) -> Figure:
     """Plot generalized velocities [m/s, rad/s] with the limits in force and what the controller saw."""
     curves = [(run.motion.time, run.motion.v)]
-    seen = run.motion.v_seen
+    seen = (SEEN, run.motion.v_seen)
     return _plot_quantity(run, ("velocity", "m/s"), ("velocity", "rad/s"), curves, seen, limits="velocity")
 
 
@@ -104,10 +110,49 @@ def plot_controls(run: Run) -> Figure:
 
 
 def plot_forces(run: Run) -> Figure:
-    """Plot base force [N], base torque and joint torques [N m] at every tick if logged, else at every sample."""
-    has_ticks = len(run.ticks.get("time", ())) > 0
-    forces = (run.ticks["time"], run.ticks["F"]) if has_ticks else (run.time, run["force/F"])
-    return _plot_quantity(run, ("force", "N"), ("torque", "N m"), [forces], peaked=True)
+    """Plot base force [N], base torque and joint torques [N m] at every tick if logged, else at every sample.
+
+    The limits in force are drawn, and with ticks what was commanded where a force was cut at its limit. A force on the
+    base that has limits is along the base's own axes, as they are.
+    """
+    ticks = run.ticks
+    has_ticks = len(ticks.get("time", ())) > 0
+    time, Q, F = (ticks["time"], ticks["Q"], ticks["F"]) if has_ticks else (run.time, run.Q, run["force/F"])
+    commanded = ticks.get("commanded", F) if has_ticks else F
+    unit = "N"
+    if limits_base_force(run):
+        unit = "N, own axes"
+        F, commanded = (along_base_axes(run.problem.model, Q, each) for each in (F, commanded))
+    is_cut = np.abs(commanded - F) > NOT_CUT * np.abs(commanded).max(axis=0, initial=0.0)
+    beside = ("commanded, cut", np.where(is_cut, commanded, np.nan)) if is_cut.any() else None
+    heading = _tightest_force(run)
+    return _plot_quantity(
+        run, ("force", unit), ("torque", "N m"), [(time, F)], beside, "force", peaked=True, heading=heading
+    )
+
+
+def _tightest_force(run: Run) -> str:
+    """Write which commanded force came nearest to its limit, and how long forces were cut; empty without limits."""
+    summary = run.summary()
+    force = summary.tightest_force
+    if force is None:
+        return ""
+    part, _, axis = force.where.rpartition(".")
+    of = "its limit" if run.task.spec.uncertainty.force_share == 1 else "what is there"
+    largest = f"{style.readable(part)}.{axis} commanded up to {100 * force.value:.1f} % of {of}, at {force.time:.1f} s"
+    return f"{largest}\nforces cut {100 * summary.saturated:.1f} % of the time"
+
+
+def limits_base_force(run: Run) -> bool:
+    """Tell whether a stage has a limit of the force on the base."""
+    linear = slice(run.problem.model.dimension)
+    bounds = [(stage.limits.force_low[linear], stage.limits.force_high[linear]) for stage in run.problem.stages]
+    return bool(np.isfinite(bounds).any())
+
+
+def along_base_axes(model: RobotModel, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Turn the force on the base in generalized forces F (K, n) at coordinates Q (K, nq) into its own axes."""
+    return np.column_stack(model.space.along_base_axes(Q.T, F.T))
 
 
 def _in_vectors(run: Run, Q: np.ndarray) -> np.ndarray:
@@ -169,10 +214,11 @@ def _plot_quantity(
     linear: tuple[str, str],
     angular: tuple[str, str],
     curves: Sequence[tuple[np.ndarray, np.ndarray]],
-    seen: np.ndarray | None = None,
-    limits: Literal["velocity", "acceleration"] | None = None,
+    beside: tuple[str, np.ndarray] | None = None,
+    limits: Literal["velocity", "acceleration", "force"] | None = None,
     drawstyle: Literal["default", "steps-post"] = "default",
     peaked: bool = False,
+    heading: str = "",
 ) -> Figure:
     """Plot a quantity with a value for each generalized coordinate over time.
 
@@ -183,10 +229,11 @@ def _plot_quantity(
         linear: Name and unit of the quantity for linear coordinates.
         angular: Name and unit for angular coordinates.
         curves: Times (K,) [s] and values (K, n) of each run.
-        seen: What the controller saw of it (K, n), drawn where it differs.
+        beside: Other values of it (K, n), drawn where they differ, after their look.
         limits: Which limits of the stages bound it.
         drawstyle: How values are joined.
         peaked: Whether it may have short peaks that hide the rest; the axis is then logarithmic far out.
+        heading: What is written above the figure.
     """
     panels = list(_panels(runs_of(runs)[0].problem.model, linear, angular))
     figure, grid = timeline(runs, len(panels), PANEL_HEIGHT)
@@ -199,8 +246,9 @@ def _plot_quantity(
             axes.margins(y=0.08)
             if limits is not None:
                 _plot_limits(axes, run, limits, panel.rows, values)
-            if seen is not None and not np.array_equal(seen, all_values, equal_nan=True):
-                axes.plot(time, seen[:, panel.rows], **style.look("seen by the controller"))
+            if beside is not None and not np.array_equal(beside[1], all_values, equal_nan=True):
+                look, others = beside
+                axes.plot(time, others[:, panel.rows], **style.look(look))
             if panel.quantity == "attitude" and np.isfinite(angle := attitude_error(run)).any():
                 axes.plot(time, angle, label="to the target", color="black", linewidth=0.8)
             if peaked:
@@ -210,6 +258,8 @@ def _plot_quantity(
         on_one_line = len(name) * style.CHARACTER < PANEL_HEIGHT
         lines = f"{name}\n({panel.unit})" if on_one_line else f"{panel.part}\n{panel.quantity} ({panel.unit})"
         label_row(row_of_axes, lines, note)
+    if heading:
+        figure.suptitle(heading)
     return style.finish(figure)
 
 
@@ -256,12 +306,20 @@ def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarra
     time = np.array([edge for span in run.spans for edge in (span.start, span.end)])
     limits = [run.problem.stages[span.index].limits for span in run.spans for _ in ("start", "end")]
     sides = [np.array([getattr(limit, f"{kind}_{side}")[rows] for limit in limits]) for side in ("low", "high")]
+    axes.plot(time, distinct_limits(sides, values), label="_limit", **style.LEVEL)
 
+
+def distinct_limits(sides: Sequence[np.ndarray], values: np.ndarray) -> np.ndarray:
+    """Return the limits (T, k) that differ and are not far off the values of a panel, NaN where they are far off.
+
+    Args:
+        sides: Lower and upper limits of each coordinate of the panel (T, coordinates).
+        values: The values of its coordinates.
+    """
     largest_drawn = LIMIT_DISTANCE * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
     near = [np.where(np.abs(side) < largest_drawn, side, np.nan) for side in sides]
     distinct = np.unique(np.hstack(near), axis=1)
-    drawn = distinct[:, np.isfinite(distinct).any(axis=0)]
-    axes.plot(time, drawn, label="_limit", **style.LEVEL)
+    return np.asarray(distinct[:, np.isfinite(distinct).any(axis=0)])
 
 
 def plot_errors(run: Run) -> Figure:

@@ -65,7 +65,7 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         ),
         "forces": FigureKind(
             coordinates.plot_forces,
-            "Generalized forces of the low-level controller.",
+            "Generalized forces of the low-level controller, with the limits in force.",
             is_of=lambda run: bool(np.isfinite(run["force/F"]).any()) or not len(run.time),
         ),
         "errors": FigureKind(

@@ -77,6 +77,7 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
     "next stage already acts": {"facecolor": EARLY, "edgecolor": "none", "zorder": 0.1},
     "early start": {"color": "black", "linestyle": DOTTED, "linewidth": 0.8, "zorder": 1.2},
     "seen by the controller": {"color": "#7A7A7A", "linewidth": 0.55, "zorder": 1.4},
+    "commanded, cut": {"color": "black", "linestyle": DOTTED, "linewidth": 1.2, "zorder": 2.1},
     "failed": {"color": "black", "marker": "x", "markersize": 3.5, "linestyle": "none"},
     "waiting": {"color": EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"},
     "ring around a failed run": {"color": "black", "marker": "o", "linestyle": "none", "zorder": 1.8, **RING},

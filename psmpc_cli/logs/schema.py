@@ -67,6 +67,12 @@ class Sample:
         return len(self.command.disturbance)
 
     @property
+    def commanded(self) -> np.ndarray:
+        """Generalized forces that the law commanded at the ticks (M, n); those applied where a plant cuts none."""
+        commanded = self.ticks.commanded
+        return self.ticks.F if commanded is None else commanded
+
+    @property
     def tick_numbers(self) -> np.ndarray:
         """Numbers of the sample's ticks (M,), counted from the start of the run."""
         ticks = len(self.ticks.F)
@@ -253,6 +259,7 @@ _sampled_count = partial(_column, dims=("time",), dtype="i4")
 _sampled_coordinates = partial(_column, dims=("time", Q_COORDINATE))
 _sampled_velocities = partial(_column, dims=("time", "coordinate"))
 _sampled_momentum = partial(_column, dims=("time", "momentum"))
+_sampled_limited = partial(_column, only="force limits")
 _sampled_disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
 _ticks_coordinates = partial(_column, dims=("ticks/tick", Q_COORDINATE), only="ticks")
 _ticks_velocities = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
@@ -304,6 +311,19 @@ SCHEMA = (
     _sampled_velocities("control/u", ACCELERATION_UNITS, "applied acceleration over the first tick"),
     _sampled_velocities(
         "force/F", FORCE_UNITS, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]
+    ),
+    _sampled_limited(
+        "force/utilization",
+        "1",
+        "largest force that the law commands until the next sample over its limit, the base's along its own axes; NaN "
+        "without one",
+        dims=("time", "coordinate"),
+    ),
+    _sampled_limited(
+        "force/saturated",
+        "1",
+        "share of the ticks until the next sample at which a force is cut at its limit",
+        dims=("time",),
     ),
     _column("pose/xi", POSITION_UNITS, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
     _sampled_count("window/first", "1", "index of the current stage", "command.sequence.first"),
@@ -395,6 +415,13 @@ SCHEMA = (
         "ticks/Qdot", VELOCITY_UNITS, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, -s.n :]
     ),
     _ticks_velocities("ticks/F", FORCE_UNITS, "generalized force held from the tick on", "ticks.F"),
+    _ticks_velocities(
+        "ticks/commanded",
+        FORCE_UNITS,
+        "generalized force that the law commands, before it is cut at its limits",
+        "commanded",
+        only="commanded at ticks",
+    ),
     _tick_of_object(
         "object_coordinate",
         "object_pose",

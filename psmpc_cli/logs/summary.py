@@ -11,6 +11,7 @@ from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.specs.object import GRASP_LOADS, CaptureSpec
+from psmpc_cli.specs.robot import Limits
 from psmpc_cli.specs.task import OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec
 
 Arrays = Mapping[str, np.ndarray]
@@ -172,6 +173,10 @@ class Summary:
         squared_acceleration: Integral of |u|^2, which grows where the last interval before a switch shrinks.
         base_force, base_torque: Integrals of their norms [N s], [N m s].
         peaks: Largest forces and commanded accelerations at a tick, by `PEAKS`; NaN where they are not known.
+        tightest_force: The largest force that the law commanded over its limit [1], which coordinate it is of, and the
+            sample in which it was; None where forces have no limits, or are not known.
+        saturated: Share of the time in which a force was cut at its limit [1]; NaN where forces have no limits.
+        limits_dynamics: Some stage has a limit of forces or accelerations.
         variation_base_position, variation_base_angle, variation_joints: Total variation of the control at the samples,
             sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2].
         momentum_error, energy_error: Largest drift of the balances of momentum and energy.
@@ -220,6 +225,11 @@ class Summary:
         self.base_torque = float(arrays["effort/base_torque"].sum())
         self.peaks = {name: float(np.max(arrays[f"peak/{name}"], initial=0.0)) for name in PEAKS}
         coordinates = tuple(arrays["coordinate"])
+        utilization = arrays.get("force/utilization", np.full((len(time), len(coordinates)), np.nan))
+        saturated = arrays.get("force/saturated", np.zeros(0))
+        self.tightest_force = largest(utilization, coordinates, time)
+        self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
+        self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
         varied = variation(np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates)
         self.variation_base_position, self.variation_base_angle, self.variation_joints = varied
         self.momentum_error, self.energy_error = (
@@ -448,6 +458,12 @@ def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ..
         coordinate = str(arrays["coordinate"][column])
         tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
     return tuple(tightest)
+
+
+def _limits_dynamics(limits: Limits) -> bool:
+    """Tell whether a force or an acceleration has a limit."""
+    bounds = (limits.force_low, limits.force_high, limits.acceleration_low, limits.acceleration_high)
+    return bool(np.isfinite(bounds).any())
 
 
 def _closing_samples(arrays: Arrays) -> tuple[int, ...]:

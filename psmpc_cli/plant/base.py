@@ -129,6 +129,17 @@ class ForceLimits:
         """Return what of a generalized force F (n,) is within the limits where the robot is at Q (nq,)."""
         return np.array(limited_force(space, Q, F, self.low, self.high, np.clip))
 
+    def utilization(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return generalized forces F (..., n) over the limits that they are against where the robot is at Q (..., nq).
+
+        NaN of a coordinate without a limit; infinite where a force is in a direction in which none is possible.
+        """
+        own = np.stack(space.along_base_axes(np.moveaxis(Q, -1, 0), np.moveaxis(F, -1, 0)), axis=-1)
+        against = np.abs(np.where(own < 0, self.low, self.high))
+        with np.errstate(divide="ignore"):
+            over = np.divide(np.abs(own), against, out=np.zeros(own.shape), where=own != 0)
+        return np.where(np.isfinite(self.low) | np.isfinite(self.high), over, np.nan)
+
 
 def limited_force(
     space: ConfigurationSpace, Q: Any, F: Any, low: Any, high: Any, clip: Callable[[Any, Any, Any], Any]

@@ -19,7 +19,14 @@ from psmpc_cli.figures.style import in_style, readable, title_of
 from psmpc_cli.logs.files import write_new
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import RUN
-from psmpc_cli.report.texts import describe_brief_stages, describe_mission, filled_columns, measure_rows, stage_rows
+from psmpc_cli.report.texts import (
+    NO_LIMITS,
+    describe_brief_stages,
+    describe_mission,
+    filled_columns,
+    measure_rows,
+    stage_rows,
+)
 from psmpc_cli.specs.arguments import as_path, require
 
 DPI = 200
@@ -115,6 +122,7 @@ def report_run(run: Run) -> Page:
         stages=stage_rows(summary),
         brief_stages=describe_brief_stages(summary),
         measures=list(measure_rows(summary, verbose=True)),
+        no_limits=NO_LIMITS,
         figures={
             FIGURES[RUN][name].caption or f"{readable(name)}.": partial(make, run)
             for name, make in figures_of(RUN, run).items()

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
+from psmpc_cli.logs.schema import PEAKS
 from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summary, Verdict
 from psmpc_cli.specs.object import GRASP_LOADS
 
@@ -78,11 +79,20 @@ def _loads(capture: CaptureSummary | None) -> str:
 ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_acceleration")
 """The commanded accelerations among the peaks: the base's linear and angular one, and a joint's."""
 
+NO_LIMITS = "limits of forces and accelerations: none declared: nothing bounds the largest values above"
+"""Remark on runs of a task that declares none."""
+
 
 def _peaks(summary: Summary, *names: str) -> str:
     """Write peaks of one row; nothing where they are not known, or all 0, those of a base without thrusters."""
     values = [summary.peaks[name] for name in names]
     return " / ".join(f"{value:.3g}" for value in values) if all(map(math.isfinite, values)) and any(values) else ""
+
+
+def describe_tightest_force(summary: Summary) -> str:
+    """Write which commanded force came nearest to its limit, or farthest beyond it, in percent of it, and when."""
+    force = summary.tightest_force
+    return "" if force is None else f"{force.where}: {100 * force.value:.1f} % at {force.time:.1f} s"
 
 
 def _departure(capture: CaptureSummary | None) -> str:
@@ -120,6 +130,8 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("other guesses of the switch times chosen", lambda run: math.nan if run.basins is None else run.basins, 0, ""),
     ("tightest position margin, of the limit", lambda run: _margin(run, "position"), 0, ""),
     ("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity"), 0, ""),
+    ("largest commanded force, of its limit", describe_tightest_force, 0, ""),
+    ("forces cut at their limits [% of the time]", lambda run: 100 * run.saturated, 1, ""),
     ("farthest beyond a limit, any tick", _beyond_limits, 0, ALONE),
     ("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), 0, DETAIL + ALONE),
     ("end error over tolerance, at switches", lambda run: _largest(run.end_condition), 0, DETAIL),
@@ -202,6 +214,18 @@ def describe_brief_stages(summary: Summary) -> str:
     brief = [stage for stage in summary.stages if stage.duration < summary.sample_time - ROUNDING]
     lasted = ", ".join(f"stage {stage.name} lasted {1e3 * stage.duration:.2g} ms" for stage in brief)
     return f"{lasted}, less than a sample of {1e3 * summary.sample_time:g} ms" if brief else ""
+
+
+def describe_forces(summary: Summary) -> str:
+    """Write how near forces come to their limits, or what a run without limits asks for; empty if it is not known."""
+    if force := describe_tightest_force(summary):
+        cut = number(100 * summary.saturated, 1)
+        return f"largest commanded force, of its limit: {force}; forces cut {cut} % of the time"
+    peaks = {name: peak for name, peak in summary.peaks.items() if math.isfinite(peak) and peak > 0}
+    if summary.limits_dynamics or not peaks:
+        return ""
+    asked_for = ", ".join(f"{name.replace('_', ' ')} {peak:.3g} {PEAKS[name][0]}" for name, peak in peaks.items())
+    return f"no limit of forces or accelerations is declared; the largest are: {asked_for}"
 
 
 def describe_verdict(verdict: Verdict) -> str:

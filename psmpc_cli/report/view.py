@@ -12,12 +12,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.figures import style
-from psmpc_cli.figures.coordinates import SMALLEST_ERROR, error_curves, error_parts
+from psmpc_cli.figures.coordinates import (
+    SMALLEST_ERROR,
+    along_base_axes,
+    distinct_limits,
+    error_curves,
+    error_parts,
+    limits_base_force,
+)
 from psmpc_cli.figures.scene import Scene, scene_of
 from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.report.pages import Page, render
-from psmpc_cli.report.texts import describe_mission
+from psmpc_cli.report.texts import describe_forces, describe_mission
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.specs.object import GRASP_LOADS
@@ -88,9 +95,11 @@ def _run_data(name: str, run: Run) -> Json:
 
 
 def _notes(run: Run) -> Iterator[str]:
-    """List what a log lacks, or how it is to be read."""
+    """List what a log lacks, how it is to be read, and how near forces come to their limits."""
     if run.interrupted:
         yield "The log is unfinished: the run is shown up to its last sample."
+    if forces := describe_forces(run.summary()):
+        yield f"{forces[0].upper()}{forces[1:]}."
     if not run.has_plans:
         yield "The log holds no plans (log.plans is false), so no plan is drawn."
     elif "levels/solved" in run:
@@ -199,6 +208,7 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
     tabs = {
         "Velocities": _panels(model, time, motion.v[frames], ("m/s", "rad/s")),
         "Controls": _panels(model, time, u, ("m/s²", "rad/s²"), stepped=True),
+        "Forces": _force_panels(run, frames),
         "Errors": _error_panels(run, frames),
         "Coordinates": _panels(model, time, _angles(model, motion.Q[frames]), ("m", "rad")),
         "Stages": _stage_panels(run),
@@ -218,18 +228,52 @@ def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
 
 
 def _panels(
-    model: RobotModel, time: np.ndarray, values: np.ndarray, units: tuple[str, str], stepped: bool = False
+    model: RobotModel,
+    time: np.ndarray,
+    values: np.ndarray,
+    units: tuple[str, str],
+    stepped: bool = False,
+    limits: Sequence[np.ndarray] = (),
 ) -> Iterator[Json]:
-    """Yield a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s]."""
+    """Yield a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s].
+
+    Args:
+        model: The robot.
+        time: The times.
+        values: The values.
+        units: Of linear and of angular coordinates.
+        stepped: Whether a value is held until the next one.
+        limits: Lower and upper limits of the values (T, n), infinite where there are none.
+    """
     base = model.parts["base"].stop
     d = model.dimension
     angles = ("θ",) if d == 2 else ("yaw", "pitch", "roll") if units[0] == "m" else ("x", "y", "z")
-    yield _panel(f"base ({units[0]})", time, zip("xyz"[:d], values.T[:d], strict=True), stepped=stepped)
-    yield _panel(f"base ({units[1]})", time, zip(angles, values.T[d:base], strict=True), stepped=stepped)
+    panels: list[tuple[str, slice, Sequence[str]]] = [
+        (f"base ({units[0]})", slice(d), "xyz"[:d]),
+        (f"base ({units[1]})", slice(d, base), angles),
+    ]
     for name, rows in list(model.parts.items())[1:]:
-        joints = (f"joint {number + 1}" for number in range(rows.stop - rows.start))
-        curves = zip(joints, values.T[rows], strict=True)
-        yield _panel(f"{style.readable(name)} ({units[1]})", time, curves, stepped=stepped)
+        joints = [f"joint {number + 1}" for number in range(rows.stop - rows.start)]
+        panels.append((f"{style.readable(name)} ({units[1]})", rows, joints))
+    for label, rows, names in panels:
+        drawn = distinct_limits([each[:, rows] for each in limits], values[:, rows]).T if limits else ()
+        curves = zip(names, values.T[rows], strict=True)
+        yield _panel(label, time, curves, [("limit", each) for each in drawn], stepped=stepped)
+
+
+def _force_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
+    """Yield the forces at the samples, with their limits; on a base whose force has limits, along its own axes."""
+    model = run.problem.model
+    samples = frames[frames < len(run.time)]
+    F = run["force/F"][samples]
+    unit = "N"
+    if limits_base_force(run):
+        unit = "N, own axes"
+        F = along_base_axes(model, run.Q[samples], F)
+    of_samples = [run.problem.stages[stage].limits for stage in run["window/first"][samples]]
+    limits = [np.array([getattr(each, f"force_{side}") for each in of_samples]) for side in ("low", "high")]
+    if np.isfinite(F).any():
+        yield from _panels(model, run.time[samples], F, (unit, "N m"), limits=limits)
 
 
 def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:

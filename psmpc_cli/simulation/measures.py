@@ -20,15 +20,18 @@ from psmpc_cli.ocp.plan import Plan, shift, states_of
 from psmpc_cli.ocp.problem import ObjectState, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import SHORTEST, Window
-from psmpc_cli.plant import Ticks
+from psmpc_cli.plant import ForceLimits, Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
-from psmpc_cli.plant.uncertainty import Contact, Uncertainty
+from psmpc_cli.plant.uncertainty import Contact, Uncertainty, force_limits_of
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.task import OnsetSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 DISTINCT = 1e-3
 """Controls nearer to each other than this are the same [m/s^2, rad/s^2]."""
+
+NOT_CUT = 1e-6
+"""A force that is beyond its limit by no larger part of it does not count as cut: solvers allow a plan as much [1]."""
 
 _Waiting = tuple[Sample, np.ndarray, np.ndarray, Mapping[int, float], Contact | None, np.ndarray | float]
 """A sample, its true state, the accelerations applied, shares, contact, and what the object keeps at its end."""
@@ -56,6 +59,7 @@ class Meter:
         self._sees_the_state = problem.spec.sees_the_state
         self._shares = problem.spec.log.shares
         self._noise = standard_deviations(problem.spec.uncertainty.noise, problem.model.spec)
+        self._force_limits = force_limits_of(problem.spec, problem.model.spec)
         self._base = problem.model.parts["base"]
         self._number = 0
         self._tick = 1 / problem.spec.plant.low_level_rate
@@ -151,10 +155,24 @@ class Meter:
             "state/Qdot_true": x[:, model.nq :],
             "payload/held": [held] * len(x),
             "payload/energy": [0.0 if each is None else each.gained[-1] for each in contacts],
+            **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
         }
         for sample, row in zip(samples, zip(*columns.values(), strict=True), strict=True):
             sample.measured.update(zip(columns, row, strict=True))
         return np.asarray(expected[-1])
+
+    def _force_use(self, limits: ForceLimits, samples: Sequence[Sample]) -> dict[str, np.ndarray]:
+        """Return how near commanded forces come to their limits, and how often they are cut, by path in the log."""
+        model = self._problem.model
+        F = np.array([each.ticks.F for each in samples])
+        commanded = np.array([each.commanded for each in samples])
+        Q = np.array([each.ticks.X[:-1, : model.nq] for each in samples])
+        utilization = limits.utilization(model.space, Q, commanded)
+        is_cut = (commanded != F).any(axis=2) & (utilization > 1 + NOT_CUT).any(axis=2)
+        return {
+            "force/utilization": utilization.max(axis=1),
+            "force/saturated": np.where(np.isnan(F).any(axis=2), np.nan, is_cut).mean(axis=1),
+        }
 
     def _norms(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return linear and angular norms of the base's forces or rates (K, M, n), and the joints' largest (K, M)."""

@@ -26,7 +26,7 @@ from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import Capture
-from psmpc_cli.plant.uncertainty import Uncertainty
+from psmpc_cli.plant.uncertainty import Uncertainty, force_limits_of
 from psmpc_cli.robot.model import shape_of
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
 from psmpc_cli.solvers.sqp import libraries as solver_libraries
@@ -201,9 +201,12 @@ def header(loop: RecordedLoop) -> Header:
     capture = loop.capture
     names = tuple(stage.name for stage in loop.problem.stages)
     space = loop.problem.model.space
+    has_force_limits = force_limits_of(task, loaded.robot) is not None
     of_Q = {Q_COORDINATE: labels(loaded.robot, "joint", of_error=False)} if space.nq > space.n else {}
     has = {
         "ticks": task.log.ticks and loop.knows_ticks,
+        "force limits": has_force_limits,
+        "commanded at ticks": has_force_limits and task.log.ticks and loop.knows_ticks,
         "plans": task.log.plans,
         "levels": task.controller.traits.has_levels,
         "true state": loop.has_true_state,
@@ -382,11 +385,14 @@ class Recorder:
 def _checked(ticks: Ticks, command: Command) -> Ticks:
     """Return the ticks of a sample with arrays of numbers, and NaN for an impulse and a work that are not given.
 
+    Forces are commanded as they are applied where nothing else is given.
+
     Raises:
         InputError: An array is not as large as the ticks of the command make it.
     """
     count, n = command.u.shape
-    shapes = {"time": (count + 1,), "X": (count + 1, len(command.x)), "F": (count, n)}
+    ticks = replace(ticks, commanded=ticks.F if ticks.commanded is None else ticks.commanded)
+    shapes = {"time": (count + 1,), "X": (count + 1, len(command.x)), "F": (count, n), "commanded": (count, n)}
     for name, shape in shapes.items():
         if shape_of(getattr(ticks, name)) != shape:
             raise rejected(f"ticks.{name}", getattr(ticks, name), f"numbers {shape}")
@@ -395,5 +401,6 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
         time=np.array(ticks.time, dtype=float),
         X=np.array(ticks.X, dtype=float),
         F=np.array(ticks.F, dtype=float),
+        commanded=np.array(ticks.commanded, dtype=float),
         gained=np.broadcast_to(ticks.gained, (command.model.parts["base"].stop + 1,)),
     )

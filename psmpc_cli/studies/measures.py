@@ -79,6 +79,11 @@ def _peak(name: str) -> Callable[[Run], float]:
     return lambda run: run.summary().peaks[name]
 
 
+def _tightest_force(name: str, unknown: Any = np.nan) -> Callable[[Run], Any]:
+    """Read what is known of the largest commanded force over its limit; `unknown` if forces have no limits."""
+    return lambda run: getattr(run.summary().tightest_force, name, unknown)
+
+
 def _stage_cost(run: Run) -> np.ndarray:
     weights = run["cost/current_stage"] * float(np.asarray(run.attributes["sample_time"]))
     return np.bincount(run["window/first"], weights, minlength=len(run.stage_names))
@@ -124,6 +129,11 @@ OUTCOME = (
     _number("velocity_margin", "m/s, rad/s", _BEYOND.format("velocity"), _margin("velocity", "margin")),
     _number("relative_position_margin", "1", _OVER.format("position"), _margin("position", "relative")),
     _number("relative_velocity_margin", "1", _OVER.format("velocity"), _margin("velocity", "relative")),
+    _number("force_utilization", "1", "largest commanded force over its limit", _tightest_force("value")),
+    _number("tightest_force", "1", "coordinate of that force", _tightest_force("where", ""), dtype="text"),
+    _number("tightest_force_time", "s", "sample at which it was largest", _tightest_force("time")),
+    _number("force_saturated", "1", "share of the time in which a force was cut at its limit", "saturated"),
+    _whole("limits_dynamics", "1 if some stage has a limit of forces or accelerations, 0 if none has"),
     _number("monitor_margin", "m, m/s, 1", _MARGINS, _monitor_margins, dims=("monitor",)),
     _whole("unmeasured", "samples whose state was not measured, at least in part"),
 )

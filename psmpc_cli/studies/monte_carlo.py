@@ -44,6 +44,12 @@ COORDINATES = (
 )
 """What runs along the dimensions of the results."""
 
+SHARES_OF_FORCES = {
+    "force_utilization": "largest commanded force [% of its limit]",
+    "force_saturated": "forces cut at their limits [% of the time]",
+}
+"""What tables say of forces where they have limits; studies of earlier versions do not know it."""
+
 EXCEEDED = 1e-6
 """How far beyond a limit, as a part of it, counts as exceeding it: less is rounding."""
 
@@ -165,6 +171,12 @@ class MonteCarloRuns:
         excess = np.nan_to_num(-self[f"relative_{kind}_margin"])
         return np.where(excess > EXCEEDED, excess, 0.0)
 
+    @property
+    def is_without_limits(self) -> bool:
+        """Whether the task is known to have no limit of forces and accelerations."""
+        found = self.results.quantities.get("limits_dynamics")
+        return found is not None and bool((found.values == 0).any())
+
     def quantiles(self) -> Iterator[tuple[str, int, tuple[float, ...]]]:
         """Yield how every quantity spreads: what it is, how many runs have it, and its 5, 50 and 95 % quantiles."""
         values = {"mission ends, successful runs [s]": self.end_time}
@@ -176,6 +188,9 @@ class MonteCarloRuns:
         values["final error [tolerances]"] = self["final_error"]
         for kind in ("position", "velocity"):
             values[f"tightest {kind} margin [% of the limit]"] = 100 * self[f"relative_{kind}_margin"]
+        for name, meaning in SHARES_OF_FORCES.items():
+            if name in self.results.quantities and np.isfinite(self[name]).any():
+                values[meaning] = 100 * self[name]
         for number, (monitor, unit) in enumerate(self.monitors.items()):
             values[f"margin of {monitor} [{unit}]"] = self["monitor_margin"][:, number]
         values["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]

@@ -50,6 +50,13 @@ def test_a_valid_robot_is_a_table_without_empty_columns(psmpc: Psmpc) -> None:
     assert "base.theta -180 to 180 deg -0.2 to 0.2 rad/s" in lines
 
 
+def test_check_prints_limits_of_forces_where_there_are_any(psmpc: Psmpc) -> None:
+    lines = words(psmpc("check", "transport", "--set", "limits={base: {force: [6, 20, [-1, 2]]}}").stdout)
+    at = lines.index("coordinate limit of force, of robot and task")
+    assert lines[at + 1 : at + 5] == ["base.x -6 to 6 N", "base.y -20 to 20 N", "base.theta -1 to 2 N m", ""]
+    assert not any("limit of force" in line for line in words(psmpc("check", "transport").stdout))
+
+
 def test_armatures_are_in_the_table_of_a_robot(psmpc: Psmpc, tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "robots" / "free_flyer_arm.yaml").read_text()
     sliding = text.replace("axis: [0, 1, 0]", "kind: prismatic, axis: [0, 1, 0]", 1)

@@ -32,13 +32,14 @@ def test_a_run_leaves_its_log_and_figures_and_prints_its_summary(psmpc: Psmpc) -
     assert log.attributes["finished"]
     drawn = set(figures_of("run")) - {"grasps"}  # nothing is grasped
     assert {path.stem for path in Path("runs/task").iterdir()} == drawn
-    mission, headings, go, back, *measures, last, figures = ran.stdout.splitlines()
+    mission, headings, go, back, *measures, remark, last, figures = ran.stdout.splitlines()
     assert mission.startswith("mission succeeded: back met its end condition, after 1.9 s")
     assert headings.split()[0] == "stage"
     assert re.findall(r"published \w+", headings) == ["published end"]  # of the starts nothing was published
     assert (go.split()[0], go.split()[4], back.split()[0]) == ("go", "9.1", "back")
     assert len(measures) <= 14
     assert {"failed solves", "tightest velocity margin, of the limit"} <= {line.split("  ")[0] for line in measures}
+    assert remark == "limits of forces and accelerations: none declared: nothing bounds the largest values above"
     assert (last, figures) == ("log: runs/task.h5", f"{len(drawn)} figures in runs/task")
     assert max(map(len, ran.stdout.splitlines())) < 160
     shown = psmpc("show", "runs/task.h5")

@@ -109,4 +109,7 @@ def test_a_report_leaves_out_what_is_in_no_row_of_a_table_as_the_summary_does(ps
     stages, *_ = ElementTree.parse("report.html").getroot().iter("table")
     headings = ["".join(cell.itertext()) for cell in next(stages.iter("tr"))]
     assert headings == ["stage", "priority", "actual start [s]", "ends [s]", "grippers apart [m]"]
-    assert psmpc("show", str(ended)).stdout.splitlines()[1].split() == " ".join(headings).split()
+    lines = psmpc("show", str(ended)).stdout.splitlines()
+    assert lines[1].split() == " ".join(headings).split()
+    remark = "imits of forces and accelerations: none declared: nothing bounds the largest values above"
+    assert f"l{remark}" in lines and f"<p>L{remark}.</p>" in Path("report.html").read_text()

@@ -43,6 +43,7 @@ def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
     assert "levels not solved" not in table
     assert "psmpc and smpc are the same controller for this task: all its priorities are equal" in lines
     assert {path.stem for path in Path("runs/task-comparison").iterdir()} == set(figures_of("comparison"))
+    assert "limits of forces and accelerations: none declared: nothing bounds the largest values above" in lines
     assert max(map(len, lines)) < 160
     assert psmpc("show", "runs/task-comparison.h5").stdout.splitlines() == lines[:-1]
     path = "runs/task-comparison.h5"

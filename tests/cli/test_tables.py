@@ -128,6 +128,16 @@ def test_a_monte_carlo_study_without_runs_says_so(tmp_path: Path, shown: Psmpc) 
     assert not any(line.startswith("worst") for line in lines)
 
 
+@pytest.mark.parametrize(("limited", "says"), [(0, True), (1, False), (-1, False)])
+def test_a_monte_carlo_study_says_that_nothing_limits_forces(
+    tmp_path: Path, shown: Psmpc, limited: int, says: bool
+) -> None:
+    made = synthetic_monte_carlo(tmp_path / "study.h5", runs=2).results
+    made["limits_dynamics"][:] = limited
+    made.create(force=True)
+    assert ("limits of forces and accelerations: none declared" in " ".join(shown(tmp_path / "study.h5"))) == says
+
+
 def test_fronts_have_a_row_for_each_sample_and_how_they_move(tmp_path: Path, shown: Psmpc) -> None:
     path = tmp_path / "pareto.h5"
     synthetic_fronts(path, failed=(1,)).create()

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,8 @@ from matplotlib.axes import Axes
 from psmpc_cli.figures.coordinates import plot_controls, plot_errors, plot_forces, plot_states, plot_velocities
 from psmpc_cli.logs.run import Run
 
-from .figure_contents import common_legend, curves, long_curves, points
+from ..short_runs import CUT, there_and_back
+from .figure_contents import check_figure, common_legend, curves, long_curves, points
 
 Load = Callable[..., Run]
 
@@ -89,6 +91,30 @@ def test_forces_are_those_of_every_tick_where_logged_else_of_the_samples(run: Ru
     fine = load(last=2.0, ticks=True)
     drawn = curves(plot_forces(fine).axes[1])["x"]
     np.testing.assert_array_equal(drawn, np.column_stack([fine.ticks["time"], fine.ticks["F"][:, 0]]))
+
+
+def test_forces_have_their_limits_and_what_was_commanded_where_they_are_cut(tmp_path: Path) -> None:
+    """The base's are along its own axes; limits that are far off are not drawn."""
+    cut = there_and_back(tmp_path, *CUT, name="cut")
+    figure = plot_forces(cut)
+    base, torque, *_ = figure.axes[1:]
+    assert base.get_ylabel() == "Base force\n(N, own axes)"
+    assert (limit_lines(base), limit_lines(torque)) == ({-6.0, 6.0}, set())
+    theta = cut.ticks["Q"][:, 2]
+    along_x = {name: np.cos(theta) * F[:, 0] + np.sin(theta) * F[:, 1] for name, F in cut.ticks.items() if F.ndim > 1}
+    np.testing.assert_allclose(curves(base)["x"][:, 1], along_x["F"], atol=1e-12)
+    (commanded, _) = (points(line)[:, 1] for line in base.lines if line.get_label() == "_commanded, cut")
+    is_cut = np.isfinite(commanded)
+    np.testing.assert_allclose(commanded[is_cut], along_x["commanded"][is_cut], atol=1e-12)
+    assert is_cut.any() and (np.abs(along_x["F"][is_cut]) <= 4.8 + 1e-9).all()
+    assert "commanded, cut" in common_legend(figure)
+    largest = cut.time[np.argmax(cut["force/utilization"][:, 0])]
+    share = 100 * cut["force/saturated"].mean()
+    assert figure.get_suptitle().splitlines() == [
+        f"base.x commanded up to 125.0 % of what is there, at {largest:.1f} s",
+        f"forces cut {share:.1f} % of the time",
+    ]
+    check_figure(figure)
 
 
 def test_errors_are_the_largest_of_a_group_in_the_coordinates_the_stage_controls(run: Run) -> None:

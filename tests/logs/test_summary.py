@@ -19,8 +19,9 @@ from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.run import build_experiment, simulate
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import MonitorSpec
+from psmpc_cli.studies.measures import WHOLE_RUN
 
-from ..short_runs import there_and_back
+from ..short_runs import CUT, there_and_back
 
 CHANGES = ("controller.nodes=5", "plant.kind=ideal", "time_limit=2", "log.plans=false")
 
@@ -367,6 +368,38 @@ def test_deviations_are_the_largest_of_the_run(tmp_path: Path) -> None:
     margin[2, 1] = -0.125
     (beyond,) = changed(log, margin_velocity=margin).summary().beyond_limits
     assert (beyond.value, beyond.where, beyond.time) == (0.125, f"{log.coordinates[1]} velocity", log.time[2])
+
+
+LARGEST_FORCE = "largest commanded force, of its limit"
+TIME_CUT = "forces cut at their limits [% of the time]"
+
+
+def test_the_force_nearest_to_its_limit_is_named_with_when_and_how_long_forces_are_cut(tmp_path: Path) -> None:
+    log = there_and_back(tmp_path, *CUT, name="cut")
+    utilization = log["force/utilization"].copy()
+    utilization[3, 2] = 1.5
+    run = changed(log, force_utilization=utilization)
+    summary = run.summary()
+    assert summary.tightest_force is not None
+    assert (summary.tightest_force.where, summary.tightest_force.value) == ("base.theta", 1.5)
+    assert summary.saturated == log["force/saturated"].mean()
+    rows = dict(measure_rows(summary))
+    assert rows[LARGEST_FORCE] == "base.theta: 150.0 % at 0.3 s"
+    assert rows[TIME_CUT] == f"{100 * log['force/saturated'].mean():.1f}"
+    assert summary.limits_dynamics
+
+    in_study = {column.path: column.value(run) for column in WHOLE_RUN if column.value and "force" in column.path}
+    assert (in_study["force_utilization"], in_study["force_saturated"]) == (1.5, summary.saturated)
+    assert (in_study["tightest_force"], in_study["tightest_force_time"]) == ("base.theta", log.time[3])
+
+
+def test_a_task_that_limits_neither_forces_nor_accelerations_is_named(log: Run, tmp_path: Path) -> None:
+    assert not log.summary().limits_dynamics
+    assert not {LARGEST_FORCE, TIME_CUT} & set(dict(measure_rows(log.summary())))
+    bounded = there_and_back(tmp_path, "limits.arms.acceleration=[9, 9, 9]", samples=2, name="bounded")
+    assert bounded.summary().limits_dynamics
+    values = {column.path: column.value(bounded) for column in WHOLE_RUN if column.value and "force" in column.path}
+    assert values["tightest_force"] == "" and np.isnan([values["force_utilization"], values["force_saturated"]]).all()
 
 
 COORDINATES = ("base.x", "base.y", "base.theta", "arm_1.1", "arm_1.2")

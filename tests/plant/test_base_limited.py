@@ -118,6 +118,31 @@ def _moved(robot: RobotModel, x: Array, disturbance: Disturbance) -> Array:
     return np.array(robot.space.integrate(x[: robot.nq], disturbance.noise[0, : robot.n]))
 
 
+@BOTH
+def test_utilization_is_the_commanded_force_over_the_limit_on_its_side(robot: RobotModel, x: Array, u: Array) -> None:
+    """What is applied is at most all of a limit, and what is cut is what was more; without a limit there is none."""
+    limits = limits_within(robot, x, u)
+    last = np.arange(robot.n) == robot.n - 1
+    limits = ForceLimits(np.where(last, -np.inf, limits.low), np.where(last, np.inf, limits.high))
+    ticks = Rk4Plant(robot, TICK, force_limits=limits).advance(0.0, x, u)
+    Q = ticks.X[:-1, : robot.nq]
+    commanded = limits.utilization(robot.space, Q, ticks.commanded)
+    applied = limits.utilization(robot.space, Q, ticks.F)
+    np.testing.assert_allclose(applied, np.minimum(commanded, 1.0), rtol=0, atol=1e-9)
+    own = along_own_axes(robot, ticks.X[:-1], ticks.commanded)[:, :-1]
+    expected = np.maximum(own / limits.high[:-1], own / limits.low[:-1])
+    np.testing.assert_allclose(commanded[:, :-1], expected, rtol=0, atol=1e-9)
+    assert np.isnan(commanded[:, -1]).all() and (commanded[:, :-1] > 1).any() and (commanded[:, :-1] < 1).any()
+
+
+def test_a_force_in_a_direction_in_which_none_is_possible_is_beyond_any_limit() -> None:
+    robot = RobotModel(load_robot("planar_dual_arm"))
+    pushes = ForceLimits(np.full(robot.n, 0.0), np.full(robot.n, 2.0))
+    F = np.r_[1.0, -1.0, np.zeros(robot.n - 2)]
+    found = pushes.utilization(robot.space, robot.neutral, F)
+    np.testing.assert_array_equal(found, np.r_[0.5, np.inf, np.zeros(robot.n - 2)])
+
+
 @PLANTS
 @BOTH
 def test_momentum_changes_by_the_impulse_and_energy_by_the_work_of_what_is_applied(

@@ -21,7 +21,7 @@ from psmpc_cli.report.view import view
 from psmpc_cli.simulation.run import simulate
 
 from ..free_flyer import turning
-from ..short_runs import there_and_back
+from ..short_runs import CUT, there_and_back
 from .browser import opened_browser
 
 SIZES = ((360, 740), (800, 1000), (1400, 860))
@@ -70,6 +70,17 @@ def test_a_page_is_shown_in_a_notebook_and_saved_once(run: Run, tmp_path: Path) 
             page.save(path)
     with pytest.raises(InputError, match="at least one of them"):
         view({})
+
+
+def test_a_page_has_forces_with_their_limits_or_says_what_a_run_without_limits_asks_for(
+    run: Run, tmp_path: Path
+) -> None:
+    limited = view(there_and_back(tmp_path, *CUT, name="cut")).html
+    assert "base (N, own axes)" in limited and '"label": "limit"' in limited
+    assert "Largest commanded force, of its limit: base.x: 125.0 %" in limited
+    free = view(run).html
+    assert "base (N)" in free and '"label": "limit"' not in free
+    assert "No limit of forces or accelerations is declared; the largest are: base force" in free
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import OnsetSpec
 
 from ..control.short_transports import QUICK, SHORT
-from ..short_runs import there_and_back
+from ..short_runs import CUT, there_and_back
 
 Build = Callable[..., Experiment]
 
@@ -174,3 +174,24 @@ def test_effort_is_of_the_mean_control_of_a_sample_and_peaks_are_of_its_ticks(tm
     assert log["peak/base_torque"] == pytest.approx(np.abs(F[:, :, 2]).max(axis=1))
     assert log["peak/joint_torque"] == pytest.approx(np.abs(F[:, :, 3:]).max(axis=(1, 2)))
     assert log.summary().peaks["joint_torque"] == log["peak/joint_torque"].max()
+
+
+def test_forces_are_measured_against_the_limits_at_which_they_are_cut(tmp_path: Path) -> None:
+    log = there_and_back(tmp_path, *CUT, name="cut")
+    shape = (len(log.time), -1, len(log.coordinates))
+    F = log.ticks["F"].reshape(shape)
+    commanded = log.ticks["commanded"].reshape(shape)
+    is_cut = np.any(np.abs(commanded - F) > 1e-5, axis=2)
+    np.testing.assert_array_equal(log["force/saturated"], is_cut.mean(axis=1))
+    assert 0.0 in log["force/saturated"] and 1.0 in log["force/saturated"]
+    turned = log.ticks["Q"].reshape(shape)[:, :, 2]
+    applied_along_x, along_x = (np.cos(turned) * f[:, :, 0] + np.sin(turned) * f[:, :, 1] for f in (F, commanded))
+    assert np.abs(applied_along_x).max() == pytest.approx(0.8 * 6.0)
+    assert log["force/utilization"][:, 0] == pytest.approx(np.abs(along_x).max(axis=1) / (0.8 * 6.0))
+    assert log["force/utilization"][:, 2] == pytest.approx(np.abs(commanded[:, :, 2]).max(axis=1))
+    assert np.isnan(log["force/utilization"][:, 3:]).all()
+
+
+def test_logs_of_tasks_without_limits_of_forces_say_nothing_of_them(tmp_path: Path) -> None:
+    log = there_and_back(tmp_path, "log.ticks=true", "log.shares=false")
+    assert not any("commanded" in path or "utilization" in path or "saturated" in path for path in log.arrays)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import psmpc_cli as psmpc
-from psmpc_cli.figures.registry import figures_of
+from psmpc_cli.figures.registry import FIGURES, figures_of
 from psmpc_cli.logs.comparison import compare_runs
 from psmpc_cli.report.pages import report_run
 from psmpc_cli.report.texts import describe_mission
@@ -83,7 +83,7 @@ def test_a_mission_is_shown_saved_and_read_back(tmp_path: Path) -> None:
     run.save(path)
     assert compare_runs(run, psmpc.read_run(path)).differences == ()
     assert psmpc.view(path).html == psmpc.view(run).html
-    assert "forces" not in report_run(run).html
+    assert FIGURES["run"]["forces"].caption not in report_run(run).html
     for name in figures_of("run", run):
         assert psmpc.plot(run, name).axes
 
@@ -149,11 +149,14 @@ def test_a_wrong_command_is_an_error_and_is_not_recorded() -> None:
     command = controller.step(0.0, psmpc.State(np.zeros(n), np.zeros(n)))
     other = psmpc.Controller(TRANSPORT).step(0.0, psmpc.State(np.zeros(n), np.zeros(n)))
     ticks = psmpc.Ticks(time=np.zeros(3), X=np.zeros((3, 2 * n)), F=np.zeros((2, n)))
+    of_sample = psmpc.Ticks(time=command.edges, X=np.zeros((101, 2 * n)), F=np.zeros((100, n)))
+    cut = replace(of_sample, commanded=np.zeros((2, n)))
     for wrong, message in (
         ((other,), "command: found .*expected one of <Controller psmpc for transport"),
         ((3,), "command: found 3, expected a Command"),
         ((command, 3), "ticks: found 3"),
         ((command, ticks), r"ticks.time: found an array \(3,\).*numbers \(101,\)"),
+        ((command, cut), r"ticks.commanded: found an array \(2, 9\).*numbers \(100, 9\)"),
     ):
         with pytest.raises(psmpc.InputError, match=message):
             recorder.add(*wrong)

@@ -115,6 +115,25 @@ def test_message_about_a_missing_task_has_the_built_in_names(reference: str, fou
     )
 
 
+def test_digest_of_a_task_without_limits_of_forces_is_that_of_the_first_logs() -> None:
+    """As computed before limits of forces were: logs of that time are still read."""
+    robot = """
+name: scout
+base: {mass: 10, inertia: 1}
+arms:
+  arm: {mount: {position: [0.2, 0]}, links: [{mass: 1, inertia: 0.1, a: 0.3, b: 0.3}]}
+"""
+    task = """
+robot: scout
+initial: {base: [0, 0, 0], arm: [0]}
+skills: {go: {space: joint, weights: {base: [1, 1, 1], arm: [1]}}}
+stages:
+  - {name: go, skill: go, target: {base: [1, 0, 0], arm: [0]}, ends_when: {coordinates: [base], tolerance: 0.1}}
+"""
+    digest = "084d0d8752c16c8c3fb27cc00a9893e6669e716f3a7ee6d9156ed7a29f2827bf"
+    assert parse_task(task, robot, "task").digest == digest
+
+
 def test_digest_is_of_the_content_not_of_the_text() -> None:
     task = load_task("transport")
     spelt = parse_task(TASK.replace("2e-3", "0.002").replace("onset: base", "onset: [base]"), ROBOT, "transport")

@@ -109,6 +109,16 @@ def test_the_worst_runs_failed_then_are_late_then_wrong(made_up: MonteCarloRuns)
     assert made_up.command(5).endswith("--set seed=10 --set seed=15")
 
 
+def test_forces_are_in_the_table_where_they_have_limits(made_up: MonteCarloRuns) -> None:
+    rows = ["largest commanded force [% of its limit]", "forces cut at their limits [% of the time]"]
+    assert not {*rows} & {name for name, *_ in made_up.quantiles()}
+    made_up["force_utilization"][:4] = [0.5, 1.5, 1.0, 1.0]
+    made_up["force_saturated"][:4] = [0.0, 0.25, 0.0, 0.0]
+    spread = {name: (runs, at) for name, runs, at in made_up.quantiles()}
+    assert [spread[row][0] for row in rows] == [4, 4]
+    assert [spread[row][1][1] for row in rows] == [100.0, 0.0]
+
+
 def test_quantiles_are_over_the_runs_that_have_the_quantity(made_up: MonteCarloRuns) -> None:
     spread = {name: (runs, at) for name, runs, at in made_up.quantiles()}
     runs, ends = spread["mission ends, successful runs [s]"]

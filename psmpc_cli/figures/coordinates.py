@@ -15,6 +15,7 @@ from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.simulation.measures import NOT_CUT
 from psmpc_cli.specs.parts import POSITION_AXES, axes_of
 
 POSITION = ("position", "m")
@@ -32,9 +33,6 @@ LIMIT_DISTANCE = 4.0
 
 PEAK_RATIO = 5.0
 """A peak so many times as large as the 95th percentile of the values hides the rest."""
-
-NOT_CUT = 1e-6
-"""A force that is cut by no larger part of the largest one is drawn as applied [1]."""
 
 SMALLEST_ERROR = 1e-5
 """Smaller errors are not shown [m, rad]."""

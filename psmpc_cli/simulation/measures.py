@@ -30,8 +30,9 @@ from psmpc_cli.specs.uncertainty import standard_deviations
 DISTINCT = 1e-3
 """Controls nearer to each other than this are the same [m/s^2, rad/s^2]."""
 
-NOT_CUT = 1e-6
-"""A force that is beyond its limit by no larger part of it does not count as cut: solvers allow a plan as much [1]."""
+NOT_CUT = 5e-4
+"""A force that is beyond its limit by no larger part of it does not count as cut [1]: tables, which write a tenth of a
+percent, write 100.0 %. A plan keeps to limits at the ends of its intervals, and exceeds them between by such parts."""
 
 _Waiting = tuple[Sample, np.ndarray, np.ndarray, Mapping[int, float], Contact | None, np.ndarray | float]
 """A sample, its true state, the accelerations applied, shares, contact, and what the object keeps at its end."""

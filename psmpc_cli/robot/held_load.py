@@ -104,11 +104,15 @@ def described_grasps(grippers: Sequence[str], grasp: GraspSpec) -> np.ndarray:
 
 
 def planned_force(model: RobotModel, body: FreeBody, grippers: Sequence[str], grasps: np.ndarray) -> ca.Function:
-    """Return Q, v, u -> the force of `HeldLoad.force` (n,), for motions in which the grippers keep together.
+    """Return Q, v, u -> the force of `HeldLoad.force` (n,).
 
-    Then u' = u, and the object's acceleration S u + s is that of any gripper:
+    With G and g the differences S_i - S_1 and s_i - s_1 of the other grippers to the first, one below the other,
 
-        F = H u + c + sum_i S_i' C_i (sum C)^-1 (M (S u + s) + bias).
+        u' = u - G' (G G')^-1 (G u + g),
+        F = H u' + c + sum_i S_i' C_i (sum C)^-1 (M (S u' + s) + bias),
+
+    where S u' + s, the object's acceleration, is that of any gripper. Plans let the hands move a little against each
+    other; without u' their forces would be others than those that are commanded.
 
     Args:
         model: The robot.
@@ -122,16 +126,26 @@ def planned_force(model: RobotModel, body: FreeBody, grippers: Sequence[str], gr
     u = ca.SX.sym("u", model.n)
     moving, stiffness, attitude = _chain(model, body, grippers, Q, v, ca.SX(grasps.ravel()))
     rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
-    acceleration = ca.jtimes(moving, v, u) + ca.jtimes(moving, Q, rate)
+    own = u
+    if len(grippers) > 1:
+        apart = moving[size:] - ca.repmat(moving[:size], len(grippers) - 1, 1)
+        G = ca.jacobian(apart, v)
+        away = G @ u + ca.jtimes(apart, Q, rate)
+        regular = G @ G.T + REGULARIZATION * ca.SX.eye(apart.numel())
+        own = u - G.T @ solve_spd(regular, away)
+    acceleration = ca.jtimes(moving[:size], v, own) + ca.jtimes(moving[:size], Q, rate)
     M, bias = _load(body, attitude, ca.vertsplit(moving[:size]))
-    wrench = M @ acceleration[:size] + bias
+    wrench = M @ acceleration + bias
     wrenches = [wrench]
     if len(grippers) > 1:
         share = solve_spd(sum(stiffness, ca.SX.zeros(size, size)), wrench)
         wrenches = [C @ share for C in stiffness]
     of_load = ca.jtimes(moving, v, ca.vertcat(*wrenches), True)
-    return ca.Function("planned", [Q, v, u], [model.dynamics.law(Q, v, u, model.nominal.vector) + of_load])
+    return ca.Function("planned", [Q, v, u], [model.dynamics.law(Q, v, own, model.nominal.vector) + of_load])
 
+
+REGULARIZATION = 1e-9
+"""Added to the squares of singular values of the constraints, which where both arms are stretched are 0."""
 
 SINGULAR = 1e-9
 """Singular values of the constraints, over the largest, below which they say the same twice."""

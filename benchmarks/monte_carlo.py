@@ -3,12 +3,13 @@
     python benchmarks/monte_carlo.py controllers [CONTROLLER=RUNS ...]      by controller, some 13 minutes
     python benchmarks/monte_carlo.py noise                                  by the level of the noise, some 25 minutes
     python benchmarks/monte_carlo.py delays [RUNS]                          late controls, known and not
+    python benchmarks/monte_carlo.py limited                                tasks with limits of forces, some 25 minutes
 
 The results of each row go to a file in runs/. Stopped, it goes on where it was.
 """
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -25,6 +26,22 @@ UNCERTAINTY = (
     "uncertainty={mass: 0.1, inertia: 0.1, payload: {mass: 5, inertia: 0.67}, noise: {position: 1e-3, angle: 1e-3}}"
 )
 
+NO_PAYLOAD = "uncertainty={mass: 0.1, inertia: 0.1, noise: {position: 1e-3, angle: 1e-3}}"
+"""The same where the task has an object of its own, or none."""
+
+LIMITED = {
+    "transport_grasp": (100, ("controller.nodes=25",)),
+    "catch_drifting": (100, ("controller.nodes=25",)),
+    "inspect": (10, ()),
+    "tracking": (10, ()),
+    "float_and_reach": (10, ()),
+    "fly_and_point": (10, ()),
+    "float_and_look": (10, ()),
+    "catch_tumbling": (10, ()),
+    "servicing": (10, ()),
+}
+"""Runs and changes of each task with limits of forces."""
+
 DELAYS = (
     (0, 0, 0.03),
     (1, 0, 0.03),
@@ -40,9 +57,15 @@ DELAYS = (
 EFFORT = "effort [m^2/s^3, rad^2/s^3]"
 
 
-def measure(name: str, count: int, *changes: str) -> MonteCarloRuns:
+def measure(
+    name: str,
+    count: int,
+    *changes: str,
+    task: str = "transport",
+    common: Sequence[str] = ("controller.nodes=25", UNCERTAINTY),
+) -> MonteCarloRuns:
     """Make the runs of a row that its file lacks, and return all of them."""
-    study = monte_carlo_study("transport", count, ("controller.nodes=25", UNCERTAINTY, *changes))
+    study = monte_carlo_study(task, count, (*common, *changes))
     path = Path("runs") / f"{name}.h5"
     sys.stderr.write(f"{path}: {count} runs\n")
     return MonteCarloRuns(run_study(study, path, 2, resume=path.exists()))
@@ -144,5 +167,27 @@ def delays(count: str = "20") -> Iterator[str]:
     return markdown(row(*each) for each in DELAYS)
 
 
+def limited() -> Iterator[str]:
+    """Yield the table of the built-in tasks with limits of forces, and why runs failed."""
+    reasons = list[str]()
+
+    def row(task: str, count: int, changes: Sequence[str]) -> dict[str, object]:
+        runs = measure(f"limited-{task}", count, *changes, task=task, common=("log.shares=false", NO_PAYLOAD))
+        found = columns(runs)
+        for reason, seeds in failures(runs).items():
+            reasons.append(f"- {task}: {len(seeds)} failed: {reason}")
+        used = np.nanquantile(runs["force_utilization"], (0.5, 1.0))
+        return {
+            "task": task,
+            **{name: found[name] for name in ("succeeded", "rate, 95 % interval", "ends [s]", "failed solves a run")},
+            "largest force commanded [% of its limit]": f"{100 * used[0]:.1f}, at most {100 * used[1]:.1f}",
+            "forces cut [% of the time]": f"{100 * np.nanmean(runs['force_saturated']):.2f}",
+        }
+
+    yield from markdown(row(task, *each) for task, each in LIMITED.items())
+    yield ""
+    yield from reasons
+
+
 if __name__ == "__main__":
-    command_line(controllers, noise, delays)
+    command_line(controllers, noise, delays, limited)

@@ -90,6 +90,9 @@ def written(folder: Path, **changed: str) -> Path:
             ("limits -1, 1e+16", '"j"', "within 1e+12"),
         ),
         (part("joint", 'upper="1"', 'upper="inf"'), 4, ("limit upper", "inf", "number")),
+        (part("joint", "<limit", '<limit effort="0"'), 4, ("effort 0", '"j"', "positive")),
+        (part("joint", "<limit", '<limit effort="-4"'), 4, ("effort -4", '"j"', "positive")),
+        (part("joint", "<limit", '<limit effort="4 N m"'), 4, ("limit effort", "4 N m", "number")),
         # what only the robot as a whole shows
         (part("link", 'ixx="1"', 'ixx="5"'), 3, ('link "arm"', "inertia", "sum of the others")),
         (part("link", 'value="1"', 'value="1e-13"'), 3, ('link "arm"', "mass", "1e-12")),

@@ -4,6 +4,7 @@ python benchmarks/performance_table.py runs [NODES]     whole runs of the transp
 python benchmarks/performance_table.py windows          solves of single windows by every back-end; 10 to 15 minutes
 python benchmarks/performance_table.py freedom          how solve times grow with the robot; some minutes
 python benchmarks/performance_table.py space [REPEAT]   a robot in space beside the planar one; two minutes
+python benchmarks/performance_table.py forces [REPEAT]  what limits of forces cost; two minutes
 python benchmarks/performance_table.py overhead [NODES] what a sample costs besides its solve
 python benchmarks/performance_table.py parallel         what a second process brings a sweep; docs/sweeps.md
 """
@@ -262,6 +263,77 @@ def space(repeat: str = "5") -> Iterator[str]:
     yield from markdown(spreads, run, "median [ms]", "p99 [ms]", "max [ms]", "over 100 ms", "samples")
 
 
+def forces(repeat: str = "5") -> Iterator[str]:
+    """Yield the table of what limits of forces cost: whole runs in turn, medians over the rounds."""
+    tasks = {name: build() for name, build in FORCED.items()}
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in tasks}
+    for _ in range(int(repeat)):
+        for name, task in tasks.items():
+            solves = psmpc.simulate(task).summary().solves
+            found[name].append((solves.median, solves.largest))
+    medians = {name: np.median([median for median, _ in each]) for name, each in found.items()}
+    largest = {name: min(most for _, most in each) for name, each in found.items()}
+    first, second, *_ = medians
+    ratios = {second: f"{medians[second] / medians[first]:.2f}"}
+    rows = ((name, _ms(medians[name]), ratios.get(name, ""), _ms(largest[name])) for name in tasks)
+    yield from markdown(rows, "run", "median solve [ms]", "over the first", "longest solve, in the best round [ms]")
+
+
+FLOATING = {
+    "robot": "dual_arm_servicer",
+    "mobility": "free-floating",
+    "initial": {
+        "base": {"position": [0, 0, 0]},
+        "left": [0, 0.6, 0, -1.2, 0, 0.6, 0],
+        "right": [0, -0.6, 0, 1.2, 0, -0.6, 0],
+    },
+    "controller": {"nodes": "auto"},
+    "skills": {
+        "reach": {"space": "task", "weights": {"arms": [100, 100, 100, 10, 10, 10], "control": 0.1}},
+        "fold": {"space": "joint", "weights": {"arms": [10] * 7, "control": 0.1}},
+    },
+    "log": {"shares": False},
+}
+"""Both hands of the servicer, whose thrusters are off, to poses, then its arms home."""
+
+REACHED = [0.4, 0.3, 0.2, 0.4, -0.2, 0.3, 0.1]
+"""By how much the joints of the left arm are turned where the hands are to be, those of the right arm the other way."""
+
+
+def floating() -> Task:
+    """Return the task of 20 degrees of freedom without thrusters."""
+    model = psmpc.load_robot("dual_arm_servicer")
+    home = {arm: np.array(FLOATING["initial"][arm]) for arm in ("left", "right")}
+    Q = np.r_[model.neutral[: model.space.joint_coordinates.start], home["left"] + REACHED, home["right"] - REACHED]
+    hands = dict(zip(model.pose_rows, model.poses(Q), strict=True))
+    poses = {
+        arm: {"position": hands[arm][:3].tolist(), "attitude": {"quaternion": hands[arm][3:].tolist()}} for arm in home
+    }
+    ends = {"ends_when": {"coordinates": ["arms"], "tolerance": 5e-3}}
+    folded = {arm: joints.tolist() for arm, joints in home.items()}
+    stages = [
+        {"name": "reach", "skill": "reach", "target": poses, **ends},
+        {"name": "fold", "skill": "fold", "priority": 0.1, "target": folded, **ends},
+    ]
+    return load_task({**FLOATING, "stages": stages})
+
+
+FORCED: Mapping[str, Callable[[], Task]] = {
+    "`transport`, N_s = 25": lambda: load_task("transport", ["controller.nodes=25", "log.shares=false"]),
+    "the same with limits, base 20 N and 6 N m, joints 56, 28 and 12 N m": lambda: load_task(
+        "transport",
+        [
+            "controller.nodes=25",
+            "log.shares=false",
+            "limits.base.force=[20, 20, 6]",
+            "limits.arms.force=[56, 28, 12]",
+        ],
+    ),
+    "20 degrees of freedom, free-floating, joints 100 N m, nodes auto": floating,
+}
+"""Tasks with and without limits of forces."""
+
+
 def deadlines() -> Iterator[str]:
     """Yield the table of samples whose solves share a deadline: of whole decisions, the largest wall times."""
     rows = []
@@ -401,4 +473,4 @@ def parallel() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(runs, windows, freedom, space, overhead, deadlines, parallel)
+    command_line(runs, windows, freedom, space, overhead, deadlines, parallel, forces)

@@ -31,6 +31,8 @@ from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import SolverSpec, TaskSpec
 
+from .constraints.test_hands import without_forces
+
 Array = NDArray[np.float64]
 
 BOUND = 0.3
@@ -47,7 +49,7 @@ def window_of(problem: Problem, kept: bool) -> Window:
     task = problem.task
     Q = stack(task.spec.initial, task.robot, "joint")
     placed = [in_own_chart(problem.model, each, Q, np.zeros(problem.model.n)) for each in problem.stages[:2]]
-    stages, states = zip(*placed, strict=True)
+    stages, states = zip(*((without_forces(stage), state) for stage, state in placed), strict=True)
     rows = len(stages[0].weights)
     earlier = Kept(stages[0], 1.0, np.full((6, rows), BOUND))
     of_window = stages[1:] if kept else stages

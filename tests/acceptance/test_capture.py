@@ -19,9 +19,9 @@ from .. import six_joint_arm
 pytestmark = pytest.mark.slow
 COARSE = {"controller.nodes": 15, "log.shares": False}
 NO_FORCE_LIMITS = {"limits.base.force": None, "limits.arms.force": None}
-"""With them HTMPC, whose levels fatrop solves, takes minutes."""
+"""With them HTMPC, whose levels fatrop solves, takes minutes, and a robot in space twice as long."""
 
-TUMBLING = {"controller.nodes": 12, "log": {"shares": False, "plans": False}}
+TUMBLING = {"controller.nodes": 12, "log": {"shares": False, "plans": False}, "limits.base.force": None}
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_pull_is_drawn_where_there_are_grasps(drifting: Run, tmp_path: Path) -> 
 
 def test_a_sweep_over_strength_finds_the_grasps_that_are_lost() -> None:
     """With a target that stretches the object."""
-    keys = {**COARSE, "stages.transport.target.arm_1": ["45 deg", "20 deg", "60 deg"]}
+    keys = {**COARSE, **NO_FORCE_LIMITS, "stages.transport.target.arm_1": ["45 deg", "20 deg", "60 deg"]}
     found = psmpc.sweep(psmpc.load_task("transport_grasp", keys), {"object.grasp.strength.pull": [0.5, 500]}, jobs=1)
     kept = found["monitor_margin"][:, found["monitor"].tolist().index("object not lost")]
     assert kept[0] < 0 < kept[1]

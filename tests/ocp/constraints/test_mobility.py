@@ -229,9 +229,11 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
 
 
 @pytest.mark.parametrize("mobility", ["free-flying", "free-floating", "fixed"])
-@pytest.mark.parametrize(("where", "seed"), [("plane", 0), ("plane", 1), ("space", 0), ("space", 1), ("space", 2)])
+@pytest.mark.parametrize(("where", "seed"), [("plane", 0), ("space", 1)])
 def test_sqp_and_ipopt_agree(fast_arms: Path, mobility: str, where: str, seed: int) -> None:
     """Windows from random states, with momentum where the base moves: J to 1e-5, both from the plan of `sqp`.
+
+    `benchmarks/mobility_windows.py` has 20 a mobility.
 
     Limits of rates are those in the chart about a guess, so solves of the same guess are compared.
     """

@@ -225,7 +225,7 @@ class StageFunctions:
 
     @property
     def anchor(self) -> slice:
-        """Where the anchor of the chart stands in the numbers of a target."""
+        """The entries of a target that are the anchor of the chart."""
         first = self._numbers_of_skill - self.model.space.n_sample_numbers
         return slice(first, first + self.model.space.n_anchor)
 

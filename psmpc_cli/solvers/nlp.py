@@ -123,7 +123,8 @@ class Nlp:
         for k, s in enumerate(self.grid.stage_of):
             costs[s] += self._cost(int(s), k - int(self.grid.first_node[s]), k)
         kept = [[self._cost(S + 1 + i, k, k) for k in range(K)] for i in range(len(shape.kept))]
-        terminal = p.terminal * self._L(S, shape.nodes[S], K, ca.SX.zeros(self._functions[S].inputs))
+        none = ca.SX.zeros(self._functions[S].inputs)
+        terminal = p.terminal * self._L(S, shape.nodes[S], K, none, 0 * p.control_weights[S])
         pending = sum((ca.sum1(self._tau[:s, 0]) for s in range(1, S + 1)), ca.SX(0))
         J = ca.dot(p.omega, ca.vertcat(*costs)) + p.pending * pending + p.omega[-1] * terminal
         paths = [list(self._path(k)) for k in range(K + 1)]
@@ -201,17 +202,17 @@ class Nlp:
                     found.append(scaled_violations(value, *rows.bounds(window)))
         return np.concatenate(found)
 
-    def _L(self, s: int, node: int, k: int, u: ca.SX) -> ca.SX:
+    def _L(self, s: int, node: int, k: int, u: ca.SX, control_weights: ca.SX) -> ca.SX:
         """Return the normalized cost of a stage, or of a kept one, at its own node, 0 to N_s, which is node k."""
         p = self._p
         S = self.grid.switches
         wanted = reference_at(p, s, node, self._duration(min(s, S), k))
-        Lbar = self._functions[s].cost.function(self._X[:, k], u, wanted, p.weights[s], p.control_weights[s])
+        Lbar = self._functions[s].cost.function(self._X[:, k], u, wanted, p.weights[s], control_weights)
         return (Lbar - p.offset[s]) / p.scale[s]
 
     def _cost(self, s: int, node: int, k: int) -> ca.SX:
         """Return what interval k adds to the cost integral of a stage, or of a kept one, at whose node it begins."""
-        return self._L(s, node, k, self._u[k]) * self._step(k, k)
+        return self._L(s, node, k, self._u[k], self._p.control_weights[s]) * self._step(k, k)
 
     def _duration(self, s: int, k: int) -> ca.SX:
         """Return tau_s of a stage as node k has it; the last stage takes what is left of the horizon."""

@@ -138,6 +138,7 @@ FORCE_COSTS = {"skills.reach.weights.force": {"arms": [0.05] * 3}, "skills.home.
 def test_what_force_costs_is_in_the_optimum_of_both_solvers(fast_arms: Path) -> None:
     problem = build_problem(planar_task(fast_arms, FORCE_COSTS))
     window = window_of(problem, stack(problem.spec.initial, problem.task.robot, "joint"), np.zeros(problem.model.n))
+    window = replace(window, terminal_cost=0.5)
     own = solved(problem, window, "sqp")
     other = solved(problem, window, "ipopt", own.plan)
     assert own.outcome is Outcome.OPTIMAL

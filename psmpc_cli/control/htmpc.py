@@ -2,7 +2,7 @@
 
 Paper eq. (32), with J_i <= J_i* for all earlier stages. The first level is the window over the current stage alone;
 stages advance one by one when their end condition holds. Each later level is a window over its own stage, which keeps
-the earlier ones; the limits are those of the current stage.
+the earlier ones; limits and constraints are those of the current stage.
 """
 
 from collections.abc import Sequence
@@ -71,10 +71,11 @@ def _waiting(stage: PlacedStage) -> PlacedStage:
 
 
 def _level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ...]) -> Window:
-    """Return the window of a later level."""
+    """Return the window of a later level: the cost of its stage, within the limits and constraints of the current one."""
+    current = first.stages[0]
     return replace(
         first,
-        stages=(replace(_waiting(stage), limits=first.stages[0].limits),),
+        stages=(replace(_waiting(stage), limits=current.limits, constraints=current.constraints),),
         kept=kept,
         omega=np.ones(1),
         offset=np.zeros(1),

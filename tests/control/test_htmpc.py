@@ -65,6 +65,16 @@ def test_no_earlier_error_gets_worse_by_more_than_the_tolerance(
     assert compared > 4
 
 
+def test_all_levels_are_within_the_constraints_of_the_current_stage(experiment_of: Build) -> None:
+    """While an object is caught, the levels of the stages that hold it ask for the force of a robot without it."""
+    short = ("controller.nodes=8", "controller.horizon=2", "controller.kind=htmpc", "log.shares=false")
+    command = next(closed_loop(experiment_of(*short, task="catch_drifting"))).command
+    first, *later = (level.window.stages[0] for level in command.levels)
+    assert later and "forces" in first.constraints
+    assert all(stage.constraints == first.constraints for stage in later)
+    assert all(level.outcome.usable for level in command.levels)
+
+
 def test_later_levels_lower_their_own_cost(experiment_of: Build) -> None:
     """What is left free after the first level goes to the next: its cost falls below that along the first plan."""
     experiment = experiment_of(*HTMPC, "controller.htmpc.tolerance=0.05")

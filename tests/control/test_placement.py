@@ -51,8 +51,7 @@ BESIDE = {"object": [0, -0.978, 0]}
     [(0, {"controller.kind": "hard"}), (0, {"controller.kind": "htmpc"}), (3, {"stages.release.target.base": BESIDE})],
 )
 def test_cost_follows_the_object_where_no_end_is_planned(stage: int, keys: dict[str, object]) -> None:
-    free = {"limits.base.force": None, "limits.arms.force": None}  # with them fatrop takes minutes for levels of HTMPC
-    task = load_task("catch_drifting", {"controller.nodes": 12, **free, **keys})
+    task = load_task("catch_drifting", {"controller.nodes": 12, **keys})
     controller, pose_rows = Controller(task), build_problem(task).model.pose_rows
     controller.memory = replace(controller.memory, sequence=MovingSequence(stage, np.zeros(0), -1.5))
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))

@@ -71,7 +71,7 @@ def _waiting(stage: PlacedStage) -> PlacedStage:
 
 
 def _level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ...]) -> Window:
-    """Return the window of a later level: the cost of its stage, within the limits and constraints of the current one."""
+    """Return the window of a later level: its stage within the limits and the constraints of the current one."""
     current = first.stages[0]
     return replace(
         first,

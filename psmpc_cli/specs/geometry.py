@@ -1,0 +1,102 @@
+"""Shapes of bodies and obstacles, and what is to keep clear of what. docs/clearance.md."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from psmpc_cli.specs import fields
+from psmpc_cli.specs.document import counted, mapping
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, holds, listed
+from psmpc_cli.specs.object import PoseNumbers
+from psmpc_cli.specs.parts import Context, by_dimension, dimension_of
+
+ShapeKind = Literal["capsule", "box", "half_space"]
+
+DEEP = 1e6
+"""Length along z of a box in the plane [m]: beyond all others, so that it is never the nearest way out."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A convex shape about its own frame, in space; those of the plane are in z = 0.
+
+    Attributes:
+        kind: capsule: the points nearer than a radius to a segment along x, a sphere if that is of length 0; box; or
+            half_space: the points p with normal' p <= 0.
+        size: Of a capsule radius and length of its segment (2,) [m], of a box its edges (3,) [m], of a half-space the
+            unit normal, which points out of it (3,).
+    """
+
+    kind: ShapeKind
+    size: tuple[float, ...]
+
+
+class ShapeSpec(Spec):
+    """A shape about its own frame, in one of four ways."""
+
+    sphere: fields.Positive | None = Field(None, description="radius [m]")
+    capsule: Annotated[tuple[fields.Positive, fields.Positive], listed("2 entries", 2)] | None = Field(
+        None, description="[radius, length of the segment that it is about], along x [m]"
+    )
+    box: tuple[fields.Positive, ...] | None = Field(None, description="lengths along x, y and in space z [m]")
+    half_space: tuple[fields.Number, ...] | None = Field(
+        None, description="outward normal of the plane through the origin that bounds it"
+    )
+
+    @property
+    def shape(self) -> Shape:
+        """The shape as numbers."""
+        if self.sphere is not None:
+            return Shape("capsule", (self.sphere, 0.0))
+        if self.capsule is not None:
+            return Shape("capsule", self.capsule)
+        if self.box is not None:
+            return Shape("box", (*self.box, DEEP)[:3])
+        normal = np.array([*(self.half_space or ()), 0.0])[:3]
+        return Shape("half_space", tuple((normal / np.linalg.norm(normal)).tolist()))
+
+
+def _dimension(context: Context) -> int | None:
+    """Return the dimension of the robot of a description, of a robot's own file too; None where it is not known."""
+    if context.sizes:
+        return dimension_of(context.sizes)
+    robot = mapping(context.file.data)
+    return None if "arms" not in robot else 3 if "space" in robot else 2
+
+
+def _one_shape(shape: ShapeSpec, before: Fields, context: Context) -> RuleErrors:
+    """Give a shape that is none, or several, and sizes of another dimension."""
+    given = [key for key in ShapeSpec.model_fields if getattr(shape, key) is not None]
+    if len(given) != 1:
+        yield (), expected(f"one of {', '.join(ShapeSpec.model_fields)}", ", ".join(given) or "none", at_key=True)
+        return
+    (key,) = given
+    numbers = getattr(shape, key)
+    dimension = _dimension(context)
+    if key in ("box", "half_space") and dimension not in (None, len(numbers)):
+        yield (key,), expected(counted(dimension, "entry", "entries"))
+    if key == "half_space" and np.linalg.norm(numbers) < 1e-6:
+        yield (key,), expected("a normal that is not 0")
+
+
+OneShape = Annotated[ShapeSpec, holds(_one_shape)]
+
+
+class PlacedShape(Spec):
+    """A shape on a body of a robot."""
+
+    shape: OneShape = Field(description="sphere or capsule")
+    pose: PoseNumbers | None = Field(None, description="pose of its frame in that of the body; default the same")
+
+
+class ObstacleSpec(Spec):
+    """A body that the robot does not touch, at rest or in uniform motion."""
+
+    name: fields.Name = Field(description="name of the obstacle")
+    shape: OneShape = Field(description="its shape")
+    pose: PoseNumbers = Field(description="pose of the shape's frame at the start, as the object's")
+    velocity: Annotated[tuple[fields.Number, ...], by_dimension(2, 3)] = Field(
+        (), description="velocity in the inertial frame; default rest [m/s]"
+    )

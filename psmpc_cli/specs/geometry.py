@@ -23,8 +23,8 @@ class Shape:
     """A convex shape about its own frame, in space; those of the plane are in z = 0.
 
     Attributes:
-        kind: capsule: the points nearer than a radius to a segment along x, a sphere if that is of length 0; box; or
-            half_space: the points p with normal' p <= 0.
+        kind: capsule: the points nearer than a radius to a segment along x with its middle at the origin, a sphere if
+            that is of length 0; box, with its centre at the origin; or half_space: the points p with normal' p <= 0.
         size: Of a capsule radius and length of its segment (2,) [m], of a box its edges (3,) [m], of a half-space the
             unit normal, which points out of it (3,).
     """

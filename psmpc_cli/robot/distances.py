@@ -1,0 +1,213 @@
+"""Signed distances between shapes, as CasADi expressions or numbers, and the points where they are nearest.
+
+The first shape is a capsule. Its distances to spheres, capsules, half-spaces, and as a sphere to boxes, are exact;
+against a box a longer capsule is covered by spheres, see `excess`. A distance is negative where shapes overlap: minus
+how deep, where one of the two is a half-space or the first a sphere; of capsules, and of a capsule's spheres, minus how
+deep the nearest points of their axes say. Gradients are finite everywhere.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+
+from psmpc_cli.robot.kinematics import SpatialFrame
+from psmpc_cli.robot.rotations import add, conjugate, dot, product, rotate, scaled
+from psmpc_cli.specs.geometry import DEEP, Shape
+
+Vector = Sequence[Any]
+
+TINY = 1e-15
+"""Added to a squared distance [m^2], so that its root has a gradient at 0: less than 1e-9 m beyond 1e-6 m."""
+
+PARALLEL = 1e-13
+"""Least squared sine between two axes that their nearest points are computed with.
+
+At smaller angles the axes are closer to parallel than it matters: with half lengths h their distance d is at most
+PARALLEL h^2 / d too large.
+"""
+
+MOST_SPHERES = 9
+"""Spheres that cover a capsule against boxes."""
+
+LARGEST_EXCESS = 0.05
+"""How much larger their radius is than the capsule's, as long as so many spheres suffice."""
+
+
+def distance(first: Shape, at_first: SpatialFrame, second: Shape, at_second: SpatialFrame) -> Any:
+    """Compute the signed distance of two shapes [m].
+
+    Args:
+        first: A capsule.
+        at_first: Its frame, of expressions or numbers.
+        second: A capsule, box or half-space.
+        at_second: Its frame.
+    """
+    radius, length = first.size
+    if second.kind == "half_space":
+        normal = rotate(at_second.quaternion, second.size)
+        deepest = dot(normal, add(at_first.position, scaled(at_second.position, -1))) - radius
+        return deepest - length / 2 * ca.fabs(dot(normal, _axis(at_first))) if length else deepest
+    if second.kind == "capsule":
+        own, other = _nearest_on_axes(first, at_first, second, at_second)
+        return _norm(add(own, scaled(other, -1))) - (radius + second.size[0])
+    centres, covering = _spheres_in_box_frame(first, at_first, at_second)
+    nearest = _to_box(second, centres[0])
+    for centre in centres[1:]:
+        nearest = ca.fmin(nearest, _to_box(second, centre))
+    return nearest - covering
+
+
+def witnesses(
+    first: Shape, at_first: SpatialFrame, second: Shape, at_second: SpatialFrame
+) -> tuple[list[Any], list[Any]]:
+    """Compute the points of both surfaces that are nearest to each other, or deepest in the other shape, (3,) each [m].
+
+    They are as far apart as `distance` says. Of a capsule against a box, the first is on the sphere that covers it
+    there. Of capsules whose axes cross both are where they cross: no direction leads out of each other.
+
+    Args:
+        first: A capsule.
+        at_first: Its frame, of expressions or numbers.
+        second: A capsule, box or half-space.
+        at_second: Its frame.
+    """
+    radius, length = first.size
+    if second.kind == "half_space":
+        normal = rotate(at_second.quaternion, second.size)
+        axis = _axis(at_first)
+        end = add(at_first.position, scaled(axis, -length / 2 * ca.sign(dot(normal, axis))))
+        height = dot(normal, add(end, scaled(at_second.position, -1)))
+        return add(end, scaled(normal, -radius)), add(end, scaled(normal, -height))
+    if second.kind == "capsule":
+        own, other = _nearest_on_axes(first, at_first, second, at_second)
+        apart = add(other, scaled(own, -1))
+        towards = scaled(apart, 1 / _norm(apart))
+        return add(own, scaled(towards, radius)), add(other, scaled(towards, -second.size[0]))
+    centres, covering = _spheres_in_box_frame(first, at_first, at_second)
+    centre = centres[0]
+    nearest = _to_box(second, centre)
+    for other in centres[1:]:
+        far = _to_box(second, other)
+        centre = [ca.if_else(far < nearest, new, old) for new, old in zip(other, centre, strict=True)]
+        nearest = ca.fmin(nearest, far)
+    outward = _out_of_box(second, centre)
+    points = (add(centre, scaled(outward, -covering)), add(centre, scaled(outward, -nearest)))
+    own, other = (add(at_second.position, rotate(at_second.quaternion, point)) for point in points)
+    return own, other
+
+
+def excess(shape: Shape) -> float:
+    """Return how far at most the distance of a capsule to a box is too small [m]; never too large.
+
+    N spheres with centres L / (N - 1) apart cover the capsule of radius r and length L if their radius is
+    R = sqrt(r^2 + (L / (N - 1))^2 / 4). R - r is returned: at most LARGEST_EXCESS r where L is up to 5 r, beyond that
+    MOST_SPHERES leave more. It is 0 of a sphere.
+    """
+    _, covering = _covering_spheres(shape)
+    return covering - shape.size[0]
+
+
+def _covering_spheres(shape: Shape) -> tuple[list[float], float]:
+    """Return where along its axis a capsule has the spheres that cover it, and their radius [m]."""
+    radius, length = shape.size
+    if not length:
+        return [0.0], radius
+    widest = 2 * radius * math.sqrt((1 + LARGEST_EXCESS) ** 2 - 1)
+    gaps = min(math.ceil(length / widest), MOST_SPHERES - 1)
+    return [length * (i / gaps - 0.5) for i in range(gaps + 1)], math.hypot(radius, length / gaps / 2)
+
+
+def _axis(frame: SpatialFrame) -> list[Any]:
+    """Compute the x axis of a frame (3,)."""
+    w, x, y, z = frame.quaternion
+    return [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)]
+
+
+def _norm(vector: Vector) -> Any:
+    """Compute the length of a vector with a gradient at 0, see `TINY`."""
+    return ca.sqrt(dot(vector, vector) + TINY)
+
+
+def _within(value: Any, half: float) -> Any:
+    """Compute the nearest number to a value that is between -half and half."""
+    return ca.fmax(-half, ca.fmin(value, half))
+
+
+def _nearest_on_axes(
+    first: Shape, at_first: SpatialFrame, second: Shape, at_second: SpatialFrame
+) -> tuple[list[Any], list[Any]]:
+    """Compute the points of two capsules' axes that are nearest to each other.
+
+    |w + s a - t b|^2 is least over s and t where s = t (a b) - a w and t = s (a b) + b w, with the vector w between
+    the centres and the axes a and b. Where that s is beyond an end, the end counts; t follows from s, its ends count
+    too, and s follows from t. Ericson: Real-time collision detection (2005), section 5.1.9.
+    """
+    p = at_first.position
+    q = at_second.position
+    half = first.size[1] / 2
+    other_half = second.size[1] / 2
+    w = add(p, scaled(q, -1)) if half or other_half else []
+    if half and other_half:
+        a = _axis(at_first)
+        b = _axis(at_second)
+        along = dot(a, b)
+        a_w = dot(a, w)
+        b_w = dot(b, w)
+        s = _within((along * b_w - a_w) / ca.fmax(1 - along * along, PARALLEL), half)
+        t = _within(s * along + b_w, other_half)
+        s = _within(t * along - a_w, half)
+        p = add(p, scaled(a, s))
+        q = add(q, scaled(b, t))
+    elif half:
+        a = _axis(at_first)
+        p = add(p, scaled(a, _within(-dot(a, w), half)))
+    elif other_half:
+        b = _axis(at_second)
+        q = add(q, scaled(b, _within(dot(b, w), other_half)))
+    return list(p), list(q)
+
+
+def _spheres_in_box_frame(first: Shape, at_first: SpatialFrame, at_box: SpatialFrame) -> tuple[list[list[Any]], float]:
+    """Return the centres (3,) of the spheres that cover a capsule, in the frame of a box, and their radius [m]."""
+    places, covering = _covering_spheres(first)
+    inverse = conjugate(at_box.quaternion)
+    centre = rotate(inverse, add(at_first.position, scaled(at_box.position, -1)))
+    if places == [0.0]:
+        return [centre], covering
+    axis = _axis(SpatialFrame(centre, product(inverse, at_first.quaternion)))
+    return [add(centre, scaled(axis, place)) for place in places], covering
+
+
+def _beyond_faces(box: Shape, point: Vector) -> list[Any]:
+    """Compute by how much a point in a box's frame is beyond its faces, along every axis that has any (2,) or (3,)."""
+    return [ca.fabs(x) - edge / 2 for x, edge in zip(point, box.size, strict=True) if edge < DEEP]
+
+
+def _largest(values: Vector) -> Any:
+    most = values[0]
+    for value in values[1:]:
+        most = ca.fmax(most, value)
+    return most
+
+
+def _to_box(box: Shape, point: Vector) -> Any:
+    """Compute the signed distance of a point in a box's frame to the box [m]."""
+    beyond = _beyond_faces(box, point)
+    return _norm([ca.fmax(value, 0.0) for value in beyond]) + ca.fmin(_largest(beyond), 0.0)
+
+
+def _out_of_box(box: Shape, point: Vector) -> list[Any]:
+    """Compute the unit vector out of a box (3,) at the nearest point of its surface, in its frame."""
+    beyond = _beyond_faces(box, point)
+    most = _largest(beyond)
+    outside = [ca.fmax(value, 0.0) for value in beyond]
+    length = _norm(outside)
+    taken: Any = 0.0
+    outward = []
+    for value, out, x in zip(beyond, outside, point, strict=False):
+        is_nearest = ca.if_else(value >= most, 1 - taken, 0.0)
+        taken = taken + is_nearest
+        outward.append(ca.if_else(x < 0, -1.0, 1.0) * ca.if_else(most > 0, out / length, is_nearest))
+    return [*outward, 0.0, 0.0][:3]

@@ -231,7 +231,15 @@ class ControlLaw:
             placement = self._place(memory, time, x, placement.chart, at_ends=True)
             memory = replace(memory, signs=placement.signs)
         x = self._with_predicted(memory, time, x)
-        arguments = self._placer.arguments(sequence, x, placement.chart, memory.arguments)
+        arguments = self._placer.arguments(
+            time=time,
+            sequence=sequence,
+            x=x,
+            chart=placement.chart,
+            plan=memory.plans.solved,
+            target_object=memory.target_object,
+            before=memory.arguments,
+        )
         memory = replace(memory, arguments=arguments)
         placement = placement.with_arguments(arguments)
         return memory, replace(situation, x=x, placement=placement, switches=(*passed, *met))

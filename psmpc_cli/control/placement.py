@@ -9,12 +9,16 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import PlacedStage, Stage
+from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, SampleView, Stage
 from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import ControllerSpec
 
 QUATERNION_FLIP_THRESHOLD = -0.17
 """Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
+
+LOOKED_AT = 9
+"""States of the plan in force by which constraints tell what comes near."""
 
 Signs = Mapping[int, Mapping[str, float]]
 """Signs of the quaternions in spatial targets, by stage index and frame."""
@@ -98,22 +102,44 @@ class Placer:
         return Placement(chart, charted, found)
 
     def arguments(
-        self, sequence: MovingSequence, x: np.ndarray, chart: Chart, before: Mapping[str, np.ndarray]
+        self,
+        time: float,
+        sequence: MovingSequence,
+        x: np.ndarray,
+        chart: Chart,
+        plan: Plan | None,
+        target_object: ObjectEstimate | None,
+        before: Mapping[str, np.ndarray],
     ) -> dict[str, np.ndarray]:
-        """Return the arguments of the constraints on the current stage that samples set, by name.
+        """Return the arguments of the constraints that samples set, by name, of the first stage that says them.
 
         Args:
+            time: Of the sample [s].
             sequence: The stages in the window.
             x: State in the chart (2n,).
             chart: The chart.
+            plan: The plan in force, in the chart; None before the first.
+            target_object: What is known of the object; None without one that moves.
             before: The arguments at the sample before.
         """
-        constraints = self._stages[sequence.first].constraints
-        return {
-            name: each.at_sample(self._problem.model, x, chart.anchor, before.get(name))
-            for name, each in constraints.items()
-            if each.at_sample
-        }
+        found = dict[str, np.ndarray]()
+        sampled = [(stage, stage.sampled_constraints) for stage in self._stages[sequence.first :]]
+        if not any(constraints for _, constraints in sampled):
+            return found
+        view = SampleView(
+            time=time,
+            x=x,
+            anchor=chart.anchor,
+            ahead=None if plan is None else _ahead(plan, time),
+            object_state=None if target_object is None else target_object.at(time),
+        )
+        for stage, constraints in sampled:
+            for name in constraints.keys() - found.keys():
+                at_stage = replace(view, is_current=stage.index == sequence.first, before=before.get(name))
+                argument = _argument(constraints[name], self._problem.model, at_stage)
+                if argument is not None:
+                    found[name] = argument
+        return found
 
     def _held(
         self,
@@ -171,6 +197,16 @@ class Placer:
             if sign is None or begins is None or sign * w < QUATERNION_FLIP_THRESHOLD:
                 found[frame] = 1.0 if w >= 0 else -1.0
         return found
+
+
+def _ahead(plan: Plan, time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and states of a plan from a time on [s], some of them."""
+    times = np.linspace(time, max(time, plan.end), LOOKED_AT)
+    return times, plan.states_at(times)
+
+
+def _argument(numbers: ConstraintNumbers, model: RobotModel, sample: SampleView) -> np.ndarray | None:
+    return None if numbers.at_sample is None else numbers.at_sample(model, sample)
 
 
 def end_is_planned(controller: ControllerSpec, first: int, stages: Sequence[Stage]) -> bool:

@@ -71,7 +71,8 @@ class Linearization:
         durations: By tau, (S, S).
         gap_velocity: Of the gaps by Qdot_k and Qdot_k+1, one number an interval, (K, 2).
         gap_tau: By tau, (K, n, S).
-        rows_by_x: Of the rows at nodes by x there, (E, 2n).
+        node_rows: Which rows at nodes the model has, ascending, (F,).
+        rows_by_x: Of the rows at nodes by x there, (E, 2n); 0 of those that the model does not have.
         interval_rows: Which rows over intervals the model has, ascending, (J,); see `VelocityForm.interval_jacobian`.
         interval_rows_by: Their derivatives by x at both ends and tau, (J, 4n + S).
     """
@@ -85,6 +86,7 @@ class Linearization:
     durations: np.ndarray
     gap_velocity: np.ndarray
     gap_tau: np.ndarray
+    node_rows: np.ndarray
     rows_by_x: np.ndarray
     interval_rows: np.ndarray
     interval_rows_by: np.ndarray
@@ -102,6 +104,7 @@ class VelocityForm:
         weights: Share of the velocity at either end of an interval in the change of position.
         row_node: Node of each row of these, ascending, (E,): rows are ordered by node, then as in `node_rows`.
         row_is_soft: Which of them may be violated at a cost, (E,).
+        row_near: How near its bounds a row is part of a program, (E,); infinite: always.
         row_interval: Interval of each row over intervals, in an order alike, (I,).
         residuals_are_curved: The curvature of residuals counts: that of a robot without thrusters.
         curved: Programs have curvature besides that of the Gauss-Newton model, see `with_curvature`.
@@ -119,8 +122,11 @@ class VelocityForm:
         self.weights = velocity_shares(shape.discretization)
         self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows])
         self.row_is_soft = np.zeros(len(self.row_node), bool)
+        self.row_near = np.full(len(self.row_node), np.inf)
         for rows, at in zip(self.node_rows, self._places, strict=True):
             self.row_is_soft[at] = rows.soft
+            self.row_near[at] = rows.near
+        self.always = np.flatnonzero(np.isinf(self.row_near))
         self.row_interval, self._interval_places = _ordered(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
@@ -231,16 +237,39 @@ class VelocityForm:
         return values
 
     def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of all constraints at nodes (E,) and their derivatives by x at their nodes (E, 2n)."""
+        """Return the rows of all constraints at nodes (E,) and their derivatives by x at their nodes (E, 2n).
+
+        Of rows that are part of programs near their bounds alone the derivatives are left 0.
+        """
         values = np.zeros(len(self.row_node))
         by_x = np.zeros((len(self.row_node), 2 * self.grid.n))
         for rows, at in zip(self.node_rows, self._places, strict=True):
-            g, jacobian = rows.functions.with_jacobian(
-                point.X[list(rows.nodes)], rows.argument(p), rows=len(rows.nodes)
-            )
+            X = point.X[list(rows.nodes)]
+            a = rows.argument(p)
+            if np.isfinite(rows.near):
+                values[at] = rows.functions.value(X, a, rows=len(X))[0].ravel()
+                continue
+            g, jacobian = rows.functions.with_jacobian(X, a, rows=len(X))
             values[at] = g.ravel()
             by_x[at] = jacobian.reshape(len(at), -1)
         return values, by_x
+
+    def with_node_rows(
+        self, model: Linearization, point: Point, p: Parameters[np.ndarray], which: np.ndarray
+    ) -> Linearization:
+        """Return the model at a point with some more rows at nodes (J,), evaluated at the nodes that have one."""
+        if not len(which):
+            return model
+        by_x = model.rows_by_x.copy()
+        for rows, at in zip(self.node_rows, self._places, strict=True):
+            of_node = at.reshape(len(rows.nodes), -1)
+            has_one = np.atleast_1d(np.isin(of_node, which).any(axis=1))
+            if has_one.any():
+                a = _of_some(rows.argument(p), has_one)
+                X = point.X[np.array(rows.nodes)[has_one]]
+                jacobian = rows.functions.with_jacobian(X, a, rows=len(X))[1]
+                by_x[of_node[has_one].ravel()] = jacobian.reshape(-1, by_x.shape[1])
+        return replace(model, node_rows=np.union1d(model.node_rows, which), rows_by_x=by_x)
 
     def with_given_rates(self, point: Point, p: Parameters[np.ndarray]) -> Point:
         """Return a point with the rates that rows at nodes determine; the point itself if none do.
@@ -321,7 +350,8 @@ class VelocityForm:
         """Return the values (E,) of the rows of all constraints at nodes, each at one and the same state x (2n,)."""
         values = np.zeros(len(self.row_node))
         for rows, at in zip(self.node_rows, self._places, strict=True):
-            values[at] = np.tile(rows.functions.value(x, rows.argument(p))[0], len(rows.nodes))
+            N = len(rows.nodes)
+            values[at] = rows.functions.value(np.tile(x, (N, 1)), rows.argument(p), rows=N)[0].ravel()
         return values
 
     def row_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
@@ -353,10 +383,13 @@ class VelocityForm:
         for rows, at in zip(self.node_rows, self._places, strict=True):
             curvature = rows.functions.curvature
             if curvature is not None:
-                nodes = list(rows.nodes)
-                of_nodes = multipliers[at].reshape(len(nodes), -1)
-                by_Q_Q = curvature(point.X[nodes], rows.argument(p), of_nodes, rows=len(nodes))[0]
-                positions[nodes] += by_Q_Q.reshape(-1, n, n)
+                of_nodes = multipliers[at].reshape(len(rows.nodes), -1)
+                acts = of_nodes.any(axis=1)
+                nodes = np.array(rows.nodes)[acts]
+                if len(nodes):
+                    a = _of_some(rows.argument(p), acts)
+                    by_Q_Q = curvature(point.X[nodes], a, of_nodes[acts], rows=len(nodes))[0]
+                    positions[nodes] += by_Q_Q.reshape(-1, n, n)
         if self.residuals_are_curved:
             self._add_residual_curvature(positions, point, p)
         return replace(model, positions=positions)
@@ -405,10 +438,16 @@ class VelocityForm:
             durations=D.T @ (cost.durations[:, None] * D),
             gap_velocity=-self.steps(point, float(p.horizon)) * np.array(self.weights),
             gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
+            node_rows=self.always,
             rows_by_x=rows_by_x,
             interval_rows=costing,
             interval_rows_by=costing_by,
         )
+
+
+def _of_some(argument: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Return the argument at chosen nodes of a constraint's, which may be the same at all of them."""
+    return argument if argument.ndim == 1 else argument[chosen]
 
 
 def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:

@@ -54,13 +54,21 @@ class ConstraintFunctions:
         rows: The rows as an expression of both.
         gives: Rates that the rows, equations, determine: they are linear in these and as many. None if they do not.
             `sqp` then solves them at every iterate, and takes no account of their curvature.
+        is_frequent: They are evaluated at every point, those that give rates too.
         native: Functions with many operations run as compiled C.
     """
 
     def __init__(
-        self, x: ca.SX, argument: ca.SX, rows: ca.SX, gives: slice | None = None, native: bool = False
+        self,
+        x: ca.SX,
+        argument: ca.SX,
+        rows: ca.SX,
+        gives: slice | None = None,
+        is_frequent: bool = False,
+        native: bool = False,
     ) -> None:
         self.gives = gives
+        self._is_frequent = is_frequent or gives is not None
         self._native = native
         self._x = x
         self._argument = argument
@@ -69,10 +77,10 @@ class ConstraintFunctions:
 
     @cached_property
     def compiled(self) -> "ConstraintFunctions":
-        """The same rows with functions as compiled C, if they give rates: those are evaluated at every point."""
-        if self.gives is None:
+        """The same rows with functions as compiled C, if they are evaluated at every point."""
+        if not self._is_frequent:
             return self
-        return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, native=True)
+        return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, self._is_frequent, native=True)
 
     @cached_property
     def value(self) -> RowFunction:

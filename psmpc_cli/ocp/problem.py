@@ -6,11 +6,13 @@ from functools import cached_property
 import numpy as np
 
 from psmpc_cli.ocp.constraints import CONSTRAINTS
+from psmpc_cli.ocp.constraints.base import numbers_by_name
 from psmpc_cli.ocp.loads import known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.ocp.stage import (
     MEASURES,
+    ConstraintNumbers,
     ObjectEnd,
     PlacedStage,
     Stage,
@@ -110,8 +112,10 @@ def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[S
 
 def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     """Return a stage with what constraints have of it."""
-    found = {name: constraint.numbers(task, model, stage.index) for name, constraint in CONSTRAINTS.items()}
-    return replace(stage, constraints={name: numbers for name, numbers in found.items() if numbers is not None})
+    found = dict[str, ConstraintNumbers]()
+    for name, constraint in CONSTRAINTS.items():
+        found |= numbers_by_name(name, constraint.numbers(task, model, stage.index))
+    return replace(stage, constraints=found)
 
 
 def _ends_by_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:

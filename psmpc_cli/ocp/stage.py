@@ -128,8 +128,31 @@ NO_OBJECT_END = ObjectEnd("", (), np.zeros(0), np.zeros(0), np.zeros(0))
 """Of a stage that does not end by an object."""
 
 
-ArgumentAtSample: TypeAlias = Callable[[RobotModel, np.ndarray, np.ndarray, np.ndarray | None], np.ndarray]
-"""Robot, state (2n,) in a chart, anchor of the chart, argument at the sample before or None -> argument (numbers,)."""
+@dataclass(frozen=True, eq=False)
+class SampleView:
+    """What a sample has for the arguments of constraints.
+
+    Attributes:
+        time: Of the sample [s].
+        x: State in the chart (2n,).
+        anchor: Of the chart.
+        ahead: Times [s] and states (M, 2n) of the plan in force from now on; None before the first plan.
+        object_state: Estimated pose and velocity of the object; None without one with a mass.
+        is_current: The stage has begun.
+        before: The argument at the sample before, or None.
+    """
+
+    time: float
+    x: np.ndarray
+    anchor: np.ndarray
+    ahead: tuple[np.ndarray, np.ndarray] | None = None
+    object_state: tuple[np.ndarray, np.ndarray] | None = None
+    is_current: bool = True
+    before: np.ndarray | None = None
+
+
+ArgumentAtSample: TypeAlias = Callable[[RobotModel, SampleView], np.ndarray | None]
+"""Robot, what a sample has -> argument (numbers,), NaN while the constraint has no rows; None where it is not said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +163,10 @@ class ConstraintNumbers:
         structure: What decides its functions beside the robot.
         argument: The numbers that its functions take (numbers,); NaN while they are not known.
         low, high: Bounds of its rows (rows,).
-        at_sample: How a sample of the stage sets the argument, which records of windows then hold; None where the task
-            says all of it.
+        at_sample: How a sample sets the argument, which records of windows then hold; None where the task says all of
+            it.
+        at_nodes: Argument, times of nodes since the sample (N,) -> what its functions take at each, (N, numbers); None
+            where that is the argument itself.
     """
 
     structure: Hashable
@@ -149,6 +174,7 @@ class ConstraintNumbers:
     low: np.ndarray
     high: np.ndarray
     at_sample: ArgumentAtSample | None = None
+    at_nodes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
     @cached_property
     def is_known(self) -> bool:

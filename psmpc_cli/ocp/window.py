@@ -11,7 +11,7 @@ import numpy as np
 
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan, mesh
-from psmpc_cli.ocp.stage import PlacedStage, Stage, StageShape, stage_shape, without_end
+from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage, StageShape, stage_shape, without_end
 from psmpc_cli.robot.configuration import IDENTITY, Chart
 
 T = TypeVar("T")
@@ -187,7 +187,8 @@ class Parameters(Generic[T]):
         paths: Of each stage, (rows, 2 (N_s + 1)): what its cost follows at its nodes as functions of its duration,
             first the values at duration 0, then the slopes; (rows, 0) where the target stands still.
         constraints: Of each stage of the window, by name of the constraints that have rows in it: the chart's anchor,
-            then their argument.
+            then their argument, (numbers,); of one that moves as it is at each node after the first, at the times of
+            the guess, (N_s, numbers).
     """
 
     x0: T
@@ -239,16 +240,27 @@ def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarra
         control_weights=tuple(stage.control_weights for stage in stages),
         targets=tuple(stage.target for stage in stages),
         paths=_paths(window, instants),
-        constraints=tuple(_of_constraints(window, stage) for stage in window.stages),
+        constraints=_of_constraints(window, instants),
     )
 
 
-def _of_constraints(window: Window, stage: Stage) -> dict[str, np.ndarray]:
-    return {
-        name: np.concatenate([window.chart.anchor, each.argument])
-        for name, each in stage.constraints.items()
-        if each.is_known
-    }
+def _of_constraints(window: Window, instants: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
+    """Return the anchor and the arguments of the constraints of each stage, one row a node where these move."""
+    anchor = window.chart.anchor
+    times = list[np.ndarray]()
+
+    def taken(each: ConstraintNumbers, s: int) -> np.ndarray:
+        if each.at_nodes is None:
+            return np.concatenate([anchor, each.argument])
+        if not times:
+            times.extend(np.split(window.times(instants)[1:] - window.start, np.cumsum(window.nodes)[:-1]))
+        at_nodes = each.at_nodes(each.argument, times[s])
+        return np.hstack([np.tile(anchor, (len(at_nodes), 1)), at_nodes])
+
+    return tuple(
+        {name: taken(each, s) for name, each in stage.constraints.items() if each.is_known}
+        for s, stage in enumerate(window.stages)
+    )
 
 
 def _paths(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:

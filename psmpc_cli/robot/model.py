@@ -87,6 +87,10 @@ class RobotModel:
         bodies, tools = place(self.spec, base, joints)
         return bodies, ca.vertcat(bodies[0].pose, *(frame.pose for frame in tools.values()))
 
+    def charted_frames(self, Q: ca.SX, anchor: ca.SX) -> tuple[list[Frame], dict[str, Frame]]:
+        """Return the frames of the bodies, and those of the end-effectors by arm, at coordinates in a chart (n,)."""
+        return place(self.spec, self.space.charted_frame(Q, anchor), Q[self.space.joint_rates])
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the generalized coordinates, (n,): `base.x`, ..., `arm_1.1`, ..."""

@@ -198,7 +198,7 @@ class Nlp:
         for k in range(self.grid.K + 1):
             for rows in self._rows_at(k):
                 if rows.soft:
-                    value = rows.functions.value(plan.X[k], rows.argument(numbers))[0][0]
+                    value = _array(rows.expression(k, plan.X[k], numbers))
                     found.append(scaled_violations(value, *rows.bounds(window)))
         return np.concatenate(found)
 
@@ -259,7 +259,7 @@ class Nlp:
             yield from ((ca.sum1(tau[: s + 1]), partial(_fixed_end, s)) for s in fixed)
         first = 0
         for rows in self._rows_at(k):
-            value = rows.functions.value.function(X, rows.argument(p))
+            value = rows.expression(k, X, p)
             bounds = partial(_node_bounds, rows)
             if rows.soft:
                 e = self._row_e[k][first : first + rows.functions.count] / PENALTY

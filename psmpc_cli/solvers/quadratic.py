@@ -92,8 +92,8 @@ class QpArrays:
         min  1/2 x'H x + g'x  over x = (X, tau)   s.t.   low <= C x <= high,
         Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau + gaps_k = 0.
 
-    X are the steps of x_1 .. x_K, tau those of the S free durations; C has the R rows of `SqpWindow`, of those over
-    intervals the ones of the model alone. H and g are those of `Linearization`.
+    X are the steps of x_1 .. x_K, tau those of the S free durations; C has the R rows of `SqpWindow`, of those at nodes
+    and over intervals the ones of the model alone. H and g are those of `Linearization`.
 
     Attributes:
         positions: Upper triangles of H by the positions, (K, n, n).
@@ -175,8 +175,8 @@ class QpMethod(ABC):
             gap_velocity=model.gap_velocity,
             gap_tau=model.gap_tau,
             gaps=model.at.gaps,
-            row_node=window.form.row_node - 1,
-            row_jacobian=model.rows_by_x,
+            row_node=window.form.row_node[model.node_rows] - 1,
+            row_jacobian=model.rows_by_x[model.node_rows],
             interval_row=window.form.row_interval[model.interval_rows],
             interval_jacobian=model.interval_rows_by,
             interval_low=bounds.interval_low[model.interval_rows],
@@ -194,13 +194,14 @@ class QpMethod(ABC):
             row_multipliers=np.zeros(len(rows)),
         )
         status, iterations = self._solve(arrays)
-        first_node_row = window.states + 2 * S
+        node_multipliers = np.zeros(len(model.at.rows))
+        node_multipliers[model.node_rows] = arrays.row_multipliers[window.states + 2 * S :][: len(model.node_rows)]
         return QpSolution(
             status=status,
             step=Point(X, arrays.tau),
             gaps=arrays.gap_multipliers,
             rows=arrays.row_multipliers,
-            node_multipliers=arrays.row_multipliers[first_node_row:][: len(model.at.rows)],
+            node_multipliers=node_multipliers,
             iterations=iterations,
         )
 

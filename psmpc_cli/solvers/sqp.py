@@ -255,16 +255,16 @@ class _Solve:
         return qp
 
     def _solved(self, window: SqpWindow, model: Linearization, point: Point) -> QpSolution:
-        """Return the solution of the program of a model, with those rows over intervals that its step would violate.
+        """Return the solution of the program of a model, with those rows that its step would violate.
 
         So far from their bounds that the model does not have them, rows do not change the solution.
         """
         qp = self.method.solve(window, model, point)
         while qp.status is QpStatus.SOLVED:
-            missed = window.missed_rows(model, point.moved(qp.step, 1.0))
-            if not len(missed):
+            of_nodes, of_intervals = window.missed_rows(model, point.moved(qp.step, 1.0))
+            if not len(of_nodes) and not len(of_intervals):
                 break
-            model = window.with_interval_rows(model, point, missed)
+            model = window.with_rows(model, point, of_nodes, of_intervals)
             qp = self.method.solve(window, model, point)
         return qp
 

@@ -146,9 +146,14 @@ class SqpWindow:
         return self.form.with_given_rates(point, self.p)
 
     @property
+    def _first_node_row(self) -> int:
+        """Index of the first of the rows at nodes."""
+        return self.states + 2 * self.form.grid.switches
+
+    @property
     def _first_interval_row(self) -> int:
         """Index of the first of the rows over intervals less low h; those less high h follow."""
-        return self.states + 2 * self.form.grid.switches + len(self.form.row_node)
+        return self._first_node_row + len(self.form.row_node)
 
     @cached_property
     def interval_weights(self) -> np.ndarray:
@@ -159,11 +164,13 @@ class SqpWindow:
         """Return the indices of the rows that the program of a model has, ascending."""
         first = self._first_interval_row
         count = len(self.form.row_interval)
-        if not count:
+        left_out = len(self.form.row_node) - len(model.node_rows)
+        if not count and not left_out:
             return slice(None)
+        of_nodes = self._first_node_row + model.node_rows
         of_intervals = first + model.interval_rows
         after = np.arange(first + 2 * count, len(self.bounds.low))
-        return np.concatenate([np.arange(first), of_intervals, of_intervals + count, after])
+        return np.concatenate([np.arange(self._first_node_row), of_nodes, of_intervals, of_intervals + count, after])
 
     def _interval_rows_beyond(self, point: Point, values: np.ndarray, share: float, excess: float) -> np.ndarray:
         """Return which rows over intervals (I,), of these values, exceed a share of their bounds by more than that."""
@@ -176,22 +183,38 @@ class SqpWindow:
         above = values > share * self.bounds.interval_high * h + excess
         return np.flatnonzero((has_low & below) | (has_high & above))
 
-    def missed_rows(self, model: Linearization, point: Point) -> np.ndarray:
-        """Return the rows over intervals that a model does not have and a point violates, ascending.
+    def _node_rows_beyond(self, values: np.ndarray, apart: np.ndarray | float) -> np.ndarray:
+        """Return which rows at nodes (E,), of these values, are nearer to a bound than that, or beyond it."""
+        at = slice(self._first_node_row, self._first_interval_row)
+        near = (values < self.bounds.low[at] + apart) | (values > self.bounds.high[at] - apart)
+        return np.flatnonzero(near)
+
+    def missed_rows(self, model: Linearization, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows at nodes and those over intervals that a model does not have and a point violates, ascending.
 
         With them those that the point brings near their bounds: one more program then is enough, most often.
         """
-        if not len(self.form.row_interval):
-            return np.zeros(0, int)
-        values = self.form.interval_row_values(point, self.p)
-        violated = np.setdiff1d(self._interval_rows_beyond(point, values, 1.0, FEASIBLE), model.interval_rows)
-        return self._interval_rows_beyond(point, values, NEAR_BOUND, 0.0) if len(violated) else violated
+        none = np.zeros(0, int)
+        of_nodes = none
+        of_intervals = none
+        if len(self.form.always) < len(self.form.row_node):
+            values = self.form.row_values(point, self.p)
+            violated = np.setdiff1d(self._node_rows_beyond(values, -FEASIBLE), model.node_rows)
+            of_nodes = self._node_rows_beyond(values, self.form.row_near) if len(violated) else none
+        if len(self.form.row_interval):
+            values = self.form.interval_row_values(point, self.p)
+            violated = np.setdiff1d(self._interval_rows_beyond(point, values, 1.0, FEASIBLE), model.interval_rows)
+            of_intervals = self._interval_rows_beyond(point, values, NEAR_BOUND, 0.0) if len(violated) else none
+        return of_nodes, of_intervals
 
-    def with_interval_rows(self, model: Linearization, point: Point, which: np.ndarray) -> Linearization:
-        """Return the model at a point with some more rows over intervals."""
-        if not len(which):
+    def with_rows(
+        self, model: Linearization, point: Point, of_nodes: np.ndarray, of_intervals: np.ndarray
+    ) -> Linearization:
+        """Return the model at a point with some more rows at nodes and over intervals."""
+        model = self.form.with_node_rows(model, point, self.p, np.setdiff1d(of_nodes, model.node_rows))
+        if not len(of_intervals):
             return model
-        of_model = np.union1d(model.interval_rows, which)
+        of_model = np.union1d(model.interval_rows, of_intervals)
         derivatives = self.form.interval_jacobian(point, self.p, of_model)
         return replace(model, interval_rows=of_model, interval_rows_by=derivatives)
 
@@ -233,10 +256,9 @@ class SqpWindow:
     def _row_node(self) -> np.ndarray:
         """Node of each row of states and of each constraint at nodes, (R,); those of others are 0."""
         grid = self.form.grid
-        first_node_row = self.states + 2 * grid.switches
         node = np.zeros(len(self.bounds.low), int)
         node[: self.states] = 1 + np.arange(grid.K).repeat(2 * grid.n)
-        node[first_node_row:][: len(self.form.row_node)] = self.form.row_node
+        node[self._first_node_row :][: len(self.form.row_node)] = self.form.row_node
         return node
 
     def _soft_penalties(self, rows: np.ndarray) -> np.ndarray:
@@ -264,8 +286,7 @@ class SqpWindow:
         own = np.zeros(len(rows))
         own[: self.states] = np.tile(scaled_violations(point.X[0], *self.bounds.first), form.grid.K)
         at_first = np.where(np.isfinite(rows), rows, 0.0)
-        first_node_row = self.states + 2 * form.grid.switches
-        at_first[first_node_row:][: len(form.row_node)] = form.rows_at(point.X[0], self.p)
+        at_first[self._first_node_row :][: len(form.row_node)] = form.rows_at(point.X[0], self.p)
         own[self.states :] = scaled_violations(at_first, self.bounds.low, self.bounds.high)[self.states :]
         excess = self._soft_penalties(rows) - own[self._soft_rows]
         return bool((excess <= PENALTY * FEASIBLE).all())
@@ -298,12 +319,17 @@ class SqpWindow:
         """Return the model at a point, its violations counted with the durations they last.
 
         What a step changes of the violations is left to the program, which knows it exactly. Of the rows over
-        intervals it has those that are near their bounds.
+        intervals it has those that are near their bounds, of rows at nodes too where these say so.
         """
         model = self.form.linearize(point, self.p)
+        of_nodes = np.zeros(0, int)
+        of_intervals = np.zeros(0, int)
+        if len(self.form.always) < len(self.form.row_node):
+            of_nodes = self._node_rows_beyond(model.at.rows, self.form.row_near)
         if len(self.form.row_interval):
-            near = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
-            model = self.with_interval_rows(model, point, near)
+            of_intervals = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
+        if len(of_nodes) or len(of_intervals):
+            model = self.with_rows(model, point, of_nodes, of_intervals)
         if not len(self._soft_rows):
             return model
         by_tau = self._penalty_by_node(point, self.rows(point, model.at)) @ shares_of_time(self.form.interval_steps)
@@ -317,7 +343,8 @@ class SqpWindow:
         rows = self.rows(point, model.at)
         changes = np.zeros(len(rows))
         changes[: self.states] = step.X[1:].ravel()
-        node_rows = slice(self.states + 2 * self.form.grid.switches, None)
-        changes[node_rows][: len(self.form.row_node)] = (model.rows_by_x * step.X[self.form.row_node]).sum(axis=1)
+        changes[self._first_node_row :][: len(self.form.row_node)] = (model.rows_by_x * step.X[self.form.row_node]).sum(
+            axis=1
+        )
         change = self._soft_penalties(rows + changes) - self._soft_penalties(rows)
         return float(self.row_shares(point)[self._soft_rows] @ change)

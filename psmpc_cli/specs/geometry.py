@@ -7,12 +7,15 @@ import numpy as np
 from pydantic import Field
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.document import counted, mapping
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, holds, listed
+from psmpc_cli.specs.document import choice, counted, mapping
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, listed
 from psmpc_cli.specs.object import PoseNumbers
 from psmpc_cli.specs.parts import Context, by_dimension, dimension_of
 
 ShapeKind = Literal["capsule", "box", "half_space"]
+
+OBJECT = "object"
+"""Name of the object among parts that keep clear of each other."""
 
 DEEP = 1e6
 """Length along z of a box in the plane [m]: beyond all others, so that it is never the nearest way out."""
@@ -100,3 +103,34 @@ class ObstacleSpec(Spec):
     velocity: Annotated[tuple[fields.Number, ...], by_dimension(2, 3)] = Field(
         (), description="velocity in the inertial frame; default rest [m/s]"
     )
+
+
+def _known_parts(pairs: tuple[tuple[str, str], ...], before: Fields, context: Context) -> RuleErrors:
+    """Give names of parts that are none."""
+    if not context.sizes:
+        return
+    bodies = [
+        f"{part}.{number + 1}" for part, size in context.sizes.items() if part != "base" for number in range(size)
+    ]
+    obstacles = context.file.value(("obstacles",))
+    named = [str(mapping(each).get("name")) for each in obstacles] if isinstance(obstacles, list) else []
+    valid = [*context.sizes, *bodies, *named, *([OBJECT] if context.file.value(("object",)) else [])]
+    for i, pair in enumerate(pairs):
+        for j, name in enumerate(pair):
+            if name not in valid:
+                yield (i, j), flaw(choice(name, valid))
+
+
+class ClearanceSpec(Spec):
+    """How far apart bodies keep: the robot from itself, from obstacles and from the object."""
+
+    margin: fields.NotNegative = Field(0.02, description="smallest distance of two bodies [m]")
+    excepted: Annotated[tuple[Annotated[tuple[str, str], listed("a pair of parts", 2)], ...], holds(_known_parts)] = (
+        Field(
+            (),
+            alias="except",
+            description="pairs of parts that need not: bodies such as arm_1.2, arms with all their bodies, base, "
+            "obstacles by name, object",
+        )
+    )
+    hard: fields.Flag = Field(False, description="no plan may come nearer; default: violations cost")

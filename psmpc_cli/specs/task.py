@@ -14,6 +14,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping, quoted
 from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
+from psmpc_cli.specs.geometry import OBJECT, ClearanceSpec, ObstacleSpec
 from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     SPACES,
@@ -483,6 +484,9 @@ class StageSpec(Spec):
     onset: Annotated[_JointNames | None, holds(_has_control)] = Field(
         None, description="coordinates whose control marks the stage's actual start"
     )
+    clearance: fields.Sparse[ClearanceSpec | None] = Field(
+        None, description="how far apart bodies keep in this stage, instead of the task's"
+    )
     angles: Literal["nearest", "exact"] = Field(
         "nearest", description="nearest: a target angle means the nearest equivalent one; exact: itself"
     )
@@ -514,13 +518,23 @@ class LogSpec(Spec):
     shares: fields.Flag = Field(True, description="each stage's share in the control, for some more solves a sample")
 
 
-def _own_names(key: str, entries: tuple[StageSpec | MonitorSpec, ...], before: Fields, context: Context) -> RuleErrors:
+def _own_names(
+    key: str, entries: tuple[StageSpec | MonitorSpec | ObstacleSpec, ...], before: Fields, context: Context
+) -> RuleErrors:
     """Give names of entries of a list that an earlier entry has."""
     first: dict[str, int] = {}
     for i, entry in enumerate(entries):
         if first.setdefault(entry.name, i) != i:
             found = f"{quoted(entry.name)} again (first at {key}[{first[entry.name]}])"
             yield (i, "name"), expected("a name of its own", found)
+
+
+def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], before: Fields, context: Context) -> RuleErrors:
+    """Give obstacles with names that parts of the robot have, or the object."""
+    taken = [*context.sizes, OBJECT]
+    for i, obstacle in enumerate(obstacles):
+        if obstacle.name in taken:
+            yield (i, "name"), expected(f"a name other than {', '.join(taken)}", quoted(obstacle.name))
 
 
 def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -> RuleErrors:
@@ -722,6 +736,12 @@ class TaskSpec(Spec):
     object: Annotated[ObjectSpec, holds(complete), holds(_has_thrusters)] | None = Field(
         None, description="the target object"
     )
+    obstacles: fields.Sparse[
+        Annotated[tuple[ObstacleSpec, ...], holds(partial(_own_names, "obstacles")), holds(_obstacle_names)]
+    ] = Field((), description="bodies that the robot does not touch")
+    clearance: fields.Sparse[ClearanceSpec | None] = Field(
+        None, description="how far apart bodies keep; default nothing is kept, measured or called a touch"
+    )
     uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )
@@ -754,6 +774,10 @@ class TaskSpec(Spec):
     def capture(self) -> CaptureSpec | None:
         """The task's object, where it has a mass; None where the task has no such object."""
         return None if self.object is None else self.object.capture
+
+    def clearance_of(self, stage: int) -> ClearanceSpec | None:
+        """Return how far apart bodies keep in a stage; None where nothing is asked for."""
+        return self.stages[stage].clearance or self.clearance
 
     @property
     def held_stages(self) -> range:

@@ -89,6 +89,7 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
         durations=durations,
         gap_velocity=-h * np.array([0.5, 0.5]),
         gap_tau=rng.normal(size=(K, n, S)),
+        node_rows=np.arange(END_ROWS * S),
         rows_by_x=rng.normal(size=(END_ROWS * S, 2 * n)),
         interval_rows=np.arange(len(form.row_interval)),
         interval_rows_by=rng.normal(size=(len(form.row_interval), 4 * n + S)),

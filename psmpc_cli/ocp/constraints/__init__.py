@@ -37,6 +37,7 @@ NAMES = (
     "kept",
     "hands",
     "forces",
+    "clearance",
 )
 
 CONSTRAINTS: dict[str, Constraint] = {name: resolve_name(f"{__name__}.{name}:CONSTRAINT") for name in NAMES}
@@ -73,7 +74,7 @@ def soft_row_violations(model: RobotModel, window: Window, plan: Plan) -> tuple[
     at_first = [0.0]
     for rows in soft:
         X = plan.X[[0, *rows.nodes]]
-        values = rows.functions.value(X, rows.argument(p), rows=len(X))[0]
+        values = rows.functions.value(X, rows.argument_from_first(p), rows=len(X))[0]
         violations = scaled_violations(values, *rows.bounds(window)).max(axis=1) / PENALTY
         at_first.append(float(violations[0]))
         at_nodes.append(float(violations[1:].max()))

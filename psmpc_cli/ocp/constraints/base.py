@@ -7,7 +7,7 @@ expressions. The curvatures are those by Q alone: a bound that is curved in the 
 better written as planes about it.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeAlias
@@ -42,9 +42,10 @@ class NodeRows:
         name: Of the constraint.
         nodes: The nodes, ascending.
         functions: x, a -> the rows, their Jacobian and curvature; the same object wherever the rows are the same.
-        argument: Parameters of a window, numbers or symbols -> a.
+        argument: Parameters of a window, numbers or symbols -> a, (numbers,), or one at each of the nodes, a row each.
         bounds: Window -> low and high (rows,); where they are equal the rows are equations.
         soft: They may be violated at a cost, see `boxes.PENALTY`.
+        near: Rows further from their bounds than this are no part of a program; infinite: all are.
     """
 
     name: str
@@ -53,6 +54,21 @@ class NodeRows:
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
     soft: bool = False
+    near: float = np.inf
+
+    def expression(self, k: int, x: Any, p: Parameters[Any]) -> Any:
+        """Return the rows (rows,) at one of the nodes, whose state is x (2n,)."""
+        a = self.argument(p)
+        moves = len(a.shape) == 2 and a.shape[1] > 1
+        return self.functions.value.function(x, a[self.nodes.index(k), :].T if moves else a)
+
+    def argument_from_first(self, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return the argument at the first node of the window and at the nodes, (numbers,) or (1 + nodes, numbers).
+
+        At the first node, which has no rows, it is taken as at the first of the nodes.
+        """
+        a = np.asarray(self.argument(p))
+        return a if a.ndim == 1 else np.vstack([a[:1], a])
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,15 +107,37 @@ class Constraint:
     Attributes:
         rows: Its rows on windows of a shape.
         numbers: Task, robot, index of a stage -> what it has of the stage, which windows and their records then hold
-            under its name; None where it does not concern the stage, or has no numbers but those of the stage itself.
+            under its name; several by names of their own, which are added to it. None where it does not concern the
+            stage, or has no numbers but those of the stage itself.
     """
 
     rows: RowsOfShape
-    numbers: Callable[[TaskSpec, RobotModel, int], ConstraintNumbers | None] = _no_numbers
+    numbers: Callable[[TaskSpec, RobotModel, int], ConstraintNumbers | Mapping[str, ConstraintNumbers] | None] = (
+        _no_numbers
+    )
+
+
+def numbers_by_name(
+    name: str, found: ConstraintNumbers | Mapping[str, ConstraintNumbers] | None
+) -> dict[str, ConstraintNumbers]:
+    """Return what a constraint has of a stage by the names under which the stage holds it."""
+    if found is None:
+        return {}
+    if isinstance(found, ConstraintNumbers):
+        return {name: found}
+    return {f"{name} {own}": numbers for own, numbers in found.items()}
+
+
+def _is_of(name: str, held: str) -> bool:
+    """Tell whether a stage holds numbers of a constraint under a name."""
+    return held == name or held.startswith(f"{name} ")
 
 
 def rows_at_nodes(
-    name: str, functions: Callable[[RobotModel, Any], ConstraintFunctions], soft: bool = False
+    name: str,
+    functions: Callable[[RobotModel, Any], ConstraintFunctions],
+    soft: Callable[[Any], bool] = lambda structure: False,
+    near: float = np.inf,
 ) -> RowsOfShape:
     """Return how a constraint yields its rows at the nodes of the stages that it concerns.
 
@@ -108,21 +146,22 @@ def rows_at_nodes(
     Args:
         name: Of the constraint in the table.
         functions: Robot, structure -> x, [anchor of the chart; argument] -> the rows.
-        soft: They may be violated at a cost.
+        soft: Structure -> whether they may be violated at a cost.
+        near: Rows further from their bounds than this are no part of a program.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
         first_node = Grid(model.n, shape.nodes).first_node
-        for s, stage in enumerate(shape.stages):
-            for structure in (structure for of, structure in stage.constraints if of == name):
-                yield NodeRows(
-                    name=name,
-                    nodes=range(int(first_node[s]) + 1, int(first_node[s + 1]) + 1),
-                    functions=model.owned((functions, structure), partial(functions, model, structure)),
-                    argument=argument_of(name, s),
-                    bounds=bounds_of(name, s),
-                    soft=soft,
-                )
+        for s, held, structure in _held(name, shape):
+            yield NodeRows(
+                name=held,
+                nodes=range(int(first_node[s]) + 1, int(first_node[s + 1]) + 1),
+                functions=model.owned((functions, structure), partial(functions, model, structure)),
+                argument=argument_of(held, s),
+                bounds=bounds_of(held, s),
+                soft=soft(structure),
+                near=near,
+            )
 
     return rows
 
@@ -137,17 +176,22 @@ def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], Interv
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
         first_node = Grid(model.n, shape.nodes).first_node
-        for s, stage in enumerate(shape.stages):
-            for structure in (structure for of, structure in stage.constraints if of == name):
-                yield IntervalRows(
-                    name=name,
-                    intervals=range(int(first_node[s]), int(first_node[s + 1])),
-                    functions=model.owned((functions, structure), partial(functions, model, structure)),
-                    argument=argument_of(name, s),
-                    bounds=bounds_of(name, s),
-                )
+        for s, held, structure in _held(name, shape):
+            yield IntervalRows(
+                name=held,
+                intervals=range(int(first_node[s]), int(first_node[s + 1])),
+                functions=model.owned((functions, structure), partial(functions, model, structure)),
+                argument=argument_of(held, s),
+                bounds=bounds_of(held, s),
+            )
 
     return rows
+
+
+def _held(name: str, shape: WindowShape) -> Iterator[tuple[int, str, Any]]:
+    """Yield number, name and structure of what the stages of windows of a shape hold of a constraint."""
+    for s, stage in enumerate(shape.stages):
+        yield from ((s, held, structure) for held, structure in stage.constraints if _is_of(name, held))
 
 
 def argument_of(name: str, s: int) -> Callable[[Parameters[Any]], Any]:

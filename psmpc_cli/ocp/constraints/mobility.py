@@ -19,7 +19,7 @@ import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
 from psmpc_cli.ocp.loads import Load, known_load
-from psmpc_cli.ocp.stage import ConstraintNumbers
+from psmpc_cli.ocp.stage import ConstraintNumbers, SampleView
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
 
@@ -41,11 +41,9 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     )
 
 
-def _measured_momentum(
-    load: Load, model: RobotModel, x: np.ndarray, anchor: np.ndarray, before: np.ndarray | None
-) -> np.ndarray:
+def _measured_momentum(load: Load, model: RobotModel, sample: SampleView) -> np.ndarray:
     """Return the momentum (n_twist,) of the robot and its load at a sample."""
-    return np.asarray(load.momentum(model)(x, anchor)).ravel()
+    return np.asarray(load.momentum(model)(sample.x, sample.anchor)).ravel()
 
 
 def functions(model: RobotModel, load: Load) -> ConstraintFunctions:

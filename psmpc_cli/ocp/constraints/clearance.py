@@ -1,0 +1,287 @@
+"""Bodies keep clear of each other: the robot of itself, of obstacles and of the object, which keeps clear too while held.
+
+A row is the signed distance of two shapes at a node, at least the margin. Rows are soft with an exact penalty; on
+request they are hard, as long as the robot is outside the margin: a start inside is pushed out of it. The pairs of a
+stage are in groups, about the robot itself, an obstacle or the object. A group has rows while the plan in force comes
+near; between nodes nothing is kept. What moves is at each node where it is at the time of that node in the guess.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from typing import Literal, TypeAlias
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
+from psmpc_cli.ocp.stage import ConstraintNumbers, SampleView
+from psmpc_cli.robot.distances import distance
+from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.geometry import Piece, capsules_of, own_pairs, pieces_of
+from psmpc_cli.robot.kinematics import SpatialFrame
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import add, rotate
+from psmpc_cli.robot.rotations import product as times
+from psmpc_cli.specs.covers import cover_box
+from psmpc_cli.specs.geometry import DEEP, OBJECT, ClearanceSpec, ObstacleSpec, Shape
+from psmpc_cli.specs.robot import Attachment
+from psmpc_cli.specs.task import TaskSpec
+
+FORESEEN = 0.5
+"""How near the margin the plan in force must come for the pairs of a group to be in windows [m]."""
+
+NEAR = 0.1
+"""How near its margin the distance of a pair must be at a node to be a row of a program [m]."""
+
+ITSELF = "itself"
+"""Name of the group of the robot's own pairs."""
+
+PoseState: TypeAlias = tuple[np.ndarray, np.ndarray]
+"""Pose (n_pose,) and velocity (n_twist,) of a body that moves freely."""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A shape and what carries it.
+
+    Attributes:
+        part: Whose it is: name of a body of the robot, of an obstacle, or `object`.
+        shape: The shape.
+        at: Its frame on the robot's body of that number, or in the pose of what carries it.
+        carrier: The robot; a pose in a gripper; or a pose in the inertial frame.
+    """
+
+    part: str
+    shape: Shape
+    at: Attachment
+    carrier: Literal["robot", "gripper", "world"] = "robot"
+
+    @classmethod
+    def of(cls, piece: Piece) -> "Solid":
+        """Return a piece of the robot."""
+        return cls(piece.part, piece.shape, piece.at)
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """A group of pairs of solids.
+
+    Attributes:
+        pairs: The pairs; the first of each is a capsule.
+        gripper: The arm that holds the solids in a gripper; None where there are none.
+        hard: Rows are hard.
+    """
+
+    pairs: tuple[tuple[Solid, Solid], ...]
+    gripper: str | None = None
+    hard: bool = False
+
+    @property
+    def placed(self) -> bool:
+        """Whether there are solids at a pose in the inertial frame."""
+        return any(second.carrier == "world" for _, second in self.pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """A group of pairs, and where samples find what is not on the robot.
+
+    Attributes:
+        pairs: The pairs.
+        state: What a sample has -> pose and velocity of the solids in the inertial frame, or None if it has none.
+    """
+
+    pairs: Pairs
+    state: Callable[[SampleView], PoseState | None] = lambda sample: None
+
+
+def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
+    """Return all pairs that can be kept apart in a stage of a task, whatever it asks for, by the names of their groups.
+
+    Bodies that hold the object, or are about to, may touch it.
+    """
+    pieces = [Solid.of(piece) for piece in pieces_of(model.spec)]
+    found = {ITSELF: Group(Pairs(tuple((pieces[i], pieces[j]) for i, j in own_pairs(model, pieces_of(model.spec)))))}
+    obstacles = {each.name: (_solid(each), partial(_of_obstacle, each, model)) for each in task.obstacles}
+    for name, (obstacle, state) in obstacles.items():
+        found[name] = Group(Pairs(tuple((piece, obstacle) for piece in pieces)), state)
+    capture = task.capture
+    if task.object is None or capture is None:
+        return found
+    is_held = stage in task.held_stages
+    hands = {f"{arm}.{model.spec.parts[arm]}" for arm in capture.grasp.at}
+    may_touch = hands if stage >= task.held_stages.start - 1 else set()
+    others = [piece for piece in pieces if piece.part not in may_touch]
+    if not is_held:
+        body = Solid(OBJECT, _box(task.object.shape), _NO_OFFSET, "world")
+        found[OBJECT] = Group(Pairs(tuple((piece, body) for piece in others)), _of_object)
+        return found
+    held = list(_cover(task.object.shape))
+    holder = next(iter(capture.grasp.at))
+    found[OBJECT] = Group(Pairs(tuple(product(held, others)), holder))
+    for name, (obstacle, state) in obstacles.items():
+        found[f"{OBJECT} and {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)
+    return found
+
+
+_NO_OFFSET = Attachment(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def _solid(obstacle: ObstacleSpec) -> Solid:
+    return Solid(obstacle.name, obstacle.shape.shape, _NO_OFFSET, "world")
+
+
+def _box(lengths: tuple[float, ...]) -> Shape:
+    return Shape("box", (*lengths, DEEP)[:3])
+
+
+def _cover(lengths: tuple[float, ...]) -> Iterator[Solid]:
+    """Give the capsules that cover the object, in a gripper."""
+    for piece in capsules_of(OBJECT, 0, cover_box(lengths)):
+        yield Solid(piece.part, piece.shape, piece.at, "gripper")
+
+
+def _of_obstacle(obstacle: ObstacleSpec, model: RobotModel, sample: SampleView) -> PoseState:
+    """Return where an obstacle is at a sample, and its velocity."""
+    v = np.zeros(model.space.n_twist)
+    v[: len(obstacle.velocity)] = obstacle.velocity
+    return _free(model).predicted(obstacle.pose, v, sample.time)
+
+
+def _free(model: RobotModel) -> FreeBody:
+    """Return a body that moves freely in the robot's space; it turns about its axes as if it were a sphere."""
+    return FreeBody(1.0, np.ones(model.space.n_principal))
+
+
+def _of_object(sample: SampleView) -> PoseState | None:
+    return sample.object_state
+
+
+def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
+    """Return the groups of a stage, by name; none where the task asks for no clearance in it."""
+    spec = task.clearance_of(stage)
+    if spec is None:
+        return {}
+    found = dict[str, ConstraintNumbers]()
+    for name, group in groups(task, model, stage).items():
+        kept = tuple(pair for pair in group.pairs.pairs if not _excepted(pair, spec))
+        if kept:
+            pairs = replace(group.pairs, pairs=kept)
+            found[name] = _numbers(replace(group, pairs=pairs), spec, model)
+            if spec.hard:
+                found[f"{name}, hard"] = _numbers(replace(group, pairs=replace(pairs, hard=True)), spec, model)
+    return found
+
+
+def _excepted(pair: tuple[Solid, Solid], spec: ClearanceSpec) -> bool:
+    """Tell whether two solids need not keep clear of each other; the name of an arm means all of its bodies."""
+    first, second = ({solid.part, solid.part.rpartition(".")[0]} for solid in pair)
+    return any((a in first and b in second) or (b in first and a in second) for a, b in spec.excepted)
+
+
+def _numbers(group: Group, spec: ClearanceSpec, model: RobotModel) -> ConstraintNumbers:
+    pairs = group.pairs
+    in_gripper = model.space.n_pose * (pairs.gripper is not None)
+    in_world = (model.space.n_pose + model.space.n_twist) * pairs.placed
+    return ConstraintNumbers(
+        structure=pairs,
+        argument=np.full(1 + in_gripper + in_world, np.nan),
+        low=np.full(len(pairs.pairs), spec.margin),
+        high=np.full(len(pairs.pairs), np.inf),
+        at_sample=partial(_at_sample, group, spec),
+        at_nodes=partial(_at_nodes, pairs, model),
+    )
+
+
+def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: SampleView) -> np.ndarray | None:
+    """Return a 0, the pose in the gripper, pose and velocity of what is in the inertial frame; NaN of a group far away.
+
+    Of an object that is not held yet the pose in the gripper is not known.
+    """
+    pairs = group.pairs
+    argument = np.zeros(1)
+    if pairs.gripper is not None:
+        if sample.object_state is None or not sample.is_current:
+            return sample.before
+        xi = np.asarray(model.charted(sample.x[: model.n], sample.anchor)).ravel()
+        inside = model.space.relative(sample.object_state[0], xi[model.pose_rows[pairs.gripper]])
+        argument = np.append(argument, inside)
+    if pairs.placed:
+        state = group.state(sample)
+        if state is None:
+            return None
+        argument = np.concatenate([argument, *state])
+    since = np.zeros(1)
+    X = sample.x[None]
+    if sample.ahead is not None:
+        since = np.append(since, sample.ahead[0] - sample.time)
+        X = np.vstack([X, sample.ahead[1]])
+    anchors = np.tile(sample.anchor, (len(X), 1))
+    taken = np.hstack([anchors, _at_nodes(pairs, model, argument, since)])
+    apart = model.owned((functions, pairs), partial(functions, model, pairs)).value(X, taken, rows=len(X))[0]
+    is_far = sample.ahead is not None and apart.min() > spec.margin + FORESEEN
+    is_inside = bool(apart[0].min() < spec.margin)
+    unused = spec.hard and pairs.hard == is_inside
+    return np.full(len(argument), np.nan) if is_far or unused else argument
+
+
+def _at_nodes(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Return what the functions take at times since the sample (N,): a 0 and the poses, (N, numbers)."""
+    n_pose = model.space.n_pose
+    fixed = argument[: 1 + n_pose * (pairs.gripper is not None)]
+    at_nodes = np.tile(fixed, (len(since), 1))
+    if not pairs.placed:
+        return at_nodes
+    pose, v = np.split(argument[len(fixed) :], [n_pose])
+    body = _free(model)
+    poses = [body.predicted(pose, v, time)[0] for time in since] if v.any() else np.tile(pose, (len(since), 1))
+    return np.hstack([at_nodes, poses])
+
+
+def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
+    """Return x, [anchor; 0; pose in the gripper; pose in the inertial frame] -> the distance of every pair."""
+    space = model.space
+    x = ca.SX.sym("x", 2 * model.n)
+    n_poses = (pairs.gripper is not None) + pairs.placed
+    argument = ca.SX.sym("argument", space.n_anchor + 1 + n_poses * space.n_pose)
+    anchor = argument[: space.n_anchor]
+    poses = ca.vertsplit(argument[space.n_anchor + 1 :], space.n_pose) if n_poses else []
+    carriers = {"world": _frame(space.lifted(ca.vertsplit(poses[-1])))} if pairs.placed else {}
+    bodies, tools = model.charted_frames(x[: model.n], anchor)
+    if pairs.gripper is not None:
+        inside = _frame(space.lifted(ca.vertsplit(poses[0])))
+        carriers["gripper"] = _composed(tools[pairs.gripper].in_space(), inside)
+    frames = dict[tuple[str, Attachment], SpatialFrame]()
+
+    def frame(solid: Solid) -> SpatialFrame:
+        key = (solid.carrier, solid.at)
+        if key not in frames:
+            at_robot = solid.carrier == "robot"
+            frames[key] = (
+                bodies[solid.at.body].carried(solid.at).in_space()
+                if at_robot
+                else carriers[solid.carrier].carried(solid.at)
+            )
+        return frames[key]
+
+    apart = [distance(first.shape, frame(first), second.shape, frame(second)) for first, second in pairs.pairs]
+    return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_frequent=True)
+
+
+def _frame(lifted: tuple[list[ca.SX], list[ca.SX]]) -> SpatialFrame:
+    return SpatialFrame(*lifted)
+
+
+def _composed(frame: SpatialFrame, inside: SpatialFrame) -> SpatialFrame:
+    """Return the frame that is at a pose inside another one."""
+    position = add(frame.position, rotate(frame.quaternion, inside.position))
+    return SpatialFrame(position, times(frame.quaternion, inside.quaternion))
+
+
+def _is_soft(pairs: Pairs) -> bool:
+    return not pairs.hard
+
+
+CONSTRAINT = Constraint(rows_at_nodes("clearance", functions, _is_soft, NEAR), numbers)

@@ -33,6 +33,11 @@ class PlanarFrame:
         """Return the frame turned about its own origin."""
         return type(self)(self.position, self.angle + axis[2] * angle)
 
+    def in_space(self) -> "SpatialFrame":
+        """Return the frame in space: that of the plane z = 0."""
+        x, y = (self.position[i] for i in range(2))
+        return SpatialFrame([x, y, 0.0], [ca.cos(self.angle / 2), 0.0, 0.0, ca.sin(self.angle / 2)])
+
     @property
     def pose(self) -> Any:
         """The pose (x, y, angle), (3,) [m, m, rad]."""
@@ -58,6 +63,10 @@ class SpatialFrame:
             along = rotate(frame.quaternion, scaled(joint.axis, q))
             return type(self)(add(frame.position, along), frame.quaternion)
         return type(self)(frame.position, product(frame.quaternion, turn(joint.axis, q)))
+
+    def in_space(self) -> Self:
+        """Return the frame itself."""
+        return self
 
     @property
     def pose(self) -> Any:

@@ -75,7 +75,7 @@ def _fitted(spec: RobotSpec) -> Iterator[Piece]:
         covers.append(Cover(ends, shape.radius, 0.0))
         covers += [grippers[number]] if number in grippers else []
         for cover in covers:
-            yield from _pieces(body.name, number, cover)
+            yield from capsules_of(body.name, number, cover)
 
 
 def _about_gripper(outline: Array) -> Cover:
@@ -85,7 +85,7 @@ def _about_gripper(outline: Array) -> Cover:
     return Cover(ends, float(np.linalg.norm(first - palm)) / 2, 0.0)
 
 
-def _pieces(part: str, body: int, cover: Cover) -> Iterator[Piece]:
+def capsules_of(part: str, body: int, cover: Cover) -> Iterator[Piece]:
     """Give the capsules of a cover in a body's frame."""
     for start, end in cover.ends:
         along = end - start

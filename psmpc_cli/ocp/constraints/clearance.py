@@ -1,4 +1,4 @@
-"""Bodies keep clear of each other: the robot of itself, of obstacles and of the object, which keeps clear too while held.
+"""Bodies keep clear: the robot of itself, of obstacles and of the object, which keeps clear too while it is held.
 
 A row is the signed distance of two shapes at a node, at least the margin. Rows are soft with an exact penalty; on
 request they are hard, as long as the robot is outside the margin: a start inside is pushed out of it. The pairs of a

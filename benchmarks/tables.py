@@ -40,6 +40,7 @@ SECTIONS = {
     model: section
     for section, models in {
         "robots.md#limits": "PartLimits",
+        "robots.md#geometry": "PlacedShape ShapeSpec",
         "#controller": "ControllerSpec HtmpcSpec",
         "#solver-and-plant": "SolverSpec PlantSpec",
         "#skills": "SkillSpec SkillWeights",

@@ -7,12 +7,13 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.distances import distance
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.covers import Cover, cover_box
-from psmpc_cli.specs.geometry import Shape
+from psmpc_cli.specs.geometry import DEEP, Shape
 from psmpc_cli.specs.robot import Attachment, RobotSpec, Triple, resolve_limits
 
 Array = NDArray[np.float64]
@@ -59,10 +60,26 @@ class Piece:
 def pieces_of(spec: RobotSpec) -> tuple[Piece, ...]:
     """Return the capsules of a robot, which cover it as far as its description tells, in the order of its bodies.
 
-    A robot whose file says nothing of its geometry has that of its drawings, see `RobotShape`: capsules between joints,
-    a base's box covered by capsules, and a capsule about every gripper.
+    They are those of its `geometry`, boxes covered by capsules. A robot whose file says nothing of it has that of its
+    drawings, see `RobotShape`: capsules between joints, a base's box covered by capsules, and one about every gripper.
     """
-    return tuple(_fitted(spec))
+    return tuple(_given(spec) if spec.geometry else _fitted(spec))
+
+
+def _given(spec: RobotSpec) -> Iterator[Piece]:
+    """Give the capsules of a robot's description."""
+    for number, body in enumerate(spec.bodies):
+        for placed in spec.geometry.get(body.name, ()):
+            frame = np.eye(4) if placed.pose is None else pose_frames(np.array(placed.pose))
+            yield from _pieces(body.name, number, _cover(placed.shape.shape).moved(frame))
+
+
+def _cover(shape: Shape) -> Cover:
+    """Return the capsules that cover a shape about its frame."""
+    if shape.kind == "box":
+        return cover_box([edge for edge in shape.size if edge < DEEP])
+    radius, length = shape.size
+    return Cover(np.array([[[-length / 2, 0.0, 0.0], [length / 2, 0.0, 0.0]]]), radius, 0.0)
 
 
 def _fitted(spec: RobotSpec) -> Iterator[Piece]:

@@ -1,5 +1,6 @@
 """Shapes of bodies and obstacles, and what is to keep clear of what. docs/clearance.md."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -10,7 +11,7 @@ from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping
 from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, listed
 from psmpc_cli.specs.object import PoseNumbers
-from psmpc_cli.specs.parts import Context, by_dimension, dimension_of
+from psmpc_cli.specs.parts import TARGET_AXES, Context, by_dimension, dimension_of
 
 ShapeKind = Literal["capsule", "box", "half_space"]
 
@@ -66,7 +67,7 @@ def _dimension(context: Context) -> int | None:
     if context.sizes:
         return dimension_of(context.sizes)
     robot = mapping(context.file.data)
-    return None if "arms" not in robot else 3 if "space" in robot else 2
+    return 3 if "space" in robot else 2 if "arms" in robot else None
 
 
 def _one_shape(shape: ShapeSpec, before: Fields, context: Context) -> RuleErrors:
@@ -90,8 +91,30 @@ OneShape = Annotated[ShapeSpec, holds(_one_shape)]
 class PlacedShape(Spec):
     """A shape on a body of a robot."""
 
-    shape: OneShape = Field(description="sphere or capsule")
+    shape: OneShape = Field(description="sphere, capsule or box")
     pose: PoseNumbers | None = Field(None, description="pose of its frame in that of the body; default the same")
+
+
+def _on_bodies(given: Mapping[str, tuple[PlacedShape, ...]], before: Fields, context: Context) -> RuleErrors:
+    """Give shapes of bodies that the robot does not have, endless ones, and poses of another dimension."""
+    dimension = _dimension(context)
+    bodies = ["base"]
+    for name, arm in before.get("arms", {}).items():
+        bodies += [f"{name}.{number}" for number in range(1, len(arm.links) + 1)]
+    for body, placed in given.items():
+        if "arms" in before and body not in bodies:
+            yield (body,), flaw(choice(body, bodies), "no such body of the robot", at_key=True)
+        for number, each in enumerate(placed):
+            if each.shape.half_space is not None:
+                yield (body, number, "shape", "half_space"), expected("sphere, capsule or box", at_key=True)
+            if each.pose is not None and dimension is not None and len(each.pose) != len(TARGET_AXES[dimension]):
+                yield (body, number, "pose"), expected(counted(len(TARGET_AXES[dimension]), "entry", "entries"))
+
+
+GEOMETRY = "shapes that the bodies are covered by, by body: base, or arm.number; default fitted to the joints"
+
+ShapesByBody = Annotated[Mapping[str, tuple[PlacedShape, ...]], holds(_on_bodies)]
+"""Shapes of a robot's bodies, keyed as `RobotSpec.bodies` names them."""
 
 
 class ObstacleSpec(Spec):

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
 from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed
+from psmpc_cli.specs.geometry import GEOMETRY, PlacedShape, ShapesByBody
 from psmpc_cli.specs.parts import (
     ERROR_AXES,
     FREE_FLYING,
@@ -322,6 +323,7 @@ class RobotSpec(Spec):
     arms: Mapping[ArmKey, Arm | SpatialArm]
     limits: LimitsByPart = Field({}, description="limits of base, arms (every arm) or an arm by name")
     armature: fields.Sparse[ArmatureByArm] = Field({}, description=ARMATURE)
+    geometry: fields.Sparse[ShapesByBody] = Field({}, description=GEOMETRY)
     mobility: Mobility = Field(FREE_FLYING, exclude_if=lambda value: value == FREE_FLYING, description=MOBILITY)
     base: Base | SpatialBase
 
@@ -437,6 +439,9 @@ class UrdfRobot(Spec):
         {}, description="limits of base, arms (every arm) or an arm by name, besides the URDF's"
     )
     armature: Mapping[str, tuple[fields.NotNegative, ...]] = Field({}, description=ARMATURE)
+    geometry: Mapping[str, tuple[PlacedShape, ...]] = Field(
+        {}, description="shapes of the bodies, instead of the collision shapes that the URDF has of them"
+    )
     mobility: Mobility = Field(FREE_FLYING, description=MOBILITY)
 
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from lxml import etree
@@ -27,6 +27,7 @@ from psmpc_cli.specs.document import (
     shortened,
 )
 from psmpc_cli.specs.library import read_text, shown
+from psmpc_cli.specs.parts import ERROR_AXES
 from psmpc_cli.specs.robot import UrdfRobot
 
 Matrix = NDArray[np.float64]
@@ -139,7 +140,10 @@ class Urdf:
         links, joints: By name, in the file's order.
         notes: What was assumed, each with its line.
         errors: What is wrong.
+        sizes: What rules of a file that refers to it know of the robot's parts: it is in space.
     """
+
+    sizes: ClassVar[Mapping[str, int]] = {"base": len(ERROR_AXES[3])}
 
     file: str
     name: str

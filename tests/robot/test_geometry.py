@@ -12,9 +12,10 @@ from psmpc_cli.robot.distances import distance
 from psmpc_cli.robot.geometry import Piece, own_pairs, pieces_of
 from psmpc_cli.robot.kinematics import place
 from psmpc_cli.robot.model import RobotModel, load_robot
+from psmpc_cli.specs.geometry import Shape
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import resolve_limits, stack
+from psmpc_cli.specs.robot import Attachment, PlanarRobot, SpatialRobot, resolve_limits, stack
 
 Array = NDArray[np.float64]
 
@@ -137,3 +138,44 @@ def test_no_pair_overlaps_where_the_built_in_tasks_start(name: str) -> None:
     pairs = own_pairs(model, pieces)
     Q = stack(task.spec.initial, task.robot, "joint")
     assert float(own_distances(model, pieces, pairs)(Q[-len(task.robot.joints) :]).full().min()) > 0.01
+
+
+PLANAR = {
+    "name": "r",
+    "base": {"mass": 30, "inertia": 1},
+    "arms": {"arm": {"mount": {"position": [0.3, 0]}, "links": [{"mass": 4, "inertia": 0.3, "a": 0.2, "b": 0.2}] * 2}},
+}
+
+
+def test_a_robot_with_geometry_has_its_shapes_alone() -> None:
+    shapes = {
+        "base": [{"shape": {"box": [0.6, 0.3]}, "pose": [0.1, 0.2, np.pi / 2]}],
+        "arm.2": [{"shape": {"capsule": [0.05, 0.4]}, "pose": [0.2, 0, 0]}, {"shape": {"sphere": 0.1}}],
+    }
+    robot = PlanarRobot.model_validate({**PLANAR, "geometry": shapes})
+    pieces = pieces_of(robot)
+    base = [piece for piece in pieces if piece.part == "base"]
+    local = np.array([[0.3, 0.15, 0], [-0.3, 0.15, 0], [0.3, -0.15, 0], [0, 0, 0]])
+    turned = np.column_stack([-local[:, 1] + 0.1, local[:, 0] + 0.2, local[:, 2]])
+    assert depth_in(base, turned).min() > -1e-9
+    assert depth_in(base, np.array([[0.4, 0.2, 0]]))[0] < 0  # not along x
+    assert pieces[len(base) :] == (
+        Piece("arm.2", Attachment(2, (0.2, 0, 0), (0, 0, 0)), Shape("capsule", (0.05, 0.4))),
+        Piece("arm.2", Attachment(2, (0, 0, 0), (0, 0, 0)), Shape("capsule", (0.1, 0.0))),
+    )
+
+
+def test_shapes_in_space_are_turned_as_their_pose_says() -> None:
+    half = np.sqrt(0.5)
+    placed = {"shape": {"capsule": [0.1, 1.0]}, "pose": [1, 2, 3, half, 0, half, 0]}  # x is turned to -z
+    given = {"base": {"mass": 10, "inertia": (0.2, 0.2, 0.2)}, "geometry": {"base": [placed]}}
+    robot = SpatialRobot.model_validate({"name": "r", **given})
+    pieces = pieces_of(robot)
+    ends = np.array([[1, 2, 3.59], [1, 2, 2.41], [1.09, 2, 3]])
+    assert depth_in(pieces, ends).min() > 0
+    assert depth_in(pieces, np.array([[1, 2, 3.61], [1.11, 2, 3]])).max() < 0
+
+
+def test_a_robot_of_one_body_has_no_pairs() -> None:
+    robot = SpatialRobot.model_validate({"name": "r", "base": {"mass": 10, "inertia": (0.2, 0.2, 0.2)}})
+    assert own_pairs(RobotModel(robot), pieces_of(robot)) == ()

@@ -1,11 +1,26 @@
 """Covers of bodies by capsules: what they hold, and how far they reach beyond."""
 
+from pathlib import Path
+
+import coal
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.specs.covers import COVER_EXCESS, MOST_CAPSULES, Cover, cover_box
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs import covers
+from psmpc_cli.specs.covers import (
+    COVER_EXCESS,
+    LARGEST_MESH,
+    MOST_CAPSULES,
+    Cover,
+    cover_box,
+    cover_mesh,
+    read_mesh,
+)
 
 Array = NDArray[np.float64]
 
@@ -76,3 +91,105 @@ def test_a_cover_moves_with_its_body() -> None:
     moved = points @ frame[:3, :3].T + frame[:3, 3]
     np.testing.assert_allclose(depth_in(cover.moved(frame), moved), depth_in(cover, points), atol=1e-12)
     assert cover.moved(frame).excess == cover.excess
+
+
+def moved_mesh(mesh: trimesh.Trimesh) -> Array:
+    """The vertices of a mesh, turned and moved away from the origin."""
+    turned = Rotation.from_rotvec([0.7, -0.4, 1.1]).as_matrix()
+    return np.asarray(mesh.vertices) @ turned.T + [1.0, -2.0, 0.5]
+
+
+def cloud(*scale: float) -> Array:
+    return np.random.default_rng(3).normal(size=(60, 3)) * scale
+
+
+MESHES = {
+    "box": moved_mesh(trimesh.creation.box((0.4, 0.7, 0.2))),
+    "sphere": moved_mesh(trimesh.creation.icosphere(2, 0.3)),
+    "rod": moved_mesh(trimesh.creation.cylinder(0.05, 0.8)),
+    "disc": moved_mesh(trimesh.creation.cylinder(0.5, 0.05)),
+    "capsule": moved_mesh(trimesh.creation.capsule(0.6, 0.1)),
+    "cone": moved_mesh(trimesh.creation.cone(0.2, 0.6)),
+    "cloud": cloud(0.1, 0.2, 0.5),
+    "plate": np.array([[0, 0, 0.3], [1, 0, 0.3], [1, 0.5, 0.3], [0, 0.4, 0.3]]),
+    "triangle": np.array([[0, 0, 0], [1, 0.2, 0.3], [0.1, 0.5, 0.3]]),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_mesh_is_in_its_cover_which_reaches_no_further_than_it_says(name: str) -> None:
+    vertices = MESHES[name]
+    cover = cover_mesh(vertices)
+    rng = np.random.default_rng(0)
+    shares = rng.dirichlet(np.full(len(vertices), 0.2), 3000)
+    assert depth_in(cover, np.vstack([vertices, shares @ vertices])).min() > -1e-9
+    points = surface_of(cover, rng, 300)
+    assert cover.excess > 0
+    if name in ("plate", "triangle"):  # coal has no hull of them: to the nearest of many points of theirs
+        far = KDTree(np.vstack([vertices, shares @ vertices])).query(points)[0]
+        assert far.max() < cover.excess + 0.02
+        return
+    listed = coal.StdVec_Vec3s()
+    listed.extend(list(vertices))
+    hull = coal.Convex.convexHull(listed, False, "Qt")
+    point = coal.Sphere(1e-3)
+    at = coal.Transform3s.Identity()
+    far = [
+        coal.distance(point, coal.Transform3s(np.eye(3), each), hull, at, coal.DistanceRequest(), coal.DistanceResult())
+        for each in points
+    ]
+    assert 0.8 * cover.excess - 1e-3 < max(far) + 1e-3 < cover.excess + 1e-5
+
+
+def test_what_is_nearly_a_capsule_is_covered_by_one_and_a_box_as_boxes_are() -> None:
+    for name, radius in {"capsule": 0.1, "sphere": 0.3}.items():
+        cover = cover_mesh(MESHES[name])
+        assert len(cover.ends) == 1
+        assert cover.radius == pytest.approx(radius, rel=0.03)
+        assert cover.excess < 0.03 * radius
+    expected = cover_box((0.4, 0.7, 0.2))
+    assert cover_mesh(MESHES["box"]).excess <= expected.excess + 1e-9
+
+
+@pytest.mark.parametrize("ending", [".stl", ".obj", ".STL"])
+def test_meshes_are_read_from_files(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"box{ending}"
+    trimesh.creation.box((1, 2, 3)).export(path)
+    mesh = read_mesh(path)
+    assert mesh.is_closed
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [1, 2, 3])
+
+
+def test_an_open_mesh_is_read_and_known_as_such(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 2, 3))
+    box.update_faces(np.arange(len(box.faces)) > 0)
+    box.export(tmp_path / "open.stl")
+    assert not read_mesh(tmp_path / "open.stl").is_closed
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.stl", None, ("no readable file", "a.stl", "No such file")),
+        ("a.dae", b"<COLLADA/>", ("a.dae", ".stl or .obj")),
+        ("a.stl", b"", ("no triangles", "a.stl")),
+        ("a.stl", b"rubbish", ("a.stl", "expected a mesh")),
+        ("a.obj", b"v 0 0 zero\nf 1 1 1\n", ("a.obj", "expected a mesh")),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", ("without an area", "a.obj")),
+        ("a.stl", b"\0" * (LARGEST_MESH + 1), (f"{LARGEST_MESH + 1} bytes", "at most")),
+    ],
+)
+def test_what_is_no_mesh_is_named(tmp_path: Path, name: str, content: bytes | None, words: tuple[str, ...]) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(SpecError) as caught:
+        read_mesh(tmp_path / name)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mesh_of_many_vertices_is_too_many(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trimesh.creation.icosphere(2).export(tmp_path / "a.stl")
+    monkeypatch.setattr(covers, "MOST_VERTICES", 161)
+    with pytest.raises(SpecError, match=r"162 vertices.*at most 161"):
+        read_mesh(tmp_path / "a.stl")

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.geometry import PlacedShape, ShapeSpec
 from psmpc_cli.specs.load import load_robot
 from psmpc_cli.specs.robot import SpatialRobot
 
@@ -72,6 +73,27 @@ def test_armatures_go_to_the_joints_they_are_given_for(tmp_path: Path) -> None:
     assert {joint.armature for joint in planar.joints} == {0}
 
 
+SPHERE = "geometry: {left.3: [{shape: {sphere: 0.1}, pose: {position: [1, 2, 3]}}]}\n"
+
+
+def test_geometry_is_kept_in_files_with_a_urdf_too(tmp_path: Path) -> None:
+    robot = load_robot(saved(tmp_path, FILE + SPHERE))
+    (placed,) = robot.geometry["left.3"]
+    assert placed.shape.sphere == 0.1
+    assert placed.pose == (1, 2, 3, 1, 0, 0, 0)
+    with pytest.raises(SpecError, match=r"r\.yaml:6:12: geometry\.left\.8: .*no such body.*left\.7"):
+        load_robot(saved(tmp_path, FILE + SPHERE.replace("left.3", "left.8")))
+    with pytest.raises(SpecError, match=r"r\.yaml:6:.*shape\.box: .*3 entries"):
+        load_robot(saved(tmp_path, FILE + SPHERE.replace("sphere: 0.1", "box: [1, 1]")))
+
+
+def test_geometry_is_in_digests_only_where_it_is_given() -> None:
+    robot = load_robot("planar_dual_arm")
+    assert "geometry" not in robot.model_dump(mode="json")
+    shaped = robot.model_copy(update={"geometry": {"base": (PlacedShape(shape=ShapeSpec(sphere=1.0)),)}})
+    assert shaped.model_dump(mode="json")["geometry"]["base"][0]["shape"]["sphere"] == 1.0
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "where", "words"),
     [
@@ -98,6 +120,35 @@ def test_armatures_go_to_the_joints_they_are_given_for(tmp_path: Path) -> None:
         ("limits:", "armature: {arm: [0.1, 0]}\nlimits:", "r.yaml:8:17: armature.arm:", ("1 entry for arm",)),
         ("limits:", "armature: {arms: [-1]}\nlimits:", "r.yaml:8:19: armature.arms[0]:", ("at least 0",)),
         ("limits:", "armature: {arm: 0.1}\nlimits:", "r.yaml:8:17: armature.arm:", ("a list",)),
+        ("limits:", "geometry: {arn.1: []}\nlimits:", "r.yaml:8:12: geometry.arn.1:", ("no such body", "arm.1")),
+        ("limits:", "geometry: {arms: []}\nlimits:", "r.yaml:8:12: geometry.arms:", ("no such body", "base, arm.1")),
+        ("limits:", "geometry: {base: {sphere: 1}}\nlimits:", "r.yaml:8:18: geometry.base:", ("a list",)),
+        (
+            "limits:",
+            "geometry: {base: [{shape: {sphere: 1, box: [1, 1, 1]}}]}\nlimits:",
+            "r.yaml:8:20: geometry.base[0].shape:",
+            ("sphere, box", "one of sphere, capsule, box"),
+        ),
+        ("limits:", "geometry: {base: [{shape: {}}]}\nlimits:", "r.yaml:8:20: ", ("none", "one of sphere")),
+        (
+            "limits:",
+            "geometry: {base: [{shape: {box: [1, 1]}}]}\nlimits:",
+            "r.yaml:8:33: geometry.base[0].shape.box:",
+            ("3 entries",),
+        ),
+        (
+            "limits:",
+            "geometry: {base: [{shape: {half_space: [1, 0, 0]}}]}\nlimits:",
+            "r.yaml:8:28: geometry.base[0].shape.half_space:",
+            ("sphere, capsule or box",),
+        ),
+        (
+            "limits:",
+            "geometry: {base: [{shape: {sphere: 1}, pose: [0, 0, 0]}]}\nlimits:",
+            "r.yaml:8:46: geometry.base[0].pose:",
+            ("7 entries",),
+        ),
+        ("limits:", "geometry: {base: [{shape: {sphere: 0}}]}\nlimits:", "r.yaml:8:36: ", ("greater than 0",)),
         ("    links:", "    mount: arn.1\n    links:", "r.yaml:6:", ("arn.1", "base")),
     ],
 )

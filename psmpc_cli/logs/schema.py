@@ -260,6 +260,7 @@ _sampled_coordinates = partial(_column, dims=("time", Q_COORDINATE))
 _sampled_velocities = partial(_column, dims=("time", "coordinate"))
 _sampled_momentum = partial(_column, dims=("time", "momentum"))
 _sampled_limited = partial(_column, only="force limits")
+_sampled_clearance = partial(_column, dims=("time", "clearance/pair"), only="clearance")
 _sampled_disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
 _ticks_coordinates = partial(_column, dims=("ticks/tick", Q_COORDINATE), only="ticks")
 _ticks_velocities = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
@@ -292,6 +293,8 @@ SCHEMA = (
     _scale("monitors/name", "1", "name of the monitor"),
     _scale("uncertainty/body", "1", "body", only="drawn"),
     _scale("uncertainty/axis", "1", "axis of the body", only="drawn"),
+    _scale("clearance/pair", "1", "two parts that keep clear of each other", only="clearance"),
+    _scale("clearance/point", "1", "coordinate of the nearest points of two parts", only="clearance"),
     _scale("object_coordinate", "1", "coordinate of the object's pose", only="object"),
     _scale("object_axis", "1", "component of the object's velocity", only="object"),
     _scale("object/moment", "1", "principal moment of inertia", only="object"),
@@ -324,6 +327,20 @@ SCHEMA = (
         "1",
         "share of the ticks until the next sample at which a force is cut at its limit",
         dims=("time",),
+    ),
+    _sampled_clearance(
+        "clearance/distance",
+        "m",
+        "smallest distance of two parts at the ticks until the next sample, negative where they overlap; NaN where "
+        "they may touch",
+    ),
+    _sampled_clearance("clearance/margin", "m", "that distance less what the task keeps"),
+    _column(
+        "clearance/points",
+        "m",
+        "the points of both parts that are then nearest to each other, in the inertial frame",
+        dims=("time", "clearance/pair", "clearance/point"),
+        only="clearance",
     ),
     _column("pose/xi", POSITION_UNITS, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
     _sampled_count("window/first", "1", "index of the current stage", "command.sequence.first"),

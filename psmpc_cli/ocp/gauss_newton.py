@@ -24,6 +24,9 @@ from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.motion import velocity_shares
 
+NEGLIGIBLE = 1e-7
+"""Multipliers of a constraint up to this are what an interior-point method leaves of 0: curvature does not count."""
+
 
 @dataclass(frozen=True, eq=False)
 class Point:
@@ -384,7 +387,7 @@ class VelocityForm:
             curvature = rows.functions.curvature
             if curvature is not None:
                 of_nodes = multipliers[at].reshape(len(rows.nodes), -1)
-                acts = of_nodes.any(axis=1)
+                acts = (np.abs(of_nodes) > NEGLIGIBLE).any(axis=1)
                 nodes = np.array(rows.nodes)[acts]
                 if len(nodes):
                     a = _of_some(rows.argument(p), acts)

@@ -44,19 +44,36 @@ def distance(first: Shape, at_first: SpatialFrame, second: Shape, at_second: Spa
         second: A capsule, box or half-space.
         at_second: Its frame.
     """
+    nearest, *others = distances(first, at_first, second, at_second)
+    for other in others:
+        nearest = ca.fmin(nearest, other)
+    return nearest
+
+
+def distances(first: Shape, at_first: SpatialFrame, second: Shape, at_second: SpatialFrame) -> list[Any]:
+    """Compute the signed distances of parts of the first shape [m], the least of which is that of the shapes.
+
+    Their gradients do not jump where another part comes nearest: parts are the ends of a capsule against a half-space,
+    and the spheres that cover it against a box. Against another capsule there is one part.
+    """
     radius, length = first.size
     if second.kind == "half_space":
         normal = rotate(at_second.quaternion, second.size)
-        deepest = dot(normal, add(at_first.position, scaled(at_second.position, -1))) - radius
-        return deepest - length / 2 * ca.fabs(dot(normal, _axis(at_first))) if length else deepest
+        middle = dot(normal, add(at_first.position, scaled(at_second.position, -1))) - radius
+        end = length / 2 * dot(normal, _axis(at_first)) if length else 0.0
+        return [middle - end, middle + end] if length else [middle]
     if second.kind == "capsule":
         own, other = _nearest_on_axes(first, at_first, second, at_second)
-        return _norm(add(own, scaled(other, -1))) - (radius + second.size[0])
+        return [_norm(add(own, scaled(other, -1))) - (radius + second.size[0])]
     centres, covering = _spheres_in_box_frame(first, at_first, at_second)
-    nearest = _to_box(second, centres[0])
-    for centre in centres[1:]:
-        nearest = ca.fmin(nearest, _to_box(second, centre))
-    return nearest - covering
+    return [_to_box(second, centre) - covering for centre in centres]
+
+
+def part_count(first: Shape, second: Shape) -> int:
+    """Return how many `distances` two shapes have."""
+    if second.kind == "box":
+        return len(_covering_spheres(first)[0])
+    return 2 if second.kind == "half_space" and first.size[1] else 1
 
 
 def witnesses(

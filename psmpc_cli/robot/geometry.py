@@ -71,7 +71,7 @@ def _given(spec: RobotSpec) -> Iterator[Piece]:
     for number, body in enumerate(spec.bodies):
         for placed in spec.geometry.get(body.name, ()):
             frame = np.eye(4) if placed.pose is None else pose_frames(np.array(placed.pose))
-            yield from _pieces(body.name, number, _cover(placed.shape.shape).moved(frame))
+            yield from capsules_of(body.name, number, _cover(placed.shape.shape).moved(frame))
 
 
 def _cover(shape: Shape) -> Cover:

@@ -23,6 +23,8 @@ from psmpc_cli.ocp.window import SHORTEST, Window
 from psmpc_cli.plant import ForceLimits, Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
 from psmpc_cli.plant.uncertainty import Contact, Uncertainty, force_limits_of
+from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.simulation.clearance import ClearanceMeter
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.task import OnsetSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
@@ -61,6 +63,7 @@ class Meter:
         self._shares = problem.spec.log.shares
         self._noise = standard_deviations(problem.spec.uncertainty.noise, problem.model.spec)
         self._force_limits = force_limits_of(problem.spec, problem.model.spec)
+        self._clearance = ClearanceMeter(problem) if problem.spec.keeps_clear else None
         self._base = problem.model.parts["base"]
         self._number = 0
         self._tick = 1 / problem.spec.plant.low_level_rate
@@ -157,6 +160,7 @@ class Meter:
             "payload/held": [held] * len(x),
             "payload/energy": [0.0 if each is None else each.gained[-1] for each in contacts],
             **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
+            **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),
         }
         for sample, row in zip(samples, zip(*columns.values(), strict=True), strict=True):
             sample.measured.update(zip(columns, row, strict=True))
@@ -173,6 +177,18 @@ class Meter:
         return {
             "force/utilization": utilization.max(axis=1),
             "force/saturated": np.where(np.isnan(F).any(axis=2), np.nan, is_cut).mean(axis=1),
+        }
+
+    def _clearances(
+        self, meter: ClearanceMeter, stage: int, chart: Chart, samples: Sequence[Sample]
+    ) -> dict[str, np.ndarray]:
+        """Return how near bodies come to each other over samples of a stage, by path in the log."""
+        found = [meter.measure(stage, chart, each) for each in samples]
+        smallest = np.array([distance for distance, _ in found])
+        return {
+            "clearance/distance": smallest,
+            "clearance/points": np.array([points for _, points in found]).reshape(len(found), len(meter.pairs), -1),
+            "clearance/margin": smallest - meter.margins[stage],
         }
 
     def _norms(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -28,6 +28,7 @@ from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import Capture
 from psmpc_cli.plant.uncertainty import Uncertainty, force_limits_of
 from psmpc_cli.robot.model import shape_of
+from psmpc_cli.simulation.clearance import clearance_header
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
 from psmpc_cli.solvers.sqp import libraries as solver_libraries
 from psmpc_cli.specs.arguments import rejected, require
@@ -207,6 +208,7 @@ def header(loop: RecordedLoop) -> Header:
         "ticks": task.log.ticks and loop.knows_ticks,
         "force limits": has_force_limits,
         "commanded at ticks": has_force_limits and task.log.ticks and loop.knows_ticks,
+        "clearance": task.keeps_clear and loop.knows_ticks,
         "plans": task.log.plans,
         "levels": task.controller.traits.has_levels,
         "true state": loop.has_true_state,
@@ -251,6 +253,7 @@ def header(loop: RecordedLoop) -> Header:
             "monitors/name": tuple(task.judged),
             "monitors/unit": tuple(task.judged.values()),
             **({} if capture is None else capture.header),
+            **(clearance_header(loop.problem) if task.keeps_clear else {}),
             **({} if uncertainty is None else uncertainty.drawn),
         },
         has=frozenset(name for name, yes in has.items() if yes),

@@ -32,6 +32,10 @@ from psmpc_cli.specs.task import SolverSpec
 SMALL = 1e-2
 """Step at which a cold start is iterated enough [m, rad, m/s, rad/s, s]: what is left after it is a tenth and less."""
 
+BENT = 1e-3
+"""By how much a warm window may violate soft rows further than its program foresaw [m, rad]. What is left of a gap at a
+sample lets a filter accept a step that raises the objective; the next iteration starts without one, and cannot."""
+
 SHARPER = 0.1
 """Our own method's tolerance in units of the solver's: its last iterations are cheap, and flat directions gain."""
 
@@ -81,6 +85,7 @@ class Iterate:
         violation: The largest of a gap, an end condition or a hard limit [m, rad, m/s, rad/s, s].
         step: Largest component of the program's full step [m, rad, m/s, rad/s, s].
         share: Fraction of that step that was taken; 0 if it was rejected.
+        bent: By how much soft rows are violated further than the program foresaw, at worst.
         qp: The program's solution, None at the guess.
     """
 
@@ -89,6 +94,7 @@ class Iterate:
     violation: float
     step: float = np.inf
     share: float = 0.0
+    bent: float = 0.0
     qp: QpSolution | None = None
 
 
@@ -279,7 +285,8 @@ class _Solve:
             return Outcome.OPTIMAL
         if iterate.point is before.point:
             return self._unfinished(iterate, Outcome.FAILED)
-        if count >= self.spec.iterations and (warm or iterate.step <= SMALL) and feasible:
+        settled = (warm and iterate.bent <= BENT) or iterate.step <= SMALL
+        if count >= self.spec.iterations and settled and feasible:
             return Outcome.FEASIBLE
         if time.perf_counter() >= self.until:
             return self._unfinished(iterate, Outcome.DEADLINE)
@@ -310,9 +317,9 @@ class _Solve:
         while share >= SHORTEST_STEP:
             point = self.window.with_given_rates(iterate.point.moved(qp.step, share))
             at = self.window.residuals(point)
-            trial = Iterate(point, at, self.window.violation(point, at), step, share, qp)
+            trial = Iterate(point, at, self.window.violation(point, at), step, share, qp=qp)
             if filter_.accepts(trial, iterate, slope):
-                return trial
+                return replace(trial, bent=self.window.bent_rows(iterate.point, model, trial.point, at))
             share /= 2
         return Iterate(iterate.point, iterate.at, iterate.violation, step, qp=qp)
 

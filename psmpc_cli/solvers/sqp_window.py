@@ -336,6 +336,19 @@ class SqpWindow:
         at = self._penalized(point, model.at)
         return replace(model, at=at, gradient_tau=model.gradient_tau + by_tau)
 
+    def bent_rows(self, point: Point, model: Linearization, reached: Point, at: Residuals) -> float:
+        """Return by how much soft rows at nodes are violated further than the model at a point foresaw, at worst."""
+        soft = self.form.row_is_soft
+        if not soft.any():
+            return 0.0
+        rows = slice(self._first_node_row, self._first_interval_row)
+        low = self.bounds.low[rows]
+        high = self.bounds.high[rows]
+        step = (reached.X - point.X)[self.form.row_node]
+        foreseen = model.at.rows + (model.rows_by_x * step).sum(axis=1)
+        excess = scaled_violations(at.rows, low, high) - scaled_violations(foreseen, low, high)
+        return float(max(excess[soft].max(), 0.0) / PENALTY)
+
     def change_of_penalty(self, point: Point, model: Linearization, step: Point) -> float:
         """Return what a step changes of the penalty in the model at a point, as long as durations stay."""
         if not len(self._soft_rows):

@@ -775,6 +775,11 @@ class TaskSpec(Spec):
         """The task's object, where it has a mass; None where the task has no such object."""
         return None if self.object is None else self.object.capture
 
+    @property
+    def keeps_clear(self) -> bool:
+        """Whether bodies keep clear of each other in any stage."""
+        return any(self.clearance_of(stage) is not None for stage in range(len(self.stages)))
+
     def clearance_of(self, stage: int) -> ClearanceSpec | None:
         """Return how far apart bodies keep in a stage; None where nothing is asked for."""
         return self.stages[stage].clearance or self.clearance

@@ -15,9 +15,10 @@ from typing import Literal, TypeAlias
 import casadi as ca
 import numpy as np
 
+from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
 from psmpc_cli.ocp.stage import ConstraintNumbers, SampleView
-from psmpc_cli.robot.distances import distance
+from psmpc_cli.robot.distances import distances, part_count, witnesses
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.geometry import Piece, capsules_of, own_pairs, pieces_of
 from psmpc_cli.robot.kinematics import SpatialFrame
@@ -50,13 +51,13 @@ class Solid:
         part: Whose it is: name of a body of the robot, of an obstacle, or `object`.
         shape: The shape.
         at: Its frame on the robot's body of that number, or in the pose of what carries it.
-        carrier: The robot; a pose in a gripper; or a pose in the inertial frame.
+        carrier: The robot, the object or an obstacle.
     """
 
     part: str
     shape: Shape
     at: Attachment
-    carrier: Literal["robot", "gripper", "world"] = "robot"
+    carrier: Literal["robot", "object", "obstacle"] = "robot"
 
     @classmethod
     def of(cls, piece: Piece) -> "Solid":
@@ -70,7 +71,8 @@ class Pairs:
 
     Attributes:
         pairs: The pairs; the first of each is a capsule.
-        gripper: The arm that holds the solids in a gripper; None where there are none.
+        gripper: The arm that holds the object, whose pose is that in its gripper; None: its pose is that in the
+            inertial frame.
         hard: Rows are hard.
     """
 
@@ -79,9 +81,29 @@ class Pairs:
     hard: bool = False
 
     @property
-    def placed(self) -> bool:
-        """Whether there are solids at a pose in the inertial frame."""
-        return any(second.carrier == "world" for _, second in self.pairs)
+    def rows(self) -> int:
+        """Number of their distances: shapes have several parts, each smooth."""
+        return sum(part_count(first.shape, second.shape) for first, second in self.pairs)
+
+    def has(self, carrier: str) -> bool:
+        """Tell whether one carries a solid."""
+        return any(solid.carrier == carrier for pair in self.pairs for solid in pair)
+
+    @property
+    def moves(self) -> bool:
+        """Whether an obstacle is among them, or an object that no gripper holds."""
+        return self.has("obstacle") or (self.has("object") and self.gripper is None)
+
+    @property
+    def of_rows(self) -> list[int]:
+        """The number of the pair of each of the distances."""
+        counts = [part_count(first.shape, second.shape) for first, second in self.pairs]
+        return np.repeat(np.arange(len(counts)), counts).tolist()
+
+    @property
+    def names(self) -> list[tuple[str, str]]:
+        """The parts that each pair is of."""
+        return [(first.part, second.part) for first, second in self.pairs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +112,7 @@ class Group:
 
     Attributes:
         pairs: The pairs.
-        state: What a sample has -> pose and velocity of the solids in the inertial frame, or None if it has none.
+        state: What a sample has -> pose and velocity of the obstacle, or of an object that no gripper holds, or None.
     """
 
     pairs: Pairs
@@ -102,8 +124,8 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
 
     Bodies that hold the object, or are about to, may touch it.
     """
-    pieces = [Solid.of(piece) for piece in pieces_of(model.spec)]
-    found = {ITSELF: Group(Pairs(tuple((pieces[i], pieces[j]) for i, j in own_pairs(model, pieces_of(model.spec)))))}
+    pieces, own = model.owned(groups, lambda: _robot(model))
+    found = {ITSELF: Group(Pairs(own))}
     obstacles = {each.name: (_solid(each), partial(_of_obstacle, each, model)) for each in task.obstacles}
     for name, (obstacle, state) in obstacles.items():
         found[name] = Group(Pairs(tuple((piece, obstacle) for piece in pieces)), state)
@@ -115,22 +137,29 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     may_touch = hands if stage >= task.held_stages.start - 1 else set()
     others = [piece for piece in pieces if piece.part not in may_touch]
     if not is_held:
-        body = Solid(OBJECT, _box(task.object.shape), _NO_OFFSET, "world")
+        body = Solid(OBJECT, _box(task.object.shape), _NO_OFFSET, "object")
         found[OBJECT] = Group(Pairs(tuple((piece, body) for piece in others)), _of_object)
         return found
     held = list(_cover(task.object.shape))
     holder = next(iter(capture.grasp.at))
-    found[OBJECT] = Group(Pairs(tuple(product(held, others)), holder))
+    found[f"held {OBJECT}"] = Group(Pairs(tuple(product(held, others)), holder))
     for name, (obstacle, state) in obstacles.items():
-        found[f"{OBJECT} and {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)
+        found[f"held {OBJECT} and {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)
     return found
+
+
+def _robot(model: RobotModel) -> tuple[list[Solid], tuple[tuple[Solid, Solid], ...]]:
+    """Return the pieces of the robot, and the pairs of them."""
+    pieces = pieces_of(model.spec)
+    solids = [Solid.of(piece) for piece in pieces]
+    return solids, tuple((solids[i], solids[j]) for i, j in own_pairs(model, pieces))
 
 
 _NO_OFFSET = Attachment(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def _solid(obstacle: ObstacleSpec) -> Solid:
-    return Solid(obstacle.name, obstacle.shape.shape, _NO_OFFSET, "world")
+    return Solid(obstacle.name, obstacle.shape.shape, _NO_OFFSET, "obstacle")
 
 
 def _box(lengths: tuple[float, ...]) -> Shape:
@@ -138,9 +167,9 @@ def _box(lengths: tuple[float, ...]) -> Shape:
 
 
 def _cover(lengths: tuple[float, ...]) -> Iterator[Solid]:
-    """Give the capsules that cover the object, in a gripper."""
+    """Give the capsules that cover the object."""
     for piece in capsules_of(OBJECT, 0, cover_box(lengths)):
-        yield Solid(piece.part, piece.shape, piece.at, "gripper")
+        yield Solid(piece.part, piece.shape, piece.at, "object")
 
 
 def _of_obstacle(obstacle: ObstacleSpec, model: RobotModel, sample: SampleView) -> PoseState:
@@ -165,13 +194,10 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Constrai
     if spec is None:
         return {}
     found = dict[str, ConstraintNumbers]()
-    for name, group in groups(task, model, stage).items():
-        kept = tuple(pair for pair in group.pairs.pairs if not _excepted(pair, spec))
-        if kept:
-            pairs = replace(group.pairs, pairs=kept)
-            found[name] = _numbers(replace(group, pairs=pairs), spec, model)
-            if spec.hard:
-                found[f"{name}, hard"] = _numbers(replace(group, pairs=replace(pairs, hard=True)), spec, model)
+    for name, group in kept_groups(task, model, stage).items():
+        found[name] = _numbers(group, spec, model)
+        if spec.hard:
+            found[f"{name}, hard"] = _numbers(replace(group, pairs=replace(group.pairs, hard=True)), spec, model)
     return found
 
 
@@ -184,19 +210,19 @@ def _excepted(pair: tuple[Solid, Solid], spec: ClearanceSpec) -> bool:
 def _numbers(group: Group, spec: ClearanceSpec, model: RobotModel) -> ConstraintNumbers:
     pairs = group.pairs
     in_gripper = model.space.n_pose * (pairs.gripper is not None)
-    in_world = (model.space.n_pose + model.space.n_twist) * pairs.placed
+    in_world = (model.space.n_pose + model.space.n_twist) * pairs.moves
     return ConstraintNumbers(
         structure=pairs,
         argument=np.full(1 + in_gripper + in_world, np.nan),
-        low=np.full(len(pairs.pairs), spec.margin),
-        high=np.full(len(pairs.pairs), np.inf),
+        low=np.full(pairs.rows, spec.margin),
+        high=np.full(pairs.rows, np.inf),
         at_sample=partial(_at_sample, group, spec),
         at_nodes=partial(_at_nodes, pairs, model),
     )
 
 
 def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: SampleView) -> np.ndarray | None:
-    """Return a 0, the pose in the gripper, pose and velocity of what is in the inertial frame; NaN of a group far away.
+    """Return a 0, the object's pose in its gripper, pose and velocity of what moves by itself; NaN of a group far away.
 
     Of an object that is not held yet the pose in the gripper is not known.
     """
@@ -208,7 +234,7 @@ def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: Sam
         xi = np.asarray(model.charted(sample.x[: model.n], sample.anchor)).ravel()
         inside = model.space.relative(sample.object_state[0], xi[model.pose_rows[pairs.gripper]])
         argument = np.append(argument, inside)
-    if pairs.placed:
+    if pairs.moves:
         state = group.state(sample)
         if state is None:
             return None
@@ -232,46 +258,75 @@ def _at_nodes(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.n
     n_pose = model.space.n_pose
     fixed = argument[: 1 + n_pose * (pairs.gripper is not None)]
     at_nodes = np.tile(fixed, (len(since), 1))
-    if not pairs.placed:
+    if not pairs.moves:
         return at_nodes
     pose, v = np.split(argument[len(fixed) :], [n_pose])
-    body = _free(model)
-    poses = [body.predicted(pose, v, time)[0] for time in since] if v.any() else np.tile(pose, (len(since), 1))
-    return np.hstack([at_nodes, poses])
+    return np.hstack([at_nodes, poses_after(model, pose, v, since)])
+
+
+def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Return the poses (N, n_pose) of a body that moves freely at times (N,) [s] after a pose and a velocity."""
+    space = model.space
+    if space.turns_freely and v[space.rotation].any():
+        return np.array([_free(model).predicted(pose, v, time)[0] for time in since])
+    moving = slice(space.dimension) if space.turns_freely else slice(None)
+    poses = np.tile(pose, (len(since), 1))
+    poses[:, moving] += np.outer(since, v[moving])
+    return poses
+
+
+def kept_groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
+    """Return the groups of a stage with the pairs that the task asks to keep clear; none where it asks for nothing."""
+    spec = task.clearance_of(stage)
+    if spec is None:
+        return {}
+    found = dict[str, Group]()
+    for name, group in groups(task, model, stage).items():
+        kept = tuple(pair for pair in group.pairs.pairs if not _excepted(pair, spec))
+        if kept:
+            found[name] = replace(group, pairs=replace(group.pairs, pairs=kept))
+    return found
 
 
 def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
-    """Return x, [anchor; 0; pose in the gripper; pose in the inertial frame] -> the distance of every pair."""
-    space = model.space
-    x = ca.SX.sym("x", 2 * model.n)
-    n_poses = (pairs.gripper is not None) + pairs.placed
-    argument = ca.SX.sym("argument", space.n_anchor + 1 + n_poses * space.n_pose)
-    anchor = argument[: space.n_anchor]
-    poses = ca.vertsplit(argument[space.n_anchor + 1 :], space.n_pose) if n_poses else []
-    carriers = {"world": _frame(space.lifted(ca.vertsplit(poses[-1])))} if pairs.placed else {}
-    bodies, tools = model.charted_frames(x[: model.n], anchor)
-    if pairs.gripper is not None:
-        inside = _frame(space.lifted(ca.vertsplit(poses[0])))
-        carriers["gripper"] = _composed(tools[pairs.gripper].in_space(), inside)
-    frames = dict[tuple[str, Attachment], SpatialFrame]()
+    """Return x, [anchor; 0; pose of the object; pose of the obstacle] -> the distances of every pair.
 
-    def frame(solid: Solid) -> SpatialFrame:
-        key = (solid.carrier, solid.at)
-        if key not in frames:
-            at_robot = solid.carrier == "robot"
-            frames[key] = (
-                bodies[solid.at.body].carried(solid.at).in_space()
-                if at_robot
-                else carriers[solid.carrier].carried(solid.at)
-            )
-        return frames[key]
-
-    apart = [distance(first.shape, frame(first), second.shape, frame(second)) for first, second in pairs.pairs]
+    The argument has the poses of what is among the solids.
+    """
+    x, argument, placed = _placed(model, pairs)
+    apart = [each for pair in placed for each in distances(*pair)]
     return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_frequent=True)
 
 
-def _frame(lifted: tuple[list[ca.SX], list[ca.SX]]) -> SpatialFrame:
-    return SpatialFrame(*lifted)
+def nearest_points(model: RobotModel, pairs: Pairs) -> RowFunction:
+    """Return x, [anchor; 0; poses] -> the points of both surfaces that are nearest, pair by pair, (6 pairs,) [m]."""
+    x, argument, placed = _placed(model, pairs)
+    points = [ca.vertcat(*own, *other) for own, other in (witnesses(*pair) for pair in placed)]
+    return RowFunction(ca.Function("nearest_points", [x, argument], ca.cse([ca.densify(ca.vertcat(*points))])))
+
+
+def _placed(
+    model: RobotModel, pairs: Pairs
+) -> tuple[ca.SX, ca.SX, list[tuple[Shape, SpatialFrame, Shape, SpatialFrame]]]:
+    """Return a state, an argument, and the shapes of every pair with their frames."""
+    space = model.space
+    carriers = [carrier for carrier in ("object", "obstacle") if pairs.has(carrier)]
+    x = ca.SX.sym("x", 2 * model.n)
+    argument = ca.SX.sym("argument", space.n_anchor + 1 + len(carriers) * space.n_pose)
+    bodies, tools = model.charted_frames(x[: model.n], argument[: space.n_anchor])
+    poses = argument[space.n_anchor + 1 :]
+    carrying = dict[str, SpatialFrame]()
+    for i, carrier in enumerate(carriers):
+        pose = poses[i * space.n_pose : (i + 1) * space.n_pose]
+        carrying[carrier] = SpatialFrame(*space.lifted(ca.vertsplit(pose)))
+    if pairs.gripper is not None:
+        carrying["object"] = _composed(tools[pairs.gripper].in_space(), carrying["object"])
+    frames = dict[Solid, SpatialFrame]()
+    for solid in dict.fromkeys(solid for pair in pairs.pairs for solid in pair):
+        on = bodies[solid.at.body] if solid.carrier == "robot" else carrying[solid.carrier]
+        frames[solid] = on.carried(solid.at).in_space()
+    placed = [(first.shape, frames[first], second.shape, frames[second]) for first, second in pairs.pairs]
+    return x, argument, placed
 
 
 def _composed(frame: SpatialFrame, inside: SpatialFrame) -> SpatialFrame:

@@ -1,0 +1,117 @@
+"""How near bodies come to each other: the smallest distance of every pair of parts over the ticks of a sample."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from psmpc_cli.logs.schema import Sample
+from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.ocp.constraints.base import ConstraintFunctions
+from psmpc_cli.ocp.constraints.clearance import Group, Pairs, functions, kept_groups, nearest_points, poses_after
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.robot.configuration import Chart
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A group of pairs as it is measured.
+
+    Attributes:
+        group: The group.
+        pairs: Its pairs, with the object at its pose in the inertial frame, held or not.
+        columns: Which pair of the task each of its pairs is.
+        pair_of_row: Which of its pairs each of its distances is of.
+        functions: x, [anchor; 0; poses] -> the distances.
+        points: The same -> the nearest points of each pair of solids.
+    """
+
+    group: Group
+    pairs: Pairs
+    columns: np.ndarray
+    pair_of_row: list[int]
+    functions: ConstraintFunctions
+    points: RowFunction
+
+
+class ClearanceMeter:
+    """Measures the distances of all pairs of parts that a task keeps clear.
+
+    Attributes:
+        pairs: Names of the two parts of each pair, (P, 2).
+        margins: What each pair is to keep, by stage, (stages, P) [m]; NaN where it need not.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        task = problem.spec
+        groups = [kept_groups(task, problem.model, stage) for stage in range(len(task.stages))]
+        names = dict.fromkeys(name for of_stage in groups for each in of_stage.values() for name in each.pairs.names)
+        self.pairs = list(names)
+        self.margins = np.full((len(groups), len(names)), np.nan)
+        self._by_stage = [[self._measured(group) for group in of_stage.values()] for of_stage in groups]
+        for stage, measured in enumerate(self._by_stage):
+            spec = task.clearance_of(stage)
+            for each in measured:
+                self.margins[stage, each.columns] = 0.0 if spec is None else spec.margin
+
+    def _measured(self, group: Group) -> Measured:
+        model = self._problem.model
+        pairs = replace(group.pairs, gripper=None)
+        distances = model.owned((functions, pairs), partial(functions, model, pairs))
+        native = self._problem.spec.solver.compiled
+        return Measured(
+            group=group,
+            pairs=pairs,
+            columns=np.array([self.pairs.index(name) for name in pairs.names]),
+            pair_of_row=pairs.of_rows,
+            functions=distances.compiled if native else distances,
+            points=model.owned((nearest_points, pairs), partial(nearest_points, model, pairs)),
+        )
+
+    def measure(self, stage: int, chart: Chart, sample: Sample) -> tuple[np.ndarray, np.ndarray]:
+        """Return the smallest distance of each pair over a sample (P,) and its points then (P, 2, 3) [m]; else NaN."""
+        smallest = np.full(len(self.pairs), np.inf)
+        points = np.full((len(self.pairs), 2, 3), np.nan)
+        X = chart.entered(sample.ticks.X)
+        for each in self._by_stage[stage]:
+            argument = self._argument(each, chart, sample)
+            if argument is None:
+                continue
+            apart = each.functions.value(X, argument, rows=len(X))[0]
+            ticks = apart.argmin(axis=0)
+            distances = apart.min(axis=0)
+            nearest = each.points(X[ticks], argument[ticks], rows=len(ticks))[0].reshape(len(ticks), -1, 2, 3)
+            for row in np.argsort(-distances):  # of several, the smallest is entered last
+                column = each.columns[each.pair_of_row[row]]
+                if distances[row] <= smallest[column]:
+                    smallest[column] = distances[row]
+                    points[column] = nearest[row, each.pair_of_row[row]]
+        smallest[np.isinf(smallest)] = np.nan
+        return smallest, points
+
+    def _argument(self, each: Measured, chart: Chart, sample: Sample) -> np.ndarray | None:
+        """Return what the functions of a group take at the ticks of a sample (M + 1, numbers); None without object."""
+        ticks = sample.ticks
+        count = len(ticks.time)
+        parts = [np.tile(chart.anchor, (count, 1)), np.zeros((count, 1))]
+        if each.pairs.has("object"):
+            if ticks.target_object is None:
+                return None
+            parts.append(ticks.target_object.pose)
+        if each.pairs.has("obstacle"):
+            state = each.group.state(SampleView(float(ticks.time[0]), ticks.X[0], chart.anchor))
+            if state is None:
+                return None
+            parts.append(poses_after(self._problem.model, *state, ticks.time - ticks.time[0]))
+        return np.hstack(parts)
+
+
+def clearance_header(problem: Problem) -> dict[str, tuple[str, ...]]:
+    """Return what runs along the dimensions of distances in a log."""
+    pairs = ClearanceMeter(problem).pairs
+    return {
+        "clearance/pair": tuple(f"{first} - {second}" for first, second in pairs),
+        "clearance/point": tuple(f"{side}.{axis}" for side in ("first", "second") for axis in "xyz"),
+    }

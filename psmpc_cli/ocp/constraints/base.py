@@ -59,8 +59,9 @@ class NodeRows:
     def expression(self, k: int, x: Any, p: Parameters[Any]) -> Any:
         """Return the rows (rows,) at one of the nodes, whose state is x (2n,)."""
         a = self.argument(p)
-        moves = len(a.shape) == 2 and a.shape[1] > 1
-        return self.functions.value.function(x, a[self.nodes.index(k), :].T if moves else a)
+        function = self.functions.value.function
+        is_same_everywhere = a.shape[0] == function.size1_in(1) and (len(a.shape) == 1 or a.shape[1] == 1)
+        return function(x, a if is_same_everywhere else a[self.nodes.index(k), :].T)
 
     def argument_from_first(self, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the argument at the first node of the window and at the nodes, (numbers,) or (1 + nodes, numbers).

@@ -1,0 +1,233 @@
+"""Rows that keep bodies apart: their distances, when they are in windows, and what solvers make of them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.constraints import node_rows
+from psmpc_cli.ocp.constraints.clearance import FORESEEN, Pairs, functions, groups, nearest_points
+from psmpc_cli.ocp.plan import Plan, resting_plan
+from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
+from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.ocp.window import Window, on_mesh, window_numbers, window_shape
+from psmpc_cli.simulation.replay import replay
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.solvers import Outcome, Solution, build_solver
+from psmpc_cli.specs.load import Task, load_task
+
+BENT = {"arm_1": ["60 deg", "60 deg", 0], "arm_2": ["-60 deg", "-60 deg", 0]}
+REACHING = {"arm_1": ["10 deg", "30 deg", 0], "arm_2": ["-10 deg", "-30 deg", 0]}
+POST = {"name": "post", "shape": {"sphere": 0.1}, "pose": [1.1, 1.2, 0]}
+
+
+def passing(changes: Mapping[str, Any] | None = None) -> Task:
+    """A planar robot flies past a post that its upper arm would hit, then stretches its arms."""
+    ends = {"coordinates": ["all"], "tolerance": 5e-3}
+    task = {
+        "robot": "planar_dual_arm",
+        "initial": {"base": [0, 0, 0], **BENT},
+        "controller": {"nodes": 25},
+        "skills": {
+            "move": {
+                "space": "joint",
+                "weights": {"base": [100, 100, 10], "arms": [10, 10, 1], "control": 0.1},
+            }
+        },
+        "limits": {"base": {"acceleration": [0.2, 0.2, 0.5]}, "arms": {"acceleration": [1, 1, 1]}},
+        "obstacles": [POST],
+        "clearance": {"margin": 0.02},
+        "stages": [
+            {"name": "fly", "skill": "move", "target": {"base": [2, 0, 0], **BENT}, "ends_when": ends},
+            {"name": "reach", "skill": "move", "target": {"base": [2, 0, 0], **REACHING}, "ends_when": ends},
+        ],
+        "time_limit": 25,
+        "log": {"shares": False},
+    }
+    return load_task(task, changes or {})
+
+
+def sampled(problem: Problem, stage: int, Q: np.ndarray, time: float = 0.0, **more: Any) -> dict[str, np.ndarray]:
+    """Arguments of the groups of a stage at a sample at rest."""
+    model = problem.model
+    chart = model.space.chart_at(Q)
+    x = np.asarray(chart.enter(Q[None], np.zeros((1, model.n)))[0])
+    view = SampleView(time, x, chart.anchor, **more)
+    found = problem.stages[stage].sampled_constraints
+    arguments = {name: each.at_sample(model, view) for name, each in found.items() if each.at_sample is not None}
+    return {name: argument for name, argument in arguments.items() if argument is not None}
+
+
+def window_of(problem: Problem, Q: np.ndarray, v: np.ndarray, stages: int = 2) -> Window:
+    """The first stages of a task from a state, all groups of pairs in them."""
+    placed = [in_own_chart(problem.model, stage, Q, v) for stage in problem.stages[:stages]]
+    arguments = sampled(problem, 0, Q)
+    controller = problem.spec.controller
+    return Window(
+        stages=tuple(stage.with_arguments(arguments) for stage, _ in placed),
+        start=0.0,
+        elapsed=0.0,
+        x0=placed[0][1],
+        omega=np.ones(stages),
+        offset=np.zeros(stages),
+        scale=np.full(stages, 10.0),
+        horizon=controller.horizon,
+        pending_cost=controller.pending_cost,
+        terminal_cost=0.0,
+        nodes=(controller.uniform_nodes,) * stages,
+        chart=problem.model.space.chart_at(Q),
+    )
+
+
+def solved(problem: Problem, window: Window, kind: str, guess: Plan | None = None) -> Solution:
+    """Solve a window to its optimum, by default from rest with instants that are evenly apart."""
+    spec = problem.spec.solver.model_copy(update={"kind": kind, "iterations": 200, "tolerance": 1e-9})
+    if guess is None:
+        guess = resting_plan(0.0, window.horizon, window.K, window.x0, window.chart)
+        guess = replace(guess, instants=np.linspace(0, window.horizon, len(window.nodes) + 1)[1:-1])
+    return build_solver(problem, spec).solve(window, on_mesh(guess, window))
+
+
+def active_rows(problem: Problem, window: Window, plan: Plan) -> int:
+    """Number of distances that a plan has at their margin."""
+    p = window_numbers(window, plan.instants)
+    count = 0
+    for rows in node_rows(problem.model, window_shape(window)):
+        if rows.name.startswith("clearance"):
+            values = rows.functions.value(plan.X[list(rows.nodes)], rows.argument(p), rows=len(rows.nodes))[0]
+            count += int((values < rows.bounds(window)[0] + 1e-6).sum())
+    return count
+
+
+def near_post(seed: int) -> tuple[Problem, Window]:
+    """A window of one stage or two in which the robot is about to pass a post, from a random state."""
+    rng = np.random.default_rng(seed)
+    post = {**POST, "pose": [rng.uniform(0.5, 0.7), rng.uniform(1.1, 1.2), 0]}
+    problem = build_problem(passing({"obstacles": [post], "stages.fly.target.base": [0.3, 0, 0]}))
+    Q = np.r_[np.zeros(3), np.radians([60, 60, 0, -60, -60, 0])] + rng.uniform(-0.1, 0.1, 9)
+    v = np.r_[0.1, rng.uniform(-0.05, 0.05, 8)]
+    return problem, window_of(problem, Q, v, stages=1 + seed % 2)
+
+
+@pytest.fixture(scope="module")
+def flown() -> Run:
+    """A run past the post."""
+    return simulate(passing())
+
+
+def test_a_run_keeps_clear_where_a_free_one_would_hit(flown: Run) -> None:
+    """Half a millimetre is what lies between nodes; the distance that is logged is that of every tick."""
+    of_post = [str(each).endswith(" - post") for each in flown["clearance/pair"]]
+    free = simulate(passing({"clearance": {"margin": 0, "except": [["arm_1", "post"]]}}))
+    assert flown.summary().succeeded
+    assert np.nanmin(flown["clearance/margin"]) > -1e-3
+    assert np.nanmin(flown["clearance/distance"][:, of_post]) == pytest.approx(0.02, abs=1e-3)
+    assert "arm_1.2 - post" not in free["clearance/pair"]
+    assert free.time[-1] < flown.time[-1]
+
+
+def test_nearest_points_are_as_far_apart_as_the_distance(flown: Run) -> None:
+    points = flown["clearance/points"].reshape(len(flown.time), -1, 2, 3)
+    distances = flown["clearance/distance"]
+    apart = np.linalg.norm(points[:, :, 0] - points[:, :, 1], axis=-1)
+    assert apart == pytest.approx(np.abs(distances), abs=1e-9)
+
+
+def test_windows_are_replayed(flown: Run) -> None:
+    sample = int(np.nanargmin(flown["clearance/distance"].min(axis=1)))
+    assert replay(flown, sample).largest == 0.0
+
+
+def test_without_clearance_nothing_is_kept_or_logged() -> None:
+    run = simulate(passing({"clearance": None, "time_limit": 1}))
+    assert "clearance/distance" not in run
+    assert not any(name.startswith("clearance") for name in run.problem.stages[0].constraints)
+
+
+@pytest.mark.parametrize("task", ["catch_drifting", "servicing"])
+def test_jacobian_and_curvature_agree_with_differences(task: str) -> None:
+    changes = {
+        "clearance": {},
+        "obstacles": [{"name": "post", "shape": {"capsule": [0.1, 0.3]}, "pose": pose} for pose in [POSES[task]]],
+    }
+    problem = build_problem(load_task(task, changes))
+    model = problem.model
+    rng = np.random.default_rng(3)
+    h = 1e-6
+    for group in groups(problem.spec, model, 2).values():
+        pairs = Pairs(group.pairs.pairs[:12], group.pairs.gripper)
+        rows = functions(model, pairs)
+        x = np.r_[rng.uniform(-0.5, 0.5, model.n), np.zeros(model.n)]
+        anchor = model.space.chart_at(model.neutral).anchor
+        poses = [model.space.dropped(rng.uniform(-1, 1, 3) * model.shape.reach, np.array([1.0, 0, 0, 0]))] * 2
+        size = rows.value.function.size1_in(1)
+        a = np.r_[anchor, 0, np.concatenate(poses)][:size]
+        values, jacobian = (each[0] for each in rows.with_jacobian(x, a))
+        by_x = jacobian.reshape(len(values), -1)[:, : model.n]
+        steps = h * np.eye(2 * model.n)[: model.n]
+        differences = [(rows.value(x + step, a)[0] - rows.value(x - step, a)[0]).ravel() / (2 * h) for step in steps]
+        assert by_x == pytest.approx(np.array(differences).T, abs=1e-7)
+
+
+POSES = {"catch_drifting": [1, 1, 0], "servicing": {"position": [1, 1, 0]}}
+
+
+def test_a_group_is_in_windows_while_the_plan_comes_near() -> None:
+    problem = build_problem(passing())
+    Q = np.r_[np.zeros(3), np.radians([60, 60, 0, -60, -60, 0])]
+    near = np.r_[0.3, np.zeros(8)]
+    beyond = np.r_[-2, np.zeros(8)]
+    for step, is_near in ((near, True), (beyond, False)):
+        X = np.hstack([np.array([Q + step, Q + step]), np.zeros((2, 9))])
+        found = sampled(problem, 0, Q + step, ahead=(np.array([0.0, 4.0]), X))
+        assert np.isfinite(found["clearance post"]).all() == is_near
+    assert FORESEEN > 0.1
+
+
+def test_an_obstacle_that_moves_is_at_every_node_where_it_is_then() -> None:
+    task = passing({"obstacles": [{**POST, "velocity": [-0.1, 0.05]}]})
+    problem = build_problem(task)
+    Q = np.r_[np.zeros(3), np.radians([60, 60, 0, -60, -60, 0])]
+    window = window_of(problem, Q, np.zeros(9))
+    taken = window_numbers(window, np.array([1.0])).constraints[1]["clearance post"]
+    since = 1.0 + 3.0 * np.arange(1, 26) / 25
+    assert taken[:, 1:] == pytest.approx(np.array(POST["pose"]) + np.outer(since, [-0.1, 0.05, 0]))
+
+
+@pytest.mark.parametrize("hard", [False, True])
+def test_a_start_inside_the_margin_leaves_it(hard: bool) -> None:
+    inside = {"obstacles": [{**POST, "pose": [0.71, 0.433, 0]}], "clearance": {"margin": 0.05, "hard": hard}}
+    stays = {"stages.fly.target.base": [0, 0, 0], "stages.fly.ends_when.hold": "4 s"}
+    run = simulate(passing({**inside, **stays, "time_limit": 4}))
+    margin = np.nanmin(run["clearance/margin"], axis=1)
+    assert margin[0] < -1e-2
+    assert np.all(np.diff(margin[:3]) > 0)
+    assert margin[3:].min() > -1e-3
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_sqp_ends_where_ipopt_does_with_active_rows(seed: int) -> None:
+    problem, window = near_post(seed)
+    sqp = solved(problem, window, "sqp")
+    assert sqp.outcome is Outcome.OPTIMAL and active_rows(problem, window, sqp.plan)
+    ipopt = solved(problem, window, "ipopt", sqp.plan)
+    assert ipopt.objective == pytest.approx(sqp.objective, rel=1e-5)
+
+
+def test_parts_that_are_excepted_are_no_pairs() -> None:
+    kept = build_problem(passing({"clearance": {"except": [["arm_1", "post"], ["base", "arm_2.3"]]}}))
+    structures = [numbers.structure for numbers in kept.stages[0].constraints.values()]
+    pairs = {name for structure in structures if isinstance(structure, Pairs) for name in structure.names}
+    assert not any(first.startswith("arm_1") and second == "post" for first, second in pairs)
+    assert ("base", "arm_2.3") not in pairs and ("base", "arm_1.3") in pairs
+
+
+def test_points_of_a_pair_are_those_of_its_shapes() -> None:
+    problem = build_problem(passing())
+    (pairs,) = (group.pairs for name, group in groups(problem.spec, problem.model, 0).items() if name == "post")
+    x = np.r_[np.zeros(3), np.radians([60, 60, 0, -60, -60, 0]), np.zeros(9)]
+    found = nearest_points(problem.model, pairs)(x, np.r_[0, 1.1, 0.95, 0])[0].reshape(-1, 2, 3)
+    assert np.linalg.norm(found[:, 1, :2] - [1.1, 0.95], axis=1) == pytest.approx(0.1)

@@ -74,6 +74,10 @@ class ConstraintFunctions:
             return self
         return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, native=True)
 
+    def only(self, rows: Sequence[int]) -> "ConstraintFunctions":
+        """Return some of the rows, which give no rates, with the same argument."""
+        return ConstraintFunctions(self._x, self._argument, self._rows[list(rows)], native=self._native)
+
     @cached_property
     def value(self) -> RowFunction:
         """x, a -> g (rows,)."""

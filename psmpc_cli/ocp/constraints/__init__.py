@@ -37,6 +37,7 @@ NAMES = (
     "kept",
     "hands",
     "forces",
+    "cones",
 )
 
 CONSTRAINTS: dict[str, Constraint] = {name: resolve_name(f"{__name__}.{name}:CONSTRAINT") for name in NAMES}

@@ -7,8 +7,8 @@ expressions. The curvatures are those by Q alone: a bound that is curved in the 
 better written as planes about it.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeAlias
 
@@ -99,7 +99,9 @@ class Constraint:
 
 
 def rows_at_nodes(
-    name: str, functions: Callable[[RobotModel, Any], ConstraintFunctions], soft: bool = False
+    name: str,
+    functions: Callable[[RobotModel, Any], ConstraintFunctions],
+    soft: bool | Callable[[RobotModel, Any], Sequence[bool]] = False,
 ) -> RowsOfShape:
     """Return how a constraint yields its rows at the nodes of the stages that it concerns.
 
@@ -108,23 +110,43 @@ def rows_at_nodes(
     Args:
         name: Of the constraint in the table.
         functions: Robot, structure -> x, [anchor of the chart; argument] -> the rows.
-        soft: They may be violated at a cost.
+        soft: They may be violated at a cost; where that is not the same for all, robot, structure -> whether each may.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
         first_node = Grid(model.n, shape.nodes).first_node
         for s, stage in enumerate(shape.stages):
             for structure in (structure for of, structure in stage.constraints if of == name):
-                yield NodeRows(
+                all_rows = NodeRows(
                     name=name,
                     nodes=range(int(first_node[s]) + 1, int(first_node[s + 1]) + 1),
                     functions=model.owned((functions, structure), partial(functions, model, structure)),
                     argument=argument_of(name, s),
                     bounds=bounds_of(name, s),
-                    soft=soft,
                 )
+                if isinstance(soft, bool):
+                    yield replace(all_rows, soft=soft)
+                else:
+                    yield from _by_softness(model, (functions, structure), all_rows, soft(model, structure))
 
     return rows
+
+
+def _by_softness(model: RobotModel, key: Hashable, all_rows: NodeRows, soft: Sequence[bool]) -> Iterator[NodeRows]:
+    """Yield the soft ones of some rows and the hard ones, which share their argument.
+
+    Args:
+        model: The robot.
+        key: Under which it owns the functions of all rows.
+        all_rows: All of them.
+        soft: Which of them are soft.
+    """
+    for kind in (True, False):
+        chosen = [row for row, is_soft in enumerate(soft) if is_soft is kind]
+        if chosen:
+            of_kind = model.owned((key, kind), partial(all_rows.functions.only, chosen))
+            bounds = partial(_bounds_of_some, chosen, all_rows.bounds)
+            yield replace(all_rows, functions=of_kind, bounds=bounds, soft=kind)
 
 
 def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], IntervalFunctions]) -> RowsOfShape:
@@ -167,3 +189,10 @@ def _argument(name: str, s: int, p: Parameters[Any]) -> Any:
 def _bounds(name: str, s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     numbers = window.stages[s].constraints[name]
     return numbers.low, numbers.high
+
+
+def _bounds_of_some(
+    chosen: Sequence[int], bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]], window: Window
+) -> tuple[np.ndarray, np.ndarray]:
+    low, high = bounds(window)
+    return low[chosen], high[chosen]

@@ -10,8 +10,8 @@ whose bound is a circle; its rows are those of the polygon in it with 2 SIDES si
 
     |cos(i pi / SIDES) e_y + sin(i pi / SIDES) e_z| <= alpha cos(pi / (2 SIDES)),    i = 0, ..., SIDES - 1.
 
-A soft row on theta itself in place of the polygon has its curvature in the penalty, 1 / alpha across the way back to d,
-and most windows that begin outside do not converge (docs/decisions.md).
+A soft row on theta itself in place of the polygon is curved by 1 / theta across the way back to d, and windows that
+begin outside of narrow cones do not converge (docs/decisions.md).
 
 An axis outside a cone has the chord c = |a - d| = 2 sin(theta / 2), which is smooth where a points away from d:
 

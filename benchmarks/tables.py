@@ -48,6 +48,7 @@ SECTIONS = {
         "#trajectories": "TrajectorySpec",
         "#end-conditions": "EndCondition",
         "#by-the-object": "ObjectEndSpec",
+        "#cones": "ConeSpec ConeTargetSpec",
         "#priorities-from-paired-comparisons": "PrioritiesSpec",
         "#actual-starts": "OnsetSpec",
         "#object-and-monitors": "ObjectSpec MonitorSpec",

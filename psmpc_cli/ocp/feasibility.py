@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.postures import configurations, largest_load_ratio
 from psmpc_cli.ocp.problem import build_stages, in_own_chart
@@ -283,7 +284,53 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_too_short(task, forecasts),
         *_below_noise(task, forecasts),
         *_unknown_load(task, forecasts),
+        *(problem for forecast in forecasts for problem in _outside_cones(task, forecast)),
     ]
+
+
+CONE_SLACK = 1e-3
+"""By which a target may lie beyond the edge of a cone [rad]: tolerances of end conditions are wider."""
+
+
+def _outside_cones(task: Task, forecast: StageForecast) -> Iterator[Fault]:
+    """Yield cones that the target of their own stage violates, of frames whose pose the target says."""
+    stage = forecast.stage
+    poses = _poses_at_target(forecast)
+    for number, cone in enumerate(task.spec.stages[stage.index].cones):
+        if cone.frame not in poses:
+            continue
+        angle = angle_of_axis(cone, poses[cone.frame], configuration_space(task.robot))
+        is_within = cone.within is not None
+        beyond = angle - cone.angle if is_within else cone.angle - angle
+        if beyond > CONE_SLACK:
+            side = "at most" if is_within else "at least"
+            message = (
+                f"found the axis of {cone.frame} at {np.degrees(angle):.4g} deg where {quoted(stage.name)} leads it, "
+                f"expected {side} {np.degrees(cone.angle):.4g} deg there"
+            )
+            yield Fault(("stages", stage.index, "cones", number), message)
+
+
+def _poses_at_target(forecast: StageForecast) -> dict[str, np.ndarray]:
+    """Return the poses (n_pose,) of the frames that a stage's target says, where weights or end condition ask for them.
+
+    In joint space that of an arm also needs the base's.
+    """
+    model = forecast.model
+    stage = forecast.stage
+    size = model.space.n_twist
+    rows = dict[str, list[int]]()
+    for number, frame in enumerate(model.pose_rows):
+        if frame == "base" or stage.space == "task":
+            rows[frame] = list(range(size * number, size * (number + 1)))
+        elif stage.space == "joint":
+            rows[frame] = [*range(size), *range(model.n)[model.parts[frame]]]
+    asked = [frame for frame in rows if _counts(stage, rows[frame])]
+    if stage.space == "joint":
+        poses = dict(zip(model.pose_rows, model.poses(stage.target), strict=True))
+    else:
+        poses = {frame: stage.target[model.pose_rows[frame]] for frame in rows}
+    return {frame: poses[frame] for frame in asked}
 
 
 LARGEST_UNKNOWN_LOAD = 1.0

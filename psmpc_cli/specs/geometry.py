@@ -1,4 +1,4 @@
-"""Shapes of bodies and obstacles, and what is to keep clear of what. docs/clearance.md."""
+"""Shapes of bodies and obstacles, what is to keep clear of what, and where axes point. docs/clearance.md."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from pydantic import Field
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, listed
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, ensure, expected, flaw, holds, known, listed
 from psmpc_cli.specs.object import PoseNumbers
 from psmpc_cli.specs.parts import TARGET_AXES, Context, by_dimension, dimension_of
 
@@ -157,3 +157,59 @@ class ClearanceSpec(Spec):
         )
     )
     hard: fields.Flag = Field(False, description="no plan may come nearer; default: violations cost")
+
+
+SHORTEST_VECTOR = 1e-6
+"""Length below which a vector gives no direction."""
+
+_Frame = Annotated[str, known(lambda context: context.sizes)]
+_Vector = Annotated[tuple[fields.Number, ...], by_dimension(2, 3)]
+_DirectionVector = Annotated[
+    _Vector, ensure(lambda vector: float(np.linalg.norm(vector)) >= SHORTEST_VECTOR, "a vector that is not 0")
+]
+
+
+class ConeTargetSpec(Spec):
+    """What a cone is about: a point, or a direction."""
+
+    point: _Vector | None = Field(None, description="a point in the inertial frame [m]")
+    direction: _DirectionVector | None = Field(None, description="a direction in the inertial frame, of any length")
+
+
+def _point_or_direction(target: ConeTargetSpec, before: Fields, context: Context) -> RuleErrors:
+    """Give a target that is none, or both."""
+    given = [key for key in ConeTargetSpec.model_fields if getattr(target, key) is not None]
+    if len(given) != 1:
+        yield (), expected("either point or direction", " and ".join(given) or "neither", at_key=True)
+
+
+class ConeSpec(Spec):
+    """An axis of a frame that stays within an angle of a point or a direction, or outside of it."""
+
+    frame: _Frame = Field(description="base, or an arm: the frame of its end-effector")
+    axis: _DirectionVector = Field(description="the axis in that frame, of any length")
+    apex: fields.Sparse[_Vector | None] = Field(
+        None, description="where in that frame the axis begins; default its origin [m]"
+    )
+    of: Annotated[ConeTargetSpec, holds(_point_or_direction)] = Field(description="what the angle is measured from")
+    within: fields.Width | None = Field(None, description="largest angle between the axis and the way there [rad]")
+    outside: fields.Width | None = Field(None, description="smallest angle between them [rad]")
+    hard: fields.Flag = Field(False, description="never violated by a plan; default soft, violated at a cost")
+
+    @property
+    def angle(self) -> float:
+        """The angle of the cone [rad]."""
+        return self.within or self.outside or 0.0
+
+
+def _one_angle(cone: ConeSpec, before: Fields, context: Context) -> RuleErrors:
+    """Give a cone with no angle, or with two, or with one that is no angle between two directions."""
+    given = [key for key in ("within", "outside") if getattr(cone, key) is not None]
+    if len(given) != 1:
+        yield (), expected("either within or outside", " and ".join(given) or "neither", at_key=True)
+        return
+    if cone.angle >= np.pi:
+        yield (given[0],), expected("an angle between 0 and 180 deg, with its unit: 30 deg")
+
+
+OneCone = Annotated[ConeSpec, holds(_one_angle)]

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping, quoted
 from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.geometry import OBJECT, ClearanceSpec, ObstacleSpec
+from psmpc_cli.specs.geometry import OBJECT, ClearanceSpec, ObstacleSpec, OneCone
 from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     SPACES,
@@ -489,6 +489,9 @@ class StageSpec(Spec):
     )
     angles: Literal["nearest", "exact"] = Field(
         "nearest", description="nearest: a target angle means the nearest equivalent one; exact: itself"
+    )
+    cones: fields.Sparse[tuple[OneCone, ...]] = Field(
+        (), description="axes of frames that stay within, or outside, an angle of a point or a direction"
     )
 
 

@@ -235,6 +235,34 @@ def test_every_pose_of_a_trajectory_must_be_within_reach() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("stage", "frame", "side", "says"),
+    [
+        ("approach", "base", "within: 50 deg", "axis of base at 60 deg where"),
+        ("approach", "base", "within: 61 deg", None),
+        ("approach", "base", "outside: 65 deg", "expected at least 65 deg there"),
+        ("approach", "arm_1", "within: 50 deg", "axis of arm_1 at 60 deg where"),
+        ("approach", "arm_2", "within: 50 deg", None),
+        ("capture", "arm_1", "within: 74 deg", "axis of arm_1 at 75 deg where"),
+    ],
+    ids=["outside", "within", "within_what_to_avoid", "end_effector", "not_asked_for", "end_effector_in_task_space"],
+)
+def test_a_cone_that_the_stages_own_target_violates_is_remarked(
+    stage: str, frame: str, side: str, says: str | None
+) -> None:
+    """Nobody asks where arm_2 is in the first stage."""
+    cones = f"[{{frame: {frame}, axis: [1, 0], of: {{direction: [0, 2]}}, {side}}}]"
+    task = transport(f"stages.{stage}.cones={cones}", "skills.move.weights.arm_2=[0, 0, 0]")
+    found = remarks(task, forecast_stages(task))
+    if says is None:
+        assert found == []
+    else:
+        (remark,) = found
+        assert dotted(remark.path) == f"stages[{['approach', 'capture'].index(stage)}].cones[0]"
+        assert says in remark.message
+        assert stage in remark.message
+
+
 def test_trajectory_faster_than_the_velocity_limits_is_remarked_where_it_is_worst() -> None:
     rows = "base: [[-2, 2, 30 deg], [-0.5, 1, 30 deg], [0, 0, 0]], arms: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]"
     task = transport(f"stages.transport.target={{times: [0, 5, 10], {rows}}}")

@@ -38,6 +38,7 @@ NAMES = (
     "hands",
     "forces",
     "clearance",
+    "cones",
 )
 
 CONSTRAINTS: dict[str, Constraint] = {name: resolve_name(f"{__name__}.{name}:CONSTRAINT") for name in NAMES}

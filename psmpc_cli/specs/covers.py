@@ -115,7 +115,10 @@ def read_mesh(path: Path) -> Mesh:
     try:
         if path.suffix.lower() not in MESH_ENDINGS:
             raise SpecError(f"found {quoted(path.name)}, {wanted}")
-        if (size := path.stat().st_size) > LARGEST_MESH:
+        size = path.stat().st_size
+        if not path.is_file():
+            raise SpecError(f"found no regular file {quoted(path.name)}, {wanted}")
+        if size > LARGEST_MESH:
             raise SpecError(f"found {size} bytes in {quoted(path.name)}, {wanted} of at most {LARGEST_MESH}")
         content = path.read_bytes()
     except OSError as error:

@@ -109,6 +109,8 @@ def _on_bodies(given: Mapping[str, tuple[PlacedShape, ...]], before: Fields, con
                 yield (body, number, "shape", "half_space"), expected("sphere, capsule or box", at_key=True)
             if each.pose is not None and dimension is not None and len(each.pose) != len(TARGET_AXES[dimension]):
                 yield (body, number, "pose"), expected(counted(len(TARGET_AXES[dimension]), "entry", "entries"))
+            elif each.pose is not None and dimension == 3 and np.linalg.norm(each.pose[3:]) < 1e-6:
+                yield (body, number, "pose"), expected("a quaternion w, x, y, z that is not 0 after the position")
 
 
 GEOMETRY = "shapes that the bodies are covered by, by body: base, or arm.number; default fitted to the joints"

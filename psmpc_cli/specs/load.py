@@ -220,6 +220,8 @@ def _read_robot(path: Path) -> Document:
     limits = built["limits"]
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
     data = {**built, **own, "limits": merged, "assumed": notes}
+    if shapes := {**built.get("geometry", {}), **mapping(own.get("geometry"))}:
+        data["geometry"] = shapes
     origins = {path: origin for path, origin in origins_of(data, sources).items() if path not in document.origins}
     return replace(document, data=data, origins={**document.origins, **origins}, changed=True)
 

@@ -4,7 +4,9 @@ What a file leaves out is assumed and noted; what cannot be a robot is an error.
 of its child link, its `<origin>` is in the parent link's frame, rpy are angles about fixed axes.
 """
 
+import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +17,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.covers import Cover, cover_box, cover_mesh, read_mesh
 from psmpc_cli.specs.document import (
     DECIMAL,
     LARGEST,
@@ -72,11 +75,22 @@ READ = {
 }
 """Elements of URDF, by the one they are in; others are noted."""
 
+SIZES = {
+    "sphere": {"radius": (1, "")},
+    "cylinder": {"radius": (1, ""), "length": (1, "")},
+    "box": {"size": (3, "")},
+    "mesh": {"scale": (3, "1 1 1")},
+}
+"""Collision shapes: the attributes that have their sizes, how many numbers each, and what is taken without it."""
+
 ONCE = {"link": ("inertial",), "joint": READ["joint"], "inertial": ("origin", "mass", "inertia")}
 """Elements that another one has at most once."""
 
 MOST_LINKS = 1000
 """Links of a file; robots with hands have some hundred."""
+
+SMALLEST = 1e-9
+"""Size of a collision shape [m] below which it is left out."""
 
 MOST_LISTED = 5
 """Names of links that a message lists."""
@@ -89,14 +103,34 @@ Places = dict[str, tuple[str, Matrix]]
 
 
 @dataclass(frozen=True)
+class Collision:
+    """A collision shape of a link.
+
+    Attributes:
+        sourceline: Its line.
+        origin: Its frame in the link's (4, 4) [m].
+        kind: sphere, cylinder, box or mesh.
+        size: Radius; radius and length; edges; or how a mesh is scaled along its axes [m].
+        mesh: The mesh's file as it is written.
+    """
+
+    sourceline: int
+    origin: Matrix
+    kind: str
+    size: tuple[float, ...]
+    mesh: str = ""
+
+
+@dataclass(frozen=True)
 class UrdfLink:
-    """A link: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2] in the link's frame."""
+    """A link: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2] in its frame, and its shapes."""
 
     name: str
     sourceline: int
     mass: float
     centre: Matrix
     inertia: Matrix
+    collisions: tuple[Collision, ...]
 
 
 @dataclass(frozen=True)
@@ -135,6 +169,7 @@ class Urdf:
 
     Attributes:
         file: Its name, for messages.
+        folder: The folder that it is in.
         name: The robot's name.
         sourceline: Line of the element that has it.
         links, joints: By name, in the file's order.
@@ -146,6 +181,7 @@ class Urdf:
     sizes: ClassVar[Mapping[str, int]] = {"base": len(ERROR_AXES[3])}
 
     file: str
+    folder: Path
     name: str
     sourceline: int
     links: dict[str, UrdfLink] = field(default_factory=dict)
@@ -197,8 +233,9 @@ class Urdf:
                 if part.tag not in READ[within] and part.tag not in unknown:
                     unknown.add(part.tag)
                     self._note(part, f"<{part.tag}> is not an element of URDF's <{within}>: left out")
-        if meshes := len(list(root.iter("mesh"))):
-            self.notes.append(f"{meshes} meshes are not read: bodies are drawn as capsules")
+        if meshes := len(root.findall("link/visual//mesh")):
+            not_read = counted(meshes, "visual mesh is", "visual meshes are")
+            self.notes.append(f"{not_read} not read: bodies are drawn as capsules")
         self._check_tree(root)
 
     def _add(self, element: Any) -> None:
@@ -226,9 +263,11 @@ class Urdf:
     def _link(self, element: Any, name: str) -> UrdfLink:
         inertial = element.find("inertial")
         line = element.sourceline
+        found = (self._collision(each, name) for each in element.iterchildren("collision"))
+        collisions = tuple(each for each in found if each is not None)
         if inertial is None:
             self._note(element, f"link {quoted(name)} has no <inertial>: it has no mass")
-            return UrdfLink(name, line, 0.0, np.zeros(3), np.zeros((3, 3)))
+            return UrdfLink(name, line, 0.0, np.zeros(3), np.zeros((3, 3)), collisions)
         place = self._origin(inertial)
         mass = self._number(inertial, "mass/@value")
         xx, yy, zz = (self._number(inertial, f"inertia/@{term}") for term in ("ixx", "iyy", "izz"))
@@ -239,7 +278,30 @@ class Urdf:
         if mass > 0 and (least := np.linalg.eigvalsh(inertia)[0]) <= 0:
             self._note(inertial, f"a principal moment of link {quoted(name)} is {least:.3g} kg m^2")
         turned = place[:3, :3]
-        return UrdfLink(name, line, mass, place[:3, 3], turned @ inertia @ turned.T)
+        return UrdfLink(name, line, mass, place[:3, 3], turned @ inertia @ turned.T, collisions)
+
+    def _collision(self, element: Any, name: str) -> Collision | None:
+        """Return a collision shape of a link, None if it is left out."""
+        shape = next(element.iterfind("geometry/*"), None)
+        if shape is None or shape.tag not in SIZES:
+            self._note(element, f"a collision shape of link {quoted(name)} is {_shown(shape)}: left out")
+            return None
+        before = len(self.errors)
+        kind = shape.tag
+        mesh = shape.get("filename") or ""
+        if kind == "mesh" and not mesh:
+            self._wrong(shape, f"a mesh of link {quoted(name)} without a file", "the attribute filename")
+        size = list[float]()
+        for key, (count, missing) in SIZES[kind].items():
+            size += self._numbers(shape, f"@{key}", count, missing)
+        origin = self._origin(element)
+        if len(self.errors) > before:
+            return None
+        smallest = min(map(abs, size)) if kind == "mesh" else min(size)  # a scale may mirror
+        if smallest < SMALLEST:
+            self._note(element, f"a {kind} of link {quoted(name)} has a size of {smallest:g}: left out")
+            return None
+        return Collision(element.sourceline, origin, kind, tuple(size), mesh)
 
     def _joint(self, element: Any, name: str) -> UrdfJoint:
         written = str(element.get("type"))
@@ -343,9 +405,9 @@ class Urdf:
         text: Any = next(iter(element.xpath(attribute)), missing)
         values = [float(part) if re.fullmatch(DECIMAL, part) else np.nan for part in text.split()]
         if len(values) != count or not np.all(np.abs(values) <= largest):
-            key = attribute.replace("/@", " ")
+            key = attribute.replace("/@", " ").replace("@", f"{element.tag} ")
             found = f"{key} {quoted(text)}" if text else f"no {key}"
-            whose = element.getparent() if element.tag == "inertial" else element
+            whose = next(each for each in (element, *element.iterancestors()) if each.tag in ("link", "joint"))
             wanted = counted(count, "number", "numbers")
             if np.any(np.abs(values) > largest):
                 wanted += f" of at most {largest:g} in magnitude"
@@ -406,7 +468,7 @@ def read_urdf(path: Path) -> Urdf:
         raise _xacro(name, macro.sourceline)
     if root.tag != "robot":
         raise SpecError(f"{name}:{root.sourceline}: found <{root.tag}>, expected a URDF file with the element <robot>")
-    urdf = Urdf(name, root.get("name") or path.stem, root.sourceline)
+    urdf = Urdf(name, path.parent, root.get("name") or path.stem, root.sourceline)
     urdf.read(root)
     if more := urdf.errors[MOST_FAULTS:]:
         urdf.errors[MOST_FAULTS:] = [f"{name}: {len(more)} more problems"]
@@ -421,6 +483,11 @@ def _is_xacro(element: Any) -> bool:
     text = " ".join((*element.attrib.values(), element.text or ""))
     macro = element.prefix == "xacro" or any("xacro" in name for name in names)
     return macro or "${" in text or "$(" in text
+
+
+def _shown(shape: Any) -> str:
+    """Return what a collision shape is written as."""
+    return "nothing" if shape is None else f"<{printable(shape.tag)}>"
 
 
 def _xacro(name: str, line: int) -> SpecError:
@@ -465,6 +532,9 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
     arms = robot.setdefault("arms", {})
     limits = robot.setdefault("limits", {})
     sources: Sources = {("name",): f"{urdf.file}:{urdf.sourceline}: <robot>", ("base",): urdf.where(urdf.links[base])}
+    if shapes := _geometry(urdf, places, file):
+        robot["geometry"] = shapes
+        sources["geometry",] = f"{urdf.file}:{urdf.sourceline}: <collision>"
     for name, (tip, own) in chains.items():
         links = []
         sources["arms", name] = sources["arms", name, "tool"] = urdf.where(urdf.links[tip])
@@ -571,6 +641,106 @@ def _inertial(urdf: Urdf, places: Places, body: str) -> dict[str, Any]:
         raise SpecError(f"{where}: found principal moments {found}, expected positive ones")
     moments = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     return {"mass": float(mass), "centre_of_mass": _plain(centre), "inertia": _plain(moments)}
+
+
+def _geometry(urdf: Urdf, places: Places, file: UrdfRobot) -> dict[str, list[dict[str, Any]]]:
+    """Return the shapes of bodies from the collision shapes of their links, but for bodies that the file has them of.
+
+    Meshes that cannot be read are left out. What is covered by more than it is, or left out, is noted.
+    """
+    shapes = dict[str, list[dict[str, Any]]]()
+    for name, (body, frame) in places.items():
+        link = urdf.links[name]
+        remarks = []
+        for each in link.collisions if body not in file.geometry else ():
+            at = frame @ each.origin
+            try:
+                found, remark = _shapes_of(each, at, urdf.folder)
+            except SpecError as error:
+                urdf.notes.append(f"line {each.sourceline}: {error}: left out of link {quoted(name)}")
+                continue
+            shapes.setdefault(body, []).extend(found)
+            remarks += [remark] if remark else []
+        if remarks:
+            counted_remarks = [f"{count} times " * (count > 1) + text for text, count in Counter(remarks).items()]
+            urdf.notes.append(f"line {link.sourceline}: link {quoted(name)} is covered: {'; '.join(counted_remarks)}")
+    return shapes
+
+
+def _shapes_of(collision: Collision, at: Matrix, folder: Path) -> tuple[list[dict[str, Any]], str]:
+    """Return the shapes of a collision shape at a frame (4, 4), as they are written, and how it is covered, if it is.
+
+    Raises:
+        SpecError: Its mesh cannot be read.
+    """
+    size = [float(value) for value in collision.size]
+    if collision.kind == "sphere":
+        return [{"shape": {"sphere": size[0]}, **_at(at)}], ""
+    if collision.kind == "box":
+        cover = cover_box(size)
+        return [{"shape": {"box": size}, **_at(at)}], _remark("a box", cover)
+    if collision.kind == "cylinder":
+        radius, length = size
+        ends = np.array([[[0, 0, -length / 2], [0, 0, length / 2]]])
+        cover = Cover(ends, radius, radius)  # where the axis leaves its end, and the capsule ends a radius beyond
+        remark = _remark("a cylinder", cover)
+    else:
+        path = _path_of(collision.mesh, folder)
+        mesh = read_mesh(path)
+        cover = cover_mesh(mesh.vertices * size)
+        remark = _remark(f"the convex hull of {'' if mesh.is_closed else 'the open mesh '}{quoted(path.name)}", cover)
+    shapes = []
+    for start, end in cover.moved(at).ends:
+        length = float(np.linalg.norm(end - start))
+        shape = {"capsule": [cover.radius, length]} if length > SMALLEST else {"sphere": cover.radius}
+        middle = np.eye(4)
+        middle[:3, 3] = (start + end) / 2
+        middle[:3, :3] = _turned_along(end - start)
+        shapes.append({"shape": shape, **_at(middle)})
+    return shapes, remark
+
+
+def _remark(what: str, cover: Cover) -> str:
+    """Say how a shape is covered."""
+    return f"{what} by {counted(len(cover.ends), 'capsule', 'capsules')}, up to {cover.excess:.2g} m beyond it"
+
+
+def _at(frame: Matrix) -> dict[str, Any]:
+    """Return the pose of a shape at a frame (4, 4), as it is written."""
+    from scipy.spatial.transform import Rotation
+
+    quaternion = Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True)
+    return {"pose": _plain([*frame[:3, 3], *quaternion])}
+
+
+def _turned_along(along: Matrix) -> Matrix:
+    """Return a rotation matrix (3, 3) whose first column is along a vector."""
+    if not np.linalg.norm(along):
+        return np.eye(3)
+    axes, triangle = np.linalg.qr(np.column_stack([along, np.eye(3)[:, np.argsort(np.abs(along))[:2]]]))
+    axes[:, 0] *= np.sign(triangle[0, 0])
+    return np.asarray(axes * [1, 1, np.linalg.det(axes)])
+
+
+def _path_of(reference: str, folder: Path) -> Path:
+    """Return the file of a mesh that a URDF in a folder refers to, by a path or one in a package.
+
+    A package is a folder of its name that a folder above the URDF has, or is.
+
+    Raises:
+        SpecError: There is no such package.
+    """
+    if not reference.startswith("package://"):
+        return folder / reference.removeprefix("file://")
+    package, _, inside = reference.removeprefix("package://").partition("/")
+    above = [folder.resolve(), *folder.resolve().parents]
+    tried = [each / package / inside for each in above]
+    tried += [each / inside for each in above if each.name == package]
+    found = next(filter(os.path.isfile, tried), None)
+    if found is None:
+        wanted = f"expected a folder {quoted(package)} with it beside or above the URDF"
+        raise SpecError(f"found no mesh {quoted(reference)}, {wanted}")
+    return found
 
 
 def _with_unit(joint: UrdfJoint, limit: float) -> float | str:

@@ -194,3 +194,28 @@ def test_the_spheres_of_a_capsule_cover_it_within_the_stated_excess() -> None:
         assert 0 < excess(Shape("capsule", (0.1, length))) <= LARGEST_EXCESS * 0.1
     gap = 1.2 / (MOST_SPHERES - 1)
     assert excess(LONG) == pytest.approx(np.sqrt(0.05**2 + gap**2 / 4) - 0.05)
+
+
+def test_capsules_that_are_almost_parallel_are_as_far_apart_as_coal_says() -> None:
+    """At angles from 1e-10 to 1e-2, where nearest points of the axes are hardly determined."""
+    first, second = PAIRS["capsule-capsule"]
+    count = 2000
+    poses = random_poses(4, count)
+    rng = np.random.default_rng(5)
+    small = rng.normal(size=(count, 3)) * 10 ** rng.uniform(-10, -2, (count, 1))
+    turned = Rotation.from_quat(poses[0][3:].T, scalar_first=True) * Rotation.from_rotvec(small)
+    poses[1][3:] = turned.as_quat(scalar_first=True).T
+    expected = by_coal(first, second, poses)
+    apart = expected > 1e-3
+    assert apart.mean() > 0.5
+    f = function_of(first, second)
+    np.testing.assert_allclose(f.map(count)(*poses).full()[0][apart], expected[apart], atol=1e-6)
+    gradient = ca.Function("gradient", f.sx_in(), [ca.gradient(f(*f.sx_in()), ca.vertcat(*f.sx_in()))])
+    assert np.abs(gradient.map(count)(*poses).full()).max() < 5
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_gradients_are_finite_where_both_frames_are_one(pair: str) -> None:
+    f = function_of(*PAIRS[pair])
+    gradient = ca.Function("gradient", f.sx_in(), [ca.gradient(f(*f.sx_in()), ca.vertcat(*f.sx_in()))])
+    assert np.isfinite(gradient([0, 0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0, 0]).full()).all()

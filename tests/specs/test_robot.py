@@ -148,6 +148,12 @@ def test_geometry_is_in_digests_only_where_it_is_given() -> None:
             "r.yaml:8:46: geometry.base[0].pose:",
             ("7 entries",),
         ),
+        (
+            "limits:",
+            "geometry: {base: [{shape: {sphere: 1}, pose: [0, 0, 0, 0, 0, 0, 0]}]}\nlimits:",
+            "r.yaml:8:46: geometry.base[0].pose:",
+            ("quaternion", "not 0"),
+        ),
         ("limits:", "geometry: {base: [{shape: {sphere: 0}}]}\nlimits:", "r.yaml:8:36: ", ("greater than 0",)),
         ("    links:", "    mount: arn.1\n    links:", "r.yaml:6:", ("arn.1", "base")),
     ],

@@ -4,10 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.covers import cover_box, cover_mesh
 from psmpc_cli.specs.load import load_robot
+from psmpc_cli.specs.robot import RobotSpec
 from psmpc_cli.specs.urdf import read_urdf
+
+Array = NDArray[np.float64]
 
 PARTS = {
     "base": '<link name="base"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>',
@@ -224,7 +231,7 @@ def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
     tip = '<link name="tip"><odd/><visual><geometry><mesh filename="no.stl"/></geometry></visual></link>'
     urdf = read_urdf(written(tmp_path, joint=joint, tip=tip, k=fixed))
     notes = "\n".join(urdf.notes)
-    for word in ("no <limit>", "length 2", "no <inertial>", "<odd>", "meshes"):
+    for word in ("no <limit>", "length 2", "no <inertial>", "<odd>", "visual mesh"):
         assert word in notes
     fast = PARTS["joint"].replace("<limit", '<origin rpy="90 0 0"/><limit velocity="120"')
     notes = "\n".join(read_urdf(written(tmp_path, joint=fast)).notes)
@@ -247,3 +254,142 @@ def test_locked_and_fixed_joints_leave_their_bodies_mass(tmp_path: Path) -> None
     assert robot.base.mass == 10
     np.testing.assert_allclose(robot.base.centre_of_mass, [0, 0.05, 0], atol=1e-15)
     assert any("locked" in note for note in robot.assumed)
+
+
+def colliding(shape: str, origin: str = "") -> str:
+    """The link of the arm with a collision shape."""
+    return PARTS["link"].replace("</link>", f"<collision>{origin}<geometry>{shape}</geometry></collision></link>")
+
+
+def points_in(robot: RobotSpec, body: str, points: Array) -> Array:
+    """How deep points (K, 3) in a body's frame are in its capsules and spheres (K,)."""
+    found = []
+    for each in robot.geometry[body]:
+        assert each.pose is not None
+        local = Rotation.from_quat(each.pose[3:], scalar_first=True).inv().apply(points - each.pose[:3])
+        radius, length = each.shape.shape.size
+        local[:, 0] -= np.clip(local[:, 0], -length / 2, length / 2)
+        found.append(radius - np.linalg.norm(local, axis=1))
+    return np.max(found, axis=0)
+
+
+def test_spheres_and_boxes_are_taken_as_they_are(tmp_path: Path) -> None:
+    origin = '<origin xyz="1 2 3" rpy="0 0 1.5707963267948966"/>'
+    robot = load_robot(written(tmp_path, link=colliding('<sphere radius="0.2"/>', origin)))
+    (placed,) = robot.geometry["arm.1"]
+    assert placed.shape.sphere == 0.2
+    assert placed.pose is not None
+    np.testing.assert_allclose(placed.pose, [1, 2, 3, np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-12)
+    assert not any("covered" in note for note in robot.assumed)
+    robot = load_robot(written(tmp_path, link=colliding('<box size="0.2 0.4 0.1"/>')))
+    assert [placed.shape.box for placed in robot.geometry["arm.1"]] == [(0.2, 0.4, 0.1)]
+    cover = cover_box((0.2, 0.4, 0.1))
+    wanted = f'link "arm" is covered: a box by {len(cover.ends)} capsules, up to {cover.excess:.2g} m beyond it'
+    assert any(wanted in note for note in robot.assumed)
+
+
+def test_a_cylinder_is_covered_by_the_capsule_about_it(tmp_path: Path) -> None:
+    """It is along z; its origin turns z to x."""
+    link = colliding('<cylinder radius="0.1" length="1"/>', '<origin xyz="0.5 0 0" rpy="0 1.5707963267948966 0"/>')
+    robot = load_robot(written(tmp_path, link=link))
+    (placed,) = robot.geometry["arm.1"]
+    assert placed.shape.capsule == pytest.approx((0.1, 1.0))
+    rim = np.array([[x, 0.1 * np.cos(a), 0.1 * np.sin(a)] for x in (0, 0.5, 1) for a in np.arange(12)])
+    np.testing.assert_allclose(points_in(robot, "arm.1", rim), 0, atol=1e-9)
+    assert any("a cylinder by 1 capsule, up to 0.1 m beyond it" in note for note in robot.assumed)
+
+
+def test_shapes_of_links_that_do_not_move_are_on_the_body_they_are_part_of(tmp_path: Path) -> None:
+    fixed = '<joint name="k" type="fixed"><origin xyz="0 0 2"/><parent link="arm"/><child link="tip"/></joint>'
+    sphere = '<collision><origin xyz="0 1 0"/><geometry><sphere radius="0.3"/></geometry></collision>'
+    tip = f'<link name="tip">{sphere}</link>'
+    robot = load_robot(written(tmp_path, tip=tip, k=fixed))
+    (body,) = robot.geometry
+    assert body == "tip.1"
+    assert robot.geometry[body][0].pose == (0, 1, 2, 1, 0, 0, 0)
+
+
+@pytest.mark.parametrize("reference", ["arm.stl", "meshes/arm.stl", "package://my_robot/meshes/arm.stl", "file://{}"])
+def test_the_hull_of_a_mesh_is_covered(tmp_path: Path, reference: str) -> None:
+    """Wherever its file is: beside the URDF, or in a package that the URDF's folder is in."""
+    folder = tmp_path / "my_robot" / "urdf"
+    inside = reference.format(folder / "arm.stl").removeprefix("file://")
+    path = tmp_path / inside.removeprefix("package://") if "package" in inside else folder / inside
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    rod = trimesh.creation.cylinder(50, 800)  # [mm]
+    rod.export(path)
+    mesh = f'<mesh filename="{reference.format(folder / "arm.stl")}" scale="0.001 0.001 0.001"/>'
+    robot = load_robot(written(folder, link=colliding(mesh, '<origin xyz="0 0 0.4"/>')))
+    vertices = np.asarray(rod.vertices) / 1000 + [0, 0, 0.4]
+    assert points_in(robot, "arm.1", vertices).min() > -1e-6
+    excess = cover_mesh(vertices).excess
+    wanted = f'link "arm" is covered: the convex hull of "arm.stl" by 1 capsule, up to {excess:.2g} m beyond it'
+    assert any(wanted in note for note in robot.assumed), robot.assumed
+
+
+def test_meshes_of_visuals_are_not_read_and_an_open_one_is_noted(tmp_path: Path) -> None:
+    box = trimesh.creation.box((1, 2, 3))
+    box.update_faces(np.arange(len(box.faces)) > 0)
+    box.export(tmp_path / "open.stl")
+    seen = '<visual><geometry><mesh filename="missing.stl"/></geometry></visual></link>'
+    link = colliding('<mesh filename="open.stl"/>').replace("</link>", seen)
+    robot = load_robot(written(tmp_path, link=link))
+    assert any("1 visual mesh is not read" in note for note in robot.assumed)
+    assert any('the convex hull of the open mesh "open.stl"' in note for note in robot.assumed)
+    assert not any("missing.stl" in note for note in robot.assumed)
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ('<mesh filename="no.stl"/>', ("no readable file", "no.stl", 'left out of link "arm"')),
+        ('<mesh filename="package://other/no.stl"/>', ("package://other/no.stl", "other", 'left out of link "arm"')),
+        ('<mesh filename="arm.dae"/>', ("arm.dae", ".stl or .obj", 'left out of link "arm"')),
+        ('<sphere radius="0"/>', ("a sphere", '"arm"', "size of 0", "left out")),
+        ('<box size="0.1 -0.1 0.1"/>', ("a box", "size of -0.1", "left out")),
+        ("<torus/>", ("<torus>", '"arm"', "left out")),
+        ("", ("nothing", '"arm"', "left out")),
+    ],
+)
+def test_shapes_that_cannot_be_taken_are_left_out_and_noted(tmp_path: Path, shape: str, words: tuple[str, ...]) -> None:
+    robot = load_robot(written(tmp_path, link=colliding(shape)))
+    (note,) = [note for note in robot.assumed if "left out" in note]
+    assert note.startswith("robot.urdf, line 3: ") and all(word in note for word in words), note
+    assert not robot.geometry
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ('<sphere radius="big"/>', ("sphere radius", "big", 'link "arm"')),
+        ('<cylinder radius="1"/>', ("no cylinder length", 'link "arm"')),
+        ('<box size="1 1"/>', ("box size", "3 numbers", 'link "arm"')),
+        ("<mesh/>", ("without a file", 'link "arm"', "filename")),
+        ('<mesh filename="a.stl" scale="1"/>', ("mesh scale", "3 numbers", 'link "arm"')),
+    ],
+)
+def test_bad_shapes_are_named_with_line_and_link(tmp_path: Path, shape: str, words: tuple[str, ...]) -> None:
+    with pytest.raises(SpecError) as caught:
+        load_robot(written(tmp_path, link=colliding(shape)))
+    assert ":3: found" in str(caught.value) and all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_the_file_says_more_than_the_urdf_of_a_body(tmp_path: Path) -> None:
+    """Its shapes replace those of the body, whose meshes are then not even read."""
+    written(
+        tmp_path,
+        base=PARTS["base"].replace(
+            "</link>", '<collision><geometry><sphere radius="1"/></geometry></collision></link>'
+        ),
+        link=colliding('<mesh filename="no.stl"/>'),
+    )
+    (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\ngeometry: {arm.1: [{shape: {sphere: 0.5}}]}\n")
+    robot = load_robot(tmp_path / "robot.yaml")
+    assert {body: shapes[0].shape.sphere for body, shapes in robot.geometry.items()} == {"base": 1, "arm.1": 0.5}
+    assert not any("no.stl" in note for note in robot.assumed)
+
+
+def test_a_urdf_without_collision_shapes_has_no_geometry(tmp_path: Path) -> None:
+    assert load_robot(written(tmp_path)).geometry == {}
+    assert "geometry" not in load_robot("dual_arm_servicer").model_dump(mode="json")

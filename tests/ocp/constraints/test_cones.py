@@ -146,29 +146,21 @@ def test_a_state_is_allowed_where_the_angles_are(problem: Problem, seed: int) ->
     x = some_state(problem, seed)
     p = window_numbers(window, np.zeros(0))
     lost = 0.0 if problem.model.dimension == 2 else LOST
-    for rows in rows_of(problem, window):
+    for spec, rows in zip(problem.spec.stages[0].cones, rows_of(problem, window), strict=True):
         value = rows.functions.value(x, rows.argument(p))[0].ravel()
         low, high = rows.bounds(window)
         excess = np.maximum(low - value, value - high)
-        specs = [spec for spec in problem.spec.stages[0].cones if spec.hard is not rows.soft]
-        first = 0
-        for spec in specs:
-            angle = angle_at(problem, window, spec, x)
-            has_polygon = problem.model.dimension == 3 and (spec.within is not None) is (spec.angle <= np.pi / 2)
-            last = first + (SIDES if has_polygon else 1)
-            beyond = angle - spec.angle if spec.within is not None else spec.angle - angle
-            narrow = min(spec.angle, np.pi - spec.angle)
-            if not -lost * narrow < beyond < 0:
-                assert (excess[first:last].max() > 0) == (beyond > 0)
-            first = last
-        assert first == len(value)
+        angle = angle_at(problem, window, spec, x)
+        beyond = angle - spec.angle if spec.within is not None else spec.angle - angle
+        narrow = min(spec.angle, np.pi - spec.angle)
+        if not -lost * narrow < beyond < 0:
+            assert (excess.max() > 0) == (beyond > 0)
 
 
-def test_soft_and_hard_cones_are_rows_of_their_own(problem: Problem) -> None:
-    soft, hard = rows_of(problem, window_of(problem))
-    assert soft.soft
-    assert not hard.soft
-    assert list(soft.nodes) == list(hard.nodes) == list(range(1, NODES + 1))
+def test_each_cone_is_soft_or_hard_at_every_node(problem: Problem) -> None:
+    for spec, rows in zip(problem.spec.stages[0].cones, rows_of(problem, window_of(problem)), strict=True):
+        assert rows.soft is not spec.hard
+        assert list(rows.nodes) == list(range(1, NODES + 1))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -239,9 +231,9 @@ def test_rows_are_finite_where_the_apex_is_at_the_point_and_where_the_axis_point
     cones = [cone(dimension, of=of, **{side: 0.3}) for of in (at_apex, behind) for side in ("within", "outside")]
     problem = build_problem(BUILDS[dimension](*cones))
     window = window_of(problem)
-    (rows,) = rows_of(problem, window)
-    for each in rows.functions.with_jacobian(window.x0, rows.argument(window_numbers(window, np.zeros(0)))):
-        assert np.isfinite(each).all()
+    for rows in rows_of(problem, window):
+        for each in rows.functions.with_jacobian(window.x0, rows.argument(window_numbers(window, np.zeros(0)))):
+            assert np.isfinite(each).all()
 
 
 def test_a_window_reads_its_cones_from_the_task(problem: Problem) -> None:

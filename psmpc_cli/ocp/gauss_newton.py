@@ -24,9 +24,6 @@ from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.motion import velocity_shares
 
-NEGLIGIBLE = 1e-7
-"""Multipliers of a constraint up to this are what an interior-point method leaves of 0: curvature does not count."""
-
 
 @dataclass(frozen=True, eq=False)
 class Point:
@@ -386,13 +383,10 @@ class VelocityForm:
         for rows, at in zip(self.node_rows, self._places, strict=True):
             curvature = rows.functions.curvature
             if curvature is not None:
-                of_nodes = multipliers[at].reshape(len(rows.nodes), -1)
-                acts = (np.abs(of_nodes) > NEGLIGIBLE).any(axis=1)
-                nodes = np.array(rows.nodes)[acts]
-                if len(nodes):
-                    a = _of_some(rows.argument(p), acts)
-                    by_Q_Q = curvature(point.X[nodes], a, of_nodes[acts], rows=len(nodes))[0]
-                    positions[nodes] += by_Q_Q.reshape(-1, n, n)
+                nodes = list(rows.nodes)
+                of_nodes = multipliers[at].reshape(len(nodes), -1)
+                by_Q_Q = curvature(point.X[nodes], rows.argument(p), of_nodes, rows=len(nodes))[0]
+                positions[nodes] += by_Q_Q.reshape(-1, n, n)
         if self.residuals_are_curved:
             self._add_residual_curvature(positions, point, p)
         return replace(model, positions=positions)

@@ -54,7 +54,8 @@ class ConstraintFunctions:
         rows: The rows as an expression of both.
         gives: Rates that the rows, equations, determine: they are linear in these and as many. None if they do not.
             `sqp` then solves them at every iterate, and takes no account of their curvature.
-        is_frequent: They are evaluated at every point, those that give rates too.
+        is_convex: They are bounded below and convex, as distances to convex bodies are: their curvature, which can only
+            make programs non-convex, does not count. Such rows are many and long.
         native: Functions with many operations run as compiled C.
     """
 
@@ -64,11 +65,11 @@ class ConstraintFunctions:
         argument: ca.SX,
         rows: ca.SX,
         gives: slice | None = None,
-        is_frequent: bool = False,
+        is_convex: bool = False,
         native: bool = False,
     ) -> None:
         self.gives = gives
-        self._is_frequent = is_frequent or gives is not None
+        self._is_convex = is_convex
         self._native = native
         self._x = x
         self._argument = argument
@@ -77,10 +78,10 @@ class ConstraintFunctions:
 
     @cached_property
     def compiled(self) -> "ConstraintFunctions":
-        """The same rows with functions as compiled C, if they are evaluated at every point."""
-        if not self._is_frequent:
+        """The same rows with functions as compiled C, if they give rates or are many: then they take time."""
+        if self.gives is None and not self._is_convex:
             return self
-        return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, self._is_frequent, native=True)
+        return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, self._is_convex, native=True)
 
     @cached_property
     def value(self) -> RowFunction:
@@ -96,7 +97,7 @@ class ConstraintFunctions:
     @cached_property
     def curvature(self) -> RowFunction | None:
         """x, a, multipliers y (rows,) -> upper triangle of the second derivatives of y'g by Q (n, n); None where 0."""
-        if not self.count or self.gives is not None:
+        if not self.count or self.gives is not None or self._is_convex:
             return None
         n = self._x.numel() // 2
         multipliers = ca.SX.sym("multipliers", self.count)

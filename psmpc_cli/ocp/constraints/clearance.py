@@ -295,7 +295,7 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
     """
     x, argument, placed = _placed(model, pairs)
     apart = [each for pair in placed for each in distances(*pair)]
-    return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_frequent=True)
+    return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_convex=True)
 
 
 def nearest_points(model: RobotModel, pairs: Pairs) -> RowFunction:

@@ -150,7 +150,7 @@ def test_without_clearance_nothing_is_kept_or_logged() -> None:
 
 
 @pytest.mark.parametrize("task", ["catch_drifting", "servicing"])
-def test_jacobian_and_curvature_agree_with_differences(task: str) -> None:
+def test_jacobian_agrees_with_differences(task: str) -> None:
     changes = {
         "clearance": {},
         "obstacles": [{"name": "post", "shape": {"capsule": [0.1, 0.3]}, "pose": pose} for pose in [POSES[task]]],

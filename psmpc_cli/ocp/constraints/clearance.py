@@ -36,6 +36,10 @@ FORESEEN = 0.5
 NEAR = 0.1
 """How near its margin the distance of a pair must be at a node to be a row of a program [m]."""
 
+MOST_ROWS = 60
+"""Distances of a group; larger ones are split by arms. The derivatives of all 140 of a robot with two arms of seven
+joints from itself are 180,000 operations, and most of the pairs are far apart most of the time."""
+
 ITSELF = "itself"
 """Name of the group of the robot's own pairs."""
 
@@ -283,8 +287,19 @@ def kept_groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Grou
     found = dict[str, Group]()
     for name, group in groups(task, model, stage).items():
         kept = tuple(pair for pair in group.pairs.pairs if not _excepted(pair, spec))
-        if kept:
-            found[name] = replace(group, pairs=replace(group.pairs, pairs=kept))
+        pairs = replace(group.pairs, pairs=kept)
+        parts = {name: kept} if pairs.rows <= MOST_ROWS else _by_limbs(name, kept)
+        found |= {part: replace(group, pairs=replace(pairs, pairs=own)) for part, own in parts.items() if own}
+    return found
+
+
+def _by_limbs(name: str, pairs: tuple[tuple[Solid, Solid], ...]) -> dict[str, tuple[tuple[Solid, Solid], ...]]:
+    """Return pairs by the arms, or the base, that their solids are of: those that come near come near together."""
+    found = dict[str, tuple[tuple[Solid, Solid], ...]]()
+    for pair in pairs:
+        limbs = [solid.part.rpartition(".")[0] or solid.part for solid in pair]
+        key = f"{name}, {limbs[0]} and {limbs[1]}"
+        found[key] = (*found.get(key, ()), pair)
     return found
 
 

@@ -31,6 +31,9 @@ SHORTENING_POINTS = 30
 SHORTENING_GAIN = 1e-3
 """What part of its length a pass of shortening must save for another to follow."""
 
+SHORTEST = 1e-12
+"""Lengths are divided by this at least: start and goal may be the same."""
+
 ROUNDING = 1e-9
 """By how much the clearance of one configuration may differ between calls [m]."""
 
@@ -112,7 +115,8 @@ class Route:
     def farthest_clear(self, Q: np.ndarray, motions: StraightMotions, after: float) -> tuple[float, np.ndarray]:
         """Return the farthest point of the route that a clear straight motion reaches, never one before the last.
 
-        Points are tested from the end of the route backwards, at `FOLLOWED_POINTS` shares of its length.
+        Points are tested from the end of the route backwards: its waypoints, and others at `FOLLOWED_POINTS` shares of
+        its length. From a point of the route the next one is always in sight, since no corner is between them.
 
         Args:
             Q: Where the motion begins (n,).
@@ -123,12 +127,16 @@ class Route:
         Returns:
             Its progress, as a share of the route's length from 0 to 1, and the configuration there (n,).
         """
-        shares = np.linspace(1.0, 0.0, FOLLOWED_POINTS + 1)
-        ahead = shares[shares > after]
+        shares = self.shares(FOLLOWED_POINTS)
+        ahead = shares[shares > after][::-1]
         for progress, waypoint in zip(ahead, self.at(ahead), strict=True):
             if motions.is_clear(Q, waypoint):
                 return float(progress), waypoint
         return after, self.at(np.array([after]))[0]
+
+    def shares(self, pieces: int) -> np.ndarray:
+        """Return shares of the length from 0 to 1 (K,): so many even ones, and between them those of the waypoints."""
+        return np.union1d(self.marks / max(self.length, SHORTEST), np.linspace(0.0, 1.0, pieces + 1))
 
 
 def find_route(
@@ -199,7 +207,7 @@ def _allowing_near_ends(motions: StraightMotions, start: np.ndarray, end: np.nda
     allowed = np.where((lacking > 0.0) & (lacking <= slack), lacking + ROUNDING, 0.0)
     if not np.any(allowed):
         return motions
-    radius = 0.1 * motions.length(start, end)
+    radius = max(0.1 * motions.length(start, end), SHORTEST)
 
     def clearance(configurations: np.ndarray) -> np.ndarray:
         distances = np.linalg.norm((configurations[:, None] - ends) * motions.scale, axis=2)
@@ -304,8 +312,8 @@ def _shortened(route: Route, motions: StraightMotions) -> Route:
     A pass takes the shortest path along straight clear motions between points of the route.
     """
     while True:
-        progress = np.union1d(route.marks / route.length, np.linspace(0.0, 1.0, SHORTENING_POINTS + 1))
-        shorter = Route(_shortest_path(route.at(progress), motions), route.scale)
+        points = route.at(route.shares(SHORTENING_POINTS))
+        shorter = Route(_shortest_path(points, motions), route.scale)
         if shorter.length > (1.0 - SHORTENING_GAIN) * route.length:
             return shorter
         route = shorter

@@ -16,7 +16,7 @@ RADIUS = 0.2
 
 MARGIN = 0.02
 STEP = 0.05
-"""A disc at the velocity limit travels 2.5 cm in it: half of that between two tested places is within the margin."""
+"""In the metric [s]: 2.5 cm of travel."""
 
 VELOCITY_LIMIT = 0.5
 
@@ -69,6 +69,11 @@ def route_among(
     )
 
 
+def sagitta(radius: float) -> float:
+    """How far a motion between two tested places comes into a circle that both are outside of [m]."""
+    return (VELOCITY_LIMIT * STEP / 2) ** 2 / (2 * radius)
+
+
 def finely(route: Route) -> np.ndarray:
     return route.at(np.linspace(0.0, 1.0, 5001))
 
@@ -92,7 +97,7 @@ def test_a_route_leads_from_start_to_goal_and_hits_nothing(seed: int) -> None:
     np.testing.assert_array_equal(route.waypoints[0], START)
     np.testing.assert_array_equal(route.waypoints[-1], GOAL)
     places = finely(route)
-    assert distances(places, SEVERAL_DISCS).min() > 0.0
+    assert distances(places, SEVERAL_DISCS).min() > MARGIN - sagitta(RADIUS + 0.2)
     assert np.abs(places).max() <= 2.5
 
 
@@ -181,9 +186,8 @@ def test_a_start_within_the_margin_takes_slack_and_is_left_without_coming_nearer
     assert route is not None
     places = finely(route)
     left = np.linalg.norm(places - start, axis=1) > 0.1 * np.linalg.norm(GOAL - start)
-    between_tests = (VELOCITY_LIMIT * STEP / 2) ** 2 / (2 * 0.7)  # how far a chord comes into a circle of 0.7 m
-    assert distances(places, ONE_DISC).min() > 0.01 - between_tests
-    assert distances(places[left], ONE_DISC).min() > MARGIN - between_tests
+    assert distances(places, ONE_DISC).min() > 0.01 - sagitta(RADIUS + 0.5)
+    assert distances(places[left], ONE_DISC).min() > MARGIN - sagitta(RADIUS + 0.5)
 
 
 def test_what_a_clearance_raises_comes_through() -> None:
@@ -236,13 +240,43 @@ def test_the_farthest_point_in_sight_leads_along_the_route_and_never_back() -> N
         after = progress
         progress, waypoint = route.farthest_clear(Q, sight, after)
         assert progress >= after
-        assert sight.is_clear(Q, waypoint)
+        motion = Route(np.stack([Q, waypoint]), route.scale)
+        assert distances(finely(motion), SEVERAL_DISCS).min() > -sagitta(RADIUS + 0.2)
         np.testing.assert_allclose(waypoint, route.at(np.array([progress]))[0])
         passed.append(progress)
         towards = waypoint - Q
         Q = Q + towards * min(1.0, 0.05 / max(float(np.linalg.norm(towards)), 1e-12))
     assert 0.0 < passed[0] < 1.0
     np.testing.assert_allclose(Q, GOAL, atol=1e-12)
+
+
+def test_in_a_narrow_corridor_the_corner_is_gone_to_before_what_is_behind_it() -> None:
+    corner = np.array([0.7071, 0.0])
+    route = Route(np.array([[0.0, 0.0], corner, [0.7071, 1.0]]), np.ones(2))
+
+    def clearance(Q: np.ndarray) -> np.ndarray:
+        """Return how far from the walls points are in a corridor of 2 mm along the route."""
+        ends = (route.waypoints[:-1], route.waypoints[1:])
+        nearest = np.clip(Q[:, None], np.minimum(*ends), np.maximum(*ends))
+        return np.asarray(1e-3 - np.linalg.norm(Q[:, None] - nearest, axis=2).min(axis=1))
+
+    motions = StraightMotions(clearance, np.ones(2), 1e-3)
+    progress, waypoint = route.farthest_clear(np.zeros(2), motions, 0.0)
+    assert progress == pytest.approx(0.7071 / route.length)
+    np.testing.assert_allclose(waypoint, corner)
+    progress, waypoint = route.farthest_clear(corner, motions, progress)
+    assert progress == 1.0
+
+
+def test_who_is_at_the_goal_stays_there() -> None:
+    for start, discs, slack in ((START, ONE_DISC, 0.0), (np.array([-0.71, 0.0]), ONE_DISC, 0.015)):
+        route = route_among(discs, start, start, slack=slack)
+        assert route is not None
+        assert route.length == 0.0
+        assert route.timed(np.ones(2))[0].tolist() == [0.0, 0.0]
+        progress, waypoint = route.farthest_clear(start, motions_among(discs, margin=0.0), 0.0)
+        assert progress == 1.0
+        np.testing.assert_array_equal(waypoint, start)
 
 
 def test_where_nothing_is_in_sight_the_progress_stays() -> None:

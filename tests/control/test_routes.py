@@ -101,15 +101,17 @@ def test_a_route_leads_from_start_to_goal_and_hits_nothing(seed: int) -> None:
     assert np.abs(places).max() <= 2.5
 
 
-def test_a_route_is_almost_as_short_as_the_shortest() -> None:
-    route = route_among(ONE_DISC)
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_route_is_almost_as_short_as_the_shortest_even_if_the_planner_has_little_time(seed: int) -> None:
+    route = route_among(ONE_DISC, seed=seed, iterations=60)
     assert route is not None
     kept_away = 0.5 + RADIUS + MARGIN
     tangent = np.sqrt(1.5**2 - kept_away**2)
     arc = kept_away * (np.pi - 2 * np.arccos(kept_away / 1.5))
     shortest = (2 * tangent + arc) / VELOCITY_LIMIT
-    # Corners are at 30 places of a route, up to 0.1 m beside where the arc begins; they are cut between tested places.
-    assert 0.99 * shortest < route.length < 1.03 * shortest
+    # A polygon about the arc with corners 0.1 m apart, a thirtieth of the route, is 0.2 % longer; corners are not quite
+    # where they would be best. The arc may be cut by the sagitta, 0.1 mm of 0.7 m.
+    assert 0.999 * shortest < route.length < 1.01 * shortest
 
 
 def test_a_clear_straight_motion_is_the_route_and_takes_no_planner(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,338 @@
+"""Routes: paths round what blocks the straight motion to a target, planned in the space of coordinates.
+
+A route is planned by AORRTC of OMPL, which searches again and again for paths shorter than the best one so far:
+T. S. Wilson, W. Thomason, Z. Kingston and J. D. Gammell, "AORRTC: Almost-surely asymptotically optimal planning with
+RRT-Connect", IEEE Robotics and Automation Letters 10(12), 2025. It stops after a number of iterations, not after a
+time, so that the same seed gives the same route in every process.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from psmpc_cli.errors import InputError
+
+Clearance = Callable[[np.ndarray], np.ndarray]
+"""From configurations (K, n) to the smallest distance less the margin that is asked for (K,) [m]: clear from 0 on."""
+
+ITERATIONS = 5000
+"""Iterations of the planner, unless a caller says otherwise."""
+
+LONGEST_PLANNING = 120.0
+"""When the planner is stopped whatever its iterations [s]: a safety, since such a route is not repeatable."""
+
+SHORTENING_POINTS = 30
+"""Into how many pieces a route is divided to be shortened."""
+
+SHORTENING_GAIN = 1e-3
+"""What part of its length a pass of shortening must save for another to follow."""
+
+SHORTEST = 1e-12
+"""Lengths are divided by this at least: start and goal may be the same."""
+
+ROUNDING = 1e-9
+"""By how much the clearance of one configuration may differ between calls [m]."""
+
+FOLLOWED_POINTS = 50
+"""Into how many pieces a route is divided to find its farthest point in sight."""
+
+
+@dataclass(frozen=True, eq=False)
+class StraightMotions:
+    """Measures straight motions and tests whether they are clear.
+
+    A motion is tested at configurations at most a step apart. Between them the clearance may be less by what the
+    fastest point of the robot travels in half a step, which the margin has to cover.
+
+    Attributes:
+        clearance: Of configurations.
+        scale: Weights of the metric (n,): with the reciprocals of velocity limits, lengths are times at these [s].
+        step: Largest length between tested configurations, in the metric.
+    """
+
+    clearance: Clearance
+    scale: np.ndarray
+    step: float
+
+    def length(self, start: np.ndarray, goal: np.ndarray) -> float:
+        """Return the length of a motion between configurations (n,)."""
+        return float(np.linalg.norm((goal - start) * self.scale))
+
+    def is_clear(self, start: np.ndarray, goal: np.ndarray) -> bool:
+        """Return whether the straight motion between configurations (n,) is clear, both of them included."""
+        pieces = max(1, int(np.ceil(self.length(start, goal) / self.step)))
+        shares = np.linspace(0.0, 1.0, pieces + 1)
+        return bool(np.all(self.clearance(start + shares[:, None] * (goal - start)) >= 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A path of straight motions.
+
+    Attributes:
+        waypoints: Its corners (W, n), start and end included.
+        scale: Weights of the metric in which it is measured (n,).
+    """
+
+    waypoints: np.ndarray
+    scale: np.ndarray
+
+    @property
+    def marks(self) -> np.ndarray:
+        """Length of the route up to each waypoint (W,), in the metric."""
+        pieces = np.linalg.norm(np.diff(self.waypoints, axis=0) * self.scale, axis=1)
+        return np.concatenate([[0.0], np.cumsum(pieces)])
+
+    @property
+    def length(self) -> float:
+        """Length of the route, in the metric."""
+        return float(self.marks[-1])
+
+    def at(self, progress: np.ndarray) -> np.ndarray:
+        """Return the configurations (K, n) at shares of the route's length (K,), from 0 to 1."""
+        marks = self.marks
+        wanted = np.asarray(progress) * marks[-1]
+        return np.stack([np.interp(wanted, marks, values) for values in self.waypoints.T], axis=-1)
+
+    def timed(self, rates: np.ndarray, share: float = 0.8) -> tuple[np.ndarray, np.ndarray]:
+        """Return when the route is where: times from 0 on (W,) [s] and configurations (W, n), straight in between.
+
+        On each piece the coordinate that needs longest moves at the share of its velocity limit, and the others in
+        proportion: a configuration changes its velocity at a waypoint at once.
+
+        Args:
+            rates: Velocity limits (n,). A coordinate whose limit is infinite has the reciprocal of its weight instead.
+            share: Of the limits that is used.
+        """
+        limits = np.where(np.isfinite(rates), rates, 1.0 / self.scale)
+        durations = np.max(np.abs(np.diff(self.waypoints, axis=0)) / (share * limits), axis=1)
+        return np.concatenate([[0.0], np.cumsum(durations)]), self.waypoints
+
+    def farthest_clear(self, Q: np.ndarray, motions: StraightMotions, after: float) -> tuple[float, np.ndarray]:
+        """Return the farthest point of the route that a clear straight motion reaches, never one before the last.
+
+        Points are tested from the end of the route backwards: its waypoints, and others at `FOLLOWED_POINTS` shares of
+        its length. From a point of the route the next one is always in sight, since no corner is between them.
+
+        Args:
+            Q: Where the motion begins (n,).
+            motions: Tests it. Its margin should be less than the route was planned with: where Q itself is too near,
+                no motion is clear, and the progress stays as it is.
+            after: Progress of the last point, 0 at first.
+
+        Returns:
+            Its progress, as a share of the route's length from 0 to 1, and the configuration there (n,).
+        """
+        shares = self.shares(FOLLOWED_POINTS)
+        ahead = shares[shares > after][::-1]
+        for progress, waypoint in zip(ahead, self.at(ahead), strict=True):
+            if motions.is_clear(Q, waypoint):
+                return float(progress), waypoint
+        return after, self.at(np.array([after]))[0]
+
+    def shares(self, pieces: int) -> np.ndarray:
+        """Return shares of the length from 0 to 1 (K,): so many even ones, and between them those of the waypoints."""
+        return np.union1d(self.marks / max(self.length, SHORTEST), np.linspace(0.0, 1.0, pieces + 1))
+
+
+def find_route(
+    start: np.ndarray,
+    goal: np.ndarray,
+    *,
+    low: np.ndarray,
+    high: np.ndarray,
+    free: Sequence[int],
+    motions: StraightMotions,
+    seed: int,
+    iterations: int = ITERATIONS,
+    slack: float = 0.0,
+) -> Route | None:
+    """Return a short clear route; None if start or goal is not clear, or if so many iterations have found no route.
+
+    Where the straight motion is clear, it is the route. Others are planned, then shortened. The same arguments give the
+    same route, in every process and whatever was planned before, unless planning lasts `LONGEST_PLANNING`. OMPL draws
+    its seeds from one generator of the process: two threads must not plan at once.
+
+    Args:
+        start: Configuration at its beginning (n,); angles do not wrap.
+        goal: Configuration at its end (n,).
+        low: Least values of the coordinates (n,). Infinite ones are replaced: a route then leaves the box about start
+            and goal by at most their distance in the metric. Start and goal may be outside.
+        high: Largest values (n,), likewise.
+        free: Which coordinates move. The others stay at the start's values, at the end of the route too.
+        motions: Measures and tests motions.
+        seed: An integer from 0 on.
+        iterations: How often the planner looks whether it should stop: about how many configurations it draws.
+        slack: By how much start and goal may be nearer than the margin [m]. So may the route about one that is: the
+            less, the farther from it, and not at all a tenth of the distance from start to goal away.
+
+    Raises:
+        InputError: A route has to be planned, and OMPL is not installed.
+    """
+    moving = np.asarray(free, dtype=int)
+    end = start.copy()
+    end[moving] = goal[moving]
+    motions = _allowing_near_ends(motions, start, end, slack)
+    if np.any(motions.clearance(np.stack([start, end])) < 0.0):
+        return None
+    if motions.is_clear(start, end):
+        return Route(np.stack([start, end]), motions.scale)
+
+    reach = motions.length(start, end) / motions.scale
+    lowest = np.minimum(start, end)
+    highest = np.maximum(start, end)
+    waypoints = _plan(
+        start,
+        end,
+        low=np.where(np.isfinite(low), np.minimum(low, lowest), lowest - reach),
+        high=np.where(np.isfinite(high), np.maximum(high, highest), highest + reach),
+        moving=moving,
+        motions=motions,
+        seed=seed,
+        iterations=iterations,
+    )
+    if waypoints is None or not all(map(motions.is_clear, waypoints[:-1], waypoints[1:])):
+        return None  # the planner may have been stopped while it smoothed a path, before it tested that
+    return _shortened(Route(waypoints, motions.scale), motions)
+
+
+def _allowing_near_ends(motions: StraightMotions, start: np.ndarray, end: np.ndarray, slack: float) -> StraightMotions:
+    """Return motions that may be as near as start and end (n,) about these, if they are within the slack [m]."""
+    ends = np.stack([start, end])
+    lacking = -motions.clearance(ends)
+    allowed = np.where((lacking > 0.0) & (lacking <= slack), lacking + ROUNDING, 0.0)
+    if not np.any(allowed):
+        return motions
+    radius = max(0.1 * motions.length(start, end), SHORTEST)
+
+    def clearance(configurations: np.ndarray) -> np.ndarray:
+        distances = np.linalg.norm((configurations[:, None] - ends) * motions.scale, axis=2)
+        fading = np.maximum(0.0, 1.0 - distances / radius)
+        return np.asarray(motions.clearance(configurations) + np.max(allowed * fading, axis=1))
+
+    return replace(motions, clearance=clearance)
+
+
+def _plan(
+    start: np.ndarray,
+    end: np.ndarray,
+    *,
+    low: np.ndarray,
+    high: np.ndarray,
+    moving: np.ndarray,
+    motions: StraightMotions,
+    seed: int,
+    iterations: int,
+) -> np.ndarray | None:
+    """Return the corners (W, n) of the shortest path that the planner has found, None if it has found none.
+
+    OMPL's states are the moving coordinates times their weights, so that its metric is the Euclidean one.
+    """
+    base, geometric, util = _ompl()
+    count = len(moving)
+    scale = motions.scale[moving]
+
+    def configuration(state: Any) -> np.ndarray:
+        values = start.copy()
+        values[moving] = np.array(state[0:count]) / scale
+        return values
+
+    class Validator(base.MotionValidator):  # type: ignore[misc, name-defined]
+        def checkMotion(self, one: Any, other: Any) -> bool:
+            return motions.is_clear(configuration(one), configuration(other))
+
+    space = base.RealVectorStateSpace(count)
+    bounds = base.RealVectorBounds(count)
+    for axis, coordinate in enumerate(moving):
+        bounds.setLow(axis, float(low[coordinate] * scale[axis]))
+        bounds.setHigh(axis, float(high[coordinate] * scale[axis]))
+    space.setBounds(bounds)
+
+    log_level = util.getLogLevel()
+    util.setLogLevel(util.LOG_NONE)  # a generator that is seeded again is reported as an error: what is drawn is right
+    try:
+        util.RNG.setSeed(seed + 1)  # OMPL ignores a 0
+        information = base.SpaceInformation(space)
+        information.setMotionValidator(Validator(information))
+        information.setStateValidityChecker(lambda state: bool(motions.clearance(configuration(state)[None])[0] >= 0.0))
+        information.setup()
+
+        problem = base.ProblemDefinition(information)
+        ends = []
+        for values in (start, end):
+            state = information.allocState()
+            state[0:count] = [float(value) for value in values[moving] * scale]
+            ends.append(state)
+        problem.setStartAndGoalStates(*ends)
+        problem.setOptimizationObjective(base.PathLengthOptimizationObjective(information))
+
+        planner = geometric.AORRTC(information)
+        planner.setProblemDefinition(problem)
+        planner.setup()
+        planner.solve(base.PlannerTerminationCondition(_Budget(iterations)))
+    finally:
+        util.setLogLevel(log_level)
+
+    if not problem.hasExactSolution():
+        return None
+    inner = [configuration(state) for state in problem.getSolutionPath().getStates()[1:-1]]
+    return np.stack([start, *inner, end])
+
+
+class _Budget:
+    """Tells a planner, which asks at every iteration, when to stop."""
+
+    def __init__(self, iterations: int) -> None:
+        self._left = iterations
+        self._latest = time.monotonic() + LONGEST_PLANNING
+
+    def __call__(self) -> bool:
+        self._left -= 1
+        return self._left < 0 or time.monotonic() > self._latest
+
+
+def _ompl() -> tuple[ModuleType, ModuleType, ModuleType]:
+    """Return the modules of OMPL."""
+    try:
+        from ompl import base, geometric, util
+    except ImportError as error:
+        raise InputError(
+            f"routes: found no working package {error.name} ({error}); install it with pip install 'psmpc[routes]'"
+        ) from None
+    return base, geometric, util
+
+
+def _shortened(route: Route, motions: StraightMotions) -> Route:
+    """Return the route with corners cut, until a pass gains less than `SHORTENING_GAIN` of its length.
+
+    A pass takes the shortest path along straight clear motions between points of the route.
+    """
+    while True:
+        points = route.at(route.shares(SHORTENING_POINTS))
+        shorter = Route(_shortest_path(points, motions), route.scale)
+        if shorter.length > (1.0 - SHORTENING_GAIN) * route.length:
+            return shorter
+        route = shorter
+
+
+def _shortest_path(points: np.ndarray, motions: StraightMotions) -> np.ndarray:
+    """Return the points (W, n) of the shortest clear path from the first of some (P, n) to the last, in their order.
+
+    The motion from each point to the next is clear. Shortest lengths from the first point are found in the order of the
+    points; a motion is tested only if it were part of a shorter path than those found.
+    """
+    lengths = np.zeros(len(points))
+    previous = np.zeros(len(points), dtype=int)
+    for k in range(1, len(points)):
+        through = lengths[:k] + np.linalg.norm((points[:k] - points[k]) * motions.scale, axis=1)
+        candidates = np.argsort(through, kind="stable")
+        previous[k] = next(j for j in candidates if j == k - 1 or motions.is_clear(points[j], points[k]))
+        lengths[k] = through[previous[k]]
+    path = [len(points) - 1]
+    while path[-1] > 0:
+        path.append(int(previous[path[-1]]))
+    return points[path[::-1]]

@@ -10,6 +10,7 @@ import numpy as np
 from psmpc_cli.control.attempts import Attempt, Attempts
 from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.fallback import PlansInForce
+from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.placement import Placement, Placer, Signs
@@ -48,6 +49,7 @@ class Memory:
         target_object: What is known of an object that moves; None without one.
         signs: Of the quaternions in spatial targets.
         arguments: Those of constraints that samples of the current stage set, by name.
+        route: How far the robot has come on its routes.
     """
 
     sequence: MovingSequence
@@ -59,6 +61,7 @@ class Memory:
     target_object: ObjectEstimate | None = None
     signs: Signs = field(default_factory=dict)
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
+    route: RouteProgress = field(default_factory=RouteProgress)
 
     def __repr__(self) -> str:
         return f"<Memory of {self.time:g} s: stages {self.sequence.first} to {self.sequence.last} in the window>"
@@ -136,6 +139,7 @@ class ControlLaw:
         model = problem.model
         self._estimator = Estimator(self._spec, model.space, model.actuated, noise, self._tick)
         self._placer = Placer(problem)
+        self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
         self._load = _known_load(problem)
 
@@ -183,6 +187,9 @@ class ControlLaw:
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x = np.asarray(chart.enter(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
+        if self._guide is not None:
+            route = self._guide.followed(memory.route, memory.sequence.first, time, foreseen, target_object)
+            memory = replace(memory, route=route)
         placement = self._place(memory, time, x, chart)
         is_measured = isfinite(measurement.state.x @ measurement.state.x)
         return replace(memory, signs=placement.signs), Situation(time, estimate, x, is_measured, placement)
@@ -204,6 +211,7 @@ class ControlLaw:
             plan=memory.plans.solved,
             target_object=memory.target_object,
             signs=memory.signs,
+            vias=memory.route.vias,
             at_ends=at_ends,
         )
 
@@ -252,6 +260,8 @@ class ControlLaw:
         it had the stage end.
         """
         stage = situation.stages[sequence.first]
+        if stage.is_on_route:
+            return False
         renewed = solution is None or solution.outcome.usable
         if sequence.count == 1:
             return True
@@ -282,7 +292,7 @@ class ControlLaw:
 
     def _detect(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
         """Return the sequence with the next stage, where its switch is predicted; else None."""
-        if self._one_stage:
+        if self._one_stage or situation.stages[memory.sequence.last].is_on_route:
             return None
         margin = self._spec.detection_margin
         return detect(memory.sequence, situation.stages, self.problem.costs, prediction, margin)

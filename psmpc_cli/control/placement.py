@@ -68,6 +68,7 @@ class Placer:
         plan: Plan | None,
         target_object: ObjectEstimate | None,
         signs: Signs,
+        vias: Mapping[int, np.ndarray],
         at_ends: bool = False,
     ) -> Placement:
         """Place the stages at a sample.
@@ -82,12 +83,16 @@ class Placer:
             plan: The plan in force, in the chart; None before the first.
             target_object: What is known of the object; None without one that moves.
             signs: Those of the sample before.
+            vias: Points of routes that costs follow, by stage index: numbers of its target.
             at_ends: Targets relative to the object are where it is when their stage is planned to end, or at the end of
                 the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
         stages = self._stages
         if self.follows_object and target_object:
             stages = self._at_object(time, sequence, target_object, at_ends)
+        if self._problem.spec.routes is not None:
+            of_targets = (vias.get(stage.index, np.full(len(stage.target), np.nan)) for stage in stages)
+            stages = tuple(stage.heading_for(via) for stage, via in zip(stages, of_targets, strict=True))
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
         begins = dict(enumerate([time, *sequence.instants], start=sequence.first))
         found = {

@@ -293,12 +293,28 @@ class PlacedStage(Stage):
         drift: Rate of the target's rows of error, due to an object that moves, (rows,) [m/s, rad/s]; 0 of one at rest.
         awaits_object: The object that it holds is not yet where the end condition wants it.
         object_state: Pose and velocity of the object that the target is for, (6,) or (13,); empty if it is for none.
+        via: Numbers of the target at the point of a route that the cost follows instead; NaN where it is the target,
+            empty in a task without routes.
     """
 
     signs: tuple[float, ...] = ()
     drift: np.ndarray | float = 0.0
     awaits_object: bool = False
     object_state: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    via: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def is_on_route(self) -> bool:
+        """Whether its cost follows a point of a route instead of the target."""
+        return bool(len(self.via) and np.isfinite(self.via).all())
+
+    def heading_for(self, via: np.ndarray) -> "PlacedStage":
+        """Return the stage with a cost that follows a point of a route (numbers,); NaN: its target."""
+        stage = replace(self, via=via)
+        if not stage.is_on_route:
+            return stage
+        standing = Trajectory(np.array([0.0, 1.0]), np.array([via, via]), tuple(self.attitudes.values()))
+        return replace(stage, trajectory=standing)
 
     @cached_property
     def end_drift(self) -> np.ndarray:

@@ -93,15 +93,17 @@ class Window:
         """What the task and the measured state do not say, for a log; `window_record.read_window` is the inverse.
 
         elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),). In space the signs of the quaternions of each stage
-        follow, then the states of the object that targets are for, its poses in the gripper that holds it, and the
-        arguments of constraints that samples set.
+        follow, then the states of the object that targets are for, its poses in the gripper that holds it, the
+        arguments of constraints that samples set, and the points of routes that costs follow.
         """
         times = [self.elapsed, self.hold]
         signs = [stage.signs for stage in self.stages]
         objects = [stage.object_state for stage in self.stages]
         inside = [stage.object_end.inside for stage in self.stages]
         arguments = [each.argument for stage in self.stages for each in stage.sampled_constraints.values()]
-        return np.concatenate([times, self.omega, self.offset, self.scale, *signs, *objects, *inside, *arguments])
+        vias = [stage.via for stage in self.stages]
+        numbers = (*signs, *objects, *inside, *arguments, *vias)
+        return np.concatenate([times, self.omega, self.offset, self.scale, *numbers])
 
     @property
     def K(self) -> int:

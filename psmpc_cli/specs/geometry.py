@@ -146,6 +146,13 @@ def _known_parts(pairs: tuple[tuple[str, str], ...], before: Fields, context: Co
                 yield (i, j), flaw(choice(name, valid))
 
 
+class RoutesSpec(Spec):
+    """Routes round what blocks the straight motion to a stage's target, planned before the run."""
+
+    iterations: fields.Whole = Field(5000, ge=1, le=1_000_000, description="iterations of the planner for each route")
+    spare: fields.NotNegative = Field(0.02, description="by how much more than the margin routes keep clear [m]")
+
+
 class ClearanceSpec(Spec):
     """How far apart bodies keep: the robot from itself, from obstacles and from the object."""
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping, quoted
 from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.geometry import OBJECT, ClearanceSpec, ObstacleSpec, OneCone
+from psmpc_cli.specs.geometry import OBJECT, ClearanceSpec, ObstacleSpec, OneCone, RoutesSpec
 from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     SPACES,
@@ -532,6 +532,15 @@ def _own_names(
             yield (i, "name"), expected("a name of its own", found)
 
 
+def _may_have_routes(routes: RoutesSpec, before: Fields, context: Context) -> RuleErrors:
+    """Give routes of a robot that cannot follow them, or round nothing."""
+    if context.moved_by.moves and not context.moved_by.actuated:
+        yield (), expected(f"none: a {context.mobility} base moves as the arms move it", at_key=True)
+    stages = before.get("stages", ())
+    if "clearance" in before and before["clearance"] is None and not any(stage.clearance for stage in stages):
+        yield (), expected('also "clearance": routes keep clear of what it names', "routes alone", at_key=True)
+
+
 def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], before: Fields, context: Context) -> RuleErrors:
     """Give obstacles with names that parts of the robot have, or the object."""
     taken = [*context.sizes, OBJECT]
@@ -744,6 +753,9 @@ class TaskSpec(Spec):
     ] = Field((), description="bodies that the robot does not touch")
     clearance: fields.Sparse[ClearanceSpec | None] = Field(
         None, description="how far apart bodies keep; default nothing is kept, measured or called a touch"
+    )
+    routes: fields.Sparse[Annotated[RoutesSpec, holds(_may_have_routes)] | None] = Field(
+        None, description="routes round what blocks the straight motion to a target; default none"
     )
     uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"

@@ -221,7 +221,7 @@ def _numbers(group: Group, spec: ClearanceSpec, model: RobotModel) -> Constraint
         low=np.full(pairs.rows, spec.margin),
         high=np.full(pairs.rows, np.inf),
         at_sample=partial(_at_sample, group, spec),
-        at_nodes=partial(_at_nodes, pairs, model),
+        at_nodes=partial(poses_at, pairs, model),
     )
 
 
@@ -230,26 +230,17 @@ def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: Sam
 
     Of an object that is not held yet the pose in the gripper is not known.
     """
+    argument = argument_of(group, model, sample)
+    if argument is None:
+        return sample.before
     pairs = group.pairs
-    argument = np.zeros(1)
-    if pairs.gripper is not None:
-        if sample.object_state is None or not sample.is_current:
-            return sample.before
-        xi = np.asarray(model.charted(sample.x[: model.n], sample.anchor)).ravel()
-        inside = model.space.relative(sample.object_state[0], xi[model.pose_rows[pairs.gripper]])
-        argument = np.append(argument, inside)
-    if pairs.moves:
-        state = group.state(sample)
-        if state is None:
-            return None
-        argument = np.concatenate([argument, *state])
     since = np.zeros(1)
     X = sample.x[None]
     if sample.ahead is not None:
         since = np.append(since, sample.ahead[0] - sample.time)
         X = np.vstack([X, sample.ahead[1]])
     anchors = np.tile(sample.anchor, (len(X), 1))
-    taken = np.hstack([anchors, _at_nodes(pairs, model, argument, since)])
+    taken = np.hstack([anchors, poses_at(pairs, model, argument, since)])
     apart = model.owned((functions, pairs), partial(functions, model, pairs)).value(X, taken, rows=len(X))[0]
     is_far = sample.ahead is not None and apart.min() > spec.margin + FORESEEN
     is_inside = bool(apart[0].min() < spec.margin)
@@ -257,7 +248,24 @@ def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: Sam
     return np.full(len(argument), np.nan) if is_far or unused else argument
 
 
-def _at_nodes(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.ndarray) -> np.ndarray:
+def argument_of(group: Group, model: RobotModel, sample: SampleView) -> np.ndarray | None:
+    """Return the argument of a group at a sample, however far its pairs are; None where it is not known."""
+    argument = np.zeros(1)
+    if group.pairs.gripper is not None:
+        if sample.object_state is None or not sample.is_current:
+            return None
+        xi = np.asarray(model.charted(sample.x[: model.n], sample.anchor)).ravel()
+        inside = model.space.relative(sample.object_state[0], xi[model.pose_rows[group.pairs.gripper]])
+        argument = np.append(argument, inside)
+    if group.pairs.moves:
+        state = group.state(sample)
+        if state is None:
+            return None
+        argument = np.concatenate([argument, *state])
+    return argument
+
+
+def poses_at(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.ndarray) -> np.ndarray:
     """Return what the functions take at times since the sample (N,): a 0 and the poses, (N, numbers)."""
     n_pose = model.space.n_pose
     fixed = argument[: 1 + n_pose * (pairs.gripper is not None)]

@@ -1,0 +1,189 @@
+"""The robot on its routes: which stages have one, and the point of it that their cost follows.
+
+Where the straight motion to a stage's target is blocked, a route leads round. The stage's cost follows the farthest
+point of the route that a clear straight motion from the robot reaches, never moving back; from where that is the
+target on, the stage is as ever. Until then its end is not detected, and the next stage does not enter the window.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from psmpc_cli.control.interface import State
+from psmpc_cli.control.routes import Route, StraightMotions, find_route
+from psmpc_cli.control.tracking import ObjectEstimate
+from psmpc_cli.ocp.constraints.clearance import argument_of, functions, kept_groups, poses_at
+from psmpc_cli.ocp.postures import configurations
+from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.robot.configuration import Chart
+
+UNLIMITED = 0.2
+"""Rate by which motions are measured where a coordinate has no limit [m/s, rad/s]."""
+
+STEP = 0.1
+"""Time at the limits of rates between configurations that are tested along a motion [s]."""
+
+FOLLOWED_SHARE = 0.5
+"""Part of the margin that is enough to follow a route: plans come as near as the margin, and a little nearer."""
+
+
+@dataclass(frozen=True, eq=False)
+class RouteProgress:
+    """How far the robot has come on its routes.
+
+    Attributes:
+        progress: Share of the length of each stage's route, by stage index; 1 and no entry: the target itself counts.
+        vias: Numbers of the targets there, by stage index, where the target itself does not count yet.
+    """
+
+    progress: Mapping[int, float] = field(default_factory=dict)
+    vias: Mapping[int, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRoute:
+    """A route of a stage.
+
+    Attributes:
+        route: Configurations in a chart.
+        chart: The chart.
+    """
+
+    route: Route
+    chart: Chart
+
+
+class Guide:
+    """Plans the routes of a task, and says where on them the robot is.
+
+    Attributes:
+        routes: By stage index; stages whose straight motion is clear have none.
+        blocked: Stages for which no route was found.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self.routes: dict[int, PlannedRoute] = {}
+        self.blocked: list[int] = []
+        self._groups = [kept_groups(problem.spec, problem.model, stage) for stage in range(len(problem.stages))]
+        stops = configurations(problem.task, problem.model, problem.stages)
+        for stage in range(len(problem.stages)):
+            self._plan(stage, stops[stage], stops[stage + 1], 0.0)
+
+    def _plan(self, stage: int, start: np.ndarray, goal: np.ndarray, time: float) -> None:
+        """Plan the route of a stage between coordinates (nq,), everything that moves where it is at a time [s]."""
+        spec = self._problem.spec
+        clearance = spec.clearance_of(stage)
+        if clearance is None or self._problem.stages[stage].trajectory is not None or spec.routes is None:
+            return
+        space = self._problem.model.space
+        n = self._problem.model.n
+        chart = space.chart_at(start)
+        ends = np.asarray(chart.enter(np.array([start, goal]), np.zeros((2, n))))[:, :n]
+        held = stage in self._problem.held_stages
+        limits = self._problem.stages[stage].limits
+        moves = self._problem.model.spec.moved_by.moves
+        free = np.arange(n)[space.base] if held else np.arange(0 if moves else space.n_twist, n)
+        sample = SampleView(
+            time, np.append(ends[0], np.zeros(n)), chart.anchor, object_state=self._nominal(stage, start)
+        )
+        margin = clearance.margin + spec.routes.spare
+        motions = self._motions(stage, chart, sample, margin)
+        ends[1] = np.where(np.isin(np.arange(n), free), ends[1], ends[0])
+        if motions is None or motions.is_clear(ends[0], ends[1]):
+            return
+        route = find_route(
+            ends[0],
+            ends[1],
+            low=limits.position_low,
+            high=limits.position_high,
+            free=free.tolist(),
+            motions=motions,
+            seed=spec.seed,
+            iterations=spec.routes.iterations,
+            slack=margin,
+        )
+        if route is None:
+            self.blocked.append(stage)
+        elif len(route.waypoints) > 2:
+            self.routes[stage] = PlannedRoute(route, chart)
+
+    def _nominal(self, stage: int, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return where the object is while a stage leads from coordinates (nq,) on, and no velocity."""
+        capture = self._problem.capture
+        if capture is None:
+            return None
+        model = self._problem.model
+        pose = np.array(capture.pose)
+        if stage in self._problem.held_stages:
+            frame, at = next(iter(capture.grasp.at.items()))
+            gripper = model.poses(Q)[list(model.pose_rows).index(frame)]
+            pose = model.space.composed(
+                gripper, model.space.relative(model.space.neutral[model.space.base_coordinates], at)
+            )
+        elif stage >= self._problem.held_stages.stop and capture.destination is not None:
+            pose = np.array(capture.destination.pose)
+        return pose, np.zeros(model.space.n_twist)
+
+    def _motions(self, stage: int, chart: Chart, sample: SampleView, margin: float) -> StraightMotions | None:
+        """Return straight motions that keep a margin as a sample finds what is around; None where nothing is."""
+        model = self._problem.model
+        native = self._problem.spec.solver.compiled
+        evaluated = []
+        for group in self._groups[stage].values():
+            argument = argument_of(group, model, sample)
+            if argument is not None:
+                rows = model.owned((functions, group.pairs), partial(functions, model, group.pairs))
+                taken = poses_at(group.pairs, model, argument, np.zeros(1))[0]
+                evaluated.append(((rows.compiled if native else rows).value, np.concatenate([chart.anchor, taken])))
+        if not evaluated:
+            return None
+
+        def clearance(Q: np.ndarray) -> np.ndarray:
+            X = np.hstack([Q, np.zeros_like(Q)])
+            nearest = [value(X, argument, rows=len(X))[0].min(axis=1) for value, argument in evaluated]
+            return np.asarray(np.min(nearest, axis=0) - margin)
+
+        limits = self._problem.stages[stage].limits
+        rates = np.minimum(-limits.velocity_low, limits.velocity_high)
+        scale = 1 / np.where(np.isfinite(rates) & (rates > 0), rates, UNLIMITED)
+        return StraightMotions(clearance, scale, STEP)
+
+    def followed(
+        self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate | None
+    ) -> RouteProgress:
+        """Return how far a robot in a state has come on the routes of the current stage and those after it."""
+        progress = dict(before.progress)
+        vias = dict[int, np.ndarray]()
+        n = self._problem.model.n
+        for stage, planned in self.routes.items():
+            route = planned.route
+            if stage < first or progress.get(stage, 0.0) >= 1.0:
+                continue
+            Q = route.waypoints[0]
+            if stage == first and np.isfinite(state.Q).all():
+                Q = np.asarray(planned.chart.enter(state.Q[None], np.zeros((1, n))))[0, :n]
+            object_state = None if target_object is None else target_object.at(time)
+            sample = SampleView(time, np.append(Q, np.zeros(n)), planned.chart.anchor, object_state=object_state)
+            spec = self._problem.spec.clearance_of(stage)
+            motions = (
+                None if spec is None else self._motions(stage, planned.chart, sample, FOLLOWED_SHARE * spec.margin)
+            )
+            if motions is None:
+                continue
+            reached, point = route.farthest_clear(Q, motions, progress.get(stage, 0.0))
+            if stage == first:
+                progress[stage] = reached
+            if reached < 1.0:
+                vias[stage] = self._numbers(stage, planned.chart, point)
+        return RouteProgress(progress, vias)
+
+    def _numbers(self, stage: int, chart: Chart, point: np.ndarray) -> np.ndarray:
+        """Return the numbers of a stage's target at a configuration (n,) in a chart."""
+        model = self._problem.model
+        Q, _ = chart.leave(np.append(point, np.zeros(model.n))[None])
+        in_joint_space = self._problem.stages[stage].space == "joint"
+        return np.asarray(Q[0] if in_joint_space else model.g(Q[0])).ravel()

@@ -19,6 +19,7 @@ from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.specs.parts import SPACES
 
 UNLIMITED = 0.2
 """Rate by which motions are measured where a coordinate has no limit [m/s, rad/s]."""
@@ -77,14 +78,16 @@ class Guide:
         """Plan the route of a stage between coordinates (nq,), everything that moves where it is at a time [s]."""
         spec = self._problem.spec
         clearance = spec.clearance_of(stage)
-        if clearance is None or self._problem.stages[stage].trajectory is not None or spec.routes is None:
+        own = self._problem.stages[stage]
+        can_be_routed = SPACES[own.space].has_posture and own.trajectory is None
+        if clearance is None or spec.routes is None or not can_be_routed:
             return
         space = self._problem.model.space
         n = self._problem.model.n
         chart = space.chart_at(start)
         ends = np.asarray(chart.enter(np.array([start, goal]), np.zeros((2, n))))[:, :n]
         held = stage in self._problem.held_stages
-        limits = self._problem.stages[stage].limits
+        limits = own.limits
         moves = self._problem.model.spec.moved_by.moves
         free = np.arange(n)[space.base] if held else np.arange(0 if moves else space.n_twist, n)
         sample = SampleView(

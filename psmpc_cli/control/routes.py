@@ -113,10 +113,11 @@ class Route:
         return np.concatenate([[0.0], np.cumsum(durations)]), self.waypoints
 
     def farthest_clear(self, Q: np.ndarray, motions: StraightMotions, after: float) -> tuple[float, np.ndarray]:
-        """Return the farthest point of the route that a clear straight motion reaches, never one before the last.
+        """Return how far along the route clear straight motions reach, never to a point before the last.
 
-        Points are tested from the end of the route backwards: its waypoints, and others at `FOLLOWED_POINTS` shares of
-        its length. From a point of the route the next one is always in sight, since no corner is between them.
+        The end is tested first. If it is not in sight, points are bisected as if all before the farthest in sight were:
+        waypoints, and others at `FOLLOWED_POINTS` shares of the length. From a point of the route the next one is
+        always in sight, since no corner is between them.
 
         Args:
             Q: Where the motion begins (n,).
@@ -128,11 +129,19 @@ class Route:
             Its progress, as a share of the route's length from 0 to 1, and the configuration there (n,).
         """
         shares = self.shares(FOLLOWED_POINTS)
-        ahead = shares[shares > after][::-1]
-        for progress, waypoint in zip(ahead, self.at(ahead), strict=True):
-            if motions.is_clear(Q, waypoint):
-                return float(progress), waypoint
-        return after, self.at(np.array([after]))[0]
+        candidates = np.append(after, shares[shares > after])
+        points = self.at(candidates)
+        if motions.is_clear(Q, points[-1]):
+            return float(candidates[-1]), points[-1]
+        reached = 0
+        beyond = len(candidates) - 1
+        while beyond - reached > 1:
+            middle = (reached + beyond) // 2
+            if motions.is_clear(Q, points[middle]):
+                reached = middle
+            else:
+                beyond = middle
+        return float(candidates[reached]), points[reached]
 
     def shares(self, pieces: int) -> np.ndarray:
         """Return shares of the length from 0 to 1 (K,): so many even ones, and between them those of the waypoints."""

@@ -43,17 +43,21 @@ class SpaceTraits:
         axes: What else it is about, by part: names of the rows of the error, and of the numbers of a target. The part
             is `arms`, for every arm, or one that only this skill has. None: the joints of the arms.
         required: The parts that targets and weights must have; None for all.
+        has_posture: A target is a posture, or poses for which inverse kinematics finds one.
     """
 
     about: str
     axes: Mapping[str, tuple[AxesByDimension, AxesByDimension]] | None = None
     required: tuple[str, ...] | None = None
+    has_posture: bool = True
 
 
 SPACES: Mapping[Space, SpaceTraits] = {
     "joint": SpaceTraits("cost on Q, eq. (30)"),
     "task": SpaceTraits("cost on xi, eq. (31)", {"arms": (ERROR_AXES, TARGET_AXES)}),
-    "point": SpaceTraits("end-effectors point at points", {"arms": (POINTING_AXES, POINT_AXES)}, required=("base",)),
+    "point": SpaceTraits(
+        "end-effectors point at points", {"arms": (POINTING_AXES, POINT_AXES)}, ("base",), has_posture=False
+    ),
 }
 """The spaces of skills by their name."""
 

@@ -121,7 +121,7 @@ class ObstacleSpec(Spec):
     """A body that the robot does not touch, at rest or in uniform motion."""
 
     name: fields.Name = Field(description="name of the obstacle")
-    shape: OneShape = Field(description="its shape")
+    shape: OneShape = Field(description="sphere, capsule, box or half_space")
     pose: PoseNumbers = Field(description="pose of the shape's frame at the start, as the object's")
     velocity: Annotated[tuple[fields.Number, ...], by_dimension(2, 3)] = Field(
         (), description="velocity in the inertial frame; default rest [m/s]"

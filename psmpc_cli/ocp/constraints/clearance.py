@@ -36,8 +36,8 @@ FORESEEN = 0.5
 NEAR = 0.1
 """How near its margin the distance of a pair must be at a node to be a row of a program [m]."""
 
-ITSELF = "itself"
-"""Name of the group of the robot's own pairs."""
+ITSELF = "robot, itself"
+"""Name of the group of the robot's own pairs; no obstacle has a comma in its name."""
 
 PoseState: TypeAlias = tuple[np.ndarray, np.ndarray]
 """Pose (n_pose,) and velocity (n_twist,) of a body that moves freely."""
@@ -142,9 +142,9 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
         return found
     held = list(_cover(task.object.shape))
     holder = next(iter(capture.grasp.at))
-    found[f"held {OBJECT}"] = Group(Pairs(tuple(product(held, others)), holder))
+    found[f"{OBJECT}, held"] = Group(Pairs(tuple(product(held, others)), holder))
     for name, (obstacle, state) in obstacles.items():
-        found[f"held {OBJECT} and {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)
+        found[f"{OBJECT}, held, {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)
     return found
 
 

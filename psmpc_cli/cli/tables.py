@@ -257,6 +257,8 @@ def _success(runs: MonteCarloRuns) -> str:
         beyond = runs.exceeded(kind)
         if count := np.count_nonzero(beyond):
             parts.append(f"{count} of {made} exceeded a {kind} limit, by up to {100 * beyond.max():.2g} %")
+    if runs.keeps_clear.any() and (count := np.count_nonzero(runs["touched"] == 1)):
+        parts.append(f"{count} of {made} touched what they keep clear of")
     return "; ".join(parts)
 
 

@@ -379,12 +379,11 @@ Force = Annotated[
 _Key = TypeVar("_Key")
 _One = TypeVar("_One")
 _Each = TypeVar("_Each")
-OneOrMore = Annotated[
-    tuple[_One, ...],
-    Field(min_length=1),
-    BeforeValidator(lambda value: value if isinstance(value, list | tuple | dict) else [value]),
-    _Or(),
-]
+_one_alone = BeforeValidator(lambda value: value if isinstance(value, list | tuple | dict) else [value])
+Several = Annotated[tuple[_One, ...], _one_alone, _Or()]
+"""A list, or one entry alone."""
+
+OneOrMore = Annotated[tuple[_One, ...], Field(min_length=1), _one_alone, _Or()]
 """A list that is not empty, or one entry alone."""
 
 Sparse = Annotated[_One, Field(exclude_if=lambda value: not value)]

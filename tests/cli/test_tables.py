@@ -121,6 +121,14 @@ def test_a_monte_carlo_study_has_rate_spread_and_worst_runs(tmp_path: Path, show
     assert lines[-1] == f"study: {path}"
 
 
+def test_a_monte_carlo_study_counts_the_runs_that_touched(tmp_path: Path, shown: Psmpc) -> None:
+    made = synthetic_monte_carlo(tmp_path / "study.h5", runs=4).results
+    made["smallest_clearance"][:] = [0.02, -0.001, 0.03, -0.01]
+    made["touched"][:] = [0, 1, 0, 1]
+    made.create(force=True)
+    assert shown(tmp_path / "study.h5")[0].endswith("; 2 of 4 touched what they keep clear of")
+
+
 def test_a_monte_carlo_study_without_runs_says_so(tmp_path: Path, shown: Psmpc) -> None:
     synthetic_monte_carlo(tmp_path / "study.h5", runs=2, waiting=(0, 1))
     lines = shown(tmp_path / "study.h5")

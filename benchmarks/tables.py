@@ -53,6 +53,7 @@ SECTIONS = {
         "#actual-starts": "OnsetSpec",
         "#object-and-monitors": "ObjectSpec MonitorSpec",
         "#an-object-with-a-mass": "MotionSpec DestinationSpec GraspSpec EnvelopeSpec StrengthSpec OnObject",
+        "#obstacles-and-clearance": "ObstacleSpec ClearanceSpec",
         "#uncertainty": "ObjectErrorSpec UncertaintySpec FrictionSpec StateNoiseSpec NoiseSpec ImpulseSpec PayloadSpec",
         "#published-and-log": "PublishedRun LogSpec",
         "#bodies": "Base Arm Mount Link Tool",

@@ -34,18 +34,20 @@ from psmpc_cli.report.texts import (
     number,
     stage_rows,
 )
+from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
 from psmpc_cli.simulation.replay import unequal_conditions
 from psmpc_cli.simulation.run import build_experiment, converging
 from psmpc_cli.specs.document import counted, plain
 from psmpc_cli.specs.fields import Spec
+from psmpc_cli.specs.geometry import ShapeSpec, pair_name
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import GRASP_LOADS, ObjectSpec
 from psmpc_cli.specs.parts import POSITION_AXES, TARGET_AXES, axes_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits
-from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec
+from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
@@ -257,6 +259,8 @@ def _success(runs: MonteCarloRuns) -> str:
         beyond = runs.exceeded(kind)
         if count := np.count_nonzero(beyond):
             parts.append(f"{count} of {made} exceeded a {kind} limit, by up to {100 * beyond.max():.2g} %")
+    if runs.keeps_clear.any() and (count := np.count_nonzero(runs["touched"] == 1)):
+        parts.append(f"{count} of {made} touched what they keep clear of")
     return "; ".join(parts)
 
 
@@ -314,9 +318,53 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if limits := [(coordinate, force) for coordinate, *_, force in _limits(task.robot, spec.limits) if force]:
         typer.echo()
         print_table(("coordinate", "limit of force, of robot and task"), limits, left=2)
+    if rows := [*_obstacles(spec), *_clearance(task)]:
+        typer.echo()
+        print_table(("clearance", ""), rows)
     if spec.object is not None:
         typer.echo()
         print_table(("object", ""), [*_object(spec.object), *_unknown_load(task, model, stops)])
+
+
+def _obstacles(task: TaskSpec) -> Iterator[Row]:
+    """Yield a row for each obstacle: its shape, where it is and how it moves."""
+    for obstacle in task.obstacles:
+        drift = f", moves at {_listed(obstacle.velocity)} m/s" if any(obstacle.velocity) else ""
+        yield f"obstacle {obstacle.name}", f"{_shape(obstacle.shape)} at {_pose(obstacle.pose)}{drift}"
+
+
+def _shape(shape: ShapeSpec) -> str:
+    """Write a shape with its sizes."""
+    if shape.sphere is not None:
+        return f"sphere of radius {shape.sphere:g} m"
+    if shape.capsule is not None:
+        radius, length = shape.capsule
+        return f"capsule of radius {radius:g} m about {length:g} m"
+    if shape.box is not None:
+        return f"box of {' x '.join(f'{edge:g}' for edge in shape.box)} m"
+    return f"half-space with normal {_listed(shape.half_space or ())}"
+
+
+def _clearance(task: Task) -> Iterator[Row]:
+    """Yield how far apart a task keeps what, in its stages too, and what its robot is made of for that."""
+    spec = task.spec
+    own = {f"in {stage.name}": stage.clearance for stage in spec.stages}
+    for where, clearance in {"at least": spec.clearance, **own}.items():
+        if clearance is not None:
+            excepted = ", ".join(pair_name(*pair) for pair in clearance.excepted)
+            but = f", but not {excepted}" if excepted else ""
+            yield where, f"{1e3 * clearance.margin:g} mm, {'hard' if clearance.hard else 'soft'}{but}"
+    if spec.keeps_clear:
+        yield "robot", _geometry(task.robot)
+
+
+def _geometry(robot: RobotSpec) -> str:
+    """Write how many capsules the bodies of a robot have where distances count, and where they are from."""
+    pieces = pieces_of(robot)
+    counts = Counter(piece.part for piece in pieces)
+    origin = "from its file" if robot.geometry else "fitted to its joints"
+    by_body = ", ".join(f"{body} {n}" for body, n in counts.items())
+    return f"{counted(len(pieces), 'capsule', 'capsules')} {origin}: {by_body}"
 
 
 def _posture(robot: RobotSpec, posture: ArmPosture) -> Row:
@@ -371,6 +419,7 @@ def print_robot(robot: RobotSpec) -> None:
     typer.echo()
     print_table(("coordinate", *LIMIT_UNITS), _limits(robot), left=1 + len(LIMIT_UNITS))
     typer.echo()
+    typer.echo(f"shape: {_geometry(robot)}")
     if isinstance(robot, SpatialRobot) and robot.assumed:
         typer.echo("assumed:")
         typer.echo("\n".join(f"  {note}" for note in robot.assumed))

@@ -10,9 +10,10 @@ from psmpc_cli.logs.schema import PEAKS
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
+from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.object import GRASP_LOADS, CaptureSpec
 from psmpc_cli.specs.robot import Limits
-from psmpc_cli.specs.task import OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec
+from psmpc_cli.specs.task import NOTHING_TOUCHED, OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec
 
 Arrays = Mapping[str, np.ndarray]
 
@@ -115,6 +116,54 @@ class Largest:
     sample: int
 
 
+@dataclass(frozen=True)
+class NearestParts:
+    """Two parts that keep clear, at a sample of a run.
+
+    Attributes:
+        pair: Their names, by `pair_name`.
+        distance: Their smallest distance at the ticks of the sample, negative where they overlap [m].
+        margin: That less what the task keeps [m].
+        time: Of the sample [s].
+        sample: Its number.
+    """
+
+    pair: str
+    distance: float
+    margin: float
+    time: float
+    sample: int
+
+
+@dataclass(frozen=True)
+class ClearanceSummary:
+    """How near parts that keep clear came to each other.
+
+    Attributes:
+        nearest: The two with the smallest distance, when it was.
+        tightest: The two with the smallest margin; others where the task keeps different margins in its stages.
+        touched: Pairs that touched.
+        touched_at: Sample at which the first one did [s]; NaN if none did.
+    """
+
+    nearest: NearestParts
+    tightest: NearestParts
+    touched: tuple[str, ...]
+    touched_at: float
+
+    @property
+    def touch(self) -> str:
+        """Which parts touched, how deep and when; empty if none did."""
+        if not self.touched:
+            return ""
+        deepest = self.nearest
+        text = f"{deepest.pair} touched, {-1e3 * deepest.distance:.1f} mm deep at {deepest.time:.1f} s"
+        further = [f"first touch at {self.touched_at:.1f} s"] if self.touched_at < deepest.time else []
+        more = len(self.touched) - 1
+        further += [counted(more, "more pair touched", "more pairs touched")] if more else []
+        return f"{text} ({'; '.join(further)})" if further else text
+
+
 class CaptureSummary:
     """What became of an object with a mass; NaN where it never came to that.
 
@@ -191,6 +240,7 @@ class Summary:
         end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
             true state; None without noise.
         capture: What became of an object with a mass; None without one.
+        clearance: How near parts came that keep clear; None where none do, or where it is not known.
     """
 
     def __init__(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
@@ -254,6 +304,7 @@ class Summary:
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
         self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
+        self.clearance = summarize_clearance(arrays)
 
     def __repr__(self) -> str:
         outcome = f"{'succeeded' if self.succeeded else 'did not succeed'}: {self.reason}"
@@ -261,14 +312,61 @@ class Summary:
 
 
 def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
-    """Judge a task's monitors, and what becomes of an object with a mass, by the datasets of a log."""
-    monitored = (judge_monitor(monitor, arrays) for monitor in task.monitors)
+    """Judge by the datasets of a log what decides whether a mission succeeded, see `TaskSpec.judged`."""
+    monitored = [judge_touch(arrays)] if task.keeps_clear else []
+    monitored += [judge_monitor(monitor, arrays) for monitor in task.monitors]
     if task.capture is None:
         return tuple(monitored)
     if "grasp/pull" in arrays:
         return (*monitored, *_object_checks(task, task.capture, arrays))
     # nobody knows what became of the object in a loop of the user's own
     return (*monitored, *(Verdict(name, False, np.nan, "1", np.nan) for name in task.object_checks))
+
+
+def summarize_clearance(arrays: Arrays) -> ClearanceSummary | None:
+    """Find the parts that came nearest to each other; None where no distance is known."""
+    distances = arrays.get("clearance/distance")
+    if distances is None or not np.isfinite(distances).any():
+        return None
+    margins = arrays["clearance/margin"]
+
+    def at_smallest(values: np.ndarray) -> NearestParts:
+        sample, pair = (int(at) for at in np.unravel_index(int(np.nanargmin(values)), values.shape))
+        return NearestParts(
+            pair=str(arrays["clearance/pair"][pair]),
+            distance=float(distances[sample, pair]),
+            margin=float(margins[sample, pair]),
+            time=float(arrays["time"][sample]),
+            sample=sample,
+        )
+
+    overlaps = distances < 0
+    samples = np.flatnonzero(overlaps.any(axis=1))
+    return ClearanceSummary(
+        nearest=at_smallest(distances),
+        tightest=at_smallest(margins),
+        touched=tuple(arrays["clearance/pair"][overlaps.any(axis=0)].tolist()),
+        touched_at=float(arrays["time"][samples[0]]) if len(samples) else np.nan,
+    )
+
+
+def judge_touch(arrays: Arrays) -> Verdict:
+    """Judge whether parts that keep clear touched; not judged where no distance is known, as in a loop without ticks.
+
+    Nothing can touch where every pair is excepted.
+    """
+    found = summarize_clearance(arrays)
+    if found is None:
+        has_none = "clearance/pair" in arrays and not len(arrays["clearance/pair"])
+        return Verdict(NOTHING_TOUCHED, has_none, np.inf if has_none else np.nan, "m", np.nan)
+    return Verdict(
+        name=NOTHING_TOUCHED,
+        held=not found.touched,
+        margin=found.nearest.distance,
+        unit="m",
+        broken_at=found.touched_at,
+        instead=found.touch,
+    )
 
 
 def _leaves(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.ndarray]:
@@ -361,10 +459,13 @@ def _why_not_taken(arrays: Arrays, end: float) -> str:
 
 
 def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
-    """Compute the monitored signal at every sample (K,): distance [m] between two frames, or speed [m/s] of frames.
+    """Compute the monitored signal at every sample (K,): distance [m], speed [m/s] or clearance [m].
 
-    Speed is that of the frame's position between samples, the largest of the named frames.
+    Speed is that of the frame's position between samples, the largest of the named frames. Clearance is the smallest
+    distance of the pairs at the ticks until the next sample; NaN where all of them may touch.
     """
+    if monitor.quantity == "clearance":
+        return _smallest_distances(monitor, arrays)
     poses = arrays["pose/xi"]
     names = list(arrays["pose_coordinate"])
     positions = [_position(poses, names, name) for name in monitor.of]
@@ -375,6 +476,14 @@ def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
         return np.zeros(len(arrays["time"]))
     steps = [np.linalg.norm(np.gradient(position, axis=0), axis=1) for position in positions]
     return np.asarray(np.max(steps, axis=0) / np.gradient(arrays["time"]))
+
+
+def _smallest_distances(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
+    """Return the smallest distance of the pairs that a monitor is about, at every sample (K,) [m]."""
+    pairs = arrays.get("clearance/pair", np.zeros(0))
+    is_about = np.array([monitor.is_about(str(pair)) for pair in pairs], bool)
+    distances = arrays.get("clearance/distance", np.full((len(arrays["time"]), 0), np.nan))
+    return np.asarray(np.fmin.reduce(distances[:, is_about], axis=1, initial=np.nan))
 
 
 def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> tuple[float, float, float]:
@@ -523,9 +632,12 @@ def largest(values: np.ndarray, names: Sequence[str], time: np.ndarray, sample: 
 def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
     """Judge a monitor by the datasets of a log."""
     during = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
+    values = signal(monitor, arrays)
+    if monitor.quantity == "clearance":
+        during &= ~np.isnan(values)  # parts that may touch are not measured
     if not during.any():
         return Verdict(monitor.name, False, np.nan, monitor.unit, np.nan)
-    values = signal(monitor, arrays)[during]
+    values = values[during]
     time = arrays["time"][during]
     margins = [side * (bound - values) for bound, side in monitor_bounds(monitor, float(values[0]))]
     margin = np.min(margins, axis=0, initial=np.inf)

@@ -230,13 +230,14 @@ def _create(group: h5py.Group, column: Column, known: ArrayLike | None) -> h5py.
         unknown = None if text else column.unknown
         return group.create_dataset(column.path, shape, dtype, data, fillvalue=unknown, dcpl=compact)
     if column.ragged:
-        chunks: tuple[int, ...] = (ROWS_IN_A_PACK, ELEMENTS_IN_A_CHUNK)
+        chunks: tuple[int, ...] | bool = (ROWS_IN_A_PACK, ELEMENTS_IN_A_CHUNK)
         growth: dict[str, Any] = {"maxshape": (None, None), "compression": "gzip", "compression_opts": 1}
         shape = [0, 0]
         growth["fillvalue"] = np.nan
     else:
         widths = widths[0 if column.is_scale else 1 :]
         chunks = (ROWS_IN_A_CHUNK if column.dims[0] == "time" else TICKS_IN_A_CHUNK, *widths)
+        chunks = chunks if all(widths) else True  # nothing is in them
         shape = [0, *widths]
         growth = {"maxshape": (None, *widths)}
     shape = shape if data is None else data.shape

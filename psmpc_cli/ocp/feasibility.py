@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.ocp.constraints.clearance import kept_groups
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.objective import StageCosts
-from psmpc_cli.ocp.postures import configurations, largest_load_ratio
+from psmpc_cli.ocp.postures import close_parts, configurations, largest_load_ratio
 from psmpc_cli.ocp.problem import build_stages, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, furthest_centre, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
-from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
+from psmpc_cli.specs.document import Changes, Fault, Location, counted, dotted, quoted
+from psmpc_cli.specs.geometry import pair_name
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.parts import POSITION_AXES
 from psmpc_cli.specs.robot import labels, stack
@@ -93,6 +95,7 @@ def review(task: Task) -> list[Fault]:
         *(problem for now, then in pairwise(forecasts) for problem in _handover(task, now.stage, then.stage)),
         *_times(task, forecasts),
         *_grasps(task, forecasts),
+        *_monitored(task, forecasts),
     ]
 
 
@@ -274,7 +277,8 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
     """Return what is probably not meant.
 
     A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
-    keep, tolerances below the noise, a load that outweighs a robot which does not know of it.
+    keep, tolerances below the noise, a load that outweighs a robot which does not know of it, parts that are nearer
+    than the task keeps them.
     """
     pairs = pairwise(forecasts)
     return [
@@ -285,7 +289,45 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_below_noise(task, forecasts),
         *_unknown_load(task, forecasts),
         *(problem for forecast in forecasts for problem in _outside_cones(task, forecast)),
+        *_close_parts(task, forecasts),
     ]
+
+
+def _close_parts(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
+    """Yield parts nearer than the task keeps them at its start or where a stage leads, and obstacles nothing avoids."""
+    if task.spec.obstacles and not task.spec.keeps_clear:
+        yield Fault(("obstacles",), 'found no "clearance", expected one: without it nothing keeps clear of obstacles')
+    if not task.spec.keeps_clear:
+        return
+    stages = [forecast.stage for forecast in forecasts]
+    for found in close_parts(task, forecasts[0].model, stages, forecast_configurations(task, forecasts)):
+        where = "at the start"
+        path: Location = ("initial",)
+        if found.stage is not None:
+            by = ", by inverse kinematics" if found.stage.space == "task" else ""
+            where = f"where {quoted(found.stage.name)} leads{by}"
+            path = ("stages", found.stage.index, "target")
+        first, second = found.parts
+        distance = 1e3 * found.distance
+        apart = f"{distance:.1f} mm apart" if distance >= 0 else f"{-distance:.1f} mm deep in each other"
+        others = f" ({counted(found.others, 'more pair', 'more pairs')} inside it)" if found.others else ""
+        wanted = f"at least the margin of {1e3 * found.margin:g} mm between them{others}"
+        yield Fault(path, f"found {first} and {second} {apart} {where}, expected {wanted}")
+
+
+def _monitored(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
+    """Give monitors of a clearance about parts that are no pair that keeps clear in their stage."""
+    names = [stage.name for stage in task.spec.stages]
+    for number, monitor in enumerate(task.spec.monitors):
+        if monitor.quantity != "clearance":
+            continue
+        groups = kept_groups(task.spec, forecasts[0].model, names.index(monitor.during)).values()
+        if not any(monitor.is_about(pair_name(*pair)) for group in groups for pair in group.pairs.names):
+            message = (
+                f"found {' and '.join(map(quoted, monitor.of)) or 'all pairs'}, expected parts that keep clear in "
+                f"{quoted(monitor.during)}: not neighbours, nor what can never meet, may touch or is excepted"
+            )
+            yield Fault(("monitors", number, "of"), message)
 
 
 CONE_SLACK = 1e-3

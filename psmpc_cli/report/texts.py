@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from psmpc_cli.logs.schema import PEAKS
-from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summary, Verdict
+from psmpc_cli.logs.summary import CaptureSummary, Largest, NearestParts, SolveSummary, Summary, Verdict
 from psmpc_cli.specs.object import GRASP_LOADS
+from psmpc_cli.specs.task import NOTHING_TOUCHED
 
 Row = tuple[str, ...]
 
@@ -95,6 +96,22 @@ def describe_tightest_force(summary: Summary) -> str:
     return "" if force is None else f"{force.where}: {100 * force.value:.1f} % at {force.time:.1f} s"
 
 
+def _nearest(parts: NearestParts) -> str:
+    """Write how near two parts came to each other, when, and how far that is from what the task keeps."""
+    return f"{parts.pair}: {1e3 * parts.distance:.1f} mm at {parts.time:.1f} s, margin {1e3 * parts.margin:.1f} mm"
+
+
+def _smallest_distance(summary: Summary) -> str:
+    """Write which two parts that keep clear came nearest to each other."""
+    return "" if summary.clearance is None else _nearest(summary.clearance.nearest)
+
+
+def _smallest_margin(summary: Summary) -> str:
+    """Write which two parts came nearest to their margin, or farthest inside it, where it is not the nearest two."""
+    found = summary.clearance
+    return "" if found is None or found.tightest == found.nearest else _nearest(found.tightest)
+
+
 def _departure(capture: CaptureSummary | None) -> str:
     """Write when and how an object left the grippers, or is held at the end, and how far from its destination."""
     held_to_the_end = capture is not None and math.isnan(capture.left_at) and math.isfinite(capture.distance)
@@ -132,6 +149,8 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity"), 0, ""),
     ("largest commanded force, of its limit", describe_tightest_force, 0, ""),
     ("forces cut at their limits [% of the time]", lambda run: 100 * run.saturated, 1, ""),
+    ("smallest distance of parts, any tick", _smallest_distance, 0, ""),
+    ("smallest margin of clearance, any tick", _smallest_margin, 0, ""),
     ("farthest beyond a limit, any tick", _beyond_limits, 0, ALONE),
     ("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), 0, DETAIL + ALONE),
     ("end error over tolerance, at switches", lambda run: _largest(run.end_condition), 0, DETAIL),
@@ -198,15 +217,17 @@ def measure_rows(summary: Summary, verbose: bool = False) -> Iterator[Row]:
 
 
 def describe_mission(summary: Summary) -> str:
-    """Write whether the mission succeeded, why the run ended, and which monitors did not hold."""
-    broken = [verdict.name for verdict in summary.monitors if not (verdict.held or math.isnan(verdict.broken_at))]
+    """Write whether the mission succeeded, what touched, why the run ended, and which monitors did not hold."""
+    broken = {each.name: each.instead for each in summary.monitors if not (each.held or math.isnan(each.broken_at))}
     outcome = "succeeded" if summary.succeeded else "failed"
     if summary.completed and not summary.succeeded and not broken:
         outcome = "not judged"
     if not summary.ended:
         outcome = "not finished"
+    touch = broken.pop(NOTHING_TOUCHED) if summary.clearance is not None and summary.clearance.touched else ""
+    first = f"{touch}; " if touch else ""
     monitors = f"; monitor did not hold: {', '.join(broken)}" if broken else ""
-    return f"mission {outcome}: {summary.reason}{monitors}, after {summary.duration:.1f} s"
+    return f"mission {outcome}: {first}{summary.reason}{monitors}, after {summary.duration:.1f} s"
 
 
 def describe_brief_stages(summary: Summary) -> str:

@@ -12,6 +12,7 @@ from psmpc_cli.ocp.constraints.clearance import Group, Pairs, functions, kept_gr
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.specs.geometry import pair_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +113,6 @@ def clearance_header(problem: Problem) -> dict[str, tuple[str, ...]]:
     """Return what runs along the dimensions of distances in a log."""
     pairs = ClearanceMeter(problem).pairs
     return {
-        "clearance/pair": tuple(f"{first} - {second}" for first, second in pairs),
+        "clearance/pair": tuple(pair_name(*pair) for pair in pairs),
         "clearance/point": tuple(f"{side}.{axis}" for side in ("first", "second") for axis in "xyz"),
     }

@@ -187,7 +187,7 @@ class Meter:
         smallest = np.array([distance for distance, _ in found])
         return {
             "clearance/distance": smallest,
-            "clearance/points": np.array([points for _, points in found]).reshape(len(found), len(meter.pairs), -1),
+            "clearance/points": np.array([points for _, points in found]).reshape(len(found), len(meter.pairs), 6),
             "clearance/margin": smallest - meter.margins[stage],
         }
 

@@ -24,6 +24,7 @@ from pydantic import (
     WrapValidator,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, ErrorDetails, PydanticCustomError
 
@@ -88,7 +89,7 @@ def _untitled(schema: dict[str, Any]) -> None:
 class Spec(BaseModel):
     """The parent of every part of a description: frozen, and strict about unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", json_schema_extra=_untitled)
+    model_config = ConfigDict(frozen=True, extra="forbid", serialize_by_alias=True, json_schema_extra=_untitled)
 
     replaced_keys: ClassVar[Mapping[str, str]] = {}
     """What to write instead of keys that earlier versions had."""
@@ -104,9 +105,14 @@ class Spec(BaseModel):
         raise ValidationError.from_exception_data(cls.__name__, flaws)
 
 
+def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Return the fields of a model by their keys in a file, which some have another name for than Python allows."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
 def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
     """Give the errors of a model in our words; a misspelt key is not also reported as missing."""
-    keys = model.model_fields
+    keys = keys_of(model)
     unknown = [str(detail["loc"][0]) for detail in details if detail["type"] == "extra_forbidden"]
     misspelt = {suggestion(key, keys) for key in unknown}
     for detail in details:
@@ -126,23 +132,23 @@ def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
 
 
 def _mapping_of(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
-    return expected(f"a mapping ({model.model_fields[str(detail['loc'][0])].description})")
+    return expected(f"a mapping ({keys_of(model)[str(detail['loc'][0])].description})")
 
 
 def _mapping_with(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
-    return expected(f"a mapping with the keys {', '.join(model.model_fields)}")
+    return expected(f"a mapping with the keys {', '.join(keys_of(model))}")
 
 
 def _unknown_key(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
     key = str(detail["loc"][0])
     if key in model.replaced_keys:
         return expected(model.replaced_keys[key], "an old key", at_key=True)
-    return flaw(choice(key, model.model_fields), "an unknown key", at_key=True)
+    return flaw(choice(key, keys_of(model)), "an unknown key", at_key=True)
 
 
 def _missing_key(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
     key = str(detail["loc"][0])
-    return expected(f"{model.model_fields[key].description}", f'no key "{key}"', at_key=True)
+    return expected(f"{keys_of(model)[key].description}", f'no key "{key}"', at_key=True)
 
 
 def _other_choice(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
@@ -213,7 +219,7 @@ class InlineParts(Spec):
     def _gather_parts(cls, value: object) -> object:
         if not isinstance(value, Mapping) or isinstance(value.get("parts"), Mapping):
             return value
-        others = {key: value[key] for key in cls.model_fields if key != "parts" and key in value}
+        others = {key: value[key] for key in keys_of(cls) if key != "parts" and key in value}
         return {"parts": {key: item for key, item in value.items() if key not in others}, **others}
 
     @classmethod
@@ -373,12 +379,11 @@ Force = Annotated[
 _Key = TypeVar("_Key")
 _One = TypeVar("_One")
 _Each = TypeVar("_Each")
-OneOrMore = Annotated[
-    tuple[_One, ...],
-    Field(min_length=1),
-    BeforeValidator(lambda value: value if isinstance(value, list | tuple | dict) else [value]),
-    _Or(),
-]
+_one_alone = BeforeValidator(lambda value: value if isinstance(value, list | tuple | dict) else [value])
+Several = Annotated[tuple[_One, ...], _one_alone, _Or()]
+"""A list, or one entry alone."""
+
+OneOrMore = Annotated[tuple[_One, ...], Field(min_length=1), _one_alone, _Or()]
 """A list that is not empty, or one entry alone."""
 
 Sparse = Annotated[_One, Field(exclude_if=lambda value: not value)]

@@ -123,24 +123,37 @@ class ObstacleSpec(Spec):
     """A body that the robot does not touch, at rest or in uniform motion."""
 
     name: fields.Name = Field(description="name of the obstacle")
-    shape: OneShape = Field(description="its shape")
+    shape: OneShape = Field(description="sphere, capsule, box or half_space")
     pose: PoseNumbers = Field(description="pose of the shape's frame at the start, as the object's")
     velocity: Annotated[tuple[fields.Number, ...], by_dimension(2, 3)] = Field(
         (), description="velocity in the inertial frame; default rest [m/s]"
     )
 
 
-def _known_parts(pairs: tuple[tuple[str, str], ...], before: Fields, context: Context) -> RuleErrors:
-    """Give names of parts that are none."""
+def names_of_parts(context: Context) -> list[str]:
+    """Return the names of what can keep clear in a task: base, arms, their bodies, obstacles and the object.
+
+    None where the robot is not known.
+    """
     if not context.sizes:
-        return
+        return []
     bodies = [
         f"{part}.{number + 1}" for part, size in context.sizes.items() if part != "base" for number in range(size)
     ]
     obstacles = context.file.value(("obstacles",))
     named = [str(mapping(each).get("name")) for each in obstacles] if isinstance(obstacles, list) else []
-    valid = [*context.sizes, *bodies, *named, *([OBJECT] if context.file.value(("object",)) else [])]
-    for i, pair in enumerate(pairs):
+    return [*context.sizes, *bodies, *named, *([OBJECT] if context.file.value(("object",)) else [])]
+
+
+def pair_name(first: str, second: str) -> str:
+    """Return what logs and messages call two parts that keep clear of each other."""
+    return f"{first} - {second}"
+
+
+def _known_parts(pairs: tuple[tuple[str, str], ...], before: Fields, context: Context) -> RuleErrors:
+    """Give names of parts that are none."""
+    valid = names_of_parts(context)
+    for i, pair in enumerate(pairs if valid else ()):
         for j, name in enumerate(pair):
             if name not in valid:
                 yield (i, j), flaw(choice(name, valid))

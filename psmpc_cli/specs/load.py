@@ -25,7 +25,7 @@ from psmpc_cli.specs.document import (
     read,
     write,
 )
-from psmpc_cli.specs.fields import faults_of
+from psmpc_cli.specs.fields import faults_of, keys_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.parts import MOBILITIES, Context
 from psmpc_cli.specs.priorities import priorities_of
@@ -287,7 +287,7 @@ def _validate(
     data = document.data
     other = _kind_of(document)
     if not isinstance(data, dict) or other not in (kind, None):
-        required = [name for name, field in model.model_fields.items() if field.is_required()]
+        required = [name for name, field in keys_of(model).items() if field.is_required()]
         found = "an empty file" if data is None else f"the description of a {other}" if other else document.found(())
         wanted = f"found {found}, expected a {kind}: a mapping with the keys {', '.join(required)}"
         return None, document.faults or (Fault((), wanted),)

@@ -3,6 +3,7 @@
 Plain validated data in SI units.
 """
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +15,15 @@ from pydantic import BaseModel, Discriminator, Field, Tag
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping, quoted
 from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
-from psmpc_cli.specs.geometry import OBJECT, ClearanceSpec, ObstacleSpec, OneCone, RoutesSpec
+from psmpc_cli.specs.geometry import (
+    OBJECT,
+    ClearanceSpec,
+    ObstacleSpec,
+    OneCone,
+    RoutesSpec,
+    names_of_parts,
+    pair_name,
+)
 from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     SPACES,
@@ -41,7 +50,6 @@ _SkillPart = Annotated[
 ]
 _Control = fields.OrByPart[fields.Size, fields.Part, tuple[fields.Size, ...]]
 _Tolerance = fields.OrByPart[fields.Width, _SkillPart, fields.OneOrMore[fields.Width]]
-_Frames = fields.OneOrMore[Annotated[str, known(lambda context: context.sizes)]]
 _JointNames = fields.OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint"))]]
 _SkillName = Annotated[str, known(lambda context: context.spaces)]
 _StageName = Annotated[str, known(lambda context: context.stages)]
@@ -53,6 +61,9 @@ ControllerKind = Literal["psmpc", "smpc", "hard", "htmpc"]
 _ControllerKey = Annotated[str, known(lambda context: CONTROLLERS, "controller")]
 
 
+NOTHING_TOUCHED = "nothing touched"
+"""What is judged of bodies that keep clear of each other: at no tick does one overlap another."""
+
 OBJECT_CHECKS = ("object taken", "object not lost", "object delivered")
 """What is judged of an object with a mass."""
 
@@ -61,8 +72,12 @@ class MonitorSpec(Spec):
     """A bound on a signal during a stage that decides whether the mission succeeded."""
 
     name: str = Field(min_length=1, description="what the bound means, such as object held")
-    quantity: Literal["distance", "speed"] = Field(description="between two frames, or of one")
-    of: _Frames = Field(description="base or arms: two for a distance, one for a speed")
+    quantity: Literal["distance", "speed", "clearance"] = Field(
+        description="between two frames, of one, or the smallest distance of parts that keep clear"
+    )
+    of: fields.Several[str] = Field(
+        description="base or arms: two for a distance, one for a speed; for a clearance two parts, or [] for all pairs"
+    )
     during: _StageName = Field(description="the stage in which it must hold")
     above_start_at_most: fields.NotNegative | None = Field(
         None, description="rise above its value at the stage's start"
@@ -76,7 +91,14 @@ class MonitorSpec(Spec):
     @property
     def unit(self) -> str:
         """Unit of the signal and its margin."""
-        return "m" if self.quantity == "distance" else "m/s"
+        return "m/s" if self.quantity == "speed" else "m"
+
+    def is_about(self, pair: str) -> bool:
+        """Tell whether a monitor of a clearance is about two parts, by `pair_name`; an arm stands for its bodies."""
+        if not self.of:
+            return True
+        one, other = (rf"{re.escape(part)}(\.\d+)?" for part in self.of)
+        return any(re.fullmatch(pair_name(*each), pair) for each in ((one, other), (other, one)))
 
 
 class PublishedRun(Spec):
@@ -641,9 +663,28 @@ def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> RuleErro
     bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
     if all(getattr(monitor, bound) is None for bound in bounds):
         yield (), expected(f"one of {', '.join(bounds)}", "no bound", at_key=True)
+    is_clearance = monitor.quantity == "clearance"
+    valid = names_of_parts(context) if is_clearance else list(context.sizes)
+    unknown = [i for i, name in enumerate(monitor.of) if valid and name not in valid]
+    yield from ((("of", i), flaw(choice(monitor.of[i], valid))) for i in unknown)
+    if is_clearance:
+        yield from _monitored_clearance(monitor, before)
+        return
     number = 2 if monitor.quantity == "distance" else 1
-    if not len(monitor.of) == len(set(monitor.of)) == number:
+    if not unknown and not len(monitor.of) == len(set(monitor.of)) == number:
         yield ("of",), expected("two different frames for a distance, one for a speed")
+
+
+def _monitored_clearance(monitor: MonitorSpec, before: Fields) -> RuleErrors:
+    """Give a monitor of a clearance that is not about two parts, or of a stage in which nothing keeps clear."""
+    if len(monitor.of) not in (0, 2):
+        yield ("of",), expected("two parts for a clearance, or [] for all pairs")
+    if "stages" not in before or "clearance" not in before:
+        return
+    of_stage = any(stage.clearance for stage in before["stages"] if stage.name == monitor.during)
+    if not (before["clearance"] or of_stage):
+        wanted = f'distance or speed, or "clearance" in the task or in {quoted(monitor.during)}'
+        yield ("quantity",), expected(f"{wanted}: nothing keeps clear there")
 
 
 def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> RuleErrors:
@@ -691,6 +732,17 @@ def _shares_of_no_limit(
 
 
 _Monitor = Annotated[MonitorSpec, holds(_monitor)]
+
+
+def _names_of_checks(monitors: tuple[MonitorSpec, ...], before: Fields, context: Context) -> RuleErrors:
+    """Give monitors with the name of what is judged besides."""
+    keeps_clear = before.get("clearance") or any(stage.clearance for stage in before.get("stages", ()))
+    target_object = before.get("object")
+    taken = [NOTHING_TOUCHED] if keeps_clear else []
+    taken += OBJECT_CHECKS if target_object and target_object.mass else ()
+    for i, monitor in enumerate(monitors):
+        if monitor.name in taken:
+            yield (i, "name"), expected(f"a name other than {', '.join(taken)}", quoted(monitor.name))
 
 
 def _still(velocity: Any, before: Fields, context: Context) -> RuleErrors:
@@ -760,7 +812,7 @@ class TaskSpec(Spec):
     uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )
-    monitors: Annotated[tuple[_Monitor, ...], holds(partial(_own_names, "monitors"))] = Field(
+    monitors: Annotated[tuple[_Monitor, ...], holds(partial(_own_names, "monitors")), holds(_names_of_checks)] = Field(
         (), description="what must hold for the mission to succeed"
     )
     published: Mapping[_ControllerKey, PublishedRun] = Field(
@@ -774,8 +826,12 @@ class TaskSpec(Spec):
 
     @property
     def judged(self) -> dict[str, str]:
-        """What decides whether the mission succeeded, monitors and what becomes of a massive object; units by name."""
-        units = {monitor.name: monitor.unit for monitor in self.monitors}
+        """What decides whether the mission succeeded; units by name.
+
+        That nothing touched where bodies keep clear, monitors, and what becomes of an object with a mass.
+        """
+        units = {NOTHING_TOUCHED: "m"} if self.keeps_clear else {}
+        units |= {monitor.name: monitor.unit for monitor in self.monitors}
         return units | dict.fromkeys(self.object_checks, "1")
 
     @property

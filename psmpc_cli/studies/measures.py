@@ -84,6 +84,22 @@ def _tightest_force(name: str, unknown: Any = np.nan) -> Callable[[Run], Any]:
     return lambda run: getattr(run.summary().tightest_force, name, unknown)
 
 
+def _nearest(name: str, unknown: Any = np.nan) -> Callable[[Run], Any]:
+    """Read what is known of the two parts that came nearest to each other; `unknown` where nothing keeps clear."""
+
+    def read(run: Run) -> Any:
+        found = run.summary().clearance
+        return unknown if found is None else getattr(found.nearest, name)
+
+    return read
+
+
+def _touched(run: Run) -> float:
+    """Tell whether parts touched that keep clear: 1, 0, or NaN where nothing does."""
+    found = run.summary().clearance
+    return np.nan if found is None else float(bool(found.touched))
+
+
 def _stage_cost(run: Run) -> np.ndarray:
     weights = run["cost/current_stage"] * float(np.asarray(run.attributes["sample_time"]))
     return np.bincount(run["window/first"], weights, minlength=len(run.stage_names))
@@ -111,6 +127,7 @@ _AT_ENDS = "largest error of each stage's end condition at its end, but the last
 _AND_NOISE = "the same over its tolerance plus 2 sigma of its measurement"
 _BEYOND = "tightest distance to a {} limit at a tick; negative beyond it"
 _OVER = "the same distance to a {} limit, over half the limits' distance"
+_NEAREST = "smallest distance at a tick of parts that keep clear; negative where they touched"
 _MARGINS = "smallest distance of each monitor's signal to its bounds, in the unit of the monitor"
 _VARIES = "total variation of the {} acceleration"
 _MOST = "largest number of iterations of a solve"
@@ -133,6 +150,10 @@ OUTCOME = (
     _number("tightest_force", "1", "coordinate of that force", _tightest_force("where", ""), dtype="text"),
     _number("tightest_force_time", "s", "sample at which it was largest", _tightest_force("time")),
     _number("force_saturated", "1", "share of the time in which a force was cut at its limit", "saturated"),
+    _number("smallest_clearance", "m", _NEAREST, _nearest("distance")),
+    _number("nearest_parts", "1", "names of these parts", _nearest("pair", ""), dtype="text"),
+    _number("nearest_parts_time", "s", "sample at which they were nearest", _nearest("time")),
+    _number("touched", "1", "1 if parts touched that keep clear, 0 if not; NaN where nothing does", _touched),
     _whole("limits_dynamics", "1 if some stage has a limit of forces or accelerations, 0 if none has"),
     _number("monitor_margin", "m, m/s, 1", _MARGINS, _monitor_margins, dims=("monitor",)),
     _whole("unmeasured", "samples whose state was not measured, at least in part"),

@@ -172,6 +172,12 @@ class MonteCarloRuns:
         return np.where(excess > EXCEEDED, excess, 0.0)
 
     @property
+    def keeps_clear(self) -> Array:
+        """Which runs know the distances of parts that keep clear (runs,); none of a study without such parts."""
+        found = self.results.quantities.get("touched")
+        return np.zeros(len(self.made), bool) if found is None else np.isfinite(found.values)
+
+    @property
     def is_without_limits(self) -> bool:
         """Whether the task is known to have no limit of forces and accelerations."""
         found = self.results.quantities.get("limits_dynamics")
@@ -191,6 +197,8 @@ class MonteCarloRuns:
         for name, meaning in SHARES_OF_FORCES.items():
             if name in self.results.quantities and np.isfinite(self[name]).any():
                 values[meaning] = 100 * self[name]
+        if self.keeps_clear.any():
+            values["smallest distance of parts [mm]"] = 1e3 * self["smallest_clearance"]
         for number, (monitor, unit) in enumerate(self.monitors.items()):
             values[f"margin of {monitor} [{unit}]"] = self["monitor_margin"][:, number]
         values["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]

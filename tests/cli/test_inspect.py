@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from psmpc_cli.specs.library import built_ins, json_schema
+from psmpc_cli.specs.library import built_ins, find, json_schema
 from psmpc_cli.specs.load import load_robot, load_task
 
 from .command import Psmpc
@@ -181,3 +181,48 @@ def test_check_prints_the_object_its_grasps_and_its_destination(psmpc: Psmpc) ->
     drawn_alone = psmpc("check", "transport").stdout
     assert "taken" in drawn_alone
     assert "mass" not in drawn_alone.partition("object")[2]
+
+
+def test_check_prints_obstacles_clearance_and_what_the_robot_is_made_of(psmpc: Psmpc) -> None:
+    obstacles = (
+        "obstacles=[{name: post, shape: {sphere: 0.1}, pose: [4, 4, 0]},"
+        " {name: wall, shape: {half_space: [0, 1]}, pose: [0, -4, 0], velocity: [0, 0.1]},"
+        " {name: rod, shape: {capsule: [0.05, 1]}, pose: [5, 5, 30 deg]},"
+        " {name: crate, shape: {box: [1, 0.5]}, pose: [6, 5, 0]}]"
+    )
+    clearance = ("clearance={except: [[arm_1, wall]]}", "stages.capture.clearance={margin: 0.01, hard: true}")
+    ran = psmpc("check", "transport", *(word for each in (obstacles, *clearance) for word in ("--set", each)))
+    assert (ran.code, ran.stderr) == (0, "")
+    lines = words(ran.stdout)
+    at = lines.index("clearance")
+    assert lines[at + 1 : at + 7] == [
+        "obstacle post sphere of radius 0.1 m at 4, 4 m, 0 deg",
+        "obstacle wall half-space with normal 0 1 at 0, -4 m, 0 deg, moves at 0 0.1 m/s",
+        "obstacle rod capsule of radius 0.05 m about 1 m at 5, 5 m, 30 deg",
+        "obstacle crate box of 1 x 0.5 m at 6, 5 m, 0 deg",
+        "at least 20 mm, soft, but not arm_1 - wall",
+        "in capture 10 mm, hard",
+    ]
+    assert lines[at + 7].startswith("robot 9 capsules fitted to its joints: base 1, arm_1.1 1, ")
+    assert "clearance" not in words(psmpc("check", "transport").stdout)
+
+
+def test_check_prints_how_many_capsules_a_robot_is_made_of(psmpc: Psmpc, tmp_path: Path) -> None:
+    fitted = (
+        "shape: 9 capsules fitted to its joints: base 1, arm_1.1 1, arm_1.2 1, arm_1.3 2, arm_2.1 1, arm_2.2 1, arm_2.3"
+    )
+    assert any(line.startswith(fitted) for line in words(psmpc("check", "planar_dual_arm").stdout))
+    own = tmp_path / "own.yaml"
+    geometry = (
+        "geometry: {base: [{shape: {sphere: 0.4}}, {shape: {sphere: 0.2}}], arm_1.2: [{shape: {capsule: [0.05, 0.4]}}]}"
+    )
+    own.write_text(f"{find('robot', 'planar_dual_arm').read_text()}\n{geometry}\n")
+    assert "shape: 3 capsules from its file: base 2, arm_1.2 1" in words(psmpc("check", str(own)).stdout)
+
+
+def test_check_remarks_on_a_target_that_touches(psmpc: Psmpc) -> None:
+    changes = ("obstacles=[{name: post, shape: {sphere: 0.1}, pose: [-1.93, 3.17, 0]}]", "clearance={}")
+    ran = psmpc("check", "transport", *(word for each in changes for word in ("--set", each)))
+    assert ran.code == 0
+    remark = ran.stdout.partition("probably not meant:\n")[2]
+    assert "stages[1].target: found arm_1.3 and post " in remark and "mm deep in each other" in remark

@@ -11,6 +11,7 @@ from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.runner import WAITING
 
+from ..short_runs import there_and_back
 from ..synthetic_fronts import synthetic_fronts
 from ..synthetic_logs import Story, write_story
 from ..synthetic_monte_carlo import synthetic_monte_carlo
@@ -31,6 +32,17 @@ def test_a_run_that_was_killed_at_once_has_a_summary(tmp_path: Path, shown: Psmp
     assert lines[3].split() == ["capture", "100", "6.3", "13.8"]
     assert "monitor: object held not judged" in [" ".join(line.split()) for line in lines]
     assert not any(line.startswith("drift") for line in lines)
+
+
+def test_a_touch_is_in_the_first_line(tmp_path: Path, shown: Psmpc) -> None:
+    """The post stands in the base at the start."""
+    keeps_clear = ("obstacles=[{name: post, shape: {sphere: 0.1}, pose: [0, 0, 0]}]", "clearance={}")
+    there_and_back(tmp_path, *keeps_clear, "log.shares=false", "time_limit=0.3")
+    first, *lines = shown(tmp_path / "log.h5")
+    assert first.startswith("mission failed: base - post touched, ") and " mm deep at 0.0 s" in first
+    rows = [" ".join(line.split()) for line in lines]
+    assert any(row.startswith("smallest distance of parts, any tick base - post: -") for row in rows)
+    assert any(row.startswith("monitor: nothing touched BROKEN: base - post touched, ") for row in rows)
 
 
 @pytest.mark.slow
@@ -119,6 +131,14 @@ def test_a_monte_carlo_study_has_rate_spread_and_worst_runs(tmp_path: Path, show
     assert lines[-2].startswith("repeat one: psmpc simulate transport --set 'uncertainty.noise={position: 1e-3}'")
     assert lines[-2].endswith("--set seed=12")
     assert lines[-1] == f"study: {path}"
+
+
+def test_a_monte_carlo_study_counts_the_runs_that_touched(tmp_path: Path, shown: Psmpc) -> None:
+    made = synthetic_monte_carlo(tmp_path / "study.h5", runs=4).results
+    made["smallest_clearance"][:] = [0.02, -0.001, 0.03, -0.01]
+    made["touched"][:] = [0, 1, 0, 1]
+    made.create(force=True)
+    assert shown(tmp_path / "study.h5")[0].endswith("; 2 of 4 touched what they keep clear of")
 
 
 def test_a_monte_carlo_study_without_runs_says_so(tmp_path: Path, shown: Psmpc) -> None:

@@ -53,7 +53,7 @@ def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers:
     sizes = {"coordinate": len(COORDINATES), "pose_coordinate": len(POSES), "stage": len(STAGES), "momentum": 3}
     row: Row = {}
     for column in layout(False):
-        if column.value is None or column.only.startswith("object"):
+        if column.value is None or column.only.startswith(("object", "clearance")):
             continue
         if column.dims[0] == "ticks/tick":
             row[column.path] = draw(TICKS, *(sizes[dim] for dim in column.dims[1:]))

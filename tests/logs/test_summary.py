@@ -14,7 +14,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import Arrays, Verdict, judge_monitor, signal, variation
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.report.texts import describe_verdict, measure_rows
+from psmpc_cli.report.texts import describe_mission, describe_verdict, measure_rows
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.run import build_experiment, simulate
 from psmpc_cli.specs.load import load_task
@@ -400,6 +400,173 @@ def test_a_task_that_limits_neither_forces_nor_accelerations_is_named(log: Run, 
     assert bounded.summary().limits_dynamics
     values = {column.path: column.value(bounded) for column in WHOLE_RUN if column.value and "force" in column.path}
     assert values["tightest_force"] == "" and np.isnan([values["force_utilization"], values["force_saturated"]]).all()
+
+
+KEEPS_CLEAR = (
+    "obstacles=[{name: post, shape: {sphere: 0.1}, pose: [0, -1, 0]}]",
+    "clearance.margin=0.02",
+    "log.shares=false",
+    "time_limit=1",
+)
+"""Changes with which the task there and back keeps clear of a post below the robot."""
+
+CLEARANCE = "smallest distance of parts, any tick"
+
+
+@pytest.fixture
+def clear(tmp_path: Path) -> Run:
+    """A second of a run that keeps clear of a post, and touches nothing."""
+    return there_and_back(tmp_path, *KEEPS_CLEAR, name="clear")
+
+
+def with_distances(run: Run, distances: Mapping[tuple[int, int], float], kept: float = 0.02) -> Run:
+    """The run with distances [m] of pairs at samples, by both numbers; 1 m at others."""
+    found = np.ones(run["clearance/distance"].shape)
+    for at, distance in distances.items():
+        found[at] = distance
+    return changed(run, clearance_distance=found, clearance_margin=found - kept)
+
+
+def test_the_nearest_parts_are_named_with_distance_margin_and_time(clear: Run) -> None:
+    distances = clear["clearance/distance"]
+    summary = clear.summary()
+    assert summary.clearance is not None
+    assert summary.clearance.nearest.distance == distances.min() == summary.clearance.nearest.margin + 0.02
+    assert (summary.clearance.touched, np.isnan(summary.clearance.touched_at)) == ((), True)
+    near = with_distances(clear, {(3, 1): 0.0123, (5, 0): 0.05})
+    text = f"{clear['clearance/pair'][1]}: 12.3 mm at {clear.time[3]:.1f} s, margin -7.7 mm"
+    rows = dict(measure_rows(near.summary()))
+    assert rows[CLEARANCE] == text
+    assert rows["monitor: nothing touched"] == "held, margin 0.012 m"
+    assert "smallest margin of clearance, any tick" not in rows
+
+
+def test_parts_nearer_to_their_margin_than_the_nearest_are_named_too(clear: Run) -> None:
+    near = with_distances(clear, {(3, 1): 0.03, (5, 0): 0.05})
+    margin = near["clearance/margin"].copy()
+    margin[5, 0] = -0.01
+    rows = dict(measure_rows(changed(near, clearance_margin=margin).summary()))
+    assert rows[CLEARANCE].startswith(f"{clear['clearance/pair'][1]}: 30.0 mm")
+    assert rows["smallest margin of clearance, any tick"] == (
+        f"{clear['clearance/pair'][0]}: 50.0 mm at {clear.time[5]:.1f} s, margin -10.0 mm"
+    )
+
+
+def test_a_touch_fails_the_mission_and_is_said_first(clear: Run) -> None:
+    done = replace(clear, attributes={**clear.attributes, "finished": True, "end_reason": "back met its end"})
+    done = changed(done, window_first=np.r_[np.zeros(5, int), np.ones(5, int)])
+    first, second = clear["clearance/pair"][:2]
+    free = with_distances(done, {(3, 0): 0.0}).summary()
+    assert (free.succeeded, describe_mission(free)) == (True, "mission succeeded: back met its end, after 1.0 s")
+    one = with_distances(done, {(3, 0): -0.0123}).summary()
+    assert not one.succeeded
+    assert describe_mission(one) == (
+        f"mission failed: {first} touched, 12.3 mm deep at 0.3 s; back met its end, after 1.0 s"
+    )
+    several = with_distances(done, {(3, 1): -0.001, (5, 0): -0.02}).summary()
+    assert several.clearance is not None and several.clearance.touched == (first, second)
+    assert describe_mission(several).startswith(
+        f"mission failed: {first} touched, 20.0 mm deep at 0.5 s (first touch at 0.3 s; 1 more pair touched); back"
+    )
+    verdict = several.monitors[0]
+    assert (verdict.name, verdict.held, verdict.margin, verdict.broken_at) == (
+        "nothing touched",
+        False,
+        -0.02,
+        clear.time[3],
+    )
+
+
+def test_a_run_that_pushes_through_a_post_says_so(tmp_path: Path) -> None:
+    """The post stands in the base at the start; nothing can be done but leave it."""
+    inside = there_and_back(tmp_path, *KEEPS_CLEAR, "obstacles.post.pose=[0, 0, 0]", name="inside")
+    assert inside["monitors/name"].tolist()[0] == "nothing touched"
+    assert (inside["monitors/held"][0], inside["monitors/unit"].tolist()[0]) == (0, "m")
+    assert inside["monitors/margin"][0] == np.nanmin(inside["clearance/distance"]) < -0.05
+    assert describe_mission(inside.summary()).startswith("mission failed: base - post touched, ")
+
+
+def test_a_run_without_clearance_has_no_word_of_it(log: Run) -> None:
+    summary = log.summary()
+    assert summary.clearance is None
+    assert [verdict.name for verdict in summary.monitors] == ["object held"]
+    assert CLEARANCE not in dict(measure_rows(summary, verbose=True))
+    assert log["monitors/name"].tolist() == ["object held"]
+    found = {column.path: column.value(log) for column in WHOLE_RUN if column.value is not None}
+    assert np.isnan([found["smallest_clearance"], found["nearest_parts_time"], found["touched"]]).all()
+    assert found["nearest_parts"] == ""
+
+
+@pytest.mark.parametrize(("distance", "touched"), [(0.05, 0.0), (-0.05, 1.0)])
+def test_clearance_is_in_studies(clear: Run, distance: float, touched: float) -> None:
+    run = with_distances(clear, {(3, 1): distance})
+    found = {column.path: column.value(run) for column in WHOLE_RUN if column.value is not None}
+    assert (found["smallest_clearance"], found["touched"]) == (distance, touched)
+    assert (found["nearest_parts"], found["nearest_parts_time"]) == (clear["clearance/pair"][1], clear.time[3])
+
+
+def test_nothing_can_touch_where_every_pair_is_excepted(tmp_path: Path) -> None:
+    parts = ("base", "arm_1", "arm_2", "post")
+    every = "clearance.except=[" + ", ".join(f"[{a}, {b}]" for a in parts for b in parts) + "]"
+    run = there_and_back(tmp_path, *KEEPS_CLEAR, every, name="excepted")
+    assert run["clearance/distance"].shape == (len(run.time), 0)
+    check = run.summary().monitors[0]
+    assert (check.name, check.held, check.margin) == ("nothing touched", True, np.inf)
+    assert describe_verdict(check) == "held"
+
+
+def clearance_monitor(of: Sequence[str], at_least: float = 0.1) -> MonitorSpec:
+    about = {"name": "m", "quantity": "clearance", "of": of, "during": "go", "at_least": at_least}
+    return MonitorSpec.model_validate(about)
+
+
+def log_of_distances(distances: Mapping[str, Sequence[float]], stage: Sequence[int]) -> Arrays:
+    """The datasets that monitors of clearances use: distances by pair, and the current stage."""
+    return {
+        "time": SAMPLE * np.arange(len(stage)),
+        "window/first": np.array(stage),
+        "stages/name": np.array(["go", "back"]),
+        "pose/xi": np.zeros((len(stage), 0)),
+        "pose_coordinate": np.zeros(0),
+        "clearance/pair": np.array(list(distances)),
+        "clearance/distance": np.array(list(distances.values())).T,
+    }
+
+
+DISTANCES = {
+    "arm_1.2 - post": [0.5, 0.4, 0.0],
+    "arm_10.2 - post": [0.2, 0.05, 0.0],
+    "base - arm_1.3": [0.15, 0.3, 0.0],
+    "object - arm_2.1": [np.nan, 0.7, 0.0],
+}
+
+
+@pytest.mark.parametrize(
+    ("of", "margin", "broken_at"),
+    [
+        ((), -0.05, SAMPLE),
+        (("arm_1", "post"), 0.3, np.nan),
+        (("post", "arm_1.2"), 0.3, np.nan),
+        (("arm_10", "post"), -0.05, SAMPLE),
+        (("arm_1", "base"), 0.05, np.nan),
+        (("arm_2", "object"), 0.6, np.nan),
+    ],
+)
+def test_a_monitor_of_a_clearance_is_about_its_parts(of: Sequence[str], margin: float, broken_at: float) -> None:
+    """An arm stands for its bodies, a part that may touch is left out, and another stage does not count."""
+    found = judge_monitor(clearance_monitor(of), log_of_distances(DISTANCES, [0, 0, 1]))
+    assert (found.margin, found.unit, found.held) == (pytest.approx(margin), "m", margin >= 0)
+    assert found.broken_at == pytest.approx(broken_at, nan_ok=True)
+
+
+def test_a_monitor_of_parts_that_are_never_measured_is_not_judged() -> None:
+    only_touching = {"object - arm_2.1": [np.nan, np.nan]}
+    for of in (("arm_1", "post"), ("object", "arm_2"), ()):
+        found = judge_monitor(clearance_monitor(of), log_of_distances(only_touching, [0, 0]))
+        assert (found.held, np.isnan(found.margin), np.isnan(found.broken_at)) == (False, True, True)
+    without = {path: each for path, each in log_of([0, 0]).items() if not path.startswith("stages")}
+    named = {**without, "stages/name": np.array(["go"])}
+    assert describe_verdict(judge_monitor(clearance_monitor(()), named)) == "not judged"
 
 
 COORDINATES = ("base.x", "base.y", "base.theta", "arm_1.1", "arm_1.2")

@@ -48,6 +48,17 @@ def test_a_loop_with_ticks_is_recorded_as_simulate_records_it(task: Task) -> Non
     assert own.attributes["plant"] == "own loop"
 
 
+CLEAR = {"obstacles": [{"name": "post", "shape": {"sphere": 0.1}, "pose": [1.9, 0.6, 0]}], "clearance": {}}
+
+
+def test_without_ticks_nobody_knows_whether_something_touched() -> None:
+    task = psmpc.load_task("transport", {"controller.nodes": 8, "time_limit": 0.5, **CLEAR})
+    for with_ticks, held in ((True, True), (False, False)):
+        (check, _) = recorded(task, with_ticks, longest=0.5).summary().monitors
+        assert (check.name, check.held, np.isfinite(check.margin)) == ("nothing touched", held, held)
+        assert np.isnan(check.broken_at)
+
+
 def test_a_loop_that_gives_commands_alone_lacks_what_only_ticks_tell() -> None:
     own = recorded(TRANSPORT, longest=1.0)
     simulated = psmpc.simulate(TRANSPORT)

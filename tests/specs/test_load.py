@@ -132,6 +132,27 @@ stages:
 """
     digest = "084d0d8752c16c8c3fb27cc00a9893e6669e716f3a7ee6d9156ed7a29f2827bf"
     assert parse_task(task, robot, "task").digest == digest
+    assert parse_task(f"{task}obstacles: []\n", robot, "task").digest == digest
+    assert parse_task(f"{task}clearance: {{}}\n", robot, "task").digest != digest
+
+
+POST = {"name": "post", "shape": {"sphere": 0.1}, "pose": [1, 1, 0]}
+
+
+def test_clearance_and_obstacles_are_in_digests_and_texts_as_they_are_written() -> None:
+    own = load_task("transport", {"obstacles": [POST], "clearance.except": [["arm_1", "post"]]})
+    same = load_task("transport", {"obstacles": [POST], "clearance": {"except": [["arm_1", "post"]], "margin": 0.02}})
+    others = [
+        load_task("transport", {"obstacles": [POST], "clearance": {}}),
+        load_task("transport", {"clearance": {}}),
+        load_task("transport", {"obstacles": [{**POST, "velocity": [0.1, 0]}], "clearance": {}}),
+        load_task("transport", {"obstacles": [POST], "stages.capture.clearance": {}}),
+        load_task("transport"),
+    ]
+    assert own.digest == same.digest == parse_task(own.task_yaml, own.robot_yaml, "transport").digest
+    assert len({own.digest, *(each.digest for each in others)}) == 6
+    assert own.spec.model_dump(mode="json")["clearance"]["except"] == [["arm_1", "post"]]
+    assert not {"clearance", "obstacles"} & set(load_task("transport").spec.model_dump(mode="json"))
 
 
 def test_digest_is_of_the_content_not_of_the_text() -> None:

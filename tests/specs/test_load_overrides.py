@@ -33,6 +33,8 @@ def error_of(*overrides: str) -> str:
         ("stages.approach.target.base=[-2, 1, 0.5 rad]", "base: [-2, 2, 30 deg]", "base: [-2, 1, 0.5 rad]"),
         ("plant.step=1e-4", "{kind: rk4, low_level_rate: 1000}", "{kind: rk4, low_level_rate: 1000, step: 1e-4}"),
         ("log.ticks=true", "object:", "log: {ticks: true}\nobject:"),
+        ("clearance.except=[[arm_1, arm_2]]", "object:", "clearance: {except: [[arm_1, arm_2]]}\nobject:"),
+        ("stages.capture.clearance.margin=0.1", "priority: 100", "priority: 100\n    clearance: {margin: 0.1}"),
         ("monitors.object held.above_start_at_most=0.1", "above_start_at_most: 0.05", "above_start_at_most: 0.1"),
     ],
 )

@@ -25,9 +25,12 @@ def test_weights_are_beside_control() -> None:
 
 
 def test_task_is_the_same_after_a_round_trip_through_plain_data() -> None:
-    spec = load_task("transport", {"by_controller": {}}).spec
-    assert TaskSpec.model_validate(spec.model_dump()) == spec
-    assert TaskSpec.model_validate_json(spec.model_dump_json()) == spec
+    obstacles = [{"name": "post", "shape": {"box": [1, 2]}, "pose": [4, 4, "30 deg"], "velocity": [0.1, 0]}]
+    clear = {"obstacles": obstacles, "clearance": {"except": [["arm_1", "post"]]}}
+    for changes in ({}, clear):
+        spec = load_task("transport", {"by_controller": {}, **changes}).spec
+        assert TaskSpec.model_validate(spec.model_dump()) == spec
+        assert TaskSpec.model_validate_json(spec.model_dump_json()) == spec
 
 
 def test_tolerance_may_be_given_by_part() -> None:

@@ -119,6 +119,15 @@ def test_forces_are_in_the_table_where_they_have_limits(made_up: MonteCarloRuns)
     assert [spread[row][1][1] for row in rows] == [100.0, 0.0]
 
 
+def test_distances_are_in_the_table_where_parts_keep_clear(made_up: MonteCarloRuns) -> None:
+    row = "smallest distance of parts [mm]"
+    assert row not in {name for name, *_ in made_up.quantiles()}
+    made_up["smallest_clearance"][:3] = [0.02, -0.005, 0.04]
+    made_up["touched"][:3] = [0.0, 1.0, 0.0]
+    runs, (_, median, _) = {name: (runs, at) for name, runs, at in made_up.quantiles()}[row]
+    assert (runs, median) == (3, pytest.approx(20.0))
+
+
 def test_quantiles_are_over_the_runs_that_have_the_quantity(made_up: MonteCarloRuns) -> None:
     spread = {name: (runs, at) for name, runs, at in made_up.quantiles()}
     runs, ends = spread["mission ends, successful runs [s]"]

@@ -40,8 +40,8 @@ MOST_ROWS = 60
 """Distances of a group; larger ones are split by arms. The derivatives of all 140 of a robot with two arms of seven
 joints from itself are 180,000 operations, and most of the pairs are far apart most of the time."""
 
-ITSELF = "itself"
-"""Name of the group of the robot's own pairs."""
+ITSELF = "robot, itself"
+"""Name of the group of the robot's own pairs; no obstacle has a comma in its name."""
 
 PoseState: TypeAlias = tuple[np.ndarray, np.ndarray]
 """Pose (n_pose,) and velocity (n_twist,) of a body that moves freely."""
@@ -146,9 +146,9 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
         return found
     held = list(_cover(task.object.shape))
     holder = next(iter(capture.grasp.at))
-    found[f"held {OBJECT}"] = Group(Pairs(tuple(product(held, others)), holder))
+    found[f"{OBJECT}, held"] = Group(Pairs(tuple(product(held, others)), holder))
     for name, (obstacle, state) in obstacles.items():
-        found[f"held {OBJECT} and {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)
+        found[f"{OBJECT}, held, {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)
     return found
 
 

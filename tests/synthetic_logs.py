@@ -1,6 +1,6 @@
 """Logs of made-up runs: rest-to-rest motions between given points, without any controller or solver."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ Q_CAPTURE = np.array([-2, 2, np.pi / 6, np.pi / 4, np.pi / 6, np.pi / 3, -np.pi 
 Q_THERE = np.array([0, 0, 0, np.pi / 4, np.pi / 4, np.pi / 3, -np.pi / 4, -np.pi / 4, -np.pi / 3])
 Q_APPROACHED = np.r_[Q_CAPTURE[:3], np.zeros(6)]
 
+POINTS = tuple(f"{side}.{axis}" for side in ("first", "second") for axis in "xyz")
+
 
 @dataclass(frozen=True)
 class Story:
@@ -34,6 +36,7 @@ class Story:
         sample: Sample time [s].
         ticks: Whether the log holds ticks, two a sample.
         blur: How far off the true state, up and down, the controller sees every coordinate and velocity [SI].
+        distances: By pair of parts, such as "arm_1.2 - post", their distance at times evenly apart over the run [m].
         attributes: Further attributes of the log, in place of the usual ones.
     """
 
@@ -46,6 +49,7 @@ class Story:
     sample: float = 0.4
     ticks: bool = False
     blur: float = 0.0
+    distances: Mapping[str, Sequence[float]] = field(default_factory=dict)
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -89,8 +93,15 @@ def _header(loaded: Task, story: Story) -> Header:
             "stages/name": names,
             "stages/priority": [stage.priority for stage in loaded.spec.stages],
             "monitors/name": (),
+            **({"clearance/pair": tuple(story.distances), "clearance/point": POINTS} if story.distances else {}),
         },
-        has=frozenset({"ticks"} if story.ticks else ()) | frozenset({"true state"} if story.blur else ()),
+        has=frozenset(
+            {
+                *({"ticks"} if story.ticks else ()),
+                *({"true state"} if story.blur else ()),
+                *({"clearance"} if story.distances else ()),
+            }
+        ),
     )
 
 
@@ -177,7 +188,18 @@ def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
         "state/Q_true": Q,
         "state/Qdot_true": Qdot,
         **(_ticks(model, time, story) if story.ticks else {}),
+        **(_clearance(time, story) if story.distances else {}),
     }
+
+
+def _clearance(time: float, story: Story) -> dict[str, np.ndarray]:
+    """Distances as the story has them; the nearest points of every pair are beside each other at x = 1 m."""
+    apart = np.array(
+        [np.interp(time, np.linspace(0, story.ends[-1], len(each)), each) for each in story.distances.values()]
+    )
+    points = np.tile([1.0, 1.0, 0.0, 1.0, 1.0, 0.0], (len(apart), 1))
+    points[:, 3] += apart
+    return {"clearance/distance": apart, "clearance/margin": apart - 0.02, "clearance/points": points}
 
 
 def _shares(time: float, instants: np.ndarray) -> np.ndarray:

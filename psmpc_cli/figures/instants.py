@@ -1,4 +1,4 @@
-"""Planned switch times, the stages' shares and solve times over time. Paper Figs. 1 and 11."""
+"""Planned switch times, the stages' shares, solve times, grasps and distances over time. Paper Figs. 1 and 11."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,6 +21,12 @@ HATCHES = ("", "//////", "......")
 
 NOT_LOGGED = "shares in the applied control were not logged: log.shares is off"
 """Heading of the figure where these shares are missing by the task's choice."""
+
+NEAREST_PAIRS = 6
+"""Most pairs of parts whose distances have a line of their own."""
+
+MARGINS_SHOWN = 10.0
+"""Distances up to so many margins are always in view."""
 
 
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
@@ -168,3 +174,65 @@ def plot_grasps(run: Run) -> Figure:
             axes.axhline(strength, label=f"_strength, {strength:g} {unit}", **style.LEVEL)
         label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})")
     return style.finish(figure)
+
+
+def plot_clearance(run: Run) -> Figure:
+    """Plot the smallest distance [mm] of each of the nearest pairs of parts over each sample, with the margin in force.
+
+    The other pairs share one line, the smallest of their distances. Distances far beyond the smallest ones are out of
+    view. Where two parts overlap their distance is negative, and a cross is at its smallest value.
+    """
+    names, distances = distances_of_parts(run)
+    order = np.argsort(np.nanmin(distances, axis=0))
+    nearest, others = np.split(order, [NEAREST_PAIRS])
+    smallest = 1e3 * np.nanmin(distances, axis=0)
+    margin = 1e3 * margins_in_force(run)
+    top = max(MARGINS_SHOWN * np.nanmax(margin), 1.25 * smallest[nearest[-1]])
+
+    figure, grid = timeline(run, 1, 1.9)
+    axes = grid[0, 0]
+    edges = np.r_[run.time, run.motion.end]
+
+    def draw(values: np.ndarray, **look: Any) -> None:
+        axes.plot(edges, np.r_[values, values[-1]], drawstyle="steps-post", **look)
+
+    for place, pair in enumerate(nearest):
+        first, second = map(style.readable, names[pair])
+        draw(1e3 * distances[:, pair], label=f"_{first} \N{EN DASH} {second}", **style.line_look(place))
+    if len(others) and smallest[others[0]] < top:
+        look = style.look("other pairs", label=f"_nearest of {len(others)} others")
+        draw(1e3 * np.fmin.reduce(distances[:, others], axis=1), **look)
+    kept = ", ".join(f"{each:g} mm" for each in np.unique(margin[np.isfinite(margin)]))
+    draw(margin, **style.look("bound", label=f"_margin, {kept}"))
+    axes.axhline(0.0, **style.LEVEL)
+    for pair in nearest[smallest[nearest] < 0]:
+        deepest = np.nanargmin(distances[:, pair])
+        axes.plot(run.time[deepest], smallest[pair], **style.look("failed", label="_touch", zorder=3))
+    low = min(0.0, float(smallest[nearest[0]]))
+    axes.set_ylim(low - 0.04 * (top - low), min(top, 1.05e3 * np.nanmax(distances)))
+    note = ""
+    if len(others):
+        note = f"{len(nearest)} of {len(names)} pairs; the others stay above {np.floor(smallest[others[0]]):.0f} mm"
+    label_row([axes], "Smallest distance\nover a sample (mm)", note)
+    return style.finish(figure)
+
+
+def distances_of_parts(run: Run) -> tuple[list[tuple[str, str]], np.ndarray]:
+    """Return the pairs of parts of a run that keep clear (P,), and their distances at each sample (K, P) [m].
+
+    Pairs that never do are left out. A held object comes first in the log's pairs, a free one last: here they are one
+    pair. NaN where two may touch.
+    """
+    columns = dict[frozenset[str], list[int]]()
+    logged = [tuple(name.split(" - ")) for name in run["clearance/pair"].tolist()]
+    for column in np.flatnonzero(np.isfinite(run["clearance/distance"]).any(axis=0)).tolist():
+        columns.setdefault(frozenset(logged[column]), []).append(column)
+    distances = [np.fmin.reduce(run["clearance/distance"][:, of_pair], axis=1) for of_pair in columns.values()]
+    names = [(first, second) for first, second in (logged[of_pair[0]] for of_pair in columns.values())]
+    return names, np.column_stack(distances)
+
+
+def margins_in_force(run: Run) -> np.ndarray:
+    """Return the margin that the current stage keeps at each sample (K,) [m]; NaN where it keeps none."""
+    keeping = [run.task.spec.clearance_of(stage) for stage in run["window/first"].tolist()]
+    return np.array([np.nan if each is None else each.margin for each in keeping])

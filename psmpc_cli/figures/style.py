@@ -85,6 +85,7 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
     "dominated": {"color": "#A0A0A0", "marker": "x", "linestyle": "none", "zorder": 4},
     "published start": PUBLISHED,
     "published end": PUBLISHED,
+    "other pairs": {"color": "#A0A0A0", "linewidth": 0.8, "zorder": 1.6},
     "bound": {**LEVEL, "linestyle": DASHED},
     "broken": {"color": PALETTE[1], "marker": "X", "markersize": 6.0, "linestyle": "none", "zorder": 3},
     "base": {"facecolor": BODY, "edgecolor": "black", "linewidth": 0.7},

@@ -53,6 +53,26 @@ class Story:
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
+def story_among_obstacles() -> dict[str, Any]:
+    """A run past a moving ball, through a wall and before a beam: nine pairs, one of them overlaps from 10 to 20 s."""
+    clear = """
+obstacles:
+  - {name: ball, shape: {sphere: 0.2}, pose: [-1, 1.2, 0], velocity: [0.05, 0]}
+  - {name: beam, shape: {capsule: [0.1, 0.6]}, pose: [-1.5, 3, 30 deg]}
+  - {name: crate, shape: {box: [0.5, 0.3]}, pose: [0.8, -0.5, 20 deg]}
+  - {name: wall, shape: {half_space: [1, 0]}, pose: [-3.2, 0, 0]}
+clearance: {margin: 0.03}
+"""
+    distances = {
+        **{f"arm_1.{k} - {name}": (0.5, 0.1 + k / 20, 0.9) for name in ("ball", "beam") for k in (1, 2, 3)},
+        "arm_1.3 - object": (0.4, 0.2, np.nan, np.nan),
+        "object - arm_1.3": (np.nan, np.nan, 0.1, 0.05),
+        "base - wall": (0.1, -0.05, -0.05, 0.1),
+        "base - object": (np.nan, np.nan, np.nan, np.nan),
+    }
+    return {"task": find("task", "transport").read_text() + clear, "distances": distances}
+
+
 def write_story(path: Path, story: Story) -> Path:
     """Write the log of a story."""
     loaded = parse_task(story.task, story.robot, "transport")

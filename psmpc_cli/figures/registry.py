@@ -82,7 +82,7 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         "clearance": FigureKind(
             instants.plot_clearance,
             "Smallest distances of the nearest parts, with the margin that the task keeps.",
-            is_of=lambda run: "clearance/distance" in run and bool(np.isfinite(run["clearance/distance"]).any()),
+            is_of=instants.has_distances,
         ),
     },
     COMPARISON: {

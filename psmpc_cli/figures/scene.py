@@ -207,12 +207,12 @@ def points_with_shadows(
     """
     of_bodies = _finite(np.vstack(bodies))
     found = np.vstack([of_bodies, _finite(np.vstack([*others, np.zeros((0, 3))]))])
-    found = np.vstack([found, *(_near(obstacle, time, found) for obstacle in obstacles for time in times)])
+    found = np.vstack([found, *(points_near(obstacle, time, found) for obstacle in obstacles for time in times)])
     lowest = found[:, 2].min(initial=np.inf)
     return np.vstack([found, np.c_[of_bodies[:, :2], np.full(len(of_bodies), lowest)]])
 
 
-def _near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
+def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
     """Return points (., 3) that show an obstacle at a time [s] as far as it is near others (., 3); none if it is not.
 
     One that is large or far away would leave no room for the robot.

@@ -9,9 +9,8 @@ import pytest
 
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.specs.library import find
 
-from ..synthetic_logs import Story, write_story
+from ..synthetic_logs import Story, story_among_obstacles, write_story
 
 Write = Callable[..., Path]
 
@@ -92,25 +91,10 @@ stages:
     return {"task": task, "robot": robot, "ends": (6.0,), "points": points, "early": {}}
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def keeping_clear() -> dict[str, Any]:
-    """A run past a moving ball, through a wall and before a beam: nine pairs, one of them overlaps from 10 to 20 s."""
-    clear = """
-obstacles:
-  - {name: ball, shape: {sphere: 0.2}, pose: [-1, 1.2, 0], velocity: [0.05, 0]}
-  - {name: beam, shape: {capsule: [0.1, 0.6]}, pose: [-1.5, 3, 30 deg]}
-  - {name: crate, shape: {box: [0.5, 0.3]}, pose: [0.8, -0.5, 20 deg]}
-  - {name: wall, shape: {half_space: [1, 0]}, pose: [-3.2, 0, 0]}
-clearance: {margin: 0.03}
-"""
-    distances = {
-        **{f"arm_1.{k} - {name}": (0.5, 0.1 + k / 20, 0.9) for name in ("ball", "beam") for k in (1, 2, 3)},
-        "arm_1.3 - object": (0.4, 0.2, np.nan, np.nan),
-        "object - arm_1.3": (np.nan, np.nan, 0.1, 0.05),
-        "base - wall": (0.1, -0.05, -0.05, 0.1),
-        "base - object": (np.nan, np.nan, np.nan, np.nan),
-    }
-    return {"task": find("task", "transport").read_text() + clear, "distances": distances}
+    """A run that keeps clear of obstacles and object."""
+    return story_among_obstacles()
 
 
 @pytest.fixture

@@ -237,8 +237,7 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
         draw_box(axes, camera, frame, scene.half, style.look(name))
     if look.floor:
         _draw_floor(axes, camera, model, Q, extent)
-    for obstacle in scene.obstacles:
-        _draw_obstacle(axes, camera, obstacle, time, extent)
+    _draw_obstacles(axes, camera, scene.obstacles, time, extent)
     for stage in scene.acting(time):
         for i, target in enumerate(scene.target_frames(stage, time)):
             if not np.isfinite(target[:3, 3]).all():
@@ -255,18 +254,24 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
         axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=look.paths + 1.3, label="_path of an arm's end")
 
 
-def _draw_obstacle(
-    axes: Axes, camera: Camera, obstacle: ObstacleSpec, time: float, extent: np.ndarray, label: str = "_obstacle"
+def _draw_obstacles(
+    axes: Axes, camera: Camera, obstacles: Sequence[ObstacleSpec], time: float | None, extent: np.ndarray
 ) -> None:
-    """Draw an obstacle where it is at a time [s], and the way of its middle to there."""
-    shape = obstacle.shape.shape
-    frame = obstacle_frame(obstacle, time)
-    draw_shape(axes, camera, shape, frame, extent, style.look("obstacle", label=label))
-    if camera == OBLIQUE:
-        draw_shadow(axes, camera, shape, frame, float(extent[:, 2].min()))
-    if any(obstacle.velocity) and shape.kind != "half_space" and time > 0:
-        way = camera.project(np.array([obstacle_frame(obstacle, 0.0)[:3, 3], frame[:3, 3]]))
-        axes.plot(*way.T, **style.look("path of an obstacle", zorder=1.2))
+    """Draw obstacles where they are at a time [s], and the ways of their middles to there; without a time at the start.
+
+    Walls are last: the legend has the first one, and walls in space are pale.
+    """
+    for obstacle in sorted(obstacles, key=lambda each: each.shape.half_space is not None):
+        shape = obstacle.shape.shape
+        moves = any(obstacle.velocity)
+        frame = obstacle_frame(obstacle, time or 0.0)
+        name = "obstacle at the start" if moves and time is None else "obstacle"
+        draw_shape(axes, camera, shape, frame, extent, style.look("obstacle", label=f"_{name}"))
+        if camera == OBLIQUE:
+            draw_shadow(axes, camera, shape, frame, float(extent[:, 2].min()))
+        if moves and time and shape.kind != "half_space":
+            way = camera.project(np.array([obstacle_frame(obstacle, 0.0)[:3, 3], frame[:3, 3]]))
+            axes.plot(*way.T, **style.look("path of an obstacle", zorder=1.2))
 
 
 def draw_robot(
@@ -422,9 +427,7 @@ def plot_scenario(task: Task) -> Figure:
             _draw_floor(axes, camera, model, stops[i + 1], extent)
         for frame in objects[i : i + 1]:
             draw_box(axes, camera, frame, half, style.look("object"))
-        for obstacle in task.spec.obstacles:
-            label = "_obstacle at the start" if any(obstacle.velocity) else "_obstacle"
-            _draw_obstacle(axes, camera, obstacle, 0.0, extent, label)
+        _draw_obstacles(axes, camera, task.spec.obstacles, None, extent)
         draw_robot(axes, camera, model, stops[i], "where the stage begins", FAINT_OPACITY)
         _draw_capsules(axes, camera, model, pieces, stops[i + 1])
         draw_robot(axes, camera, model, stops[i + 1], _base_of_scenario(model, stages[i]))

@@ -63,9 +63,9 @@ function put(object, { position, quaternion }) { // where the data have it
   return object;
 }
 
-function capsule(parent, [from, to], radius, color, opacity) {
+function capsule(parent, [from, to], radius, color, opacity, detail = 1) {
   const start = new THREE.Vector3(...from), line = new THREE.Vector3(...to).sub(start);
-  const made = mesh(parent, new THREE.CapsuleGeometry(radius, line.length(), 6, 16), color, opacity);
+  const made = mesh(parent, new THREE.CapsuleGeometry(radius, line.length(), 6 * detail, 16 * detail), color, opacity);
   made.position.copy(start).addScaledVector(line, 0.5);
   made.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), line.normalize());
   return made;
@@ -101,7 +101,7 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
       carrier.add(group);
       return group;
     });
-    this.covers = covered.flatMap((body, i) => body.covers.map((cover) => capsule(this.bodies[i], cover.ends, cover.radius, coverColor, 0.22)));
+    this.covers = covered.flatMap((body, i) => body.covers.map((cover) => capsule(this.bodies[i], cover.ends, cover.radius, coverColor, 0.22, 2)));
     this.triads = opacity > 0.3 ? this.frames.flatMap((frame) => triad(frame, 4 * radius, 0.55 * radius)) : [];
     if (run.object && opacity > 0.3) this.object = mesh(this.group, new THREE.BoxGeometry(...run.object.size), run.robot.objectColor, opacity, true);
   }
@@ -165,7 +165,7 @@ class Obstacle { // in uniform motion from where it is at the start
     Object.assign(this, { name, start: new THREE.Vector3(...position), velocity: new THREE.Vector3(...velocity) });
     this.group = put(new THREE.Group(), { position, quaternion });
     if (box) mesh(this.group, new THREE.BoxGeometry(...box), color, opacity, true);
-    else capsule(this.group, ends, radius, color, opacity);
+    else capsule(this.group, ends, radius, color, opacity, 3);
     parent.add(this.group);
   }
 

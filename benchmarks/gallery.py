@@ -32,6 +32,7 @@ from psmpc_cli.figures.timeline import draw_stages, place_bars
 FIGURES = ROOT / "docs" / "figures"
 
 COARSE = "--set controller.nodes=25"
+DEBRIS = "{name: debris, shape: {sphere: 0.15}, pose: [0.7, 1.5, 0], velocity: [0.02, 0.05]}"
 NOISY = "uncertainty={mass: 0.1, inertia: 0.1, noise: {position: 1e-3, angle: 1e-3}}"
 
 COMMANDS: Mapping[str, str] = {
@@ -42,6 +43,8 @@ COMMANDS: Mapping[str, str] = {
     " && psmpc plot space.h5 --only states --only snapshots",
     "A capture": f"psmpc simulate transport_grasp --controller smpc {COARSE} --set object.grasp.strength.pull=8 "
     "--no-figures -o capture.h5 && psmpc plot capture.h5 --only grasps --only snapshots",
+    "A capture that keeps clear": f"psmpc simulate catch_drifting {COARSE} --set clearance.margin=0.04 --set "
+    f'"obstacles=[{DEBRIS}]" --no-figures -o clear.h5 && psmpc plot clear.h5 --only clearance --only snapshots',
     "A comparison": f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
     "A sweep over the priorities": "psmpc sweep-weights 9x9 --set controller.nodes=12 -o sweep.h5",
     "Random priorities": "psmpc sweep-weights --sampling random:30 --set controller.nodes=12 -o draws.h5",

@@ -1,6 +1,6 @@
 """Logs of made-up runs: rest-to-rest motions between given points, without any controller or solver."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,8 @@ Q_CAPTURE = np.array([-2, 2, np.pi / 6, np.pi / 4, np.pi / 6, np.pi / 3, -np.pi 
 Q_THERE = np.array([0, 0, 0, np.pi / 4, np.pi / 4, np.pi / 3, -np.pi / 4, -np.pi / 4, -np.pi / 3])
 Q_APPROACHED = np.r_[Q_CAPTURE[:3], np.zeros(6)]
 
+POINTS = tuple(f"{side}.{axis}" for side in ("first", "second") for axis in "xyz")
+
 
 @dataclass(frozen=True)
 class Story:
@@ -34,6 +36,7 @@ class Story:
         sample: Sample time [s].
         ticks: Whether the log holds ticks, two a sample.
         blur: How far off the true state, up and down, the controller sees every coordinate and velocity [SI].
+        distances: By pair of parts, such as "arm_1.2 - post", their distance at times evenly apart over the run [m].
         attributes: Further attributes of the log, in place of the usual ones.
     """
 
@@ -46,7 +49,28 @@ class Story:
     sample: float = 0.4
     ticks: bool = False
     blur: float = 0.0
+    distances: Mapping[str, Sequence[float]] = field(default_factory=dict)
     attributes: Mapping[str, Any] = field(default_factory=dict)
+
+
+def story_among_obstacles() -> dict[str, Any]:
+    """A run past a moving ball, through a wall and before a beam: nine pairs, one of them overlaps from 10 to 20 s."""
+    clear = """
+obstacles:
+  - {name: ball, shape: {sphere: 0.2}, pose: [-1, 1.2, 0], velocity: [0.05, 0]}
+  - {name: beam, shape: {capsule: [0.1, 0.6]}, pose: [-1.5, 3, 30 deg]}
+  - {name: crate, shape: {box: [0.5, 0.3]}, pose: [0.8, -0.5, 20 deg]}
+  - {name: wall, shape: {half_space: [1, 0]}, pose: [-3.2, 0, 0]}
+clearance: {margin: 0.03}
+"""
+    distances = {
+        **{f"arm_1.{k} - {name}": (0.5, 0.1 + k / 20, 0.9) for name in ("ball", "beam") for k in (1, 2, 3)},
+        "arm_1.3 - object": (0.4, 0.2, np.nan, np.nan),
+        "object - arm_1.3": (np.nan, np.nan, 0.1, 0.05),
+        "base - wall": (0.1, -0.05, -0.05, 0.1),
+        "base - object": (np.nan, np.nan, np.nan, np.nan),
+    }
+    return {"task": find("task", "transport").read_text() + clear, "distances": distances}
 
 
 def write_story(path: Path, story: Story) -> Path:
@@ -89,8 +113,15 @@ def _header(loaded: Task, story: Story) -> Header:
             "stages/name": names,
             "stages/priority": [stage.priority for stage in loaded.spec.stages],
             "monitors/name": (),
+            **({"clearance/pair": tuple(story.distances), "clearance/point": POINTS} if story.distances else {}),
         },
-        has=frozenset({"ticks"} if story.ticks else ()) | frozenset({"true state"} if story.blur else ()),
+        has=frozenset(
+            {
+                *({"ticks"} if story.ticks else ()),
+                *({"true state"} if story.blur else ()),
+                *({"clearance"} if story.distances else ()),
+            }
+        ),
     )
 
 
@@ -177,7 +208,18 @@ def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
         "state/Q_true": Q,
         "state/Qdot_true": Qdot,
         **(_ticks(model, time, story) if story.ticks else {}),
+        **(_clearance(time, story) if story.distances else {}),
     }
+
+
+def _clearance(time: float, story: Story) -> dict[str, np.ndarray]:
+    """Distances as the story has them; the nearest points of every pair are beside each other at x = 1 m."""
+    apart = np.array(
+        [np.interp(time, np.linspace(0, story.ends[-1], len(each)), each) for each in story.distances.values()]
+    )
+    points = np.tile([1.0, 1.0, 0.0, 1.0, 1.0, 0.0], (len(apart), 1))
+    points[:, 3] += apart
+    return {"clearance/distance": apart, "clearance/margin": apart - 0.02, "clearance/points": points}
 
 
 def _shares(time: float, instants: np.ndarray) -> np.ndarray:

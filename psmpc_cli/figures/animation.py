@@ -20,11 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import InputError, RunError, end_with_parent
 from psmpc_cli.figures import style
-from psmpc_cli.figures.scene import Camera, Scene, half_edges, scene_of
+from psmpc_cli.figures.scene import Camera, Scene, capsule_ends, half_edges, obstacle_frame, scene_of
 from psmpc_cli.figures.snapshots import describe, draw_scene, show
+from psmpc_cli.figures.solids import WALL_OPACITY
 from psmpc_cli.logs.files import replacing
 from psmpc_cli.logs.run import Run
 from psmpc_cli.robot.mujoco_model import mujoco_spec
+from psmpc_cli.specs.geometry import Shape
 
 FRAME_RATE = 15
 """Frames a second."""
@@ -40,6 +42,9 @@ TITLE_HEIGHT = 0.3
 
 DPI = 144
 """Resolution of a frame [1/in]."""
+
+WALL_DEPTH = 100.0
+"""Half the edges of the box that stands for a half-plane [m]: beyond every view."""
 
 SURROUNDINGS = """
 <mujoco>
@@ -98,8 +103,8 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
     scene, times, extent = _frames_of(run)
     Q = [run.motion.coordinates_at(time) for time in times]
     joints = [body.name for body in run.problem.model.spec.bodies[1:]]
-    poses = [scene.object_frame(time) for time in times]
-    frames = _in_process(offscreen_driver(), render, film_model(scene, extent), Q, poses, joints)
+    placed = [_mocap_frames(scene, time) for time in times]
+    frames = _in_process(offscreen_driver(), render, film_model(scene, extent), Q, placed, joints)
     tall = frames.shape[1] / DPI
     figure = Figure(figsize=(WIDTH, tall + TITLE_HEIGHT))
     shown = figure.add_axes((0, 0, 1, tall / (tall + TITLE_HEIGHT))).imshow(frames[0], aspect="auto")
@@ -137,14 +142,18 @@ def _encode(figure: Figure, draw_frame: Callable[[int], Iterable[Artist]], count
 
 
 def film_model(scene: Scene, extent: np.ndarray) -> str:
-    """Describe robot, object, floor and camera, which sees points (., 3), as MJCF; the object is a mocap body."""
+    """Describe robot, object, obstacles, floor and camera, which sees points (., 3), as MJCF.
+
+    Object and obstacles are mocap bodies, in this order.
+    """
     import mujoco
 
     model = scene.run.problem.model
     spec = scene.run.task.spec.object
     width = round(WIDTH * DPI)
     shape = model.shape
-    camera = Camera(-90, 60) if model.dimension == 2 else scene.camera
+    planar = model.dimension == 2
+    camera = Camera(-90, 60) if planar else scene.camera
     view = camera.view(extent)
     floor = float(extent[:, 2].min()) - 1.5 * shape.box[2]
     x, y, z = np.mean(view.get_points(), axis=0) @ camera.axes[:2]
@@ -181,13 +190,45 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
             along = 1.6 * shape.radius * np.array(joint.axis)
             disc: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [1.4 * shape.radius, 0, 0]}
             robot.body(body.name).add_geom(fromto=[*-along, *along], rgba=_opaque("white"), **disc)
+    thick = 1.3 * shape.radius
     if spec is not None:
         held = world.worldbody.add_body(name="object", mocap=True)
-        half = np.maximum(half_edges(spec.shape), [0, 0, 1.3 * shape.radius])
-        held.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=half, rgba=_opaque(style.OBJECT))
+        held.add_geom(**_geom(Shape("box", spec.shape), planar, thick), rgba=_opaque(style.OBJECT))
+    for number, obstacle in enumerate(scene.obstacles):
+        apart = world.worldbody.add_body(name=f"obstacle.{number}", mocap=True)
+        opacity = WALL_OPACITY if obstacle.shape.half_space and not planar else 1.0
+        apart.add_geom(**_geom(obstacle.shape.shape, planar, thick), rgba=[*to_rgb(style.OBSTACLE), opacity])
     world.attach(robot, prefix="robot.", frame=world.worldbody.add_frame())
     world.compile()
     return str(world.to_xml())
+
+
+def _geom(shape: Shape, planar: bool, thick: float) -> dict[str, Any]:
+    """Describe a shape as a geom of MuJoCo; boxes and half-spaces of the plane are so thick to either side [m]."""
+    import mujoco
+
+    if shape.kind == "box":
+        return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": np.maximum(half_edges(shape.edges), [0, 0, thick])}
+    if shape.kind == "half_space" and planar:  # seen from above, where a plane would be seen edge-on
+        turned, _ = Rotation.align_vectors([shape.size], [[1, 0, 0]])
+        pos = -WALL_DEPTH * np.array(shape.size)
+        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [WALL_DEPTH, WALL_DEPTH, thick]}
+        return {**box, "pos": pos, "quat": turned.as_quat(scalar_first=True)}
+    if shape.kind == "half_space":
+        turned, _ = Rotation.align_vectors([shape.size], [[0, 0, 1]])
+        size = [0, 0, 1]  # without end
+        return {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": size, "quat": turned.as_quat(scalar_first=True)}
+    radius, length = shape.size
+    if not length:
+        return {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0]}
+    return {"type": mujoco.mjtGeom.mjGEOM_CAPSULE, "size": [radius, 0, 0], "fromto": capsule_ends(shape).ravel()}
+
+
+def _mocap_frames(scene: Scene, time: float) -> np.ndarray:
+    """Return the frames (., 4, 4) [m] of the mocap bodies of a scene at a time [s], in the order of `film_model`."""
+    held = scene.object_frame(time)
+    found = [] if held is None else [held]
+    return np.reshape([*found, *(obstacle_frame(each, time) for each in scene.obstacles)], (-1, 4, 4))
 
 
 def _opaque(color: str) -> list[float]:
@@ -195,9 +236,9 @@ def _opaque(color: str) -> list[float]:
 
 
 def render(
-    description: str, Q: Sequence[np.ndarray], poses: Sequence[np.ndarray | None], joints: Sequence[str] = ()
+    description: str, Q: Sequence[np.ndarray], placed: Sequence[np.ndarray], joints: Sequence[str] = ()
 ) -> np.ndarray:
-    """Render the frames (K, height, width, 3) of a model with the robot at K coordinates and the object in K frames.
+    """Render the frames (K, height, width, 3) of a model at K coordinates, with its mocap bodies in frames (., 4, 4).
 
     `joints` are the names of the last coordinates; MuJoCo orders them by depth.
     """
@@ -209,11 +250,11 @@ def render(
     with mujoco.Renderer(model, model.vis.global_.offheight, model.vis.global_.offwidth) as renderer:
         first = len(Q[0]) - len(joints)
         places = [*range(first), *(int(model.joint(f"robot.{name}").qposadr[0]) for name in joints)]
-        for coordinates, pose in zip(Q, poses, strict=True):
+        for coordinates, bodies in zip(Q, placed, strict=True):
             data.qpos[places] = coordinates
-            if pose is not None:
-                data.mocap_pos[0] = pose[:3, 3]
-                data.mocap_quat[0] = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
+            for number, frame in enumerate(bodies):
+                data.mocap_pos[number] = frame[:3, 3]
+                data.mocap_quat[number] = Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True)
             mujoco.mj_forward(model, data)
             renderer.update_scene(data)
             frames.append(renderer.render())
@@ -231,7 +272,7 @@ def offscreen_driver() -> str:
         raise InputError("--render: found no package mujoco; install it with pip install 'psmpc[mujoco]'")
     driver = os.environ.get("MUJOCO_GL") or ("egl" if sys.platform == "linux" else "")
     try:
-        _in_process(driver, render, "<mujoco/>", [np.zeros(0)], [None])
+        _in_process(driver, render, "<mujoco/>", [np.zeros(0)], [np.zeros((0, 4, 4))])
     except RunError as error:
         raise InputError(
             f"--render: found no driver with which MuJoCo draws off screen ({driver or 'default'}: {error}); install "

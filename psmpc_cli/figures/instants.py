@@ -1,6 +1,7 @@
-"""Planned switch times, the stages' shares and solve times over time. Paper Figs. 1 and 11."""
+"""Planned switch times, the stages' shares, solve times, grasps and distances over time. Paper Figs. 1 and 11."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,12 @@ HATCHES = ("", "//////", "......")
 
 NOT_LOGGED = "shares in the applied control were not logged: log.shares is off"
 """Heading of the figure where these shares are missing by the task's choice."""
+
+NEAREST_PAIRS = 6
+"""Most pairs of parts whose distances have a line of their own."""
+
+MARGINS_SHOWN = 10.0
+"""Distances up to so many margins are always in view."""
 
 
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
@@ -167,4 +174,104 @@ def plot_grasps(run: Run) -> Figure:
         if np.isfinite(strength):
             axes.axhline(strength, label=f"_strength, {strength:g} {unit}", **style.LEVEL)
         label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})")
+    return style.finish(figure)
+
+
+@dataclass(frozen=True, eq=False)
+class NearestPairs:
+    """The pairs of parts of a run that come nearest to each other, at its K samples.
+
+    Attributes:
+        names: The parts of each pair, the nearest first (P,).
+        distances: Smallest distance of each pair over each sample (K, P) [m]; NaN where they may touch.
+        others: The smallest of all other pairs (K,) [m].
+        n_others: How many others there are.
+        margin: What the current stage keeps (K,) [m]; NaN where it keeps none.
+    """
+
+    names: Sequence[tuple[str, str]]
+    distances: np.ndarray
+    others: np.ndarray
+    n_others: int
+    margin: np.ndarray
+
+    @property
+    def top(self) -> float:
+        """Distance up to which they are worth looking at [m]."""
+        largest = 1.25 * float(np.fmin.reduce(self.distances, axis=0).max())
+        return max(MARGINS_SHOWN * float(np.nanmax(self.margin)), largest)
+
+
+def has_distances(run: Run) -> bool:
+    """Tell whether parts of a run keep clear of each other at any sample."""
+    return "clearance/distance" in run and bool(np.isfinite(run["clearance/distance"]).any())
+
+
+def nearest_pairs(run: Run) -> NearestPairs:
+    """Find the pairs of parts of a run that keeps clear which come nearest to each other.
+
+    Pairs that never keep clear are left out. A held object comes first in the log's pairs, a free one last: here they
+    are one pair.
+    """
+    columns = dict[frozenset[str], list[int]]()
+    logged = [tuple(name.split(" - ")) for name in run["clearance/pair"].tolist()]
+    for column in np.flatnonzero(np.isfinite(run["clearance/distance"]).any(axis=0)).tolist():
+        columns.setdefault(frozenset(logged[column]), []).append(column)
+    names = [(first, second) for first, second in (logged[of_pair[0]] for of_pair in columns.values())]
+    of_pairs = [np.fmin.reduce(run["clearance/distance"][:, of_pair], axis=1) for of_pair in columns.values()]
+    distances = np.column_stack(of_pairs)
+
+    order = np.argsort(np.nanmin(distances, axis=0), kind="stable")
+    nearest, others = np.split(order, [NEAREST_PAIRS])
+    keeping = [run.task.spec.clearance_of(stage) for stage in run["window/first"].tolist()]
+    return NearestPairs(
+        names=[names[pair] for pair in nearest],
+        distances=distances[:, nearest],
+        others=np.fmin.reduce(distances[:, others], axis=1, initial=np.nan),
+        n_others=len(others),
+        margin=np.array([np.nan if each is None else each.margin for each in keeping]),
+    )
+
+
+def name_of_pair(names: Sequence[str]) -> str:
+    """Return the names of two parts as figures write them."""
+    return " \N{EN DASH} ".join(map(style.readable, names))
+
+
+def plot_clearance(run: Run) -> Figure:
+    """Plot the smallest distance [mm] of each of the nearest pairs of parts over each sample, with the margin in force.
+
+    The other pairs share one line, the smallest of their distances. Distances far beyond the smallest ones are out of
+    view. Where two parts overlap their distance is negative, and a cross is at its smallest value.
+    """
+    pairs = nearest_pairs(run)
+    distances = 1e3 * pairs.distances
+    others = 1e3 * pairs.others
+    margin = 1e3 * pairs.margin
+    smallest = np.nanmin(distances, axis=0)
+    smallest_other = np.fmin.reduce(others)
+    top = 1e3 * pairs.top
+
+    figure, grid = timeline(run, 1, 1.9)
+    axes = grid[0, 0]
+    edges = np.r_[run.time, run.motion.end]
+
+    def draw(values: np.ndarray, **look: Any) -> None:
+        axes.plot(edges, np.r_[values, values[-1]], drawstyle="steps-post", **look)
+
+    for place, names in enumerate(pairs.names):
+        draw(distances[:, place], label=f"_{name_of_pair(names)}", **style.line_look(place))
+    if smallest_other < top:
+        draw(others, **style.look("other pairs", label=f"_nearest of {pairs.n_others} others"))
+    kept = ", ".join(f"{each:g} mm" for each in np.unique(margin[np.isfinite(margin)]))
+    draw(margin, **style.look("bound", label=f"_margin, {kept}"))
+    axes.axhline(0.0, **style.LEVEL)
+    for place in np.flatnonzero(smallest < 0).tolist():
+        deepest = np.nanargmin(distances[:, place])
+        axes.plot(run.time[deepest], smallest[place], **style.look("failed", label="_touch", zorder=3))
+    low = min(0.0, float(smallest[0]))
+    axes.set_ylim(low - 0.04 * (top - low), top)
+    count = len(pairs.names)
+    note = f"{count} of {count + pairs.n_others} pairs; the others stay above {np.floor(smallest_other):.0f} mm"
+    label_row([axes], "Smallest distance\nover a sample (mm)", note if pairs.n_others else "")
     return style.finish(figure)

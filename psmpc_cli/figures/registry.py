@@ -79,6 +79,11 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
             "Filtered loads on each grasp while it is closed, with what it holds.",
             is_of=lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
         ),
+        "clearance": FigureKind(
+            instants.plot_clearance,
+            "Smallest distances of the nearest parts, with the margin that the task keeps.",
+            is_of=instants.has_distances,
+        ),
     },
     COMPARISON: {
         "overlay": FigureKind(coordinates.plot_overlay),

@@ -13,10 +13,15 @@ from psmpc_cli.logs.summary import judge_monitor
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
+from psmpc_cli.robot.geometry import Piece
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.geometry import ObstacleSpec, Shape
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.parts import axes_of
 from psmpc_cli.specs.task import MonitorSpec
+
+OBSTACLE_ROOM = 0.25
+"""How far an obstacle may widen the view on either side, in sizes of what else is in it."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,11 @@ class Scene:
         return CAMERAS[self.run.problem.model.dimension]
 
     @property
+    def obstacles(self) -> Sequence[ObstacleSpec]:
+        """What the robot does not touch."""
+        return self.run.task.spec.obstacles
+
+    @property
     def half(self) -> np.ndarray:
         """Half the edges of the object (3,) [m]; 0 where the task has none."""
         spec = self.run.task.spec.object
@@ -151,7 +161,7 @@ class Scene:
         every = list(times)
         tracks = self.paths(float(self.run.motion.time[0]), max(every))
         aims = [self.target_frames(stage, time)[:, :3, 3] for time in every for stage in self.acting(time)]
-        return points_with_shadows([*map(self.points, every)], [*tracks, *aims])
+        return points_with_shadows([*map(self.points, every)], [*tracks, *aims], self.obstacles, every)
 
     def events(self, time: float) -> list[str]:
         """Return what is on at a time [s]: the current stage, those that already act, whether the object is lost."""
@@ -185,12 +195,62 @@ class Scene:
         return kept
 
 
-def points_with_shadows(bodies: Sequence[np.ndarray], others: Sequence[np.ndarray]) -> np.ndarray:
-    """Return all finite points (., 3) [m], with those of the bodies again where the lowest of all is."""
+def points_with_shadows(
+    bodies: Sequence[np.ndarray],
+    others: Sequence[np.ndarray],
+    obstacles: Sequence[ObstacleSpec] = (),
+    times: Sequence[float] = (0.0,),
+) -> np.ndarray:
+    """Return all finite points (., 3) [m], with those of the bodies again where the lowest of all is.
+
+    With them are those of obstacles at times [s] that are near.
+    """
     of_bodies = _finite(np.vstack(bodies))
     found = np.vstack([of_bodies, _finite(np.vstack([*others, np.zeros((0, 3))]))])
+    found = np.vstack([found, *(points_near(obstacle, time, found) for obstacle in obstacles for time in times)])
     lowest = found[:, 2].min(initial=np.inf)
     return np.vstack([found, np.c_[of_bodies[:, :2], np.full(len(of_bodies), lowest)]])
+
+
+def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
+    """Return points (., 3) that show an obstacle at a time [s] as far as it is near others (., 3); none if it is not.
+
+    One that is large or far away would leave no room for the robot.
+    """
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    room = OBSTACLE_ROOM * float(np.max(high - low))
+    shape = obstacle.shape.shape
+    frame = obstacle_frame(obstacle, time)
+    if shape.kind == "box":
+        found = corners(frame, half_edges(shape.edges))
+    elif shape.kind == "capsule":
+        around = shape.size[0] * np.vstack([np.eye(3), -np.eye(3)])
+        found = (in_inertial_frame(frame, capsule_ends(shape))[:, None] + around).reshape(-1, 3)
+    else:
+        normal = frame[:3, :3] @ shape.size
+        middle = (low + high) / 2
+        found = (middle - (middle - frame[:3, 3]) @ normal * normal)[None]
+    is_near = (found.min(axis=0) <= high + room).all() and (found.max(axis=0) >= low - room).all()
+    return np.clip(found, low - room, high + room) if is_near else np.zeros((0, 3))
+
+
+def obstacle_frame(obstacle: ObstacleSpec, time: float) -> np.ndarray:
+    """Return the frame (4, 4) [m] of an obstacle at a time [s]."""
+    frame = pose_frames(obstacle.pose)
+    frame[: len(obstacle.velocity), 3] += time * np.array(obstacle.velocity)
+    return frame
+
+
+def capsule_ends(shape: Shape) -> np.ndarray:
+    """Return the ends of the segment that a capsule is about (2, 3) [m], in its frame."""
+    return np.array([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]]) * shape.size[1]
+
+
+def capsules(model: RobotModel, pieces: Sequence[Piece], Q: np.ndarray) -> list[tuple[np.ndarray, float]]:
+    """Return the segments (2, 3) and radii [m] of a robot's capsules at Q (nq,)."""
+    frames = model.body_frames(Q)
+    return [(in_inertial_frame(frames[piece.body], piece.ends), piece.shape.size[0]) for piece in pieces]
 
 
 def _finite(points: np.ndarray) -> np.ndarray:

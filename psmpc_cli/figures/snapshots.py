@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator, MultipleLocator
@@ -24,14 +23,25 @@ from psmpc_cli.figures.scene import (
     Camera,
     Scene,
     base_half,
+    capsules,
     corners,
     half_edges,
     in_inertial_frame,
     object_frames,
+    obstacle_frame,
     outline,
     pointing_targets,
     points_with_shadows,
     scene_of,
+)
+from psmpc_cli.figures.solids import (
+    BELOW_ALL,
+    DEPTH_ORDER,
+    SHADOW_COLOR,
+    capsule_outline,
+    draw_box,
+    draw_shadow,
+    draw_shape,
 )
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
@@ -39,7 +49,9 @@ from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
+from psmpc_cli.robot.geometry import Piece, pieces_of
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.geometry import ObstacleSpec
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits
 
@@ -51,12 +63,6 @@ AXIS_ROOM = 0.45
 
 FINER_STEPS = (1.0, 0.5, 0.4, 0.2, 0.1, 0.05, 0.02, 0.01)
 """Steps of ticks to try on an axis that is so short that it would have one tick or none, in steps of the others."""
-
-DEPTH_ORDER = 100.0
-"""How much later a body is drawn for every metre that it is nearer to the viewer, as drawing order [1/m]."""
-
-BELOW_ALL = -1e4
-"""Drawing order of what lies under all bodies of a spatial scene."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +100,7 @@ FAINT_OPACITY = 0.25
 """Opacity of the robot where a stage begins."""
 
 FLOOR_COLOR = "#E0E0E0"
-SHADOW_COLOR = "#EFEFEF"
-"""Colours of the squares below a scene and of the shadow on them."""
+"""Colour of the squares below a scene."""
 
 TRIAD_COLORS = {"x": "#000000", "y": "#808080", "z": "#C0C0C0"}
 """Colours of the axes of a frame."""
@@ -212,7 +217,7 @@ def _step_of_two(low: float, high: float, step: float) -> float:
 
 
 def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.ndarray) -> None:
-    """Draw object, paths, robot and the targets of the stages that act.
+    """Draw object, obstacles, paths, robot and the targets of the stages that act.
 
     Args:
         axes: A panel.
@@ -229,9 +234,10 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
     draw_robot(axes, camera, model, Q)
     if (frame := scene.object_frame(time)) is not None:
         name = "object, lost" if scene.lost and time >= scene.left else "object"
-        _draw_box(axes, camera, frame, scene.half, style.look(name))
+        draw_box(axes, camera, frame, scene.half, style.look(name))
     if look.floor:
         _draw_floor(axes, camera, model, Q, extent)
+    _draw_obstacles(axes, camera, scene.obstacles, time, extent)
     for stage in scene.acting(time):
         for i, target in enumerate(scene.target_frames(stage, time)):
             if not np.isfinite(target[:3, 3]).all():
@@ -248,6 +254,26 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
         axes.plot(*path.T, color=_arm_color(i), linewidth=0.6, zorder=look.paths + 1.3, label="_path of an arm's end")
 
 
+def _draw_obstacles(
+    axes: Axes, camera: Camera, obstacles: Sequence[ObstacleSpec], time: float | None, extent: np.ndarray
+) -> None:
+    """Draw obstacles where they are at a time [s], and the ways of their middles to there; without a time at the start.
+
+    Walls are last: the legend has the first one, and walls in space are pale.
+    """
+    for obstacle in sorted(obstacles, key=lambda each: each.shape.half_space is not None):
+        shape = obstacle.shape.shape
+        moves = any(obstacle.velocity)
+        frame = obstacle_frame(obstacle, time or 0.0)
+        name = "obstacle at the start" if moves and time is None else "obstacle"
+        draw_shape(axes, camera, shape, frame, extent, style.look("obstacle", label=f"_{name}"))
+        if camera == OBLIQUE:
+            draw_shadow(axes, camera, shape, frame, float(extent[:, 2].min()))
+        if moves and time and shape.kind != "half_space":
+            way = camera.project(np.array([obstacle_frame(obstacle, 0.0)[:3, 3], frame[:3, 3]]))
+            axes.plot(*way.T, **style.look("path of an obstacle", zorder=1.2))
+
+
 def draw_robot(
     axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, base: str = "base", alpha: float = 1.0
 ) -> None:
@@ -256,7 +282,7 @@ def draw_robot(
     frames = model.body_frames(Q)
     arms = list(model.spec.arms)
     look = style.look("base", label=f"_{base}", alpha=alpha)
-    _draw_box(axes, camera, frames[0] @ shape.box_frame, base_half(model), look, 2.0)
+    draw_box(axes, camera, frames[0] @ shape.box_frame, base_half(model), look, 2.0)
     grippers = {tool.body: [shape.grippers[name]] for name, tool in model.spec.tools.items()}
     for number, (body, frame) in enumerate(zip(model.spec.bodies, frames, strict=True)):
         arm = body.name.rpartition(".")[0]
@@ -275,21 +301,6 @@ def draw_robot(
             axes.plot(
                 *camera.project(frame[:3, 3]), markeredgewidth=0.7, markerfacecolor="white", zorder=order, **joint
             )
-
-
-def _draw_box(
-    axes: Axes, camera: Camera, frame: np.ndarray, half: np.ndarray, look: Mapping[str, Any], zorder: float = 1.0
-) -> None:
-    """Draw the faces towards the viewer of a box with half edges (3,) in a frame (4, 4), those aside darker."""
-    towards = frame[:3, :3].T @ camera.axes[2]
-    for axis in np.argsort(-np.abs(towards)).tolist():  # the legend has the brightest face
-        if abs(towards[axis]) > 1e-6 and np.delete(half, axis).min() > 0:
-            signs = np.insert([[1, 1], [-1, 1], [-1, -1], [1, -1]], axis, np.sign(towards[axis]), axis=1)
-            points = in_inertial_frame(frame, signs * half)
-            face = look["facecolor"]
-            shaded = face if face == "none" else np.array(to_rgb(face)) * (0.7 + 0.3 * abs(towards[axis]))
-            order = zorder + DEPTH_ORDER * camera.depth(points)
-            axes.add_patch(Polygon(camera.project(points), **{**look, "facecolor": shaded, "zorder": order}))
 
 
 def _draw_triad(axes: Axes, camera: Camera, frame: np.ndarray, length: float, of: str) -> None:
@@ -321,8 +332,8 @@ def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, ex
     hull = corners(frames[0] @ shape.box_frame, shape.box) @ flat
     shadow = ConvexHull(hull[:, :2]).vertices
     axes.add_patch(Polygon(camera.project(hull[shadow]) + below, facecolor=SHADOW_COLOR, zorder=1.5 * BELOW_ALL))
-    for frame, capsules in zip(frames, shape.capsules, strict=True):
-        for ends in in_inertial_frame(frame, capsules):
+    for frame, segments in zip(frames, shape.capsules, strict=True):
+        for ends in in_inertial_frame(frame, segments):
             axes.plot(
                 *(camera.project(ends @ flat) + below).T, color=SHADOW_COLOR, linewidth=2.0, zorder=1.5 * BELOW_ALL
             )
@@ -336,6 +347,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     """Plot a robot at rest at joint coordinates 0, or the nearest within its limits [m].
 
     Joints have their numbers and axes, base and end-effectors their frames. A spatial robot is seen from four sides.
+    Capsules are those of the geometry in the robot's file.
     """
     model = RobotModel(spec)
     limits = resolve_limits(spec)
@@ -346,6 +358,9 @@ def plot_robot(spec: RobotSpec) -> Figure:
     points = np.vstack(
         [outline(model, Q), *(in_inertial_frame(frame, size * np.eye(3)[: model.dimension]) for frame in frames)]
     )
+    pieces = pieces_of(spec) if spec.geometry else ()
+    for ends, radius in capsules(model, pieces, Q):
+        points = np.vstack([points, *(ends + radius * side for side in np.vstack([np.eye(3), -np.eye(3)]))])
     box = np.array([points.min(axis=0), points.max(axis=0)]) + 0.04 * np.ptp(points) * np.array([[-1], [1]])
     figure = style.new_figure()
     wide = np.ptp(box, axis=0)[: model.dimension - 1]
@@ -353,6 +368,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     for camera, axes in panels.items():
         show(axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.project(box)), wide.sum())
         draw_robot(axes, camera, model, Q)
+        _draw_capsules(axes, camera, model, pieces, Q)
         for frame in frames:
             _draw_triad(axes, camera, frame, size, "frame")
     camera, axes = next(iter(panels.items()))
@@ -387,7 +403,8 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
 def plot_scenario(task: Task) -> Figure:
     """Plot a task before anything has run: a panel for each stage with the robot at its target, and the object.
 
-    The robot is faint where the stage begins. A base that the stage wants nowhere is drawn where it was.
+    The robot is faint where the stage begins. A base that the stage wants nowhere is drawn where it was. Obstacles are
+    where they are at the start. Where the task keeps clear the robot at its target has the capsules that cover it.
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
@@ -398,22 +415,34 @@ def plot_scenario(task: Task) -> Figure:
     objects = object_frames(task, model, stops)
     points = [pointing_targets(model, stage) for stage in stages]
     extent = points_with_shadows(
-        [outline(model, Q) for Q in stops], [*(corners(frame, half) for frame in objects), *points]
+        [outline(model, Q) for Q in stops],
+        [*(corners(frame, half) for frame in objects), *points],
+        task.spec.obstacles,
     )
+    pieces = pieces_of(task.robot) if task.spec.keeps_clear else ()
     titles = [f"{i}. {style.readable(stage.name)}, priority {stage.priority:g}" for i, stage in enumerate(stages, 1)]
     figure, grid = _panels(camera, extent, titles, min(2, len(stages)), style.COLUMN)
     for i, axes in enumerate(grid[: len(stages)]):
         if SCENE_LOOKS[model.dimension].floor:
             _draw_floor(axes, camera, model, stops[i + 1], extent)
         for frame in objects[i : i + 1]:
-            _draw_box(axes, camera, frame, half, style.look("object"))
+            draw_box(axes, camera, frame, half, style.look("object"))
+        _draw_obstacles(axes, camera, task.spec.obstacles, None, extent)
         draw_robot(axes, camera, model, stops[i], "where the stage begins", FAINT_OPACITY)
+        _draw_capsules(axes, camera, model, pieces, stops[i + 1])
         draw_robot(axes, camera, model, stops[i + 1], _base_of_scenario(model, stages[i]))
         for arm, point in enumerate(camera.project(points[i])):
             axes.plot(
                 *point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=-BELOW_ALL)
             )
     return style.finish(figure, describe(camera, extent))
+
+
+def _draw_capsules(axes: Axes, camera: Camera, model: RobotModel, pieces: Sequence[Piece], Q: np.ndarray) -> None:
+    """Draw the outlines of the capsules of a robot at Q (nq,)."""
+    for ends, radius in capsules(model, pieces, Q):
+        order = 3.2 + DEPTH_ORDER * camera.depth(ends)
+        axes.plot(*capsule_outline(camera, ends, radius).T, **style.look("capsules of the bodies", zorder=order))
 
 
 def _base_of_scenario(model: RobotModel, stage: Stage) -> str:

@@ -55,7 +55,9 @@ EARLY = "#FAD28A"
 EDGE = "#444444"
 BODY = "#C9D3DA"
 OBJECT = "#F5EDA0"
-"""Colours of every other stage, a stage that acts early, limits and outlines, the base, the object."""
+OBSTACLE = "#CFC4BC"
+CAPSULE = "#882255"
+"""Colours of every other stage, a stage that acts early, limits and outlines, base, object, obstacles, capsules."""
 
 DASHED = (0, (5, 2))
 DOTTED = (0, (1, 1.5))
@@ -85,11 +87,15 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
     "dominated": {"color": "#A0A0A0", "marker": "x", "linestyle": "none", "zorder": 4},
     "published start": PUBLISHED,
     "published end": PUBLISHED,
+    "other pairs": {"color": "#A0A0A0", "linewidth": 0.8, "zorder": 1.6},
     "bound": {**LEVEL, "linestyle": DASHED},
     "broken": {"color": PALETTE[1], "marker": "X", "markersize": 6.0, "linestyle": "none", "zorder": 3},
     "base": {"facecolor": BODY, "edgecolor": "black", "linewidth": 0.7},
     "object": {"facecolor": OBJECT, "edgecolor": EDGE, "linewidth": 0.6},
     "object, lost": {"facecolor": "none", "edgecolor": EDGE, "linewidth": 0.8, "linestyle": (0, (3, 1.5))},
+    "obstacle": {"facecolor": OBSTACLE, "edgecolor": EDGE, "linewidth": 0.6, "hatch": "//////"},
+    "path of an obstacle": {"color": EDGE, "linewidth": 0.6, "linestyle": DOTTED},
+    "capsules of the bodies": {"color": CAPSULE, "linewidth": 0.5},
     "target": {"linestyle": "none", "marker": "+", "markersize": 5.5, "markeredgewidth": 0.9},
     "path of the base": {"color": EDGE, "linewidth": 0.7, "linestyle": (0, (2, 1.5))},
 }

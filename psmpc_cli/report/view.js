@@ -48,7 +48,7 @@ function planned(run, t) { // the stages that are to end, and when, as the sampl
 // ---- robots in three dimensions
 
 const material = (color, opacity) => new THREE.MeshLambertMaterial({ color, transparent: opacity < 1, opacity, depthWrite: opacity > 0.5, polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 2 });
-const EDGE = 0x3a4046, AXES = ["#d62728", "#2a9d3a", "#1f4fd8"];
+const EDGE = 0x3a4046, INK = 0x1b1f24, OVERLAP = 0xc01818, AXES = ["#d62728", "#2a9d3a", "#1f4fd8"];
 
 function mesh(parent, geometry, color, opacity, outlined = false) {
   const made = new THREE.Mesh(geometry, material(color, opacity));
@@ -63,11 +63,12 @@ function put(object, { position, quaternion }) { // where the data have it
   return object;
 }
 
-function capsule(parent, [from, to], radius, color, opacity) {
+function capsule(parent, [from, to], radius, color, opacity, detail = 1) {
   const start = new THREE.Vector3(...from), line = new THREE.Vector3(...to).sub(start);
-  const made = mesh(parent, new THREE.CapsuleGeometry(radius, line.length(), 6, 16), color, opacity);
+  const made = mesh(parent, new THREE.CapsuleGeometry(radius, line.length(), 6 * detail, 16 * detail), color, opacity);
   made.position.copy(start).addScaledVector(line, 0.5);
   made.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), line.normalize());
+  return made;
 }
 
 function triad(parent, length, thick) { // axes of a frame, seen through what lies before them
@@ -82,7 +83,8 @@ function triad(parent, length, thick) { // axes of a frame, seen through what li
 
 class Robot { // a tree of groups, one for each body, then one for each end-effector
   constructor(run, opacity = 1, tint = null) {
-    const { bodies, tools, box, colors, radius } = run.robot;
+    const { bodies, tools, box, colors, radius, coverColor } = run.robot;
+    const covered = opacity > 0.3 ? bodies : []; // ghosts and probes do without
     this.run = run;
     this.group = new THREE.Group();
     this.bodies = bodies.map((body) => put(new THREE.Group(), body));
@@ -99,6 +101,7 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
       carrier.add(group);
       return group;
     });
+    this.covers = covered.flatMap((body, i) => body.covers.map((cover) => capsule(this.bodies[i], cover.ends, cover.radius, coverColor, 0.22, 2)));
     this.triads = opacity > 0.3 ? this.frames.flatMap((frame) => triad(frame, 4 * radius, 0.55 * radius)) : [];
     if (run.object && opacity > 0.3) this.object = mesh(this.group, new THREE.BoxGeometry(...run.object.size), run.robot.objectColor, opacity, true);
   }
@@ -157,7 +160,54 @@ class Track { // polylines of base and end-effectors
   }
 }
 
-class Actor { // one run in the scene: robot, object, path so far, plan from here, targets
+class Obstacle { // in uniform motion from where it is at the start
+  constructor(parent, { name, position, quaternion, velocity, box, ends, radius, opacity }, color) {
+    Object.assign(this, { name, start: new THREE.Vector3(...position), velocity: new THREE.Vector3(...velocity) });
+    this.group = put(new THREE.Group(), { position, quaternion });
+    if (box) mesh(this.group, new THREE.BoxGeometry(...box), color, opacity, true);
+    else capsule(this.group, ends, radius, color, opacity, 3);
+    parent.add(this.group);
+  }
+
+  placeAt(t) {
+    this.group.position.copy(this.start).addScaledVector(this.velocity, t);
+  }
+}
+
+class Nearest { // the two parts that are nearest to each other at a sample: a line between their points
+  constructor(parent, run) {
+    this.run = run;
+    this.group = new THREE.Group();
+    const look = { color: 0, depthTest: false, transparent: true }; // seen through what lies before it
+    this.line = new THREE.Line2(new THREE.LineGeometry(), new THREE.LineMaterial({ ...look, linewidth: 3 }));
+    this.line.frustumCulled = false;
+    this.ends = [0, 1].map(() => new THREE.Mesh(new THREE.SphereGeometry(0.35 * run.robot.radius, 12, 8), new THREE.MeshLambertMaterial(look)));
+    this.group.add(this.line, ...this.ends);
+    this.group.renderOrder = 1;
+    parent.add(this.group);
+  }
+
+  seek(t) {
+    const { time, distance, points, pair, names } = this.run.nearest, k = before(time.array, t), ends = points.row(k);
+    this.distance = distance.array[k];
+    this.group.visible = $("show-nearest").checked && Number.isFinite(this.distance);
+    if (!this.group.visible) return;
+    this.text = `${(1e3 * this.distance).toFixed(0)} mm, ${names[pair[k]]}`;
+    this.line.geometry.dispose();
+    this.line.geometry = new THREE.LineGeometry().setPositions(Array.from(ends));
+    this.ends.forEach((end, i) => end.position.set(...ends.subarray(3 * i, 3 * i + 3)));
+    const color = this.distance < 0 ? OVERLAP : INK;
+    this.line.material.color.set(color);
+    for (const end of this.ends) end.material.emissive.set(color);
+  }
+
+  get captions() { // text, where, look
+    if (!this.group.visible) return [];
+    return [[this.text, this.ends[0].position.clone().lerp(this.ends[1].position, 0.5), this.distance < 0 ? "near overlap" : "near"]];
+  }
+}
+
+class Actor { // one run in the scene: robot, object, obstacles, path so far, plan from here, targets, nearest parts
   constructor(run, faint) {
     this.run = run;
     this.group = new THREE.Group();
@@ -175,14 +225,19 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
       return mark;
     }));
     this.tracked = Array.from(run.time.array, (t) => this.probe.place(coordinates(run, t)).positions());
+    this.obstacles = run.obstacles.map((each) => new Obstacle(this.group, each, run.robot.obstacleColor));
+    this.nearest = run.nearest && new Nearest(this.group, run);
     this.group.add(this.robot.group, this.plan, this.targets);
-    this.plan.add(...this.ghosts.map((ghost) => ghost.group));
+    for (const ghost of this.ghosts) this.plan.add(ghost.group);
   }
 
   seek(now) {
     const { run } = this, t = clamp(now, run.time.array[0], endOf(run)), here = before(run.time.array, t);
     this.robot.placeAt(t);
     this.path.set([...this.tracked.slice(0, here + 1), this.robot.positions()]);
+    for (const obstacle of this.obstacles) obstacle.placeAt(t);
+    for (const cover of this.robot.covers) cover.visible = $("show-covers").checked;
+    this.nearest?.seek(t);
     this.plan.visible = $("show-plan").checked && this.ghosts.length > 0;
     this.path.lines.forEach((line) => { line.visible = $("show-paths").checked; });
     for (const each of [this.targets, ...this.robot.triads]) each.visible = $("show-targets").checked;
@@ -213,8 +268,9 @@ class Actor { // one run in the scene: robot, object, path so far, plan from her
     if (end > t + 1e-6) show(this.ghosts.at(-1), end, `end of the plan, ${end.toFixed(1)} s`);
   }
 
-  balls() { // around what its robot, its object and its targets are and will be: centres and radii
-    const { object, targets, robot: { box: { half }, radius } } = this.run, every = Math.ceil(this.tracked.length / 60), found = [];
+  balls() { // around what its robot, its object, obstacles and targets are and will be: centres and radii
+    const { object, obstacles, targets, robot: { box: { half }, radius } } = this.run, every = Math.ceil(this.tracked.length / 60), found = [];
+    for (const point of obstacles.flatMap((each) => each.around.flat())) found.push([new THREE.Vector3(...point), 0]);
     for (let i = 0; i < this.tracked.length; i += every) {
       this.tracked[i].forEach((p, f) => found.push([p, f ? 4 * radius : Math.hypot(...half)]));
       if (object) found.push([new THREE.Vector3().fromArray(object.pose.row(i)), Math.hypot(...object.size) / 2]);
@@ -306,6 +362,9 @@ function render() {
     for (const [name, at] of world.axes) label(name, at, left, width / columns, height, name.length > 1 ? "ground" : "");
     const seen = actors.filter((actor) => actor.group.visible && actor.plan.visible && width / columns > 480);
     for (const [name, at] of seen.flatMap((actor) => actor.captions)) label(name, at, left, width / columns, height, "planned");
+    const drawn = actors.filter((actor) => actor.group.visible);
+    for (const { name, group } of drawn.flatMap((actor) => actor.obstacles)) label(name, group.position, left, width / columns, height, "ground");
+    for (const [name, at, look] of drawn.flatMap((actor) => actor.nearest?.captions ?? [])) label(name, at, left, width / columns, height, look);
     if (several()) element($("labels"), "span", "caption", columns > 1 ? chosen[column].name : `${chosen[0].name}; paler: ${chosen[1].name}`).style.transform = `translate(${left + 10}px, 6px)`;
   }
 }
@@ -504,9 +563,13 @@ function choose() {
   $("notes").replaceChildren();
   for (const run of chosen) for (const note of run.notes) element($("notes"), "li", "", named(run, note));
   $("show-plan").parentElement.hidden = !chosen.some((run) => run.plans);
+  $("nearest").hidden = !chosen.some((run) => run.nearest);
+  $("covers").hidden = !chosen.some((run) => run.robot.bodies.some((body) => body.covers.length));
   $("parts").replaceChildren();
-  const { parts, colors, objectColor } = first.robot;
-  [...parts.map((part, i) => [part, colors[i]]), ...(first.object ? [["object", objectColor]] : [])].forEach(([part, color]) => {
+  const { parts, colors, objectColor, obstacleColor } = first.robot, others = [];
+  if (first.object) others.push(["object", objectColor]);
+  if (first.obstacles.length) others.push(["obstacles", obstacleColor]);
+  [...parts.map((part, i) => [part, colors[i]]), ...others].forEach(([part, color]) => {
     const entry = element($("parts"), "span");
     Object.assign(element(entry, "i").style, { background: color, border: "1px solid #3a4046" });
     element(entry, "span", "", part);
@@ -533,7 +596,7 @@ for (const name of new Set(runs.flatMap((run) => run.plots.map((each) => each.na
   button.setAttribute("role", "tab");
 }
 $("overlay").checked = window.innerWidth < 700;
-for (const id of ["show-plan", "show-targets", "show-paths"]) $(id).onchange = () => seek(now);
+for (const id of ["show-plan", "show-targets", "show-paths", "show-nearest", "show-covers"]) $(id).onchange = () => seek(now);
 $("play").onclick = toggle;
 $("above").onclick = () => frameMission(false);
 $("tilted").onclick = () => frameMission(true);
@@ -568,10 +631,10 @@ window.psmpc = {
   get time() { return now; },
   camera: () => ({ position: world.camera.position.toArray(), target: world.controls.target.toArray() }),
   poses: (which = 0) => {
-    const { robot, marks } = actors[which];
+    const { robot, marks, obstacles, nearest } = actors[which];
     const of = (group) => [...group.getWorldPosition(new THREE.Vector3()), ...group.getWorldQuaternion(new THREE.Quaternion())];
     const targets = marks.map((stage) => stage.map((mark) => (mark.visible ? of(mark) : null)));
-    return { bodies: robot.bodies.map(of), tools: robot.tools.map(of), object: robot.object ? of(robot.object) : null, targets };
+    return { bodies: robot.bodies.map(of), tools: robot.tools.map(of), object: robot.object ? of(robot.object) : null, targets, obstacles: obstacles.map((each) => of(each.group)), covers: robot.covers.map((each) => (each.visible ? of(each) : null)), nearest: nearest?.group.visible ? [nearest.text, ...nearest.ends.map(of)] : null };
   },
 };
 })();

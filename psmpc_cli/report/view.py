@@ -20,13 +20,17 @@ from psmpc_cli.figures.coordinates import (
     error_parts,
     limits_base_force,
 )
-from psmpc_cli.figures.scene import Scene, scene_of
+from psmpc_cli.figures.instants import has_distances, name_of_pair, nearest_pairs
+from psmpc_cli.figures.scene import Scene, capsule_ends, obstacle_frame, points_near, scene_of
+from psmpc_cli.figures.solids import WALL_OPACITY
 from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.report.pages import Page, render
 from psmpc_cli.report.texts import describe_forces, describe_mission
+from psmpc_cli.robot.geometry import Piece, pieces_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.replay import logged_solve
+from psmpc_cli.specs.geometry import Shape
 from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.robot import Attachment, Joint
 
@@ -35,6 +39,9 @@ MAX_FRAMES = 3000
 
 MAX_PLANS = 750
 """Most plans that are shown of a run."""
+
+MAX_VIEWS = 20
+"""Most times whose views tell how large a scene is."""
 
 MAX_NODES = 24
 """Most nodes that are shown of a plan, besides those at its switches."""
@@ -78,7 +85,7 @@ def _run_data(name: str, run: Run) -> Json:
         "name": name,
         "mission": describe_mission(run.summary()),
         "notes": list(_notes(run)),
-        "robot": _robot(model),
+        "robot": _robot(model, pieces_of(model.spec) if run.task.spec.keeps_clear else ()),
         "time": _pack(time, "f8"),
         "Q": _pack(motion.Q[frames], "f8"),
         "stages": [
@@ -90,6 +97,8 @@ def _run_data(name: str, run: Run) -> Json:
         "plans": _plans(run, samples) if run.has_plans else None,
         "targets": _pack(_targets(scene, time)),
         "object": _object(scene, time),
+        "obstacles": list(_obstacles(scene, time)),
+        "nearest": _nearest(run) if "clearance/distance" in run else None,
         "plots": list(_plots(run, frames)),
     }
 
@@ -108,8 +117,11 @@ def _notes(run: Run) -> Iterator[str]:
         yield f"Plans are drawn at {MAX_PLANS} of the {len(run.time)} samples."
 
 
-def _robot(model: RobotModel) -> Json:
-    """Describe a robot as bodies, each on the one that carries it; lengths [m], quaternions x, y, z, w."""
+def _robot(model: RobotModel, pieces: Sequence[Piece]) -> Json:
+    """Describe a robot as bodies, each on the one that carries it; lengths [m], quaternions x, y, z, w.
+
+    They have the capsules that cover them, where there are some.
+    """
     spec = model.spec
     shape = model.shape
     turn = Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat()
@@ -123,8 +135,11 @@ def _robot(model: RobotModel) -> Json:
             "axis": joint.axis,
             "prismatic": joint.prismatic,
             "capsules": lines.tolist(),
+            "covers": [
+                {"ends": piece.ends.tolist(), "radius": piece.shape.size[0]} for piece in pieces if piece.body == number
+            ],
         }
-        for body, joint, lines in zip(spec.bodies, joints, shape.capsules, strict=True)
+        for number, (body, joint, lines) in enumerate(zip(spec.bodies, joints, shape.capsules, strict=True))
     ]
     return {
         "spatial": model.dimension == 3,
@@ -134,6 +149,8 @@ def _robot(model: RobotModel) -> Json:
         "parts": [style.readable(part) for part in parts],
         "colors": [style.BODY, *(style.line_look(number)["color"] for number in range(len(spec.arms)))],
         "objectColor": style.OBJECT,
+        "obstacleColor": style.OBSTACLE,
+        "coverColor": style.CAPSULE,
         "radius": shape.radius,
     }
 
@@ -193,6 +210,59 @@ def _object(scene: Scene, time: np.ndarray) -> Json | None:
     return {"size": size, "pose": _pack(poses, "f8"), "lost": scene.left if scene.lost else None}
 
 
+def _obstacles(scene: Scene, time: np.ndarray) -> Iterator[Json]:
+    """Describe obstacles at the start as boxes and capsules, with velocities [m/s] and points that a view should show.
+
+    What is seen of a half-space is a box: in space a wall, through which one sees.
+    """
+    if not scene.obstacles:
+        return
+    extent = scene.extent(time[_evenly_chosen(len(time), MAX_VIEWS)].tolist())
+    model = scene.run.problem.model
+    planar = model.dimension == 2
+    thick = 2.6 * model.shape.radius
+    for obstacle in scene.obstacles:
+        shape = obstacle.shape.shape
+        frame = obstacle_frame(obstacle, 0.0)
+        opacity = 1.0
+        if shape.kind == "half_space":
+            wide = 1.5 * float(np.linalg.norm(np.ptp(extent, axis=0)))
+            depth = wide if planar else 0.01 * wide
+            normal = frame[:3, :3] @ shape.size
+            middle = (extent.min(axis=0) + extent.max(axis=0)) / 2
+            beyond = (middle - frame[:3, 3]) @ normal
+            frame[:3, 3] = middle - (beyond + depth / 2) * normal
+            frame[:3, :3] = Rotation.align_vectors([normal], [[1, 0, 0]])[0].as_matrix()
+            shape = Shape("box", (depth, wide) if planar else (depth, wide, wide))
+            opacity = 1.0 if planar else WALL_OPACITY
+        yield {
+            "name": style.readable(obstacle.name),
+            "position": frame[:3, 3].tolist(),
+            "quaternion": Rotation.from_matrix(frame[:3, :3]).as_quat().tolist(),
+            "velocity": [*obstacle.velocity, 0.0, 0.0, 0.0][:3],
+            "box": [*shape.edges, thick][:3] if shape.kind == "box" else None,
+            "ends": capsule_ends(shape).tolist() if shape.kind == "capsule" else None,
+            "radius": shape.size[0] if shape.kind == "capsule" else None,
+            "opacity": opacity,
+            "around": [points_near(obstacle, float(each), extent).tolist() for each in time[[0, -1]]],
+        }
+
+
+def _nearest(run: Run) -> Json:
+    """Collect the smallest of all distances over each sample [m], whose it is, and the points of both parts then."""
+    samples = _evenly_chosen(len(run.time), MAX_FRAMES)
+    distances = np.where(np.isnan(run["clearance/distance"]), np.inf, run["clearance/distance"])[samples]
+    pair = distances.argmin(axis=1)
+    rows = np.arange(len(samples))
+    return {
+        "time": _pack(run.time[samples], "f8"),
+        "distance": _pack(np.where(np.isinf(distances[rows, pair]), np.nan, distances[rows, pair])),
+        "points": _pack(run["clearance/points"][samples][rows, pair]),
+        "pair": pair.tolist(),
+        "names": [name_of_pair(name.split(" - ")) for name in run["clearance/pair"].tolist()],
+    }
+
+
 def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
     """Yield the tabs of plots, each with its panels; tabs and panels without curves are left out.
 
@@ -213,6 +283,7 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
         "Coordinates": _panels(model, time, _angles(model, motion.Q[frames]), ("m", "rad")),
         "Stages": _stage_panels(run),
         "Grasp": _grasp_panels(run) if "grasp/pull" in run else (),
+        "Clearance": _clearance_panels(run) if has_distances(run) else (),
     }
     for name, panels in tabs.items():
         if drawn := [panel for panel in panels if panel["series"]]:
@@ -319,6 +390,15 @@ def _grasp_panels(run: Run) -> Iterator[Json]:
     linear = len(axes) // 3 + 1
     yield _panel("object (m/s)", time, axes[:linear])
     yield _panel("object (rad/s)", time, axes[linear:])
+
+
+def _clearance_panels(run: Run) -> Iterator[Json]:
+    """Yield the smallest distances of the nearest parts, as far as they are worth looking at, with the margin."""
+    samples = _evenly_chosen(len(run.time), MAX_FRAMES)
+    pairs = nearest_pairs(run)
+    seen = 1e3 * np.where(pairs.distances <= pairs.top, pairs.distances, np.nan)[samples].T
+    margin = [("margin", 1e3 * pairs.margin[samples])]
+    yield _panel("distance (mm)", run.time[samples], zip(map(name_of_pair, pairs.names), seen, strict=True), margin)
 
 
 def _panel(

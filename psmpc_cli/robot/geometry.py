@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.distances import distance
@@ -13,7 +14,7 @@ from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.covers import Cover, cover_box
-from psmpc_cli.specs.geometry import DEEP, Shape
+from psmpc_cli.specs.geometry import Shape
 from psmpc_cli.specs.robot import Attachment, RobotSpec, Triple, resolve_limits
 
 Array = NDArray[np.float64]
@@ -52,6 +53,12 @@ class Piece:
         """Number of the body, in the order of `RobotSpec.bodies`."""
         return self.at.body
 
+    @property
+    def ends(self) -> Array:
+        """Ends of the segment that it is about, in the frame of the body (2, 3) [m]."""
+        half = self.shape.size[1] / 2 * _turn(self.at)[:, 0]
+        return np.asarray(self.at.position + np.multiply.outer([-1.0, 1.0], half))
+
     def frame(self, bodies: Sequence[Frame]) -> SpatialFrame:
         """Return its frame in space, with the robot's bodies at frames, see `place`."""
         return bodies[self.body].carried(self.at).in_space()
@@ -77,7 +84,7 @@ def _given(spec: RobotSpec) -> Iterator[Piece]:
 def _cover(shape: Shape) -> Cover:
     """Return the capsules that cover a shape about its frame."""
     if shape.kind == "box":
-        return cover_box([edge for edge in shape.size if edge < DEEP])
+        return cover_box(shape.edges)
     radius, length = shape.size
     return Cover(np.array([[[-length / 2, 0.0, 0.0], [length / 2, 0.0, 0.0]]]), radius, 0.0)
 
@@ -109,6 +116,10 @@ def capsules_of(part: str, body: int, cover: Cover) -> Iterator[Piece]:
         length = float(np.linalg.norm(along))
         at = Attachment(body, _triple((start + end) / 2), _triple(_turn_to(along)))
         yield Piece(part, at, Shape("capsule", (cover.radius, length)))
+
+
+def _turn(at: Attachment) -> Array:
+    return np.asarray(Rotation.from_rotvec(at.rotation).as_matrix())
 
 
 def _turn_to(along: Array) -> Array:

@@ -36,6 +36,11 @@ class Shape:
     kind: ShapeKind
     size: tuple[float, ...]
 
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Edges of a box [m]: two in the plane, three in space."""
+        return tuple(edge for edge in self.size if edge < DEEP)
+
 
 class ShapeSpec(Spec):
     """A shape about its own frame, in one of four ways."""

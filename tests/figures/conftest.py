@@ -10,7 +10,7 @@ import pytest
 from psmpc_cli.figures.style import in_style
 from psmpc_cli.logs.run import Run, read_run
 
-from ..synthetic_logs import Story, write_story
+from ..synthetic_logs import Story, story_among_obstacles, write_story
 
 Write = Callable[..., Path]
 
@@ -89,6 +89,12 @@ stages:
 """
     points = (np.zeros(5), np.array([1.0, 2.0, 0.1, 0.5, 0.5]))
     return {"task": task, "robot": robot, "ends": (6.0,), "points": points, "early": {}}
+
+
+@pytest.fixture
+def keeping_clear() -> dict[str, Any]:
+    """A run that keeps clear of obstacles and object."""
+    return story_among_obstacles()
 
 
 @pytest.fixture

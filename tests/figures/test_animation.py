@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -37,6 +38,14 @@ def without_ffmpeg_and_with_no_driver_chosen(monkeypatch: pytest.MonkeyPatch) ->
 def frames_of(path: Path) -> list[np.ndarray]:
     with Image.open(path) as film:
         return [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(film)]
+
+
+def mujoco_draws() -> bool:
+    """Whether MuJoCo draws off screen here by its usual driver."""
+    alone = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 16, 16).render()"
+    driver = {"MUJOCO_GL": "egl"} if sys.platform == "linux" else {}
+    ended = subprocess.run([sys.executable, "-c", alone], env={**os.environ, **driver}, capture_output=True)
+    return not ended.returncode
 
 
 def test_an_animation_shows_every_frame_beside_the_chosen_figures(tmp_path: Path, load: Load) -> None:
@@ -83,13 +92,25 @@ def test_a_film_has_the_base_and_the_links_where_the_run_has_them(run: Run) -> N
             np.testing.assert_allclose(data.site(f"robot.{name}").xpos[:2], ends[rows][:2], atol=1e-9)
 
 
+def test_a_film_has_obstacles_of_every_shape(load: Load, keeping_clear: dict[str, Any], tmp_path: Path) -> None:
+    run = load(last=1.0, **keeping_clear)
+    scene = scene_of(run)
+    model = mujoco.MjModel.from_xml_string(film_model(scene, scene.extent([0.0])))
+    geoms = [int(model.body(f"obstacle.{number}").geomadr[0]) for number in range(4)]
+    found = [mujoco.mjtGeom(model.geom_type[geom]).name.removeprefix("mjGEOM_") for geom in geoms]
+    assert found == ["SPHERE", "CAPSULE", "BOX", "BOX"]
+    assert [int(model.body(f"obstacle.{number}").mocapid[0]) for number in range(4)] == [1, 2, 3, 4]
+    if mujoco_draws():
+        (film,) = draw("run", load(last=29.0, **keeping_clear), tmp_path / "film", only=(), films=["render"])
+        first, *_, last = (np.abs(frame - (207, 196, 188)).sum(axis=2) < 60 for frame in frames_of(film))
+        assert (first & ~last).any() and (last & ~first).any()  # the ball moves
+
+
 def test_a_film_shows_the_robot_in_every_frame_or_is_rejected_where_mujoco_cannot_draw(
     tmp_path: Path, load: Load
 ) -> None:
     run, folder = load(last=1.0), tmp_path / "out"
-    alone = "import mujoco; mujoco.Renderer(mujoco.MjModel.from_xml_string('<mujoco/>'), 16, 16).render()"
-    driver = {"MUJOCO_GL": "egl"} if sys.platform == "linux" else {}
-    if subprocess.run([sys.executable, "-c", alone], env={**os.environ, **driver}, capture_output=True).returncode:
+    if not mujoco_draws():
         with pytest.raises(InputError, match="found no driver with which MuJoCo draws off screen"):
             draw("run", run, folder, only=(), films=["render"])
         assert not folder.exists()

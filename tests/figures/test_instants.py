@@ -1,18 +1,20 @@
 """What figures of decisions show: planned switch times, shares and solves."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import pytest
 from matplotlib.axes import Axes
 from matplotlib.patches import StepPatch
 
-from psmpc_cli.figures.instants import cost_shares, plot_instants, plot_shares, plot_solve_time
+from psmpc_cli.figures.instants import cost_shares, plot_clearance, plot_instants, plot_shares, plot_solve_time
 from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import find
 from psmpc_cli.specs.load import load_task
 
-from .figure_contents import common_legend, curves, legend, long_curves, points
+from .figure_contents import check_figure, common_legend, curves, legend, long_curves, points
 
 Load = Callable[..., Run]
 
@@ -78,3 +80,36 @@ def test_every_solve_is_drawn_once_by_the_stages_in_its_window(run: Run) -> None
     assert legend(figure.axes[1]) == ["1 stage", "2 stages", "3 stages in the window"]
     assert {"sample time, 100 ms", "failed solve"} <= set(common_legend(figure))
     assert any(np.all(points(line)[:, 1] == 100.0) for line in figure.axes[1].lines)
+
+
+def test_distances_of_the_nearest_parts_are_drawn_with_the_margin_and_where_they_touch(
+    load: Load, keeping_clear: dict[str, Any]
+) -> None:
+    run = load(**keeping_clear)
+    figure = plot_clearance(run)
+    check_figure(figure)
+    names = common_legend(figure)
+    nearest = ["base \N{EN DASH} wall", "arm 1.3 \N{EN DASH} object"]
+    assert names[3:5] == nearest
+    assert {"margin, 30 mm", "touch", "nearest of 2 others"} <= set(names)
+    drawn = {str(line.get_label())[1:]: points(line) for line in figure.axes[1].lines}
+    wall = drawn["base \N{EN DASH} wall"]
+    np.testing.assert_allclose(wall[:-1], np.column_stack([run.time, 1e3 * run["clearance/distance"][:, 8]]))
+    assert wall[-1, 0] == run.motion.end
+    held = drawn["arm 1.3 \N{EN DASH} object"]  # before and after it is taken
+    assert np.nanmax(held[:, 1]) == pytest.approx(400.0) and np.nanmin(held[:, 1]) < 60.0
+    assert drawn["touch"][0, 1] == pytest.approx(-50.0)
+    np.testing.assert_allclose(drawn["margin, 30 mm"][:, 1], 30.0)
+    low, high = figure.axes[1].get_ylim()
+    assert low < -50.0 and high == 300.0
+    assert figure.axes[1].get_title(loc="left") == "6 of 8 pairs; the others stay above 250 mm"
+
+
+def test_a_margin_is_drawn_where_a_stage_keeps_it(load: Load, keeping_clear: dict[str, Any]) -> None:
+    task = keeping_clear["task"].replace("  - name: capture\n", "  - name: capture\n    clearance: {margin: 0.01}\n")
+    assert task != keeping_clear["task"]
+    run = load(**{**keeping_clear, "task": task})
+    (margin,) = [line for line in plot_clearance(run).axes[1].lines if "margin" in str(line.get_label())]
+    assert margin.get_label() == "_margin, 10 mm, 30 mm"
+    during = run["window/first"] == 1
+    np.testing.assert_allclose(points(margin)[:-1, 1], np.where(during, 10.0, 30.0))

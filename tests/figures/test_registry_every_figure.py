@@ -28,6 +28,7 @@ class Subjects:
     runs: Mapping[str, Run]
     many_stages: Mapping[str, Any]
     one_arm: Mapping[str, Any]
+    keeping_clear: Mapping[str, Any]
     task: Task
     path: Path
 
@@ -51,6 +52,8 @@ CASES: Mapping[str, tuple[str, Callable[[Subjects], Any]]] = {
     "noisy run": ("run", lambda s: s.load(blur=0.1)),
     "run of many stages": ("run", lambda s: s.load(**s.many_stages)),
     "run of one arm": ("run", lambda s: s.load(**s.one_arm)),
+    "run that keeps clear": ("run", lambda s: s.load(**s.keeping_clear)),
+    "run that begins to keep clear": ("run", lambda s: s.load(last=0.2, **s.keeping_clear)),
     "comparison of two": ("comparison", lambda s: {name: s.runs[name] for name in ("smpc", "hard")}),
     "comparison": ("comparison", lambda s: s.runs),
     "sweep": ("sweep", lambda s: s.sweep("7x7")),
@@ -88,11 +91,12 @@ def test_a_figure_is_fit_to_print(
     runs: Mapping[str, Run],
     many_stages: dict[str, Any],
     one_arm: dict[str, Any],
+    keeping_clear: dict[str, Any],
     transport: Task,
     tmp_path: Path,
 ) -> None:
     kind, make = CASES[case]
-    subject = make(Subjects(load, runs, many_stages, one_arm, transport, tmp_path / "study.h5"))
+    subject = make(Subjects(load, runs, many_stages, one_arm, keeping_clear, transport, tmp_path / "study.h5"))
     drawn = figures_of(kind, subject)
     assert drawn
     for make in drawn.values():

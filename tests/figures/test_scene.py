@@ -1,17 +1,36 @@
 """The robot and its object at an instant: where they are, and in which view."""
 
 from collections.abc import Callable
+from typing import Any
 
+import casadi as ca
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.patches import Polygon
 
-from psmpc_cli.figures.scene import PLAN, grasp_frame, scene_of
+from psmpc_cli.figures.scene import (
+    PLAN,
+    capsule_ends,
+    capsules,
+    grasp_frame,
+    obstacle_frame,
+    points_with_shadows,
+    scene_of,
+)
 from psmpc_cli.figures.snapshots import draw_scene
 from psmpc_cli.figures.style import new_figure
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.constraints.clearance import groups, poses_after
+from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.robot.configuration import pose_frames
+from psmpc_cli.robot.geometry import pieces_of
+from psmpc_cli.robot.kinematics import PlanarFrame, place
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import add, rotate
+from psmpc_cli.specs.geometry import ObstacleSpec
+from psmpc_cli.specs.load import Task
 
 Load = Callable[..., Run]
 
@@ -51,3 +70,40 @@ def test_the_object_is_lost_when_the_grippers_open_too_early(load: Load) -> None
     assert scene.lost and 19.0 < scene.left < 23.0
     assert [scene.events(time)[-1] for time in np.array([18.0, 29.6])] == ["transport", "object lost"]
     np.testing.assert_array_equal(scene.object_frame(29.6), scene.object_frame(scene.left))
+
+
+def test_obstacles_are_drawn_where_they_are_kept_clear_of(load: Load, keeping_clear: dict[str, Any]) -> None:
+    run = load(**keeping_clear)
+    found = groups(run.task.spec, run.problem.model, 0)
+    for obstacle in scene_of(run).obstacles:
+        state = found[obstacle.name].state(SampleView(4.0, run.motion.Q[10], run.motion.Q[10]))
+        assert state is not None
+        pose, velocity = state
+        (expected,) = pose_frames(poses_after(run.problem.model, pose, velocity, np.array([2.0])))
+        np.testing.assert_allclose(obstacle_frame(obstacle, 6.0), expected, atol=1e-12)
+
+
+def test_capsules_are_drawn_where_distances_have_them(transport: Task, model: RobotModel) -> None:
+    pieces = pieces_of(transport.robot)
+    Q = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8, 1.0, -0.6, 0.2])
+    bodies, _ = place(transport.robot, PlanarFrame(ca.DM(Q[:2]), Q[2]), Q[3:])
+    for piece, (ends, radius) in zip(pieces, capsules(model, pieces, Q), strict=True):
+        frame = piece.frame(bodies)
+        expected = [add(frame.position, rotate(frame.quaternion, end)) for end in capsule_ends(piece.shape)]
+        np.testing.assert_allclose(ends, [list(map(float, end)) for end in expected], atol=1e-12)
+        assert radius == piece.shape.size[0]
+
+
+def test_the_view_shows_obstacles_that_are_near_as_far_as_they_leave_room_for_the_robot() -> None:
+    body = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]])
+
+    def view(shape: dict[str, Any], *position: float, **more: Any) -> np.ndarray:
+        obstacle = ObstacleSpec(name="it", shape=shape, pose=(*position, 0.0), **more)
+        points = points_with_shadows([body], [], [obstacle], [0.0, 10.0])
+        return np.array([points.min(axis=0), points.max(axis=0)])[:, :2].ravel()
+
+    assert view({"sphere": 0.2}, 1.1, 0.0) == pytest.approx([-1, -1, 1.3, 1])
+    assert view({"sphere": 0.2}, 3.0, 0.0) == pytest.approx([-1, -1, 1, 1])
+    assert view({"sphere": 0.2}, 3.0, 0.0, velocity=(-0.18, 0.0)) == pytest.approx([-1, -1, 1.4, 1])
+    assert view({"box": (9.0, 9.0)}, 4.0, 0.0) == pytest.approx([-1, -1.5, 1.5, 1.5])
+    assert view({"half_space": (0.0, -1.0)}, 0.0, 1.2) == pytest.approx([-1, -1, 1, 1.2])

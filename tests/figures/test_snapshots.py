@@ -1,6 +1,7 @@
 """The robot, its object, targets and paths: where they are drawn, and in which frames."""
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,14 +11,15 @@ from matplotlib.patches import Polygon
 
 from psmpc_cli.figures.coordinates import error_curves
 from psmpc_cli.figures.scene import object_frames, scene_of
-from psmpc_cli.figures.snapshots import plot_scenario, plot_snapshots
+from psmpc_cli.figures.snapshots import plot_robot, plot_scenario, plot_snapshots
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
+from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.load import Task, load_robot, load_task
 from psmpc_cli.specs.object import OnObject
 
 from .figure_contents import check_figure, common_legend, points
@@ -116,3 +118,44 @@ def test_a_scenario_has_every_stage_at_its_target(
     check_figure(figure)
     expected = ["1. approach, priority 1", "2. capture, priority 100", "3. transport, priority 1"]
     assert titles(figure) == [*expected, "4. release, priority 0.01"]
+
+
+def test_obstacles_are_drawn_where_they_are_at_the_time(load: Load, keeping_clear: dict[str, Any]) -> None:
+    run = load(**keeping_clear)
+    figure = plot_snapshots(run)
+    check_figure(figure)
+    assert {"obstacle", "path of an obstacle"} <= set(common_legend(figure))
+    times = [0.0, 6.4, 10.0, 13.0, 23.0, 29.6]
+    for axes, time in zip(figure.axes, times, strict=True):
+        found = [np.asarray(patch.get_xy()) for patch in axes.patches if "obstacle" in str(patch.get_label())]
+        ball, beam, crate, wall = found
+        assert (ball.min(axis=0) + ball.max(axis=0)) / 2 == pytest.approx([-1 + 0.05 * time, 1.2], abs=1e-3)
+        assert np.ptp(ball, axis=0) == pytest.approx(0.4, abs=1e-3)
+        assert (beam.min(axis=0) + beam.max(axis=0)) / 2 == pytest.approx([-1.5, 3.0], abs=1e-3)
+        assert crate[:-1].mean(axis=0) == pytest.approx([0.8, -0.5])
+        assert wall.max(axis=0)[0] == pytest.approx(-3.2)
+
+
+@pytest.mark.parametrize("clearance", ["{}", None], ids=["kept", "not kept"])
+def test_a_scenario_has_obstacles_and_what_keeps_clear_of_them(clearance: str | None) -> None:
+    ball = "{name: ball, shape: {sphere: 0.2}, pose: [-1, 1.2, 0], velocity: [0.05, 0]}"
+    changes = [f"obstacles=[{ball}]", *([] if clearance is None else [f"clearance={clearance}"])]
+    figure = plot_scenario(load_task("transport", changes))
+    check_figure(figure)
+    assert "obstacle at the start" in common_legend(figure)
+    assert ("capsules of the bodies" in common_legend(figure)) == (clearance is not None)
+    outlines = [line for line in figure.axes[0].lines if "capsules" in str(line.get_label())]
+    assert len(outlines) == (0 if clearance is None else len(pieces_of(load_task("transport").robot)))
+
+
+def test_the_figure_of_a_robot_has_the_geometry_of_its_file() -> None:
+    spec = load_robot("planar_dual_arm")
+    shape = {"shape": {"capsule": (0.2, 0.9)}, "pose": (0.0, 0.5, 0.0)}
+    covered = type(spec).model_validate({**spec.model_dump(by_alias=True), "geometry": {"base": [shape]}})
+    assert "capsules of the bodies" not in common_legend(plot_robot(spec))
+    figure = plot_robot(covered)
+    check_figure(figure)
+    assert "capsules of the bodies" in common_legend(figure)
+    (outline,) = [points(line) for line in figure.axes[0].lines if "capsules" in str(line.get_label())]
+    assert outline.max(axis=0) == pytest.approx([0.65, 0.7], abs=1e-3)
+    assert figure.axes[0].get_ylim()[1] > 0.7

@@ -15,13 +15,15 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webdriver import WebDriver
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.figures.scene import scene_of
-from psmpc_cli.logs.run import Run
+from psmpc_cli.figures.scene import capsules, scene_of
+from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.report.view import view
+from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.simulation.run import simulate
 
 from ..free_flyer import turning
 from ..short_runs import CUT, there_and_back
+from ..synthetic_logs import Story, story_among_obstacles, write_story
 from .browser import opened_browser
 
 SIZES = ((360, 740), (800, 1000), (1400, 860))
@@ -120,6 +122,51 @@ def test_what_is_drawn_is_where_the_kinematics_put_it(
             for found, frame in zip(drawn["targets"][stage], scene.target_frames(stage, time), strict=True):
                 assert found[:3] == pytest.approx(frame[:3, 3], abs=1e-5)
                 assert Rotation.from_quat(found[3:]).as_matrix() == pytest.approx(frame[:3, :3], abs=1e-5)
+
+
+@pytest.fixture(scope="module")
+def among_obstacles(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A made-up run among obstacles."""
+    return read_run(write_story(tmp_path_factory.mktemp("log") / "clear.h5", Story(**story_among_obstacles())))
+
+
+def test_a_run_that_keeps_clear_has_curves_of_its_distances(among_obstacles: Run, run: Run) -> None:
+    assert '"label": "distance (mm)"' in view(among_obstacles).html
+    assert "distance (mm)" not in view(run).html
+
+
+@pytest.mark.slow
+def test_obstacles_and_the_nearest_parts_are_where_the_log_has_them(
+    browser: WebDriver, among_obstacles: Run, tmp_path: Path
+) -> None:
+    run = among_obstacles
+    opened(browser, run, tmp_path / "page.html")
+    model = run.problem.model
+    for time, nearest in ((0.0, "100 mm, base \N{EN DASH} wall"), (12.0, "-50 mm, base \N{EN DASH} wall")):
+        seek(browser, time)
+        drawn = browser.execute_script("return psmpc.poses()")
+        ball, beam, crate, wall = (np.array(pose) for pose in drawn["obstacles"])
+        assert ball[:3] == pytest.approx([-1 + 0.05 * time, 1.2, 0])
+        for found, angle in ((beam, np.pi / 6), (crate, np.pi / 9)):
+            assert Rotation.from_quat(found[3:]).as_rotvec() == pytest.approx([0, 0, angle])
+        assert wall[0] < -3.2
+        text, *ends = drawn["nearest"]
+        assert text == nearest
+        distance = float(nearest.split()[0]) / 1e3
+        assert np.array(ends)[:, :3] == pytest.approx(np.array([[1, 1, 0], [1 + distance, 1, 0]]))
+        assert drawn["covers"] == [None] * len(pieces_of(model.spec))
+    browser.find_element(By.ID, "show-covers").click()
+    browser.find_element(By.ID, "show-nearest").click()
+    seek(browser, 12.0)
+    drawn = browser.execute_script("return psmpc.poses()")
+    assert drawn["nearest"] is None
+    expected = [
+        ends.mean(axis=0) for ends, _ in capsules(model, pieces_of(model.spec), run.motion.coordinates_at(12.0))
+    ]
+    assert np.array(drawn["covers"])[:, :3] == pytest.approx(np.array(expected), abs=1e-5)
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+    opened(browser, there_and_back(tmp_path, name="free"), tmp_path / "free.html")
+    assert not any(browser.find_element(By.ID, name).is_displayed() for name in ("show-covers", "show-nearest"))
 
 
 @pytest.mark.slow

@@ -1,0 +1,129 @@
+"""Shapes as they are seen from a camera: boxes with shaded faces, capsules, half-spaces within the view."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull
+
+from psmpc_cli.figures.scene import PLAN, Camera, capsule_ends, corners, half_edges, in_inertial_frame
+from psmpc_cli.specs.geometry import Shape
+
+DEPTH_ORDER = 100.0
+"""How much later a body is drawn for every metre that it is nearer to the viewer, as drawing order [1/m]."""
+
+BELOW_ALL = -1e4
+"""Drawing order of what lies under all bodies of a spatial scene."""
+
+SHADOW_COLOR = "#EFEFEF"
+"""Colour of the shadow on the floor of a scene."""
+
+CIRCLE = np.linspace(0.0, 2 * np.pi, 60, endpoint=False)
+"""Angles of the points that stand for a circle [rad]."""
+
+WALL_OPACITY = 0.25
+"""Opacity of the wall that bounds a half-space, through which a spatial scene is seen."""
+
+
+def draw_shape(
+    axes: Axes, camera: Camera, shape: Shape, frame: np.ndarray, extent: np.ndarray, look: Mapping[str, Any]
+) -> None:
+    """Draw a shape in a frame (4, 4); of a half-space what is in the view of points (., 3)."""
+    if shape.kind == "box":
+        draw_box(axes, camera, frame, half_edges(shape.edges), look)
+    elif shape.kind == "capsule":
+        ends = in_inertial_frame(frame, capsule_ends(shape))
+        order = 1.0 + DEPTH_ORDER * camera.depth(ends)
+        axes.add_patch(Polygon(capsule_outline(camera, ends, shape.size[0]), **{**look, "zorder": order}))
+    else:
+        _draw_half_space(axes, camera, frame[:3, :3] @ shape.size, frame[:3, 3], extent, look)
+
+
+def draw_box(
+    axes: Axes, camera: Camera, frame: np.ndarray, half: np.ndarray, look: Mapping[str, Any], zorder: float = 1.0
+) -> None:
+    """Draw the faces towards the viewer of a box with half edges (3,) in a frame (4, 4), those aside darker."""
+    towards = frame[:3, :3].T @ camera.axes[2]
+    for axis in np.argsort(-np.abs(towards)).tolist():  # the legend has the brightest face
+        if abs(towards[axis]) > 1e-6 and np.delete(half, axis).min() > 0:
+            signs = np.insert([[1, 1], [-1, 1], [-1, -1], [1, -1]], axis, np.sign(towards[axis]), axis=1)
+            points = in_inertial_frame(frame, signs * half)
+            face = look["facecolor"]
+            shaded = face if face == "none" else np.array(to_rgb(face)) * (0.7 + 0.3 * abs(towards[axis]))
+            order = zorder + DEPTH_ORDER * camera.depth(points)
+            axes.add_patch(Polygon(camera.project(points), **{**look, "facecolor": shaded, "zorder": order}))
+
+
+def capsule_outline(camera: Camera, ends: np.ndarray, radius: float) -> np.ndarray:
+    """Return the outline (., 2) of a capsule about a segment (2, 3) as it is seen, closed."""
+    seen = camera.project(_outline(camera, ends, radius))
+    around = ConvexHull(seen).vertices
+    return np.asarray(seen[[*around, around[0]]])
+
+
+def _outline(camera: Camera, ends: np.ndarray, radius: float) -> np.ndarray:
+    """Return points (., 3) on a capsule whose hull is its outline as it is seen."""
+    circle = radius * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)]) @ camera.axes[:2]
+    return np.asarray((ends[:, None] + circle).reshape(-1, 3))
+
+
+def draw_shadow(axes: Axes, camera: Camera, shape: Shape, frame: np.ndarray, floor: float) -> None:
+    """Draw the shadow of a shape from straight above on a floor at a height [m]; a half-space has none."""
+    if shape.kind == "half_space":
+        return
+    if shape.kind == "box":
+        points = corners(frame, half_edges(shape.edges))
+    else:
+        points = _outline(PLAN, in_inertial_frame(frame, capsule_ends(shape)), shape.size[0])
+    points = points[ConvexHull(points[:, :2]).vertices]
+    points[:, 2] = floor
+    axes.add_patch(Polygon(camera.project(points), facecolor=SHADOW_COLOR, zorder=1.5 * BELOW_ALL))
+
+
+def _draw_half_space(
+    axes: Axes, camera: Camera, normal: np.ndarray, origin: np.ndarray, extent: np.ndarray, look: Mapping[str, Any]
+) -> None:
+    """Draw what the view of points (., 3) has of a half-space: its face in space, its area where it is seen edge-on.
+
+    A face that is turned to the viewer is behind all that is outside of the half-space, another one before it.
+    """
+    if abs(normal @ camera.axes[2]) < 1e-6:
+        (x0, y0), (x1, y1) = camera.view(extent).get_points()
+        seen = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+        area = _cut(seen @ camera.axes[:2], normal, origin)
+        order = 0.5
+        alpha = 1.0
+    else:
+        low = extent.min(axis=0)
+        high = extent.max(axis=0)
+        _, _, along = np.linalg.svd(normal[None])
+        middle = (low + high) / 2
+        middle = middle - ((middle - origin) @ normal) * normal
+        reach = 2 * float(np.linalg.norm(high - low))
+        area = middle + reach * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ along[1:]
+        for axis in np.eye(3):
+            area = _cut(area, axis, high)
+            area = _cut(area, -axis, low)
+        order = (1.2 if normal @ camera.axes[2] > 0 else -1.0) * BELOW_ALL
+        alpha = WALL_OPACITY
+    if len(area) > 2:
+        axes.add_patch(Polygon(camera.project(area), **{**look, "zorder": order, "alpha": alpha}))
+
+
+def _cut(polygon: np.ndarray, normal: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Return the part of a convex polygon (., 3) in the half-space with an outward normal at an origin.
+
+    A step of the algorithm of Sutherland and Hodgman.
+    """
+    beyond = (polygon - origin) @ normal
+    kept = list[np.ndarray]()
+    for i, point in enumerate(polygon):
+        before = beyond[i - 1]
+        if (before > 0) != (beyond[i] > 0):
+            kept.append(polygon[i - 1] + before / (before - beyond[i]) * (point - polygon[i - 1]))
+        if beyond[i] <= 0:
+            kept.append(point)
+    return np.reshape(kept, (-1, 3))

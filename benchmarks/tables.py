@@ -53,7 +53,7 @@ SECTIONS = {
         "#actual-starts": "OnsetSpec",
         "#object-and-monitors": "ObjectSpec MonitorSpec",
         "#an-object-with-a-mass": "MotionSpec DestinationSpec GraspSpec EnvelopeSpec StrengthSpec OnObject",
-        "#obstacles-and-clearance": "ObstacleSpec ClearanceSpec",
+        "#obstacles-and-clearance": "ObstacleSpec ClearanceSpec RoutesSpec",
         "#uncertainty": "ObjectErrorSpec UncertaintySpec FrictionSpec StateNoiseSpec NoiseSpec ImpulseSpec PayloadSpec",
         "#published-and-log": "PublishedRun LogSpec",
         "#bodies": "Base Arm Mount Link Tool",

@@ -1,0 +1,128 @@
+"""Stages that follow a route: planned where the straight motion is blocked, followed by sight, then as ever."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from psmpc_cli.control.guidance import Guide, RouteProgress
+from psmpc_cli.control.interface import State
+from psmpc_cli.errors import SpecError
+from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.simulation.replay import replay
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.load import Task, load_task
+
+FOLDED = {"arm_1": ["60 deg", "60 deg", 0], "arm_2": ["-60 deg", "-60 deg", 0]}
+POST = {"name": "post", "shape": {"sphere": 0.15}, "pose": [0.9, 0.7, 0]}
+
+
+def past_a_post(changes: Mapping[str, Any] | None = None) -> Task:
+    """A planar robot flies past a post that is in its arm's way, then unfolds an arm."""
+    ends = {"coordinates": ["all"], "tolerance": 0.01}
+    unfolded = {**FOLDED, "arm_1": ["30 deg", "30 deg", 0]}
+    task = {
+        "robot": "planar_dual_arm",
+        "initial": {"base": [0, 0, 0], **FOLDED},
+        "controller": {"nodes": 15},
+        "skills": {
+            "move": {"space": "joint", "weights": {"base": [100, 100, 10], "arms": [10, 10, 1], "control": 0.1}}
+        },
+        "limits": {"base": {"acceleration": [0.2, 0.2, 0.5]}, "arms": {"acceleration": [1, 1, 1]}},
+        "obstacles": [POST],
+        "clearance": {"margin": 0.02},
+        "routes": {"iterations": 500},
+        "stages": [
+            {"name": "fly", "skill": "move", "target": {"base": [1.8, 0, 0], **FOLDED}, "ends_when": ends},
+            {"name": "unfold", "skill": "move", "target": {"base": [1.8, 0, 0], **unfolded}, "ends_when": ends},
+        ],
+        "time_limit": 30,
+        "log": {"shares": False},
+    }
+    return load_task(task, changes or {})
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    return build_problem(past_a_post())
+
+
+@pytest.fixture(scope="module")
+def guide(problem: Problem) -> Guide:
+    return Guide(problem)
+
+
+@pytest.fixture(scope="module")
+def flown() -> Run:
+    return simulate(past_a_post())
+
+
+def test_a_blocked_stage_has_a_route_and_a_clear_one_has_none(guide: Guide) -> None:
+    assert list(guide.routes) == [0] and not guide.blocked
+    waypoints = guide.routes[0].route.waypoints
+    assert waypoints[0] == pytest.approx(np.r_[0, 0, 0, np.radians([60, 60, 0, -60, -60, 0])])
+    assert waypoints[-1] == pytest.approx(np.r_[1.8, 0, 0, np.radians([60, 60, 0, -60, -60, 0])])
+
+
+def test_a_robot_sees_further_along_its_route_as_it_flies(guide: Guide) -> None:
+    route = guide.routes[0].route
+    before = RouteProgress()
+    for share in (0.0, 0.3, 0.6, 0.9, 0.95):
+        state = State(route.at(np.array([share]))[0], np.zeros(9))
+        now = guide.followed(before, 0, 1.0, state, None)
+        assert now.progress[0] >= max(before.progress.get(0, 0.0), share - 1e-9)
+        assert (0 in now.vias) == (now.progress[0] < 1)
+        before = now
+    back = guide.followed(before, 0, 2.0, State(route.waypoints[0], np.zeros(9)), None)
+    assert back.progress[0] == before.progress[0], "it never moves back"
+
+
+def test_a_mission_round_a_post_succeeds_and_touches_nothing(flown: Run) -> None:
+    alone = simulate(past_a_post({"routes": None}))
+    assert flown.summary().succeeded
+    assert np.nanmin(flown["clearance/margin"]) > -2e-3
+    assert not alone.summary().succeeded
+
+
+def test_no_stage_enters_the_window_while_the_current_one_is_on_its_route(flown: Run) -> None:
+    """The records of windows end with the points that costs follow."""
+    records = zip(flown["plan/parameters"], flown["plan/parameters_length"], strict=True)
+    on_route = np.array([np.isfinite(record[length - 9 : length]).all() for record, length in records])
+    assert on_route[0] and not on_route[-1]
+    assert np.all(flown["window/count"][on_route & (flown["window/first"] == 0)] == 1)
+
+
+def test_windows_on_a_route_are_replayed(flown: Run) -> None:
+    assert replay(flown, 3).largest == 0.0
+    assert replay(flown, len(flown.time) - 3).largest == 0.0
+
+
+def test_the_same_seed_gives_the_same_route(problem: Problem, guide: Guide) -> None:
+    again = Guide(problem).routes[0].route.waypoints
+    np.testing.assert_array_equal(again, guide.routes[0].route.waypoints)
+
+
+def test_a_stage_without_a_way_is_named_and_runs_as_without_a_route() -> None:
+    wall = {"name": "wall", "shape": {"half_space": [-1, 0]}, "pose": [0.9, 0, 0]}
+    found = Guide(build_problem(past_a_post({"obstacles": [wall]})))
+    assert found.blocked and not found.routes
+
+
+def test_while_an_object_is_held_the_base_alone_is_routed() -> None:
+    changes = {
+        "controller.nodes": 12,
+        "obstacles": [{"name": "debris", "shape": {"sphere": 0.2}, "pose": [-1.2, 1.8, 0]}],
+        "clearance": {},
+        "routes": {"iterations": 500},
+    }
+    found = Guide(build_problem(load_task("transport_grasp", changes)))
+    transport = found.routes[2].route.waypoints
+    assert np.ptp(transport[:, :3], axis=0).max() > 0.1
+    assert np.ptp(transport[:, 3:], axis=0).max() == 0
+
+
+def test_a_floating_base_has_no_routes() -> None:
+    with pytest.raises(SpecError, match="a free-floating base moves as the arms move it"):
+        past_a_post({"mobility": "free-floating", "limits": {}})

@@ -87,11 +87,26 @@ def test_a_mission_round_a_post_succeeds_and_touches_nothing(flown: Run) -> None
 
 
 def test_no_stage_enters_the_window_while_the_current_one_is_on_its_route(flown: Run) -> None:
-    """The records of windows end with the points that costs follow."""
-    records = zip(flown["plan/parameters"], flown["plan/parameters_length"], strict=True)
-    on_route = np.array([np.isfinite(record[length - 9 : length]).all() for record, length in records])
-    assert on_route[0] and not on_route[-1]
-    assert np.all(flown["window/count"][on_route & (flown["window/first"] == 0)] == 1)
+    follows = on_route(flown)
+    assert follows[0] and not follows[-1]
+    assert np.all(flown["window/count"][follows & (flown["window/first"] == 0)] == 1)
+
+
+def on_route(run: Run) -> np.ndarray:
+    """Whether the current stage follows its route, by sample: records of windows end with the points followed."""
+    records = zip(run["plan/parameters"], run["plan/parameters_length"], strict=True)
+    return np.array([bool(np.isfinite(record[length - 9 : length]).all()) for record, length in records])
+
+
+def test_after_the_route_the_run_is_one_without_obstacles(flown: Run) -> None:
+    first = int(np.flatnonzero(on_route(flown))[-1]) + 1
+    state = {name: np.split(flown[f"state/{name}"][first], [3, 6]) for name in ("Q", "Qdot")}
+    starts = {name: dict(zip(("base", "arm_1", "arm_2"), parts, strict=True)) for name, parts in state.items()}
+    changes = {"initial": starts["Q"], "initial_velocity": starts["Qdot"]}
+    plain = {key: {part: row.tolist() for part, row in parts.items()} for key, parts in changes.items()}
+    rest = simulate(past_a_post({"routes": None, "clearance": None, "obstacles": [], **plain}))
+    left = flown.stages["switch_time"] - flown.time[first]
+    assert rest.stages["switch_time"] == pytest.approx(left, abs=0.05)
 
 
 def test_windows_on_a_route_are_replayed(flown: Run) -> None:

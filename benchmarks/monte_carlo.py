@@ -81,7 +81,7 @@ def columns(runs: MonteCarloRuns) -> dict[str, str]:
         "ends [s]": spread(runs.end_time, 1),
         "final error [tolerances]": spread(runs["final_error"], 2),
         "velocity margin [%]": spread(100 * runs["relative_velocity_margin"], 0),
-        "object held [m]": spread(runs["monitor_margin"][:, 0], 3),
+        **({"object held [m]": spread(runs["monitor_margin"][:, 0], 3)} if runs.monitors else {}),
         EFFORT: spread(runs["control_effort"], 0),
         "failed solves a run": f"{np.maximum(runs['solves_failed'], 0).mean():.2f}",
     }

@@ -78,6 +78,7 @@ class Situation:
         is_measured: All of the state was measured.
         placement: The stages with their targets.
         switches: Stages that ended since the sample before.
+        route: How far the robot has come on its routes.
     """
 
     time: float
@@ -86,6 +87,7 @@ class Situation:
     is_measured: bool
     placement: Placement
     switches: tuple[Switch, ...] = ()
+    route: RouteProgress = field(default_factory=RouteProgress)
 
     @property
     def stages(self) -> tuple[PlacedStage, ...]:
@@ -192,7 +194,8 @@ class ControlLaw:
             memory = replace(memory, route=route)
         placement = self._place(memory, time, x, chart)
         is_measured = isfinite(measurement.state.x @ measurement.state.x)
-        return replace(memory, signs=placement.signs), Situation(time, estimate, x, is_measured, placement)
+        situation = Situation(time, estimate, x, is_measured, placement, route=memory.route)
+        return replace(memory, signs=placement.signs), situation
 
     def _chart_about(self, state: State, plan: Plan | None, time: float) -> Chart:
         space = self.problem.model.space
@@ -397,6 +400,7 @@ class ControlLaw:
             stages=situation.stages,
             closed=to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1]),
             load=self._load,
+            route_progress=situation.route.progress.get(decision.sequence.first, np.nan),
         )
         return estimate, command
 

@@ -5,6 +5,7 @@ point of the route that a clear straight motion from the robot reaches, never mo
 target on, the stage is as ever. Until then its end is not detected, and the next stage does not enter the window.
 """
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -20,6 +21,8 @@ from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.specs.parts import SPACES
+
+logger = logging.getLogger(__name__)
 
 UNLIMITED = 0.2
 """Rate by which motions are measured where a coordinate has no limit [m/s, rad/s]."""
@@ -110,6 +113,7 @@ class Guide:
             slack=margin,
         )
         if route is None:
+            logger.warning("found no route to the target of %s: the stage is as without routes", own.name)
             self.blocked.append(stage)
         elif len(route.waypoints) > 2:
             self.routes[stage] = PlannedRoute(route, chart)

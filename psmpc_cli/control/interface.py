@@ -163,6 +163,7 @@ class Command:
         stages: All stages of the task, with their targets at this sample.
         closed: Whether the grippers are to be closed on the object at each tick (M,).
         load: The law of a robot that knows what it holds, for a task whose grasps are `known`.
+        route_progress: Share of the length of the current stage's route from which on it counts; NaN without one.
     """
 
     time: float
@@ -182,6 +183,7 @@ class Command:
     stages: tuple[PlacedStage, ...] = field(repr=False)
     closed: np.ndarray
     load: HeldLoad | None = field(default=None, repr=False)
+    route_progress: float = np.nan
 
     def __repr__(self) -> str:
         ticks, n = self.u.shape

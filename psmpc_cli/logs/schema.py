@@ -342,6 +342,15 @@ SCHEMA = (
         dims=("time", "clearance/pair", "clearance/point"),
         only="clearance",
     ),
+    _column(
+        "route/progress",
+        "1",
+        "share of the length of the current stage's route that the robot has passed or sees clear way to; NaN without "
+        "a route",
+        "command.route_progress",
+        dims=("time",),
+        only="routes",
+    ),
     _column("pose/xi", POSITION_UNITS, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
     _sampled_count("window/first", "1", "index of the current stage", "command.sequence.first"),
     _sampled_count("window/count", "1", "number of stages in the window", "command.sequence.count"),

@@ -209,6 +209,7 @@ def header(loop: RecordedLoop) -> Header:
         "force limits": has_force_limits,
         "commanded at ticks": has_force_limits and task.log.ticks and loop.knows_ticks,
         "clearance": task.keeps_clear and loop.knows_ticks,
+        "routes": task.routes is not None,
         "plans": task.log.plans,
         "levels": task.controller.traits.has_levels,
         "true state": loop.has_true_state,

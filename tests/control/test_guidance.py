@@ -89,6 +89,7 @@ def test_a_mission_round_a_post_succeeds_and_touches_nothing(flown: Run) -> None
 def test_no_stage_enters_the_window_while_the_current_one_is_on_its_route(flown: Run) -> None:
     follows = on_route(flown)
     assert follows[0] and not follows[-1]
+    np.testing.assert_array_equal(follows, flown["route/progress"] < 1)
     assert np.all(flown["window/count"][follows & (flown["window/first"] == 0)] == 1)
 
 
@@ -119,10 +120,11 @@ def test_the_same_seed_gives_the_same_route(problem: Problem, guide: Guide) -> N
     np.testing.assert_array_equal(again, guide.routes[0].route.waypoints)
 
 
-def test_a_stage_without_a_way_is_named_and_runs_as_without_a_route() -> None:
+def test_a_stage_without_a_way_is_named(caplog: pytest.LogCaptureFixture) -> None:
     wall = {"name": "wall", "shape": {"half_space": [-1, 0]}, "pose": [0.9, 0, 0]}
     found = Guide(build_problem(past_a_post({"obstacles": [wall]})))
     assert found.blocked and not found.routes
+    assert "found no route to the target of fly" in caplog.text
 
 
 def test_while_an_object_is_held_the_base_alone_is_routed() -> None:

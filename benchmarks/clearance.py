@@ -3,6 +3,7 @@
     python benchmarks/clearance.py missions plane 200     completes runs/clearance-plane.jsonl and prints the table
     python benchmarks/clearance.py missions space 20      the same for the dual-arm servicer
     python benchmarks/clearance.py windows 40             `sqp` against IPOPT on windows with active rows
+    python benchmarks/clearance.py cost [REPEAT]          what clearance costs; two minutes
 
 A mission is drawn by its number: a start, a place to fly to, a posture to take there, and one to four obstacles of
 random shape about the way. It counts where start and targets are clear and the free run, without clearance, hits.
@@ -25,12 +26,16 @@ from joblib import Parallel, delayed
 sys.path.append(str(Path(__file__).parents[1]))
 
 from pages import command_line, markdown
+from performance_table import floating
 
 import psmpc_cli as psmpc
 from psmpc_cli.ocp.constraints.clearance import argument_of, functions, groups, poses_at
 from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.solvers import Outcome
+from psmpc_cli.specs.load import Task, parse_task
+from tests.ocp.constraints.test_clearance import active_rows, near_post, passing, solved
 
 MARGIN = 0.02
 SPARE = 0.02
@@ -261,5 +266,63 @@ def missions(where: str = "plane", count: str = "200", *variants: str) -> Iterat
             yield f"- {each['number']}: {each['reason']}; nearest {each['pair']}, {1e3 * each['nearest']:.1f} mm"
 
 
+SAME = 1e-5
+"""Largest relative difference of two objectives that count as the same."""
+
+
+def windows(count: str = "40") -> Iterator[str]:
+    """Yield how many windows with active rows `sqp` and IPOPT, started at its plan, end at one objective."""
+    same = 0
+    lower = 0
+    tried = 0
+    active = 0
+    while active < int(count):
+        problem, window = near_post(tried)
+        tried += 1
+        sqp = solved(problem, window, "sqp")
+        if sqp.outcome is not Outcome.OPTIMAL or not active_rows(problem, window, sqp.plan):
+            continue
+        active += 1
+        ipopt = solved(problem, window, "ipopt", sqp.plan)
+        difference = ipopt.objective / sqp.objective - 1
+        same += ipopt.outcome is Outcome.OPTIMAL and abs(difference) <= SAME
+        lower += ipopt.outcome is Outcome.OPTIMAL and difference < -SAME
+    rows = [(tried, active, f"{same} of {active}", lower)]
+    yield from markdown(rows, "windows", "solved by `sqp` with active rows", "IPOPT's J the same", "lower")
+
+
+FAR = [{"name": "post", "shape": {"sphere": 0.1}, "pose": [30, 0, 0]}]
+"""An obstacle that nothing comes near."""
+
+
+def cost_rows() -> Iterator[tuple[str, Task, Mapping[str, Any]]]:
+    """Yield what is run with and without clearance: name, task, and what asks for none."""
+    none: dict[str, Any] = {"clearance": None, "obstacles": []}
+    planar_task = passing({"stages.fly.target.base": [1, 0, 0]})
+    yield "plane, N_s 25, 34 pairs near", planar_task, none
+    own = [["base", "arm_1"], ["base", "arm_2"], ["arm_1", "arm_2"], ["arm_1", "arm_1"], ["arm_2", "arm_2"]]
+    far = {"obstacles": FAR, "clearance": {"except": own}}
+    yield "plane, N_s 25, 9 pairs, none near", passing({"stages.fly.target.base": [1, 0, 0], **far}), none
+    arms = floating()
+    yield (
+        "20 degrees of freedom, nodes auto, 138 pairs",
+        parse_task(arms.task_yaml, arms.robot_yaml, "arms", {"clearance": {}}),
+        none,
+    )
+
+
+def cost(repeat: str = "5") -> Iterator[str]:
+    """Yield the table of what clearance costs: whole runs in turn, medians of solves over the rounds."""
+    rows = []
+    for name, task, none in cost_rows():
+        medians = np.zeros((int(repeat), 2))
+        for round_ in range(int(repeat)):
+            for column, each in enumerate((task, parse_task(task.task_yaml, task.robot_yaml, name, none))):
+                medians[round_, column] = psmpc.simulate(each).summary().solves.median
+        kept, free = np.median(medians, axis=0)
+        rows.append((name, f"{1e3 * free:.2f}", f"{1e3 * kept:.2f}", f"{kept / free:.2f}"))
+    yield from markdown(rows, "run", "median solve without [ms]", "with [ms]", "ratio")
+
+
 if __name__ == "__main__":
-    command_line(missions)
+    command_line(missions, windows, cost)

@@ -98,20 +98,6 @@ class Route:
         wanted = np.asarray(progress) * marks[-1]
         return np.stack([np.interp(wanted, marks, values) for values in self.waypoints.T], axis=-1)
 
-    def timed(self, rates: np.ndarray, share: float = 0.8) -> tuple[np.ndarray, np.ndarray]:
-        """Return when the route is where: times from 0 on (W,) [s] and configurations (W, n), straight in between.
-
-        On each piece the coordinate that needs longest moves at the share of its velocity limit, and the others in
-        proportion: a configuration changes its velocity at a waypoint at once.
-
-        Args:
-            rates: Velocity limits (n,). A coordinate whose limit is infinite has the reciprocal of its weight instead.
-            share: Of the limits that is used.
-        """
-        limits = np.where(np.isfinite(rates), rates, 1.0 / self.scale)
-        durations = np.max(np.abs(np.diff(self.waypoints, axis=0)) / (share * limits), axis=1)
-        return np.concatenate([[0.0], np.cumsum(durations)]), self.waypoints
-
     def farthest_clear(self, Q: np.ndarray, motions: StraightMotions, after: float) -> tuple[float, np.ndarray]:
         """Return how far along the route clear straight motions reach, never to a point before the last.
 

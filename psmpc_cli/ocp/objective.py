@@ -30,7 +30,7 @@ def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
     return ca.dot(weights * r, r)
 
 
-COMPILED_FROM = 1000
+COMPILED_FROM = 200
 """Operations from which on a function of a constraint gains more by compiled C than its compilation takes."""
 
 

@@ -208,21 +208,6 @@ def test_what_a_clearance_raises_comes_through() -> None:
     assert route_among(ONE_DISC) is not None
 
 
-def test_times_use_a_share_of_the_velocity_limits() -> None:
-    rates = np.array([0.5, 0.25])
-    route = Route(np.array([[0.0, 0.0], [1.0, 0.1], [1.2, 1.1], [1.2, 1.1]]), np.ones(2))
-    times, values = route.timed(rates)
-    np.testing.assert_allclose(times, [0.0, 2.5, 7.5, 7.5], rtol=1e-12)
-    np.testing.assert_array_equal(values, route.waypoints)
-    np.testing.assert_allclose(route.timed(rates, share=0.4)[0], 2 * times, rtol=1e-12)
-
-
-def test_a_coordinate_without_velocity_limit_is_timed_by_its_weight() -> None:
-    route = Route(np.array([[0.0, 0.0], [0.1, 1.0]]), np.array([1.0, 0.5]))
-    times, _ = route.timed(np.array([0.5, np.inf]), share=1.0)
-    assert times[-1] == pytest.approx(0.5)
-
-
 def test_progress_is_a_share_of_the_length() -> None:
     route = Route(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([1.0, 3.0]))
     assert route.length == pytest.approx(4.0)
@@ -275,7 +260,6 @@ def test_who_is_at_the_goal_stays_there() -> None:
         route = route_among(discs, start, start, slack=slack)
         assert route is not None
         assert route.length == 0.0
-        assert route.timed(np.ones(2))[0].tolist() == [0.0, 0.0]
         progress, waypoint = route.farthest_clear(start, motions_among(discs, margin=0.0), 0.0)
         assert progress == 1.0
         np.testing.assert_array_equal(waypoint, start)

@@ -33,7 +33,7 @@ from psmpc_cli.specs.task import TaskSpec
 FORESEEN = 0.5
 """How near the margin the plan in force must come for the pairs of a group to be in windows [m]."""
 
-NEAR = 0.1
+NEAR = 0.05
 """How near its margin the distance of a pair must be at a node to be a row of a program [m]."""
 
 MOST_ROWS = 60

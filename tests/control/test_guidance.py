@@ -127,6 +127,7 @@ def test_a_stage_without_a_way_is_named(caplog: pytest.LogCaptureFixture) -> Non
     assert "found no route to the target of fly" in caplog.text
 
 
+@pytest.mark.slow
 def test_while_an_object_is_held_the_base_alone_is_routed() -> None:
     changes = {
         "controller.nodes": 12,

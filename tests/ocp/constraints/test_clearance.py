@@ -199,6 +199,7 @@ def test_an_obstacle_that_moves_is_at_every_node_where_it_is_then() -> None:
     assert taken[:, 1:] == pytest.approx(np.array(POST["pose"]) + np.outer(since, [-0.1, 0.05, 0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hard", [False, True])
 def test_a_start_inside_the_margin_leaves_it(hard: bool) -> None:
     inside = {"obstacles": [{**POST, "pose": [0.71, 0.433, 0]}], "clearance": {"margin": 0.05, "hard": hard}}
@@ -210,6 +211,7 @@ def test_a_start_inside_the_margin_leaves_it(hard: bool) -> None:
     assert margin[3:].min() > -1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 4])
 def test_sqp_ends_where_ipopt_does_with_active_rows(seed: int) -> None:
     problem, window = near_post(seed)

@@ -8,15 +8,15 @@ target on, the stage is as ever. Until then its end is not detected, and the nex
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
 from psmpc_cli.control.interface import State
 from psmpc_cli.control.routes import Route, StraightMotions, find_route
 from psmpc_cli.control.tracking import ObjectEstimate
-from psmpc_cli.ocp.constraints.clearance import argument_of, functions, kept_groups, poses_at
-from psmpc_cli.ocp.postures import configurations
+from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, kept_groups, poses_at
+from psmpc_cli.ocp.postures import configurations, held_pose
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.robot.configuration import Chart
@@ -123,35 +123,31 @@ class Guide:
         capture = self._problem.capture
         if capture is None:
             return None
-        model = self._problem.model
+        held = self._problem.held_stages
         pose = np.array(capture.pose)
-        if stage in self._problem.held_stages:
-            frame, at = next(iter(capture.grasp.at.items()))
-            gripper = model.poses(Q)[list(model.pose_rows).index(frame)]
-            pose = model.space.composed(
-                gripper, model.space.relative(model.space.neutral[model.space.base_coordinates], at)
-            )
-        elif stage >= self._problem.held_stages.stop and capture.destination is not None:
+        if stage in held:
+            pose = held_pose(self._problem.model, capture, Q)
+        elif stage >= held.stop and capture.destination is not None:
             pose = np.array(capture.destination.pose)
-        return pose, np.zeros(model.space.n_twist)
+        return pose, np.zeros(self._problem.model.space.n_twist)
 
     def _motions(self, stage: int, chart: Chart, sample: SampleView, margin: float) -> StraightMotions | None:
         """Return straight motions that keep a margin as a sample finds what is around; None where nothing is."""
         model = self._problem.model
         native = self._problem.spec.solver.compiled
-        evaluated = []
+        evaluated = list[tuple[RowFunction, np.ndarray]]()
         for group in self._groups[stage].values():
             argument = argument_of(group, model, sample)
             if argument is not None:
-                rows = model.owned((functions, group.pairs), partial(functions, model, group.pairs))
                 taken = poses_at(group.pairs, model, argument, np.zeros(1))[0]
-                evaluated.append(((rows.compiled if native else rows).value, np.concatenate([chart.anchor, taken])))
+                distances = distances_on_arrays(model, group.pairs, native)
+                evaluated.append((distances, np.concatenate([chart.anchor, taken])))
         if not evaluated:
             return None
 
         def clearance(Q: np.ndarray) -> np.ndarray:
             X = np.hstack([Q, np.zeros_like(Q)])
-            nearest = [value(X, argument, rows=len(X))[0].min(axis=1) for value, argument in evaluated]
+            nearest = [distances(X, argument, rows=len(X))[0].min(axis=1) for distances, argument in evaluated]
             return np.asarray(np.min(nearest, axis=0) - margin)
 
         limits = self._problem.stages[stage].limits

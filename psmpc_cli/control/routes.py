@@ -236,10 +236,10 @@ def _plan(
         values[moving] = np.array(state[0:count]) / scale
         return values
 
-    class Validator(base.MotionValidator):  # type: ignore[misc, name-defined]
-        def checkMotion(self, one: Any, other: Any) -> bool:
-            return motions.is_clear(configuration(one), configuration(other))
+    def is_clear(validator: Any, one: Any, other: Any) -> bool:
+        return motions.is_clear(configuration(one), configuration(other))
 
+    validator = type("Validator", (base.MotionValidator,), {"checkMotion": is_clear})
     space = base.RealVectorStateSpace(count)
     bounds = base.RealVectorBounds(count)
     for axis, coordinate in enumerate(moving):
@@ -252,7 +252,7 @@ def _plan(
     try:
         util.RNG.setSeed(seed + 1)  # OMPL ignores a 0
         information = base.SpaceInformation(space)
-        information.setMotionValidator(Validator(information))
+        information.setMotionValidator(validator(information))
         information.setStateValidityChecker(lambda state: bool(motions.clearance(configuration(state)[None])[0] >= 0.0))
         information.setup()
 

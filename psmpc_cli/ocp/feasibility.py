@@ -9,18 +9,16 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.constraints.clearance import kept_groups
-from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.objective import StageCosts
-from psmpc_cli.ocp.postures import close_parts, configurations, largest_load_ratio
+from psmpc_cli.ocp.postures import configurations, largest_load_ratio
 from psmpc_cli.ocp.problem import build_stages, in_own_chart
 from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.ocp.targets import clearance_remarks, cone_remarks, monitor_faults
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, furthest_centre, reach_of
 from psmpc_cli.robot.rotations import conjugate, log, product
-from psmpc_cli.specs.document import Changes, Fault, Location, counted, dotted, quoted
-from psmpc_cli.specs.geometry import pair_name
+from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.parts import POSITION_AXES
 from psmpc_cli.specs.robot import labels, stack
@@ -95,7 +93,7 @@ def review(task: Task) -> list[Fault]:
         *(problem for now, then in pairwise(forecasts) for problem in _handover(task, now.stage, then.stage)),
         *_times(task, forecasts),
         *_grasps(task, forecasts),
-        *_monitored(task, forecasts),
+        *monitor_faults(task, forecasts[0].model),
     ]
 
 
@@ -280,99 +278,17 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
     keep, tolerances below the noise, a load that outweighs a robot which does not know of it, parts that are nearer
     than the task keeps them.
     """
-    pairs = pairwise(forecasts)
+    stages = [forecast.stage for forecast in forecasts]
     return [
         *(problem for forecast in forecasts for problem in _out_of_reach(task, forecast, certain=False)),
-        *(problem for before, forecast in pairs for problem in _far_base(task, before.stage, forecast)),
+        *(problem for before, forecast in pairwise(forecasts) for problem in _far_base(task, before.stage, forecast)),
         *(problem for forecast in forecasts for problem in _too_fast(task, forecast.stage)),
         *_too_short(task, forecasts),
         *_below_noise(task, forecasts),
         *_unknown_load(task, forecasts),
-        *(problem for forecast in forecasts for problem in _outside_cones(task, forecast)),
-        *_close_parts(task, forecasts),
+        *cone_remarks(task, forecasts[0].model, stages),
+        *clearance_remarks(task, forecasts[0].model, stages, forecast_configurations(task, forecasts)),
     ]
-
-
-def _close_parts(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Yield parts nearer than the task keeps them at its start or where a stage leads, and obstacles nothing avoids."""
-    if task.spec.obstacles and not task.spec.keeps_clear:
-        yield Fault(("obstacles",), 'found no "clearance", expected one: without it nothing keeps clear of obstacles')
-    if not task.spec.keeps_clear:
-        return
-    stages = [forecast.stage for forecast in forecasts]
-    for found in close_parts(task, forecasts[0].model, stages, forecast_configurations(task, forecasts)):
-        where = "at the start"
-        path: Location = ("initial",)
-        if found.stage is not None:
-            by = ", by inverse kinematics" if found.stage.space == "task" else ""
-            where = f"where {quoted(found.stage.name)} leads{by}"
-            path = ("stages", found.stage.index, "target")
-        first, second = found.parts
-        distance = 1e3 * found.distance
-        apart = f"{distance:.1f} mm apart" if distance >= 0 else f"{-distance:.1f} mm deep in each other"
-        others = f" ({counted(found.others, 'more pair', 'more pairs')} inside it)" if found.others else ""
-        wanted = f"at least the margin of {1e3 * found.margin:g} mm between them{others}"
-        yield Fault(path, f"found {first} and {second} {apart} {where}, expected {wanted}")
-
-
-def _monitored(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Give monitors of a clearance about parts that are no pair that keeps clear in their stage."""
-    names = [stage.name for stage in task.spec.stages]
-    for number, monitor in enumerate(task.spec.monitors):
-        if monitor.quantity != "clearance":
-            continue
-        groups = kept_groups(task.spec, forecasts[0].model, names.index(monitor.during)).values()
-        if not any(monitor.is_about(pair_name(*pair)) for group in groups for pair in group.pairs.names):
-            message = (
-                f"found {' and '.join(map(quoted, monitor.of)) or 'all pairs'}, expected parts that keep clear in "
-                f"{quoted(monitor.during)}: not neighbours, nor what can never meet, may touch or is excepted"
-            )
-            yield Fault(("monitors", number, "of"), message)
-
-
-CONE_SLACK = 1e-3
-"""By which a target may lie beyond the edge of a cone [rad]: tolerances of end conditions are wider."""
-
-
-def _outside_cones(task: Task, forecast: StageForecast) -> Iterator[Fault]:
-    """Yield cones that the target of their own stage violates, of frames whose pose the target says."""
-    stage = forecast.stage
-    poses = _poses_at_target(forecast)
-    for number, cone in enumerate(task.spec.stages[stage.index].cones):
-        if cone.frame not in poses:
-            continue
-        angle = angle_of_axis(cone, poses[cone.frame], configuration_space(task.robot))
-        is_within = cone.within is not None
-        beyond = angle - cone.angle if is_within else cone.angle - angle
-        if beyond > CONE_SLACK:
-            side = "at most" if is_within else "at least"
-            message = (
-                f"found the axis of {cone.frame} at {np.degrees(angle):.4g} deg where {quoted(stage.name)} leads it, "
-                f"expected {side} {np.degrees(cone.angle):.4g} deg there"
-            )
-            yield Fault(("stages", stage.index, "cones", number), message)
-
-
-def _poses_at_target(forecast: StageForecast) -> dict[str, np.ndarray]:
-    """Return the poses (n_pose,) of the frames that a stage's target says, where weights or end condition ask for them.
-
-    In joint space that of an arm also needs the base's.
-    """
-    model = forecast.model
-    stage = forecast.stage
-    size = model.space.n_twist
-    rows = dict[str, list[int]]()
-    for number, frame in enumerate(model.pose_rows):
-        if frame == "base" or stage.space == "task":
-            rows[frame] = list(range(size * number, size * (number + 1)))
-        elif stage.space == "joint":
-            rows[frame] = [*range(size), *range(model.n)[model.parts[frame]]]
-    asked = [frame for frame in rows if _counts(stage, rows[frame])]
-    if stage.space == "joint":
-        poses = dict(zip(model.pose_rows, model.poses(stage.target), strict=True))
-    else:
-        poses = {frame: stage.target[model.pose_rows[frame]] for frame in rows}
-    return {frame: poses[frame] for frame in asked}
 
 
 LARGEST_UNKNOWN_LOAD = 1.0

@@ -1,23 +1,19 @@
-"""Where a robot is at a task's start and targets, before anything has run: joints, end-effectors, loads, distances."""
+"""Where a robot is at the targets of a task's stages, before anything has run: joints, end-effectors, loads."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints.clearance import Group, functions, kept_groups
 from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.ocp.stage import SampleView, Stage
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.object import CaptureSpec
 from psmpc_cli.specs.robot import labels, stack
-
-SLACK = 1e-9
-"""By which parts may be nearer than their margin [m]: rounding."""
 
 TAKEN = 5e-3
 """Largest error of a pose that counts as taken [m, rad]: an arm that cannot reach stays where it was."""
@@ -53,25 +49,6 @@ class LoadRatio:
     ratio: float
     coordinate: str
     stage: str
-
-
-@dataclass(frozen=True)
-class CloseParts:
-    """The two parts that are farthest inside what a task keeps between them, at its start or a target.
-
-    Attributes:
-        stage: The stage at whose target, None at the start.
-        parts: Their names.
-        distance: How far apart they are, negative where they overlap [m].
-        margin: How far apart they should be [m].
-        others: Number of other pairs inside it.
-    """
-
-    stage: Stage | None
-    parts: tuple[str, str]
-    distance: float
-    margin: float
-    others: int
 
 
 def configurations(
@@ -111,7 +88,7 @@ def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.
         stops: Their `configurations`.
     """
     for stage, Q in zip(stages, stops[1:], strict=True):
-        if _base_reacts(model) or stage.space not in ("joint", "task"):
+        if model.spec.moved_by.reacts or stage.space not in ("joint", "task"):
             continue
         for arm, pose in zip(model.spec.arms, model.poses(Q)[1:], strict=True):
             wanted = pose if stage.space == "joint" else stage.target[model.pose_rows[arm]]
@@ -146,105 +123,9 @@ def largest_load_ratio(task: Task, model: RobotModel, stops: Sequence[np.ndarray
     return max(found, key=lambda each: each.ratio)
 
 
-def close_parts(
-    task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
-) -> Iterator[CloseParts]:
-    """Yield where parts are nearer than a task keeps them, at its start and at the targets that say the posture.
-
-    At a target the margin is that of its stage. What has moved since the start, by itself or because it was let go, is
-    left out there; so is all but the robot itself where the base reacts to the arms.
-
-    Args:
-        task: The task.
-        model: Its robot.
-        stages: Its stages.
-        stops: Their `configurations`.
-    """
-    known = _known_postures(task, model, stages, stops)
-    places: list[tuple[Stage | None, np.ndarray]] = [(None, stops[0])]
-    places += [(stage, Q) for stage, Q in zip(stages, stops[1:], strict=True) if stage.name in known]
-    for stage, Q in places:
-        spec = task.spec.clearance_of(0 if stage is None else stage.index)
-        if spec is None:
-            continue
-        distances = _distances(task, model, stage, Q)
-        inside = {parts: distance for parts, distance in distances.items() if distance < spec.margin - SLACK}
-        if inside:
-            nearest = min(inside, key=lambda parts: inside[parts])
-            yield CloseParts(stage, nearest, inside[nearest], spec.margin, len(inside) - 1)
-
-
-def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> set[str]:
-    """Return the names of the stages whose targets say where all joints are, by inverse kinematics in task space."""
-    missing = {each.stage for each in arm_postures(model, stages, stops) if each.joints is None}
-    spaces = ("joint",) if _base_reacts(model) else ("joint", "task")
-    drifts = task.spec.capture is not None and task.spec.capture.motion.moves
-    of_base = 0 if model.spec.moved_by.actuated else model.space.n_twist  # rows that such a target need not ask for
-    return {
-        stage.name
-        for stage in stages
-        if stage.space in spaces and stage.asked[of_base:].all() and not (drifts and stage.on_object)
-    } - missing
-
-
-def _base_reacts(model: RobotModel) -> bool:
-    """Tell whether the base moves with the arms, so that its place at a target depends on the way there."""
-    moved_by = model.spec.moved_by
-    return moved_by.moves and not moved_by.actuated
-
-
-def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> dict[tuple[str, str], float]:
-    """Compute the distances of parts that keep clear [m] with the robot at Q (nq,), of all whose place is known."""
-    space = model.space
-    chart = space.chart_at(Q)
-    x = np.asarray(chart.enter(Q[None], np.zeros((1, model.n)))[0])
-    pose = _object_pose(task, model, stage, Q)
-    state = None if pose is None else (pose, np.zeros(space.n_twist))
-    view = SampleView(0.0, x, chart.anchor, object_state=state)
-    is_adrift = stage is not None and _base_reacts(model)
-    found = dict[tuple[str, str], float]()
-    for group in kept_groups(task.spec, model, 0 if stage is None else stage.index).values():
-        pairs = replace(group.pairs, gripper=None)
-        poses = _poses(group, view, at_start=stage is None)
-        if poses is None or (is_adrift and poses):
-            continue
-        argument = np.concatenate([chart.anchor, [0.0], *poses])
-        rows = model.owned((functions, pairs), partial(functions, model, pairs)).value(x, argument)[0]
-        for pair, apart in zip(pairs.of_rows, rows.ravel().tolist(), strict=True):
-            name = pairs.names[pair]
-            found[name] = min(apart, found.get(name, np.inf))
-    return found
-
-
-def _poses(group: Group, view: SampleView, at_start: bool) -> list[np.ndarray] | None:
-    """Return the poses of the object and of the obstacle in a group, where it has them; None if one is unknown."""
-    poses = []
-    if group.pairs.has("object"):
-        if view.object_state is None:
-            return None
-        poses.append(view.object_state[0])
-    if group.pairs.has("obstacle"):
-        state = group.state(view)
-        if state is None or (state[1].any() and not at_start):
-            return None
-        poses.append(state[0])
-    return poses
-
-
-def _object_pose(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> np.ndarray | None:
-    """Return where the object is at the start, or with the robot at the target of a stage; None where that is unknown.
-
-    Until it is taken it is where it was at the start if it does not move, then in its first gripper.
-    """
-    capture = task.spec.capture
-    if capture is None:
-        return None
-    held = task.spec.held_stages
-    if stage is None or (stage.index < held.start and not capture.motion.moves):
-        return np.array(capture.pose)
-    if stage.index not in held:
-        return None
+def held_pose(model: RobotModel, capture: CaptureSpec, Q: np.ndarray) -> np.ndarray:
+    """Return the pose of an object, (3,) or (7,), that the first gripper holds as the task describes, at Q (nq,)."""
     holder, at = next(iter(capture.grasp.at.items()))
     gripper = model.poses(Q)[list(model.pose_rows).index(holder)]
-    origin = model.space.dropped(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    origin = model.space.neutral[model.space.base_coordinates]
     return model.space.composed(gripper, model.space.relative(origin, np.array(at)))

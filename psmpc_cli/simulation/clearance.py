@@ -7,8 +7,14 @@ import numpy as np
 
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.functions import RowFunction
-from psmpc_cli.ocp.constraints.base import ConstraintFunctions
-from psmpc_cli.ocp.constraints.clearance import Group, Pairs, functions, kept_groups, nearest_points, poses_after
+from psmpc_cli.ocp.constraints.clearance import (
+    Group,
+    Pairs,
+    distances_on_arrays,
+    kept_groups,
+    nearest_points,
+    poses_after,
+)
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.robot.configuration import Chart
@@ -24,7 +30,7 @@ class Measured:
         pairs: Its pairs, with the object at its pose in the inertial frame, held or not.
         columns: Which pair of the task each of its pairs is.
         pair_of_row: Which of its pairs each of its distances is of.
-        functions: x, [anchor; 0; poses] -> the distances.
+        distances: x, [anchor; 0; poses] -> the distances.
         points: The same -> the nearest points of each pair of solids.
     """
 
@@ -32,7 +38,7 @@ class Measured:
     pairs: Pairs
     columns: np.ndarray
     pair_of_row: list[int]
-    functions: ConstraintFunctions
+    distances: RowFunction
     points: RowFunction
 
 
@@ -60,14 +66,12 @@ class ClearanceMeter:
     def _measured(self, group: Group) -> Measured:
         model = self._problem.model
         pairs = replace(group.pairs, gripper=None)
-        distances = model.owned((functions, pairs), partial(functions, model, pairs))
-        native = self._problem.spec.solver.compiled
         return Measured(
             group=group,
             pairs=pairs,
             columns=np.array([self.pairs.index(name) for name in pairs.names]),
             pair_of_row=pairs.of_rows,
-            functions=distances.compiled if native else distances,
+            distances=distances_on_arrays(model, pairs, self._problem.spec.solver.compiled),
             points=model.owned((nearest_points, pairs), partial(nearest_points, model, pairs)),
         )
 
@@ -80,14 +84,14 @@ class ClearanceMeter:
             argument = self._argument(each, chart, sample)
             if argument is None:
                 continue
-            apart = each.functions.value(X, argument, rows=len(X))[0]
+            apart = each.distances(X, argument, rows=len(X))[0]
             ticks = apart.argmin(axis=0)
-            distances = apart.min(axis=0)
+            least = apart.min(axis=0)
             nearest = each.points(X[ticks], argument[ticks], rows=len(ticks))[0].reshape(len(ticks), -1, 2, 3)
-            for row in np.argsort(-distances):  # of several, the smallest is entered last
+            for row in np.argsort(-least):  # of several, the smallest is entered last
                 column = each.columns[each.pair_of_row[row]]
-                if distances[row] <= smallest[column]:
-                    smallest[column] = distances[row]
+                if least[row] <= smallest[column]:
+                    smallest[column] = least[row]
                     points[column] = nearest[row, each.pair_of_row[row]]
         smallest[np.isinf(smallest)] = np.nan
         return smallest, points

@@ -82,6 +82,11 @@ class MobilityTraits:
     actuated: bool = False
     moves: bool = True
 
+    @property
+    def reacts(self) -> bool:
+        """Whether the base moves as the arms move it, so that its place at a target depends on the way there."""
+        return self.moves and not self.actuated
+
 
 MOBILITIES: Mapping[Mobility, MobilityTraits] = {
     "free-flying": MobilityTraits("thrusters push and turn the base", actuated=True),

@@ -556,7 +556,7 @@ def _own_names(
 
 def _may_have_routes(routes: RoutesSpec, before: Fields, context: Context) -> RuleErrors:
     """Give routes of a robot that cannot follow them, or round nothing."""
-    if context.moved_by.moves and not context.moved_by.actuated:
+    if context.moved_by.reacts:
         yield (), expected(f"none: a {context.mobility} base moves as the arms move it", at_key=True)
     stages = before.get("stages", ())
     if "clearance" in before and before["clearance"] is None and not any(stage.clearance for stage in stages):

@@ -241,7 +241,7 @@ def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: Sam
         X = np.vstack([X, sample.ahead[1]])
     anchors = np.tile(sample.anchor, (len(X), 1))
     taken = np.hstack([anchors, poses_at(pairs, model, argument, since)])
-    apart = model.owned((functions, pairs), partial(functions, model, pairs)).value(X, taken, rows=len(X))[0]
+    apart = distances_on_arrays(model, pairs)(X, taken, rows=len(X))[0]
     is_far = sample.ahead is not None and apart.min() > spec.margin + FORESEEN
     is_inside = bool(apart[0].min() < spec.margin)
     unused = spec.hard and pairs.hard == is_inside
@@ -266,7 +266,10 @@ def argument_of(group: Group, model: RobotModel, sample: SampleView) -> np.ndarr
 
 
 def poses_at(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.ndarray) -> np.ndarray:
-    """Return what the functions take at times since the sample (N,): a 0 and the poses, (N, numbers)."""
+    """Return what the functions take at times since the sample (N,): a 0 and the poses, (N, numbers).
+
+    The 0 is there for groups of the robot alone, which have no pose: NaN in its place says that a group has no rows.
+    """
     n_pose = model.space.n_pose
     fixed = argument[: 1 + n_pose * (pairs.gripper is not None)]
     at_nodes = np.tile(fixed, (len(since), 1))
@@ -319,6 +322,12 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
     x, argument, placed = _placed(model, pairs)
     apart = [each for pair in placed for each in distances(*pair)]
     return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_convex=True)
+
+
+def distances_on_arrays(model: RobotModel, pairs: Pairs, native: bool = False) -> RowFunction:
+    """Return the function of the distances on arrays; `native`, as compiled C."""
+    found = model.owned((functions, pairs), partial(functions, model, pairs))
+    return found.compiled.value if native else found.value
 
 
 def nearest_points(model: RobotModel, pairs: Pairs) -> RowFunction:

@@ -1,0 +1,205 @@
+"""What a task's start and the targets of its stages do to what it keeps: distances of parts, and cones."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, kept_groups, poses_at
+from psmpc_cli.ocp.constraints.cones import angle_of_axis
+from psmpc_cli.ocp.postures import arm_postures, held_pose
+from psmpc_cli.ocp.stage import SampleView, Stage
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.document import Fault, Location, counted, quoted
+from psmpc_cli.specs.geometry import pair_name
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.parts import SPACES
+
+SLACK = 1e-9
+"""By which parts may be nearer than their margin [m]: rounding."""
+
+CONE_SLACK = 1e-3
+"""By which a target may lie beyond the edge of a cone [rad]: tolerances of end conditions are wider."""
+
+
+@dataclass(frozen=True)
+class CloseParts:
+    """The two parts that are farthest inside what a task keeps between them, at its start or a target.
+
+    Attributes:
+        stage: The stage at whose target, None at the start.
+        parts: Their names.
+        distance: How far apart they are, negative where they overlap [m].
+        margin: How far apart they should be [m].
+        others: Number of other pairs inside it.
+    """
+
+    stage: Stage | None
+    parts: tuple[str, str]
+    distance: float
+    margin: float
+    others: int
+
+
+def clearance_remarks(
+    task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
+) -> Iterator[Fault]:
+    """Yield parts nearer than the task keeps them at its start or where a stage leads, and obstacles nothing avoids.
+
+    Args:
+        task: The task.
+        model: Its robot.
+        stages: Its stages.
+        stops: Their `configurations`.
+    """
+    if task.spec.obstacles and not task.spec.keeps_clear:
+        yield Fault(("obstacles",), 'found no "clearance", expected one: without it nothing keeps clear of obstacles')
+    for found in _close_parts(task, model, stages, stops):
+        where = "at the start"
+        path: Location = ("initial",)
+        if found.stage is not None:
+            by = ", by inverse kinematics" if found.stage.space == "task" else ""
+            where = f"where {quoted(found.stage.name)} leads{by}"
+            path = ("stages", found.stage.index, "target")
+        first, second = found.parts
+        distance = 1e3 * found.distance
+        apart = f"{distance:.1f} mm apart" if distance >= 0 else f"{-distance:.1f} mm deep in each other"
+        others = f" ({counted(found.others, 'more pair', 'more pairs')} inside it)" if found.others else ""
+        wanted = f"at least the margin of {1e3 * found.margin:g} mm between them{others}"
+        yield Fault(path, f"found {first} and {second} {apart} {where}, expected {wanted}")
+
+
+def _close_parts(
+    task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
+) -> Iterator[CloseParts]:
+    """Yield where parts are nearer than a task keeps them, at its start and at the targets that say the posture.
+
+    At a target the margin is that of its stage. What has moved since the start, by itself or because it was let go, is
+    left out there; so is all but the robot itself where the base reacts to the arms.
+    """
+    known = _known_postures(task, model, stages, stops)
+    places: list[tuple[Stage | None, np.ndarray]] = [(None, stops[0])]
+    places += [(stage, Q) for stage, Q in zip(stages, stops[1:], strict=True) if stage.name in known]
+    for stage, Q in places:
+        spec = task.spec.clearance_of(0 if stage is None else stage.index)
+        if spec is None:
+            continue
+        distances = _distances(task, model, stage, Q)
+        inside = {parts: distance for parts, distance in distances.items() if distance < spec.margin - SLACK}
+        if inside:
+            nearest = min(inside, key=lambda parts: inside[parts])
+            yield CloseParts(stage, nearest, inside[nearest], spec.margin, len(inside) - 1)
+
+
+def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> set[str]:
+    """Return the names of the stages whose targets say where all joints are, by inverse kinematics in task space."""
+    missing = {each.stage for each in arm_postures(model, stages, stops) if each.joints is None}
+    drifts = task.spec.capture is not None and task.spec.capture.motion.moves
+    of_base = 0 if model.spec.moved_by.actuated else model.space.n_twist  # rows that such a target need not ask for
+    return {
+        stage.name
+        for stage in stages
+        if SPACES[stage.space].has_posture
+        and not (model.spec.moved_by.reacts and stage.space != "joint")
+        and stage.asked[of_base:].all()
+        and not (drifts and stage.on_object)
+    } - missing
+
+
+def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> dict[tuple[str, str], float]:
+    """Compute the distances of parts that keep clear [m] with the robot at Q (nq,), of all whose place is known."""
+    space = model.space
+    chart = space.chart_at(Q)
+    x = np.asarray(chart.enter(Q[None], np.zeros((1, model.n)))[0])
+    pose = _object_pose(task, model, stage, Q)
+    state = None if pose is None else (pose, np.zeros(space.n_twist))
+    view = SampleView(0.0, x, chart.anchor, object_state=state)
+    found = dict[tuple[str, str], float]()
+    for group in kept_groups(task.spec, model, 0 if stage is None else stage.index).values():
+        argument = argument_of(group, model, view)
+        if argument is None or (stage is not None and _has_moved(group, model, view)):
+            continue
+        taken = np.concatenate([chart.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
+        apart = distances_on_arrays(model, group.pairs)(x, taken)[0].ravel()
+        for pair, distance in zip(group.pairs.of_rows, apart.tolist(), strict=True):
+            name = group.pairs.names[pair]
+            found[name] = min(distance, found.get(name, np.inf))
+    return found
+
+
+def _has_moved(group: Group, model: RobotModel, start: SampleView) -> bool:
+    """Tell whether an obstacle of a group is elsewhere at a target than at the start, seen from a base that reacts."""
+    has_poses = group.pairs.has("object") or group.pairs.has("obstacle")
+    if model.spec.moved_by.reacts and has_poses:
+        return True
+    state = group.state(start) if group.pairs.has("obstacle") else None
+    return state is not None and bool(state[1].any())
+
+
+def _object_pose(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> np.ndarray | None:
+    """Return where the object is at the start, or with the robot at the target of a stage; None where that is unknown.
+
+    Until it is taken it is where it was at the start if it does not move, then in its first gripper.
+    """
+    capture = task.spec.capture
+    if capture is None:
+        return None
+    held = task.spec.held_stages
+    if stage is None or (stage.index < held.start and not capture.motion.moves):
+        return np.array(capture.pose)
+    return held_pose(model, capture, Q) if stage.index in held else None
+
+
+def monitor_faults(task: Task, model: RobotModel) -> Iterator[Fault]:
+    """Yield monitors of a clearance about parts that are no pair that keeps clear in their stage."""
+    names = [stage.name for stage in task.spec.stages]
+    for number, monitor in enumerate(task.spec.monitors):
+        if monitor.quantity != "clearance":
+            continue
+        groups = kept_groups(task.spec, model, names.index(monitor.during)).values()
+        if not any(monitor.is_about(pair_name(*pair)) for group in groups for pair in group.pairs.names):
+            message = (
+                f"found {' and '.join(map(quoted, monitor.of)) or 'all pairs'}, expected parts that keep clear in "
+                f"{quoted(monitor.during)}: not neighbours, nor what can never meet, may touch or is excepted"
+            )
+            yield Fault(("monitors", number, "of"), message)
+
+
+def cone_remarks(task: Task, model: RobotModel, stages: Sequence[Stage]) -> Iterator[Fault]:
+    """Yield cones that the target of their own stage violates, of frames whose pose the target says."""
+    for stage in stages:
+        cones = task.spec.stages[stage.index].cones
+        poses = _poses_at_target(model, stage) if cones else {}
+        for number, cone in enumerate(cones):
+            if cone.frame not in poses:
+                continue
+            angle = angle_of_axis(cone, poses[cone.frame], model.space)
+            is_within = cone.within is not None
+            beyond = angle - cone.angle if is_within else cone.angle - angle
+            if beyond > CONE_SLACK:
+                side = "at most" if is_within else "at least"
+                message = (
+                    f"found the axis of {cone.frame} at {np.degrees(angle):.4g} deg where {quoted(stage.name)} leads "
+                    f"it, expected {side} {np.degrees(cone.angle):.4g} deg there"
+                )
+                yield Fault(("stages", stage.index, "cones", number), message)
+
+
+def _poses_at_target(model: RobotModel, stage: Stage) -> dict[str, np.ndarray]:
+    """Return the poses (n_pose,) of the frames that a stage's target says, where weights or end condition ask for them.
+
+    In joint space that of an arm also needs the base's.
+    """
+    size = model.space.n_twist
+    rows = dict[str, list[int]]()
+    for number, frame in enumerate(model.pose_rows):
+        if frame == "base" or stage.space == "task":
+            rows[frame] = list(range(size * number, size * (number + 1)))
+        elif stage.space == "joint":
+            rows[frame] = [*range(size), *range(model.n)[model.parts[frame]]]
+    asked = [frame for frame in rows if stage.asked[rows[frame]].all()]
+    if stage.space == "joint":
+        poses = dict(zip(model.pose_rows, model.poses(stage.target), strict=True))
+    else:
+        poses = {frame: stage.target[model.pose_rows[frame]] for frame in rows}
+    return {frame: poses[frame] for frame in asked}

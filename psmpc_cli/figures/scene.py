@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.figures.style import readable
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.summary import judge_monitor
+from psmpc_cli.logs.verdicts import judge_monitor
 from psmpc_cli.ocp.skills import SKILLS, Posture
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames

@@ -1,21 +1,19 @@
 """The summary of a run: what is computed from the datasets of its log, given by their paths."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from psmpc_cli.logs.schema import PEAKS
+from psmpc_cli.logs.verdicts import Arrays, position_of, summarize_clearance, verdicts, when_let_go
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
-from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.object import GRASP_LOADS, CaptureSpec
+from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.robot import Limits
-from psmpc_cli.specs.task import NOTHING_TOUCHED, OBJECT_CHECKS, MonitorSpec, PublishedRun, TaskSpec
-
-Arrays = Mapping[str, np.ndarray]
+from psmpc_cli.specs.task import PublishedRun, TaskSpec
 
 NO_SHARE = 0.01
 """A stage with no larger share in the control than this does not visibly act on it [1]."""
@@ -76,30 +74,6 @@ class LimitSummary:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """Whether a monitor held, and by what margin.
-
-    Attributes:
-        name: The monitor.
-        held: Whether it held.
-        margin: Smallest distance of the signal to its bounds; negative where a bound was broken; NaN where no sample
-            falls into the stage; infinite where nothing is bounded.
-        unit: Of the margin, `1` where it is over what is allowed.
-        broken_at: First sample at which a bound was broken [s]; NaN if it held.
-        instead: What became of the object where a check of it did not hold; empty for a monitor.
-        details: The values behind the margin, where it is the smallest of several.
-    """
-
-    name: str
-    held: bool
-    margin: float
-    unit: str
-    broken_at: float
-    instead: str = ""
-    details: str = ""
-
-
-@dataclass(frozen=True)
 class Largest:
     """The largest value of a quantity.
 
@@ -114,54 +88,6 @@ class Largest:
     where: str
     time: float
     sample: int
-
-
-@dataclass(frozen=True)
-class NearestParts:
-    """Two parts that keep clear, at a sample of a run.
-
-    Attributes:
-        pair: Their names, by `pair_name`.
-        distance: Their smallest distance at the ticks of the sample, negative where they overlap [m].
-        margin: That less what the task keeps [m].
-        time: Of the sample [s].
-        sample: Its number.
-    """
-
-    pair: str
-    distance: float
-    margin: float
-    time: float
-    sample: int
-
-
-@dataclass(frozen=True)
-class ClearanceSummary:
-    """How near parts that keep clear came to each other.
-
-    Attributes:
-        nearest: The two with the smallest distance, when it was.
-        tightest: The two with the smallest margin; others where the task keeps different margins in its stages.
-        touched: Pairs that touched.
-        touched_at: Sample at which the first one did [s]; NaN if none did.
-    """
-
-    nearest: NearestParts
-    tightest: NearestParts
-    touched: tuple[str, ...]
-    touched_at: float
-
-    @property
-    def touch(self) -> str:
-        """Which parts touched, how deep and when; empty if none did."""
-        if not self.touched:
-            return ""
-        deepest = self.nearest
-        text = f"{deepest.pair} touched, {-1e3 * deepest.distance:.1f} mm deep at {deepest.time:.1f} s"
-        further = [f"first touch at {self.touched_at:.1f} s"] if self.touched_at < deepest.time else []
-        more = len(self.touched) - 1
-        further += [counted(more, "more pair touched", "more pairs touched")] if more else []
-        return f"{text} ({'; '.join(further)})" if further else text
 
 
 class CaptureSummary:
@@ -181,7 +107,7 @@ class CaptureSummary:
     def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
         """Read what became of the object from the datasets of a log."""
         destination = task.capture.destination if task.capture else None
-        _, pose, v = _leaves(task, arrays)
+        _, pose, v = when_let_go(task, arrays)
         space = space_of_pose(len(pose))
         dimension = space.dimension
         error = np.full(len(v), np.nan)
@@ -311,181 +237,6 @@ class Summary:
         return f"<Summary of {len(self.stages)} stages over {self.duration:g} s, {outcome}>"
 
 
-def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
-    """Judge by the datasets of a log what decides whether a mission succeeded, see `TaskSpec.judged`."""
-    monitored = [judge_touch(arrays)] if task.keeps_clear else []
-    monitored += [judge_monitor(monitor, arrays) for monitor in task.monitors]
-    if task.capture is None:
-        return tuple(monitored)
-    if "grasp/pull" in arrays:
-        return (*monitored, *_object_checks(task, task.capture, arrays))
-    # nobody knows what became of the object in a loop of the user's own
-    return (*monitored, *(Verdict(name, False, np.nan, "1", np.nan) for name in task.object_checks))
-
-
-def summarize_clearance(arrays: Arrays) -> ClearanceSummary | None:
-    """Find the parts that came nearest to each other; None where no distance is known."""
-    distances = arrays.get("clearance/distance")
-    if distances is None or not np.isfinite(distances).any():
-        return None
-    margins = arrays["clearance/margin"]
-
-    def at_smallest(values: np.ndarray) -> NearestParts:
-        sample, pair = (int(at) for at in np.unravel_index(int(np.nanargmin(values)), values.shape))
-        return NearestParts(
-            pair=str(arrays["clearance/pair"][pair]),
-            distance=float(distances[sample, pair]),
-            margin=float(margins[sample, pair]),
-            time=float(arrays["time"][sample]),
-            sample=sample,
-        )
-
-    overlaps = distances < 0
-    samples = np.flatnonzero(overlaps.any(axis=1))
-    return ClearanceSummary(
-        nearest=at_smallest(distances),
-        tightest=at_smallest(margins),
-        touched=tuple(arrays["clearance/pair"][overlaps.any(axis=0)].tolist()),
-        touched_at=float(arrays["time"][samples[0]]) if len(samples) else np.nan,
-    )
-
-
-def judge_touch(arrays: Arrays) -> Verdict:
-    """Judge whether parts that keep clear touched; not judged where no distance is known, as in a loop without ticks.
-
-    Nothing can touch where every pair is excepted.
-    """
-    found = summarize_clearance(arrays)
-    if found is None:
-        has_none = "clearance/pair" in arrays and not len(arrays["clearance/pair"])
-        return Verdict(NOTHING_TOUCHED, has_none, np.inf if has_none else np.nan, "m", np.nan)
-    return Verdict(
-        name=NOTHING_TOUCHED,
-        held=not found.touched,
-        margin=found.nearest.distance,
-        unit="m",
-        broken_at=found.touched_at,
-        instead=found.touch,
-    )
-
-
-def _leaves(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return when the object left the grippers [s], and its pose and velocity then; of one held to the end, its end."""
-    left = float(arrays["object/left_at"])
-    if np.isfinite(left) or not task.holds_to_the_end:
-        return left, arrays["object/left_pose"], arrays["object/left_velocity"]
-    return float(arrays["final/end_time"]), arrays["final/object_pose"], arrays["final/object_velocity"]
-
-
-def _object_checks(task: TaskSpec, target_object: CaptureSpec, arrays: Arrays) -> Iterator[Verdict]:
-    """Judge whether every gripper closed, none was pulled open, and the object left where and as slow as it should.
-
-    Margins are over what is allowed, that of the grasps is the smallest of their loads. Unlike a monitor that is not
-    judged an object that should have been let go and was not is not delivered.
-    """
-    grasp = target_object.grasp
-    destination = target_object.destination
-    allowed = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
-    missed = arrays["grasp/missed_by"]
-    end = float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
-    closed = np.isfinite(arrays["grasp/closed_at"])
-    taken = bool(closed.all())
-    yield Verdict(
-        name=OBJECT_CHECKS[0],
-        held=taken,
-        margin=float(np.min(1 - missed / allowed)),
-        unit="1",
-        broken_at=np.nan if taken else end,
-        instead="" if taken else _why_not_taken(arrays, end),
-    )
-    lost = arrays["grasp/lost"] == 1
-    lost_at = float(np.min(arrays["grasp/opened_at"][lost])) if lost.any() else np.nan
-    pulled_open = f"{', '.join(arrays['gripper'][lost])} pulled open at {lost_at:.1f} s" if lost.any() else ""
-    loads = {load: float(np.max(arrays[f"grasp/{load}"], initial=0.0)) for load in GRASP_LOADS}
-    strength = dict(zip(GRASP_LOADS, grasp.largest_loads, strict=True))
-    yield Verdict(
-        name=OBJECT_CHECKS[1],
-        held=taken and not lost.any(),
-        margin=min(1 - loads[load] / strength[load] for load in GRASP_LOADS),
-        unit="1",
-        broken_at=lost_at,
-        instead=pulled_open,
-        details=_loads_over_strength(loads, strength),
-    )
-    if destination is None:
-        return
-    left, pose, v = _leaves(task, arrays)
-    space = space_of_pose(len(destination.pose))
-    error = space.pose_error(pose, destination.pose)
-    over = np.abs(error) / destination.tolerance
-    linear = v[: space.dimension]
-    margin = 1 - float(max(*over, np.linalg.norm(linear) / destination.speed))
-    delivered = taken and not lost.any() and margin >= 0
-    ends = "held to the end" if task.holds_to_the_end else "let go"
-    instead = f"{ends} at {left:.1f} s, too far from its destination or too fast"
-    if not np.isfinite(left):
-        instead = f"still held at {end:.1f} s, when the run ended"
-    if lost.any():
-        instead = pulled_open
-    if not taken:
-        instead = "it was not taken"
-    yield Verdict(
-        name=OBJECT_CHECKS[2],
-        held=delivered,
-        margin=margin,
-        unit="1",
-        broken_at=np.nan if delivered else left if np.isfinite(left) else end,
-        instead="" if delivered else instead,
-    )
-
-
-def _loads_over_strength(loads: Mapping[str, float], strength: Mapping[str, float]) -> str:
-    """Write the largest loads on a grasp, and what it holds of each."""
-    found = []
-    for load, unit in GRASP_LOADS.items():
-        bound = f" of {strength[load]:g}" if np.isfinite(strength[load]) else ""
-        found.append(f"{load} {loads[load]:.3g}{bound} {unit}")
-    return ", ".join(found)
-
-
-def _why_not_taken(arrays: Arrays, end: float) -> str:
-    """Say which grippers did not close on an object, and why: they were too far away, or the run ended before [s]."""
-    grippers = arrays["gripper"]
-    tried = np.isfinite(arrays["grasp/missed_by"]).all(axis=1)
-    too_far = grippers[tried & ~np.isfinite(arrays["grasp/closed_at"])]
-    if len(too_far):
-        return f"{', '.join(too_far)} outside the envelope when the grippers were to close"
-    return f"the run ended at {end:.1f} s, before {', '.join(grippers[~tried])} had to close"
-
-
-def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
-    """Compute the monitored signal at every sample (K,): distance [m], speed [m/s] or clearance [m].
-
-    Speed is that of the frame's position between samples, the largest of the named frames. Clearance is the smallest
-    distance of the pairs at the ticks until the next sample; NaN where all of them may touch.
-    """
-    if monitor.quantity == "clearance":
-        return _smallest_distances(monitor, arrays)
-    poses = arrays["pose/xi"]
-    names = list(arrays["pose_coordinate"])
-    positions = [_position(poses, names, name) for name in monitor.of]
-    if monitor.quantity == "distance":
-        origin = positions[1] if len(positions) > 1 else _position(poses, names, "base")
-        return np.asarray(np.linalg.norm(positions[0] - origin, axis=1))
-    if len(arrays["time"]) < 2:
-        return np.zeros(len(arrays["time"]))
-    steps = [np.linalg.norm(np.gradient(position, axis=0), axis=1) for position in positions]
-    return np.asarray(np.max(steps, axis=0) / np.gradient(arrays["time"]))
-
-
-def _smallest_distances(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
-    """Return the smallest distance of the pairs that a monitor is about, at every sample (K,) [m]."""
-    pairs = arrays.get("clearance/pair", np.zeros(0))
-    is_about = np.array([monitor.is_about(str(pair)) for pair in pairs], bool)
-    distances = arrays.get("clearance/distance", np.full((len(arrays["time"]), 0), np.nan))
-    return np.asarray(np.fmin.reduce(distances[:, is_about], axis=1, initial=np.nan))
-
-
 def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> tuple[float, float, float]:
     """Sum the total variation of each coordinate (n,) over base position, base angle and joints."""
     of_base = np.array([name.startswith("base.") for name in coordinates], bool)
@@ -607,7 +358,7 @@ def _distances(arrays: Arrays) -> tuple[float, ...]:
     if len(arms) < 2 or len(time) < 2:
         return (np.nan,) * len(arrays["stages/name"])
     xi = np.vstack([arrays["pose/xi"], arrays["final/xi"]])
-    difference = _position(xi, names, arms[0]) - _position(xi, names, arms[1])
+    difference = position_of(xi, names, arms[0]) - position_of(xi, names, arms[1])
     distance = np.linalg.norm(difference, axis=1)
     is_known = np.isfinite(time)  # the end of a run that was stopped is not
     return tuple(float(np.interp(t, time[is_known], distance[is_known])) for t in arrays["stages/switch_time"])
@@ -627,39 +378,3 @@ def largest(values: np.ndarray, names: Sequence[str], time: np.ndarray, sample: 
         return None
     row, column = (int(at) for at in np.unravel_index(int(np.argmax(found)), found.shape))
     return Largest(float(found[row, column]), str(names[column]), float(time[row]), row if sample is None else sample)
-
-
-def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
-    """Judge a monitor by the datasets of a log."""
-    during = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
-    values = signal(monitor, arrays)
-    if monitor.quantity == "clearance":
-        during &= ~np.isnan(values)  # parts that may touch are not measured
-    if not during.any():
-        return Verdict(monitor.name, False, np.nan, monitor.unit, np.nan)
-    values = values[during]
-    time = arrays["time"][during]
-    margins = [side * (bound - values) for bound, side in monitor_bounds(monitor, float(values[0]))]
-    margin = np.min(margins, axis=0, initial=np.inf)
-    broken = np.flatnonzero(~(margin >= 0))  # a signal that is not a number holds no bound
-    broken_at = float(time[broken[0]]) if len(broken) else np.nan
-    return Verdict(monitor.name, not len(broken), float(margin.min()), monitor.unit, broken_at)
-
-
-def monitor_bounds(monitor: MonitorSpec, start: float) -> list[tuple[float, int]]:
-    """List the bounds of a monitored signal, each with 1 for an upper and -1 for a lower bound.
-
-    Args:
-        monitor: The monitor.
-        start: Value of the signal at the start of the stage, to which some bounds are relative.
-    """
-    relative = ((monitor.above_start_at_most, 1), (monitor.below_start_at_most, -1))
-    bounds = ((monitor.at_most, 1), (monitor.at_least, -1))
-    found = [(start + side * apart, side) for apart, side in relative if apart is not None]
-    return found + [(bound, side) for bound, side in bounds if bound is not None]
-
-
-def _position(xi: np.ndarray, names: list[str], frame: str) -> np.ndarray:
-    """Return the positions (K, dimension) of a frame from poses (K, m)."""
-    axes = [f"{frame}.{axis}" for axis in "xyz"]
-    return xi[:, [names.index(name) for name in axes if name in names]]

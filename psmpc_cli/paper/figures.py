@@ -15,7 +15,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.figures.registry import save_figure
 from psmpc_cli.figures.timeline import draw_stages, label_row, place_bars, timeline
 from psmpc_cli.logs.run import Run, Span
-from psmpc_cli.logs.summary import judge_monitor, monitor_bounds, signal
+from psmpc_cli.logs.verdicts import judge_monitor, monitor_bounds, signal
 from psmpc_cli.paper.ablations import Ablation
 
 Curves = Mapping[str, tuple[np.ndarray, np.ndarray]]

@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from psmpc_cli.logs.schema import PEAKS
-from psmpc_cli.logs.summary import CaptureSummary, Largest, NearestParts, SolveSummary, Summary, Verdict
+from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summary
+from psmpc_cli.logs.verdicts import NearestParts, Verdict
 from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.task import NOTHING_TOUCHED
 

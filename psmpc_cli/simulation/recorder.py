@@ -19,7 +19,7 @@ from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.run import Run, read_run, run_in
 from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, Sample
-from psmpc_cli.logs.summary import verdicts
+from psmpc_cli.logs.verdicts import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.library import describe_compiler, describe_processor, make_all
 from psmpc_cli.ocp.problem import Problem

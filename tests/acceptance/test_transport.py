@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.summary import Summary, signal
+from psmpc_cli.logs.summary import Summary
+from psmpc_cli.logs.verdicts import signal
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 

@@ -105,6 +105,7 @@ class VelocityForm:
         row_node: Node of each row of these, ascending, (E,): rows are ordered by node, then as in `node_rows`.
         row_is_soft: Which of them may be violated at a cost, (E,).
         row_near: How near its bounds a row is part of a program, (E,); infinite: always.
+        always, sometimes: Which of them are part of every program, and which near their bounds alone, ascending.
         row_interval: Interval of each row over intervals, in an order alike, (I,).
         residuals_are_curved: The curvature of residuals counts: that of a robot without thrusters.
         curved: Programs have curvature besides that of the Gauss-Newton model, see `with_curvature`.
@@ -127,6 +128,7 @@ class VelocityForm:
             self.row_is_soft[at] = rows.soft
             self.row_near[at] = rows.near
         self.always = np.flatnonzero(np.isinf(self.row_near))
+        self.sometimes = np.flatnonzero(np.isfinite(self.row_near))
         self.row_interval, self._interval_places = _ordered(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
@@ -333,6 +335,8 @@ class VelocityForm:
 
     def hessian_weights(self, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the weights of the rows over intervals in the Hessian of J, (I,): those of their squares, doubled."""
+        if not len(self.costing_rows):
+            return np.zeros(len(self.row_interval))
         omega = p.omega[self.grid.stage_of[self.row_interval]]
         return np.asarray(2 * omega * self.interval_weights(p))
 

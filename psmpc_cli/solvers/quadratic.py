@@ -163,6 +163,8 @@ class QpMethod(ABC):
         K, n = model.coupling.shape
         S = len(point.tau)
         in_program = window.rows_in_program(model)
+        has_all = len(model.node_rows) == len(model.at.rows)
+        at_nodes = slice(None) if has_all else model.node_rows
         rows = window.rows(point, model.at)[in_program]
         X = np.zeros((K + 1, 2 * n))
         arrays = QpArrays(
@@ -175,8 +177,8 @@ class QpMethod(ABC):
             gap_velocity=model.gap_velocity,
             gap_tau=model.gap_tau,
             gaps=model.at.gaps,
-            row_node=window.form.row_node[model.node_rows] - 1,
-            row_jacobian=model.rows_by_x[model.node_rows],
+            row_node=window.form.row_node[at_nodes] - 1,
+            row_jacobian=model.rows_by_x[at_nodes],
             interval_row=window.form.row_interval[model.interval_rows],
             interval_jacobian=model.interval_rows_by,
             interval_low=bounds.interval_low[model.interval_rows],
@@ -195,7 +197,7 @@ class QpMethod(ABC):
         )
         status, iterations = self._solve(arrays)
         node_multipliers = np.zeros(len(model.at.rows))
-        node_multipliers[model.node_rows] = arrays.row_multipliers[window.states + 2 * S :][: len(model.node_rows)]
+        node_multipliers[at_nodes] = arrays.row_multipliers[window.states + 2 * S :][: len(model.node_rows)]
         return QpSolution(
             status=status,
             step=Point(X, arrays.tau),

@@ -266,7 +266,7 @@ class _Solve:
         So far from their bounds that the model does not have them, rows do not change the solution.
         """
         qp = self.method.solve(window, model, point)
-        while qp.status is QpStatus.SOLVED:
+        while qp.status is QpStatus.SOLVED and window.leaves_rows_out:
             of_nodes, of_intervals = window.missed_rows(model, point.moved(qp.step, 1.0))
             if not len(of_nodes) and not len(of_intervals):
                 break

@@ -137,6 +137,16 @@ class SqpWindow:
         return float(self.p.horizon)
 
     @property
+    def leaves_rows_out(self) -> bool:
+        """Whether programs have those rows alone, of some constraints, that are near their bounds."""
+        return len(self.form.sometimes) > 0 or len(self.form.row_interval) > 0
+
+    @property
+    def _near(self) -> np.ndarray:
+        """How near their bounds the rows at nodes that are not in all programs are part of one."""
+        return np.asarray(self.form.row_near[self.form.sometimes])
+
+    @property
     def states(self) -> int:
         """Number of the rows of states, the first of all."""
         return 2 * self.form.grid.n * self.form.grid.K
@@ -164,8 +174,7 @@ class SqpWindow:
         """Return the indices of the rows that the program of a model has, ascending."""
         first = self._first_interval_row
         count = len(self.form.row_interval)
-        left_out = len(self.form.row_node) - len(model.node_rows)
-        if not count and not left_out:
+        if not self.leaves_rows_out:
             return slice(None)
         of_nodes = self._first_node_row + model.node_rows
         of_intervals = first + model.interval_rows
@@ -184,10 +193,12 @@ class SqpWindow:
         return np.flatnonzero((has_low & below) | (has_high & above))
 
     def _node_rows_beyond(self, values: np.ndarray, apart: np.ndarray | float) -> np.ndarray:
-        """Return which rows at nodes (E,), of these values, are nearer to a bound than that, or beyond it."""
-        at = slice(self._first_node_row, self._first_interval_row)
-        near = (values < self.bounds.low[at] + apart) | (values > self.bounds.high[at] - apart)
-        return np.flatnonzero(near)
+        """Return which rows at nodes that are not in all programs, of values (E,), are nearer to a bound than that."""
+        which = self.form.sometimes
+        low = self.bounds.low[self._first_node_row + which]
+        high = self.bounds.high[self._first_node_row + which]
+        near = (values[which] < low + apart) | (values[which] > high - apart)
+        return np.asarray(which[near])
 
     def missed_rows(self, model: Linearization, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows at nodes and those over intervals that a model does not have and a point violates, ascending.
@@ -197,10 +208,10 @@ class SqpWindow:
         none = np.zeros(0, int)
         of_nodes = none
         of_intervals = none
-        if len(self.form.always) < len(self.form.row_node):
+        if len(self.form.sometimes):
             values = self.form.row_values(point, self.p)
             violated = np.setdiff1d(self._node_rows_beyond(values, -FEASIBLE), model.node_rows)
-            of_nodes = self._node_rows_beyond(values, self.form.row_near) if len(violated) else none
+            of_nodes = self._node_rows_beyond(values, self._near) if len(violated) else none
         if len(self.form.row_interval):
             values = self.form.interval_row_values(point, self.p)
             violated = np.setdiff1d(self._interval_rows_beyond(point, values, 1.0, FEASIBLE), model.interval_rows)
@@ -322,13 +333,9 @@ class SqpWindow:
         intervals it has those that are near their bounds, of rows at nodes too where these say so.
         """
         model = self.form.linearize(point, self.p)
-        of_nodes = np.zeros(0, int)
-        of_intervals = np.zeros(0, int)
-        if len(self.form.always) < len(self.form.row_node):
-            of_nodes = self._node_rows_beyond(model.at.rows, self.form.row_near)
-        if len(self.form.row_interval):
+        if self.leaves_rows_out:
+            of_nodes = self._node_rows_beyond(model.at.rows, self._near)
             of_intervals = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
-        if len(of_nodes) or len(of_intervals):
             model = self.with_rows(model, point, of_nodes, of_intervals)
         if not len(self._soft_rows):
             return model

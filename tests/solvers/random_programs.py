@@ -39,6 +39,7 @@ def structure(nodes: tuple[int, ...], over_intervals: bool = False) -> VelocityF
             self.grid, self.nodes, self.weights = Grid(COORDINATES, nodes), np.array(nodes), (0.5, 0.5)
             self.row_node = np.repeat(self.grid.first_node[1:-1], END_ROWS)
             self.row_is_soft = np.zeros(len(self.row_node), bool)
+            self.sometimes = np.zeros(0, int)
             constrained = [k for k in range(self.grid.K) if over_intervals and k % 4 != 3]
             self.row_interval = np.repeat(np.array(constrained, int), INTERVAL_ROWS)
 

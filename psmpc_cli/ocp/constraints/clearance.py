@@ -8,7 +8,7 @@ near; between nodes nothing is kept. What moves is at each node where it is at t
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 from typing import Literal, TypeAlias
 
@@ -83,6 +83,14 @@ class Pairs:
     pairs: tuple[tuple[Solid, Solid], ...]
     gripper: str | None = None
     hard: bool = False
+
+    def __hash__(self) -> int:
+        """Return the hash of all fields, computed once: every solve looks for the shape of its window."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.pairs, self.gripper, self.hard))
 
     @property
     def rows(self) -> int:

@@ -17,6 +17,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from psmpc_cli.ocp.constraints import IntervalRows, interval_rows, node_rows
+from psmpc_cli.ocp.constraints.boxes import shares_of_time
 from psmpc_cli.ocp.objective import force_residual, stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import cost_shape
@@ -72,7 +73,7 @@ class Linearization:
         gap_velocity: Of the gaps by Qdot_k and Qdot_k+1, one number an interval, (K, 2).
         gap_tau: By tau, (K, n, S).
         node_rows: Which rows at nodes the model has, ascending, (F,).
-        rows_by_x: Of the rows at nodes by x there, (E, 2n); 0 of those that the model does not have.
+        rows_by_x: Their derivatives by x there, (F, 2n).
         interval_rows: Which rows over intervals the model has, ascending, (J,); see `VelocityForm.interval_jacobian`.
         interval_rows_by: Their derivatives by x at both ends and tau, (J, 4n + S).
     """
@@ -121,6 +122,7 @@ class VelocityForm:
             self.interval_rows = [replace(rows, functions=rows.functions.compiled) for rows in self.interval_rows]
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
+        self._nodes_of_rows = [np.array(rows.nodes) for rows in self.node_rows]
         self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows])
         self.row_is_soft = np.zeros(len(self.row_node), bool)
         self.row_near = np.full(len(self.row_node), np.inf)
@@ -154,6 +156,11 @@ class VelocityForm:
         return np.asarray((self.stage_durations / self.nodes[:, None])[self.grid.stage_of])
 
     @cached_property
+    def node_shares(self) -> np.ndarray:
+        """Derivative of the share of time that each node stands for by the free durations, (K + 1, S)."""
+        return shares_of_time(self.interval_steps)
+
+    @cached_property
     def waiting(self) -> np.ndarray:
         """Number of stages that wait while each free duration runs, (S,)."""
         return np.arange(self.grid.switches, 0, -1, dtype=float)
@@ -164,7 +171,10 @@ class VelocityForm:
 
     def durations(self, point: Point, horizon: float) -> np.ndarray:
         """Return tau_s of all stages, (S + 1,) [s]."""
-        return np.append(point.tau, horizon - point.tau.sum())
+        durations = np.empty(len(point.tau) + 1)
+        durations[:-1] = point.tau
+        durations[-1] = horizon - point.tau.sum()
+        return durations
 
     def steps(self, point: Point, horizon: float) -> np.ndarray:
         """Return h of each interval, (K, 1) [s]."""
@@ -222,9 +232,8 @@ class VelocityForm:
     def row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the rows of all constraints at nodes, (E,)."""
         values = np.zeros(len(self.row_node))
-        for rows, at in zip(self.node_rows, self._places, strict=True):
-            found = rows.functions.value(point.X[list(rows.nodes)], rows.argument(p), rows=len(rows.nodes))[0]
-            values[at] = found.ravel()
+        for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
+            values[at] = rows.functions.value(point.X[nodes], rows.argument(p), rows=len(nodes))[0].ravel()
         return values
 
     def interval_row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
@@ -239,39 +248,45 @@ class VelocityForm:
         return values
 
     def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of all constraints at nodes (E,) and their derivatives by x at their nodes (E, 2n).
+        """Return the rows of all constraints at nodes (E,), and the derivatives by x of those that are in all programs.
 
-        Of rows that are part of programs near their bounds alone the derivatives are left 0.
+        These are (F, 2n), of `always`.
         """
         values = np.zeros(len(self.row_node))
-        by_x = np.zeros((len(self.row_node), 2 * self.grid.n))
-        for rows, at in zip(self.node_rows, self._places, strict=True):
-            X = point.X[list(rows.nodes)]
+        by_x = np.zeros((len(self.always), 2 * self.grid.n))
+        for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
+            X = point.X[nodes]
             a = rows.argument(p)
             if np.isfinite(rows.near):
                 values[at] = rows.functions.value(X, a, rows=len(X))[0].ravel()
                 continue
             g, jacobian = rows.functions.with_jacobian(X, a, rows=len(X))
             values[at] = g.ravel()
-            by_x[at] = jacobian.reshape(len(at), -1)
+            by_x[np.searchsorted(self.always, at)] = jacobian.reshape(len(at), -1)
         return values, by_x
 
     def with_node_rows(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], which: np.ndarray
     ) -> Linearization:
-        """Return the model at a point with some more rows at nodes (J,), evaluated at the nodes that have one."""
-        if not len(which):
+        """Return the model at a point with some more rows at nodes (J,)."""
+        is_new = np.zeros(len(self.row_node), bool)
+        is_new[which] = True
+        is_new[model.node_rows] = False
+        if not is_new.any():
             return model
-        by_x = model.rows_by_x.copy()
-        for rows, at in zip(self.node_rows, self._places, strict=True):
-            of_node = at.reshape(len(rows.nodes), -1)
-            has_one = np.atleast_1d(np.isin(of_node, which).any(axis=1))
-            if has_one.any():
-                a = _of_some(rows.argument(p), has_one)
-                X = point.X[np.array(rows.nodes)[has_one]]
-                jacobian = rows.functions.with_jacobian(X, a, rows=len(X))[1]
-                by_x[of_node[has_one].ravel()] = jacobian.reshape(-1, by_x.shape[1])
-        return replace(model, node_rows=np.union1d(model.node_rows, which), rows_by_x=by_x)
+        found = [model.node_rows]
+        gradients = [model.rows_by_x]
+        for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
+            of_node = at.reshape(len(nodes), -1)
+            node, row = np.nonzero(is_new[of_node])
+            if len(node):
+                x = point.X[nodes[node]]
+                a = _of_some(rows.argument(p), node)
+                found.append(of_node[node, row])
+                gradients.append(rows.functions.gradient(x, a, np.eye(rows.functions.count)[row], rows=len(node))[0])
+        node_rows = np.concatenate(found)
+        order = np.argsort(node_rows)
+        return replace(model, node_rows=node_rows[order], rows_by_x=np.concatenate(gradients)[order])
 
     def with_given_rates(self, point: Point, p: Parameters[np.ndarray]) -> Point:
         """Return a point with the rates that rows at nodes determine; the point itself if none do.
@@ -299,10 +314,12 @@ class VelocityForm:
         if not len(which):
             return np.zeros((0, 4 * self.grid.n + self.grid.switches))
         by_states_and_h = np.zeros((len(self.row_interval), 4 * self.grid.n + 1))
+        is_chosen = np.zeros(len(self.row_interval), bool)
+        is_chosen[which] = True
         h = self.steps(point, float(p.horizon))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
             of_interval = at.reshape(len(rows.intervals), -1)
-            has_one = np.isin(of_interval, which).any(axis=1)
+            has_one = is_chosen[of_interval].any(axis=1)
             k = np.array(rows.intervals)[has_one]
             if len(k):
                 jacobian = rows.functions.jacobian(point.X[k], point.X[k + 1], h[k], rows.argument(p))
@@ -364,8 +381,9 @@ class VelocityForm:
         high = np.zeros(len(self.row_node))
         for rows, at in zip(self.node_rows, self._places, strict=True):
             low_at_node, high_at_node = rows.bounds(window)
-            low[at] = np.tile(low_at_node, len(rows.nodes))
-            high[at] = np.tile(high_at_node, len(rows.nodes))
+            of_node = at.reshape(len(rows.nodes), -1)
+            low[of_node] = low_at_node
+            high[of_node] = high_at_node
         return low, high
 
     def with_curvature(

@@ -55,7 +55,7 @@ class ConstraintFunctions:
         gives: Rates that the rows, equations, determine: they are linear in these and as many. None if they do not.
             `sqp` then solves them at every iterate, and takes no account of their curvature.
         is_convex: They are bounded below and convex, as distances to convex bodies are: their curvature, which can only
-            make programs non-convex, does not count. Such rows are many and long.
+            make programs non-convex, does not count. Such rows are many and long, and few of them count at a time.
         native: Functions with many operations run as compiled C.
     """
 
@@ -95,6 +95,13 @@ class ConstraintFunctions:
         return _on_rows("end", [self._x, self._argument], outputs, self._native)
 
     @cached_property
+    def gradient(self) -> RowFunction:
+        """x, a, multipliers y (rows,) -> y' dg/dx (2n,): of one of many rows much shorter than the Jacobian."""
+        y = ca.SX.sym("y", self.count)
+        found = ca.densify(ca.gradient(ca.dot(y, self._rows), self._x))
+        return _on_rows("row_gradient", [self._x, self._argument, y], [found], self._native)
+
+    @cached_property
     def curvature(self) -> RowFunction | None:
         """x, a, multipliers y (rows,) -> upper triangle of the second derivatives of y'g by Q (n, n); None where 0."""
         if not self.count or self.gives is not None or self._is_convex:
@@ -118,7 +125,9 @@ class ConstraintFunctions:
         return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._native)
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
-        """Write all of them and return them."""
+        """Write those that solves need and return them."""
+        if self._is_convex:
+            return self.value, self.gradient
         return self.value, self.with_jacobian, self.curvature, self.by_given
 
 

@@ -257,7 +257,10 @@ def _of_constraints(window: Window, instants: np.ndarray) -> tuple[dict[str, np.
         if not times:
             times.extend(np.split(window.times(instants)[1:] - window.start, np.cumsum(window.nodes)[:-1]))
         at_nodes = each.at_nodes(each.argument, times[s])
-        return np.hstack([np.tile(anchor, (len(at_nodes), 1)), at_nodes])
+        found = np.empty((len(at_nodes), len(anchor) + at_nodes.shape[1]))
+        found[:, : len(anchor)] = anchor
+        found[:, len(anchor) :] = at_nodes
+        return found
 
     return tuple(
         {name: taken(each, s) for name, each in stage.constraints.items() if each.is_known}

@@ -20,7 +20,7 @@ from scipy.sparse import csr_array, diags_array, triu, vstack
 
 from psmpc_cli.native.library import library
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
-from psmpc_cli.solvers.sqp_window import SqpWindow
+from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow
 
 SOURCES = ("recursion.c", "interval_rows.c", "program.c", "interior_point.c")
 """Source files of the kernel, our own method in C, in the order in which they are joined."""
@@ -157,15 +157,13 @@ ARRAYS = tuple(field.name for field in fields(QpArrays))
 class QpMethod(ABC):
     """A method for the programs of windows over the same stages and nodes."""
 
-    def solve(self, window: SqpWindow, model: Linearization, point: Point) -> QpSolution:
+    def solve(self, window: SqpWindow, model: Linearization, here: Evaluation) -> QpSolution:
         """Solve the program about a point: the model of the objective and the constraints there, bounds of steps."""
         bounds = window.bounds
         K, n = model.coupling.shape
-        S = len(point.tau)
+        S = len(here.point.tau)
         in_program = window.rows_in_program(model)
-        has_all = len(model.node_rows) == len(model.at.rows)
-        at_nodes = slice(None) if has_all else model.node_rows
-        rows = window.rows(point, model.at)[in_program]
+        rows = here.rows[in_program]
         X = np.zeros((K + 1, 2 * n))
         arrays = QpArrays(
             positions=model.positions[1:],
@@ -177,8 +175,8 @@ class QpMethod(ABC):
             gap_velocity=model.gap_velocity,
             gap_tau=model.gap_tau,
             gaps=model.at.gaps,
-            row_node=window.form.row_node[at_nodes] - 1,
-            row_jacobian=model.rows_by_x[at_nodes],
+            row_node=window.form.row_node[model.node_rows] - 1,
+            row_jacobian=model.rows_by_x,
             interval_row=window.form.row_interval[model.interval_rows],
             interval_jacobian=model.interval_rows_by,
             interval_low=bounds.interval_low[model.interval_rows],
@@ -189,7 +187,7 @@ class QpMethod(ABC):
             input_low=bounds.input_low,
             input_high=bounds.input_high,
             interval_by_duration=window.form.interval_steps,
-            penalty=window.row_penalties(point)[in_program],
+            penalty=window.row_penalties(here, in_program),
             X=X[1:],
             tau=np.zeros(S),
             gap_multipliers=np.zeros((K, n)),
@@ -197,7 +195,7 @@ class QpMethod(ABC):
         )
         status, iterations = self._solve(arrays)
         node_multipliers = np.zeros(len(model.at.rows))
-        node_multipliers[at_nodes] = arrays.row_multipliers[window.states + 2 * S :][: len(model.node_rows)]
+        node_multipliers[model.node_rows] = arrays.row_multipliers[window.states + 2 * S :][: len(model.node_rows)]
         return QpSolution(
             status=status,
             step=Point(X, arrays.tau),

@@ -16,7 +16,7 @@ import numpy as np
 from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import make_all
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
-from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
 from psmpc_cli.ocp.objective import COMPILED_FROM, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
@@ -26,7 +26,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, kernel_library, load_kernel
-from psmpc_cli.solvers.sqp_window import SqpWindow, WindowBounds, fixed_bounds, window_bounds
+from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow, WindowBounds, fixed_bounds, window_bounds
 from psmpc_cli.specs.task import SolverSpec
 
 SMALL = 1e-2
@@ -78,20 +78,33 @@ interior-point iterations of the program.
 
 
 @dataclass(frozen=True, eq=False)
-class Iterate:
-    """A point that an iteration has reached: its residuals, and the step from the iteration before.
+class Program:
+    """A quadratic program and its solution.
 
     Attributes:
-        violation: The largest of a gap, an end condition or a hard limit [m, rad, m/s, rad/s, s].
+        model: The model it is of.
+        qp: The solution.
+        reached: The point that the full step leads to.
+    """
+
+    model: Linearization
+    qp: QpSolution
+    reached: Evaluation
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """A point that an iteration has reached, and the step from the iteration before.
+
+    Attributes:
+        reached: The point.
         step: Largest component of the program's full step [m, rad, m/s, rad/s, s].
         share: Fraction of that step that was taken; 0 if it was rejected.
         bent: By how much soft rows are violated further than the program foresaw, at worst.
         qp: The program's solution, None at the guess.
     """
 
-    point: Point
-    at: Residuals
-    violation: float
+    reached: Evaluation
     step: float = np.inf
     share: float = 0.0
     bent: float = 0.0
@@ -148,18 +161,19 @@ class SqpSolver(Solver):
         if previous is not None and form.curved and len(previous.duals) == len(form.row_node):
             multipliers = previous.duals
         iterate, outcome, count = solve.run(Point(guess.X, tau), multipliers, previous is not None)
-        point = iterate.point
+        point = iterate.reached.point
+        at = iterate.reached.at
         return Solution(
             outcome=outcome,
             plan=plan_on_mesh(window, point.X, form.inputs(point, window.horizon), point.tau),
-            objective=iterate.at.objective,
+            objective=at.objective,
             iterations=count,
             wall_time=time.perf_counter() - began,
             window=window,
             guess=guess,
             warm=previous is not None,
-            costs=iterate.at.costs,
-            terminal=iterate.at.terminal,
+            costs=at.costs,
+            terminal=at.terminal,
             violations=sqp_window.state_violations(point) if window.soft else np.zeros(0),
             duals=iterate.qp.node_multipliers if form.curved and iterate.qp is not None else np.zeros(0),
             guess_duals=multipliers,
@@ -204,44 +218,40 @@ class _Solve:
 
     def run(self, guess: Point, multipliers: np.ndarray, warm: bool) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
-        iterate, model = self._begin(guess)
-        qp = self._program(iterate.point, model, multipliers)
-        if not warm and not self._keeps_limits(iterate.point, qp):
+        iterate, program = self._begin(guess, multipliers)
+        if not warm and not self._keeps_limits(program):
             later = later_switch(self.window, guess)
             if later is not None:
-                late_iterate, late_model = self._begin(later)
-                late_qp = self._program(late_iterate.point, late_model, multipliers)
-                if self._keeps_limits(late_iterate.point, late_qp):
+                late_iterate, late_program = self._begin(later, multipliers)
+                if self._keeps_limits(late_program):
                     iterate = late_iterate
-                    model = late_model
-                    qp = late_qp
+                    program = late_program
         self._tell(0, iterate, None)
         filter_ = Filter()
         for count in range(1, self.spec.max_iterations + 1):
             before = iterate
-            if qp.status is QpStatus.SOLVED:
-                iterate = self._step(iterate, model, qp, filter_)
-            self._tell(count, iterate, qp)
-            outcome = self._outcome(count, iterate, before, qp, warm)
+            if program.qp.status is QpStatus.SOLVED:
+                iterate = self._step(iterate, program, filter_)
+            self._tell(count, iterate, program.qp)
+            outcome = self._outcome(count, iterate, before, program.qp, warm)
             if outcome is not None:
                 return iterate, outcome, count
             if count < self.spec.max_iterations:
-                model = self.window.linearize(iterate.point)
-                qp = self._program(iterate.point, model, qp.node_multipliers)
+                here, model = self.window.linearize(iterate.reached.point)
+                program = self._program(here, model, program.qp.node_multipliers)
         return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self.spec.max_iterations
 
-    def _begin(self, point: Point) -> tuple[Iterate, Linearization]:
-        """Return the iterate at a guess, and the model there."""
-        point = self.window.with_given_rates(point)
-        model = self.window.linearize(point)
-        return Iterate(point, model.at, self.window.violation(point, model.at)), model
+    def _begin(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Program]:
+        """Return the iterate at a guess, and the program there."""
+        here, model = self.window.linearize(self.window.with_given_rates(guess))
+        return Iterate(here), self._program(here, model, multipliers)
 
-    def _keeps_limits(self, point: Point, qp: QpSolution) -> bool:
+    def _keeps_limits(self, program: Program) -> bool:
         """Tell whether a program has a solution, which violates soft limits no further than the measured state does."""
-        return qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(point.moved(qp.step, 1.0))
+        return program.qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(program.reached)
 
-    def _program(self, point: Point, model: Linearization, multipliers: np.ndarray) -> QpSolution:
-        """Return the solution of the program at a point.
+    def _program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
+        """Return the program at a point, solved.
 
         The curvature of constraints at nodes counts at the given multipliers (E,), if there are any. Where that program
         is found not to be convex, the Gauss-Newton model stands alone. Where soft limits would be violated so far that
@@ -249,41 +259,46 @@ class _Solve:
         """
         window = self.window
         if window.form.curved and len(multipliers):
-            curved = window.form.with_curvature(model, point, window.p, multipliers)
-            qp = self._solved(window, curved, point)
-            if qp.status is QpStatus.SOLVED:
-                return qp
-        qp = self._solved(window, model, point)
-        if qp.status is QpStatus.FAILED and window.bounds.soft.any():
+            curved = window.form.with_curvature(model, here.point, window.p, multipliers)
+            program = self._solved(window, curved, here)
+            if program.qp.status is QpStatus.SOLVED:
+                return program
+        program = self._solved(window, model, here)
+        if program.qp.status is QpStatus.FAILED and window.bounds.soft.any():
             hard = replace(window, bounds=replace(window.bounds, soft=np.zeros_like(window.bounds.soft)))
-            proof = self._solved(hard, model, point)
-            return qp if proof.status is QpStatus.FAILED else proof
-        return qp
+            proof = self._solved(hard, model, here)
+            return program if proof.qp.status is QpStatus.FAILED else proof
+        return program
 
-    def _solved(self, window: SqpWindow, model: Linearization, point: Point) -> QpSolution:
-        """Return the solution of the program of a model, with those rows that its step would violate.
+    def _solved(self, window: SqpWindow, model: Linearization, here: Evaluation) -> Program:
+        """Return the program of a model, solved with those rows that its step would violate.
 
         So far from their bounds that the model does not have them, rows do not change the solution.
         """
-        qp = self.method.solve(window, model, point)
-        while qp.status is QpStatus.SOLVED and window.leaves_rows_out:
-            of_nodes, of_intervals = window.missed_rows(model, point.moved(qp.step, 1.0))
+        while True:
+            qp = self.method.solve(window, model, here)
+            if qp.status is not QpStatus.SOLVED:
+                return Program(model, qp, here)
+            reached = self._after(here, qp.step, 1.0)
+            of_nodes, of_intervals = window.missed_rows(model, reached)
             if not len(of_nodes) and not len(of_intervals):
-                break
-            model = window.with_rows(model, point, of_nodes, of_intervals)
-            qp = self.method.solve(window, model, point)
-        return qp
+                return Program(model, qp, reached)
+            model = window.with_rows(model, here.point, of_nodes, of_intervals)
+
+    def _after(self, here: Evaluation, step: Point, share: float) -> Evaluation:
+        """Return the point a share of a step further."""
+        return self.window.evaluation(self.window.with_given_rates(here.point.moved(step, share)))
 
     def _outcome(self, count: int, iterate: Iterate, before: Iterate, qp: QpSolution, warm: bool) -> Outcome | None:
         """Return how the solve has ended after an iteration; None where it goes on."""
-        feasible = iterate.violation <= FEASIBLE
+        feasible = iterate.reached.violation <= FEASIBLE
         if qp.status is QpStatus.INFEASIBLE:
             return Outcome.INFEASIBLE
         if qp.status is QpStatus.FAILED:
             return self._unfinished(iterate, Outcome.FAILED)
         if iterate.step <= np.sqrt(self.spec.tolerance) and feasible:
             return Outcome.OPTIMAL
-        if iterate.point is before.point:
+        if iterate.reached is before.reached:
             return self._unfinished(iterate, Outcome.FAILED)
         settled = (warm and iterate.bent <= BENT) or iterate.step <= SMALL
         if count >= self.spec.iterations and settled and feasible:
@@ -301,27 +316,32 @@ class _Solve:
         solved = qp is not None and qp.status is QpStatus.SOLVED
         step = f"{iterate.step:8.2e} {iterate.share:8.2e}" if solved else f"{'-':>8} {'-':>8}"
         program = f"{'-':>3}" if qp is None else f"{qp.iterations:3d}" + f"  {qp.status.value}" * (not solved)
-        self.report(f"{count:4d} {iterate.at.objective:15.8e} {iterate.violation:8.2e} {step} {program}")
+        reached = iterate.reached
+        self.report(f"{count:4d} {reached.at.objective:15.8e} {reached.violation:8.2e} {step} {program}")
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""
         stepped = iterate.qp is not None
-        return Outcome.FEASIBLE if stepped and iterate.violation <= FEASIBLE else otherwise
+        return Outcome.FEASIBLE if stepped and iterate.reached.violation <= FEASIBLE else otherwise
 
-    def _step(self, iterate: Iterate, model: Linearization, qp: QpSolution, filter_: "Filter") -> Iterate:
+    def _step(self, iterate: Iterate, program: Program, filter_: "Filter") -> Iterate:
         """Return the iterate after the longest share of the step that the filter accepts; the point itself, if none."""
+        model = program.model
+        qp = program.qp
+        here = iterate.reached
         step = float(max(np.abs(qp.step.X).max(), np.abs(qp.step.tau).max(initial=0.0)))
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
-        slope += self.window.change_of_penalty(iterate.point, model, qp.step)
-        share = self._longest_share(iterate.point, qp.step)
+        foreseen = self.window.foreseen(here, model, qp.step)
+        slope += self.window.change_of_penalty(here, foreseen)
+        share = self._longest_share(here.point, qp.step)
         while share >= SHORTEST_STEP:
-            point = self.window.with_given_rates(iterate.point.moved(qp.step, share))
-            at = self.window.residuals(point)
-            trial = Iterate(point, at, self.window.violation(point, at), step, share, qp=qp)
+            reached = program.reached if share == 1 else self._after(here, qp.step, share)
+            trial = Iterate(reached, step, share, qp=qp)
             if filter_.accepts(trial, iterate, slope):
-                return replace(trial, bent=self.window.bent_rows(iterate.point, model, trial.point, at))
+                foreseen_of_share = here.rows + share * (foreseen - here.rows)
+                return replace(trial, bent=self.window.bent_rows(foreseen_of_share, reached))
             share /= 2
-        return Iterate(iterate.point, iterate.at, iterate.violation, step, qp=qp)
+        return Iterate(here, step, qp=qp)
 
     def _longest_share(self, point: Point, step: Point) -> float:
         """Return the largest share of a step that shortens no stage by more than `LARGEST_CUT` of its duration."""
@@ -362,10 +382,10 @@ class Filter:
             iterate: Where the step starts.
             slope: m, with the penalties of soft limits.
         """
-        theta = trial.violation
-        theta_k = iterate.violation
-        phi_k = iterate.at.objective
-        phi = trial.at.objective - ROUNDING * (1 + abs(phi_k))
+        theta = trial.reached.violation
+        theta_k = iterate.reached.violation
+        phi_k = iterate.reached.at.objective
+        phi = trial.reached.at.objective - ROUNDING * (1 + abs(phi_k))
         steep = slope < 0 and trial.share * (-slope) ** S_PHI > theta_k**S_THETA
         if theta_k <= FEASIBLE and steep:
             return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.share * slope

@@ -118,6 +118,27 @@ def window_bounds(
 
 
 @dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A point of a window, and what stands there.
+
+    Attributes:
+        point: The point.
+        at: Objective, with the penalty of violations, and constraints.
+        rows: The rows with bounds, (R,).
+        violation: The largest of a gap, an end condition or a hard limit [m, rad, m/s, rad/s, s].
+        shares: The share of time that each node stands for, (K + 1,) [s]; (0,) where no row is soft.
+        penalties: rho times the violations of the soft rows, ascending.
+    """
+
+    point: Point
+    at: Residuals
+    rows: np.ndarray
+    violation: float
+    shares: np.ndarray
+    penalties: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class SqpWindow:
     """One window: its numbers and its bounds.
 
@@ -141,7 +162,7 @@ class SqpWindow:
         """Whether programs have those rows alone, of some constraints, that are near their bounds."""
         return len(self.form.sometimes) > 0 or len(self.form.row_interval) > 0
 
-    @property
+    @cached_property
     def _near(self) -> np.ndarray:
         """How near their bounds the rows at nodes that are not in all programs are part of one."""
         return np.asarray(self.form.row_near[self.form.sometimes])
@@ -194,35 +215,39 @@ class SqpWindow:
 
     def _node_rows_beyond(self, values: np.ndarray, apart: np.ndarray | float) -> np.ndarray:
         """Return which rows at nodes that are not in all programs, of values (E,), are nearer to a bound than that."""
-        which = self.form.sometimes
-        low = self.bounds.low[self._first_node_row + which]
-        high = self.bounds.high[self._first_node_row + which]
-        near = (values[which] < low + apart) | (values[which] > high - apart)
-        return np.asarray(which[near])
+        low, high = self._bounds_of_sometimes
+        of_these = values[self.form.sometimes]
+        near = (of_these < low + apart) | (of_these > high - apart)
+        return np.asarray(self.form.sometimes[near])
 
-    def missed_rows(self, model: Linearization, point: Point) -> tuple[np.ndarray, np.ndarray]:
+    @cached_property
+    def _bounds_of_sometimes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high of the rows at nodes that are not in all programs."""
+        which = self._first_node_row + self.form.sometimes
+        return self.bounds.low[which], self.bounds.high[which]
+
+    def missed_rows(self, model: Linearization, reached: Evaluation) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows at nodes and those over intervals that a model does not have and a point violates, ascending.
 
         With them those that the point brings near their bounds: one more program then is enough, most often.
         """
-        none = np.zeros(0, int)
-        of_nodes = none
-        of_intervals = none
+        of_nodes = of_intervals = np.zeros(0, int)
         if len(self.form.sometimes):
-            values = self.form.row_values(point, self.p)
-            violated = np.setdiff1d(self._node_rows_beyond(values, -FEASIBLE), model.node_rows)
-            of_nodes = self._node_rows_beyond(values, self._near) if len(violated) else none
+            violated = self._node_rows_beyond(reached.at.rows, -FEASIBLE)
+            if not _among(violated, model.node_rows, len(reached.at.rows)).all():
+                of_nodes = self._node_rows_beyond(reached.at.rows, self._near)
         if len(self.form.row_interval):
-            values = self.form.interval_row_values(point, self.p)
-            violated = np.setdiff1d(self._interval_rows_beyond(point, values, 1.0, FEASIBLE), model.interval_rows)
-            of_intervals = self._interval_rows_beyond(point, values, NEAR_BOUND, 0.0) if len(violated) else none
+            values = reached.at.interval_rows
+            violated = self._interval_rows_beyond(reached.point, values, 1.0, FEASIBLE)
+            if not _among(violated, model.interval_rows, len(values)).all():
+                of_intervals = self._interval_rows_beyond(reached.point, values, NEAR_BOUND, 0.0)
         return of_nodes, of_intervals
 
     def with_rows(
         self, model: Linearization, point: Point, of_nodes: np.ndarray, of_intervals: np.ndarray
     ) -> Linearization:
         """Return the model at a point with some more rows at nodes and over intervals."""
-        model = self.form.with_node_rows(model, point, self.p, np.setdiff1d(of_nodes, model.node_rows))
+        model = self.form.with_node_rows(model, point, self.p, of_nodes)
         if not len(of_intervals):
             return model
         of_model = np.union1d(model.interval_rows, of_intervals)
@@ -246,14 +271,29 @@ class SqpWindow:
             rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
         return np.concatenate(rows)
 
-    def violation(self, point: Point, at: Residuals) -> float:
-        """Return by how much a point violates a gap, an end condition or a hard limit at worst.
+    def evaluation(self, point: Point) -> Evaluation:
+        """Return a point with what stands there."""
+        return self.evaluated(point, self.form.residuals(point, self.p))
+
+    def evaluated(self, point: Point, at: Residuals) -> Evaluation:
+        """Return a point with what stands there, the penalty of its violations counted in the objective."""
+        rows = self.rows(point, at)
+        violation = self._violation(at, rows)
+        if not len(self._soft_rows):
+            return Evaluation(point, at, rows, violation, np.zeros(0), np.zeros(0))
+        shares = shares_of_time(self.form.steps(point, self.horizon))[:, 0]
+        penalties = self._soft_penalties(rows)
+        penalty = float(shares @ self._penalty_by_node(point, penalties))
+        at = replace(at, objective=at.objective + penalty)
+        return Evaluation(point, at, rows, violation, shares, penalties)
+
+    def _violation(self, at: Residuals, rows: np.ndarray) -> float:
+        """Return by how much a gap, an end condition or a hard limit is violated at worst.
 
         In natural units: m, rad, m/s, rad/s, s. A limit on an acceleration counts by the velocity it costs in its
         interval.
         """
         bounds = self.bounds
-        rows = self.rows(point, at)
         hard = ~bounds.soft
         every = np.concatenate([np.abs(at.gaps).ravel(), (bounds.low - rows)[hard], (rows - bounds.high)[hard]])
         return float(max(every.max(), 0.0))
@@ -264,24 +304,31 @@ class SqpWindow:
         return np.flatnonzero(self.bounds.soft)
 
     @cached_property
-    def _row_node(self) -> np.ndarray:
-        """Node of each row of states and of each constraint at nodes, (R,); those of others are 0."""
-        grid = self.form.grid
-        node = np.zeros(len(self.bounds.low), int)
-        node[: self.states] = 1 + np.arange(grid.K).repeat(2 * grid.n)
-        node[self._first_node_row :][: len(self.form.row_node)] = self.form.row_node
+    def _soft_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high of the soft rows."""
+        return self.bounds.low[self._soft_rows], self.bounds.high[self._soft_rows]
+
+    @cached_property
+    def _soft_node(self) -> np.ndarray:
+        """Nodes of the soft rows, which are of states or of constraints at nodes."""
+        node = 1 + self._soft_rows // (2 * self.form.grid.n)
+        is_constraint = self._soft_rows >= self.states
+        node[is_constraint] = self.form.row_node[self._soft_rows[is_constraint] - self._first_node_row]
         return node
 
     def _soft_penalties(self, rows: np.ndarray) -> np.ndarray:
         """Return rho times the violations of the soft ones of rows (R,) with these values."""
-        soft = self._soft_rows
-        return scaled_violations(rows[soft], self.bounds.low[soft], self.bounds.high[soft])
+        return scaled_violations(rows[self._soft_rows], *self._soft_bounds)
 
-    def _penalty_by_node(self, point: Point, rows: np.ndarray) -> np.ndarray:
-        """Return the sum of rho times the violations at each node, (K + 1,); of x_0 those of its state."""
-        soft_node = self._row_node[self._soft_rows]
-        by_node = np.bincount(soft_node, self._soft_penalties(rows), minlength=len(point.X))
-        by_node[0] = scaled_violations(point.X[0], *self.bounds.first).sum()
+    @cached_property
+    def _penalty_of_first(self) -> float:
+        """The sum of rho times the violations of x_0."""
+        return float(scaled_violations(self.p.x0, *self.bounds.first).sum())
+
+    def _penalty_by_node(self, point: Point, penalties: np.ndarray) -> np.ndarray:
+        """Return the sum of the soft penalties at each node, (K + 1,); of x_0 those of its state."""
+        by_node = np.bincount(self._soft_node, penalties, minlength=len(point.X))
+        by_node[0] = self._penalty_of_first
         return by_node
 
     def state_violations(self, point: Point) -> np.ndarray:
@@ -290,44 +337,27 @@ class SqpWindow:
         high = self.bounds.high[: self.states].reshape(point.X[1:].shape)
         return np.asarray(scaled_violations(point.X[1:], low, high).max(axis=0) / PENALTY)
 
-    def keeps_soft_limits(self, point: Point) -> bool:
+    def keeps_soft_limits(self, reached: Evaluation) -> bool:
         """Tell whether soft limits are violated no further than the measured state violates them."""
         form = self.form
-        rows = self.rows(point, self.form.residuals(point, self.p))
-        own = np.zeros(len(rows))
-        own[: self.states] = np.tile(scaled_violations(point.X[0], *self.bounds.first), form.grid.K)
-        at_first = np.where(np.isfinite(rows), rows, 0.0)
-        at_first[self._first_node_row :][: len(form.row_node)] = form.rows_at(point.X[0], self.p)
+        x0 = reached.point.X[0]
+        own = np.zeros(len(reached.rows))
+        own[: self.states] = np.tile(scaled_violations(x0, *self.bounds.first), form.grid.K)
+        at_first = np.where(np.isfinite(reached.rows), reached.rows, 0.0)
+        at_first[self._first_node_row :][: len(form.row_node)] = form.rows_at(x0, self.p)
         own[self.states :] = scaled_violations(at_first, self.bounds.low, self.bounds.high)[self.states :]
-        excess = self._soft_penalties(rows) - own[self._soft_rows]
+        excess = reached.penalties - own[self._soft_rows]
         return bool((excess <= PENALTY * FEASIBLE).all())
 
-    def shares(self, point: Point) -> np.ndarray:
-        """Return the share of time that each node stands for, (K + 1, 1) [s]."""
-        return shares_of_time(self.form.steps(point, self.horizon))
+    def row_penalties(self, here: Evaluation, which: np.ndarray | slice) -> np.ndarray:
+        """Return what a unit of violation of some rows costs, 0 of hard ones."""
+        penalties = np.zeros(len(self.bounds.low))
+        if len(self._soft_rows):
+            penalties[self._soft_rows] = PENALTY * here.shares[self._soft_node]
+        return np.asarray(penalties[which])
 
-    def row_shares(self, point: Point) -> np.ndarray:
-        """Return the share of time of the node of each row, (R,) [s]."""
-        return np.asarray(self.shares(point)[self._row_node, 0])
-
-    def row_penalties(self, point: Point) -> np.ndarray:
-        """Return what a unit of violation of each row costs, (R,), 0 of a hard one."""
-        if not len(self._soft_rows):
-            return np.zeros(len(self.bounds.low))
-        return np.asarray(PENALTY * self.row_shares(point) * self.bounds.soft)
-
-    def residuals(self, point: Point) -> Residuals:
-        """Return the residuals at a point, the penalty of its violations counted in the objective."""
-        return self._penalized(point, self.form.residuals(point, self.p))
-
-    def _penalized(self, point: Point, at: Residuals) -> Residuals:
-        if not len(self._soft_rows):
-            return at
-        penalty = self.shares(point)[:, 0] @ self._penalty_by_node(point, self.rows(point, at))
-        return replace(at, objective=at.objective + float(penalty))
-
-    def linearize(self, point: Point) -> Linearization:
-        """Return the model at a point, its violations counted with the durations they last.
+    def linearize(self, point: Point) -> tuple[Evaluation, Linearization]:
+        """Return what stands at a point, and the model there, its violations counted with the durations they last.
 
         What a step changes of the violations is left to the program, which knows it exactly. Of the rows over
         intervals it has those that are near their bounds, of rows at nodes too where these say so.
@@ -337,34 +367,39 @@ class SqpWindow:
             of_nodes = self._node_rows_beyond(model.at.rows, self._near)
             of_intervals = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
             model = self.with_rows(model, point, of_nodes, of_intervals)
+        here = self.evaluated(point, model.at)
         if not len(self._soft_rows):
-            return model
-        by_tau = self._penalty_by_node(point, self.rows(point, model.at)) @ shares_of_time(self.form.interval_steps)
-        at = self._penalized(point, model.at)
-        return replace(model, at=at, gradient_tau=model.gradient_tau + by_tau)
+            return here, model
+        by_tau = self._penalty_by_node(point, here.penalties) @ self.form.node_shares
+        return here, replace(model, gradient_tau=model.gradient_tau + by_tau)
 
-    def bent_rows(self, point: Point, model: Linearization, reached: Point, at: Residuals) -> float:
-        """Return by how much soft rows at nodes are violated further than the model at a point foresaw, at worst."""
-        soft = self.form.row_is_soft
-        if not soft.any():
+    def foreseen(self, here: Evaluation, model: Linearization, step: Point) -> np.ndarray:
+        """Return the values of the rows (R,) that the model at a point has after a step, as long as durations stay.
+
+        Of rows that the model does not have, and of those over intervals, it is their value at the point.
+        """
+        rows = here.rows.copy()
+        rows[: self.states] += step.X[1:].ravel()
+        node = self.form.row_node[model.node_rows]
+        rows[self._first_node_row + model.node_rows] += (model.rows_by_x * step.X[node]).sum(axis=1)
+        return rows
+
+    def bent_rows(self, foreseen: np.ndarray, reached: Evaluation) -> float:
+        """Return by how much soft rows at nodes are violated further than their foreseen values, at worst."""
+        if not self.form.row_is_soft.any():
             return 0.0
-        rows = slice(self._first_node_row, self._first_interval_row)
-        low = self.bounds.low[rows]
-        high = self.bounds.high[rows]
-        step = (reached.X - point.X)[self.form.row_node]
-        foreseen = model.at.rows + (model.rows_by_x * step).sum(axis=1)
-        excess = scaled_violations(at.rows, low, high) - scaled_violations(foreseen, low, high)
-        return float(max(excess[soft].max(), 0.0) / PENALTY)
+        excess = reached.penalties - self._soft_penalties(foreseen)
+        return float(max(excess[self._soft_rows >= self.states].max(), 0.0) / PENALTY)
 
-    def change_of_penalty(self, point: Point, model: Linearization, step: Point) -> float:
-        """Return what a step changes of the penalty in the model at a point, as long as durations stay."""
+    def change_of_penalty(self, here: Evaluation, foreseen: np.ndarray) -> float:
+        """Return what the penalty at foreseen values of the rows is more than at a point."""
         if not len(self._soft_rows):
             return 0.0
-        rows = self.rows(point, model.at)
-        changes = np.zeros(len(rows))
-        changes[: self.states] = step.X[1:].ravel()
-        changes[self._first_node_row :][: len(self.form.row_node)] = (model.rows_by_x * step.X[self.form.row_node]).sum(
-            axis=1
-        )
-        change = self._soft_penalties(rows + changes) - self._soft_penalties(rows)
-        return float(self.row_shares(point)[self._soft_rows] @ change)
+        return float(here.shares[self._soft_node] @ (self._soft_penalties(foreseen) - here.penalties))
+
+
+def _among(which: np.ndarray, others: np.ndarray, count: int) -> np.ndarray:
+    """Tell which of some indices, below a count, are among others."""
+    is_other = np.zeros(count, bool)
+    is_other[others] = True
+    return np.asarray(is_other[which])

@@ -59,7 +59,7 @@ def test_windows_with_moving_targets_are_replayed(drifting: Run, share: float) -
 
 @pytest.mark.parametrize("kind", ["hard", "htmpc"])
 def test_one_stage_after_another_a_drifting_object_is_caught_too(kind: str) -> None:
-    run = psmpc.simulate(psmpc.load_task("catch_drifting", {**COARSE, "controller.kind": kind}))
+    run = psmpc.simulate(psmpc.load_task("catch_drifting", {**COARSE, "controller.nodes": 10, "controller.kind": kind}))
     found = run.summary().capture
     assert run.summary().succeeded and found is not None and found.missed_by[0] < 5e-3
     (end_error,) = (column.value for column in OUTCOME if column.path == "end_error")
@@ -89,7 +89,7 @@ def test_pull_is_drawn_where_there_are_grasps(drifting: Run, tmp_path: Path) -> 
 
 def test_a_sweep_over_strength_finds_the_grasps_that_are_lost() -> None:
     """With a target that stretches the object."""
-    keys = {**COARSE, "stages.transport.target.arm_1": ["45 deg", "20 deg", "60 deg"]}
+    keys = {**COARSE, "controller.nodes": 10, "stages.transport.target.arm_1": ["45 deg", "20 deg", "60 deg"]}
     found = psmpc.sweep(psmpc.load_task("transport_grasp", keys), {"object.grasp.strength.pull": [0.5, 500]}, jobs=1)
     kept = found["monitor_margin"][:, found["monitor"].tolist().index("object not lost")]
     assert kept[0] < 0 < kept[1]

@@ -8,7 +8,7 @@ import numpy as np
 
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.plan import Grid
-from psmpc_cli.solvers.sqp_window import SqpWindow, WindowBounds
+from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow, WindowBounds
 
 COORDINATES = 2
 END_ROWS = 2
@@ -22,6 +22,11 @@ class Task:
     window: SqpWindow
     model: Linearization
     point: Point
+
+    @property
+    def here(self) -> Evaluation:
+        """The point with what stands there."""
+        return self.window.evaluated(self.point, self.model.at)
 
     def with_bounds(self, **changes: Any) -> "Task":
         """The same program with other bounds."""
@@ -56,7 +61,7 @@ def random_task(rng: np.random.Generator, nodes: tuple[int, ...], what: set[str]
     point = Point(rng.normal(size=(grid.K + 1, 2 * n)), np.full(S, horizon / (S + 1)))
     model = _random_model(rng, form, point, horizon)
     bounds = _bounds_about(rng, form, model, point, _random_step(rng, model, grid), what)
-    return Task(SqpWindow(form, bounds, cast(Any, SimpleNamespace(horizon=horizon))), model, point)
+    return Task(SqpWindow(form, bounds, cast(Any, SimpleNamespace(horizon=horizon, x0=point.X[0]))), model, point)
 
 
 def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, horizon: float) -> Linearization:

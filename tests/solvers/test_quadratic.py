@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.native.library import CompilationError, find_compiler
-from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
@@ -43,12 +42,12 @@ def our_method(task: Task, tolerance: float = 1e-9) -> RiccatiQp:
 
 def ours(task: Task, tolerance: float = 1e-9) -> QpSolution:
     """Solve a program by our method."""
-    return our_method(task, tolerance).solve(task.window, task.model, task.point)
+    return our_method(task, tolerance).solve(task.window, task.model, task.here)
 
 
 def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
     """Solve a program by PIQP."""
-    return PiqpQp(tolerance).solve(task.window, task.model, task.point)
+    return PiqpQp(tolerance).solve(task.window, task.model, task.here)
 
 
 def first_program(model: RobotModel, solve: RecordedSolve) -> Task:
@@ -118,9 +117,9 @@ def test_solving_again_gives_the_same(tasks: Sequence[Task]) -> None:
     """No memory is left over from the program before."""
     task = tasks[-1]
     qp = our_method(task)
-    first = qp.solve(task.window, task.model, task.point)
-    qp.solve(task.window, replace(task.model, gradient=-task.model.gradient), task.point)
-    again = qp.solve(task.window, task.model, task.point)
+    first = qp.solve(task.window, task.model, task.here)
+    qp.solve(task.window, replace(task.model, gradient=-task.model.gradient), task.here)
+    again = qp.solve(task.window, task.model, task.here)
     assert np.array_equal(first.step.X, again.step.X)
     assert np.array_equal(first.rows, again.rows)
 
@@ -144,7 +143,7 @@ def _padded(away: np.ndarray | float, size: int, at: slice) -> np.ndarray:
 
 def penalties(task: Task) -> np.ndarray:
     """What a violation of each row by 1 costs; 0 of hard ones."""
-    return np.asarray(PENALTY * task.window.row_shares(task.point) * task.window.bounds.soft)
+    return task.window.row_penalties(task.here, slice(None))
 
 
 def costs_of_violations(task: Task, step: Point) -> float:

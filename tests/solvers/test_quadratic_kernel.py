@@ -68,7 +68,7 @@ class Recorded(QpMethod):
 def source_of(task: Task, name: str) -> str:
     """The C source of the kernel, and of a function that solves one program and prints status, size and step."""
     method = Recorded()
-    method.solve(task.window, task.model, task.point)
+    method.solve(task.window, task.model, task.here)
     arrays = method.arrays
     grid = task.window.form.grid
     members = {

@@ -229,7 +229,7 @@ def _numbers(group: Group, spec: ClearanceSpec, model: RobotModel) -> Constraint
         low=np.full(pairs.rows, spec.margin),
         high=np.full(pairs.rows, np.inf),
         at_sample=partial(_at_sample, group, spec),
-        at_nodes=partial(poses_at, pairs, model),
+        at_nodes=partial(poses_at, pairs, model) if pairs.moves else None,
     )
 
 
@@ -280,11 +280,12 @@ def poses_at(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.nd
     """
     n_pose = model.space.n_pose
     fixed = argument[: 1 + n_pose * (pairs.gripper is not None)]
-    at_nodes = np.tile(fixed, (len(since), 1))
-    if not pairs.moves:
-        return at_nodes
-    pose, v = np.split(argument[len(fixed) :], [n_pose])
-    return np.hstack([at_nodes, poses_after(model, pose, v, since)])
+    moving = argument[len(fixed) :]
+    at_nodes = np.empty((len(since), len(fixed) + n_pose * pairs.moves))
+    at_nodes[:, : len(fixed)] = fixed
+    if pairs.moves:
+        at_nodes[:, len(fixed) :] = poses_after(model, moving[:n_pose], moving[n_pose:], since)
+    return at_nodes
 
 
 def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.ndarray) -> np.ndarray:
@@ -293,8 +294,9 @@ def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.nd
     if space.turns_freely and v[space.rotation].any():
         return np.array([_free(model).predicted(pose, v, time)[0] for time in since])
     moving = slice(space.dimension) if space.turns_freely else slice(None)
-    poses = np.tile(pose, (len(since), 1))
-    poses[:, moving] += np.outer(since, v[moving])
+    poses = np.empty((len(since), len(pose)))
+    poses[:] = pose
+    poses[:, moving] += since[:, None] * v[moving]
     return poses
 
 

@@ -117,7 +117,14 @@ def test_rows_of_a_held_object_are_the_forces_of_the_law_that_knows_it(name: str
     assert np.abs(expected - own_axes(model, Q, model.inverse_dynamics(Q, v, u))).max() > 1e-2
 
 
-@pytest.mark.parametrize(("torque", "instant", "kinds"), [(4.0, 1.332, ["sqp"]), (1.5, 1.698, ["sqp", "ipopt"])])
+@pytest.mark.parametrize(
+    ("torque", "instant", "kinds"),
+    [
+        (4.0, 1.332, ["sqp"]),
+        (1.5, 1.698, ["sqp"]),
+        pytest.param(1.5, 1.698, ["sqp", "ipopt"], marks=pytest.mark.slow),
+    ],
+)
 def test_a_window_has_the_optimum_of_the_problem_in_the_joint_rates(
     fast_arms: Path, torque: float, instant: float, kinds: list[str]
 ) -> None:
@@ -171,11 +178,11 @@ def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object
     bounds = window_bounds(form, fixed_bounds(form, window), window, plan, plan.instants, np.inf)
     sqp_window = SqpWindow(form, bounds, p)
     start = sqp_window.with_given_rates(Point(plan.X + 0.01 * (X - window.x0), plan.instants))
-    program = sqp_window.linearize(start)
+    here, program = sqp_window.linearize(start)
     kernel = load_kernel(model.n, 1)
     assert kernel is not None
-    own = RiccatiQp(kernel, 1e-9).solve(sqp_window, program, start)
-    other = PiqpQp(1e-9).solve(sqp_window, program, start)
+    own = RiccatiQp(kernel, 1e-9).solve(sqp_window, program, here)
+    other = PiqpQp(1e-9).solve(sqp_window, program, here)
     assert own.status is QpStatus.SOLVED
     assert other.status is QpStatus.SOLVED
     np.testing.assert_allclose(own.step.tau, other.step.tau, atol=1e-6)

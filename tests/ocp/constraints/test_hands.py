@@ -135,9 +135,9 @@ def test_both_kinds_of_back_end_keep_the_band(problem: Problem, beyond: float) -
         omega=alone,
         offset=0 * alone,
         scale=alone,
-        nodes=(sum(NODES),),
+        nodes=(2,),
     )
-    guess = resting_plan(0.0, window.horizon, sum(NODES), window.x0, window.chart)
+    guess = resting_plan(0.0, window.horizon, 2, window.x0, window.chart)
     window = window.about(guess)
     found = build_solver(problem, SolverSpec(kind="sqp", tolerance=1e-9, iterations=200)).solve(window, guess)
     exact = build_solver(problem, SolverSpec(kind="ipopt", tolerance=1e-9)).solve(window, found.plan)

@@ -258,9 +258,9 @@ class ControlLaw:
     def _plan_may_end_stage(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> bool:
         """Tell whether the plan may end the current stage, if it wants to.
 
-        None may while the object is not where the end condition wants it, unless the grippers have opened already,
-        after a sample at which it was. One that could not be renewed may not where the measured state is far from where
-        it had the stage end.
+        One at whose end the grippers have closed or opened by now has ended the stage. None may while the object is not
+        where the end condition wants it. One that could not be renewed may not where the measured state is far from
+        where it had the stage end.
         """
         stage = situation.stages[sequence.first]
         if stage.is_on_route:
@@ -268,8 +268,12 @@ class ControlLaw:
         renewed = solution is None or solution.outcome.usable
         if sequence.count == 1:
             return True
+        holding = self.problem.held_stages
+        has_passed = bool(sequence.instants[0] < situation.time - ROUNDING)
+        if has_passed and sequence.first + 1 in (holding.start, holding.stop):
+            return True
         if stage.awaits_object:
-            return bool(sequence.instants[0] < situation.time - ROUNDING)
+            return has_passed
         if renewed or stage.at is not None or sequence.instants[0] > situation.time + SHORTEST:
             return True
         return bool(self.problem.costs.met(stage, situation.x[None], self._spec.detection_margin)[0])

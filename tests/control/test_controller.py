@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -6,12 +7,16 @@ import pytest
 import yaml
 
 from psmpc_cli.control import Command, Controller, State
+from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
+from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.robot import stack
 
 from ..short_runs import TASK
-from .short_transports import SHORT, run
+from .short_transports import SHORT, Unreliable, run
 
 Build = Callable[..., Experiment]
 
@@ -127,3 +132,19 @@ def test_the_objective_is_made_of_the_costs_of_the_stages(experiment_of: Build) 
             pending = window.omega.max() * np.sum(command.instants - command.time)
             expected = window.omega @ command.solution.costs + pending
             assert pytest.approx(expected, rel=1e-6) == command.solution.J
+
+
+@pytest.mark.parametrize(("stage", "ends"), [("approach", False), ("capture", True), ("transport", True)])
+def test_a_stage_is_over_once_grippers_have_acted_at_its_planned_end(stage: str, ends: bool) -> None:
+    """Though its plan could not be renewed at the sample before, and the robot is far from its target."""
+    task = load_task("transport_grasp", {"controller.nodes": 4, "stages.transport.ends_when.object": None})
+    problem = build_problem(task)
+    controller = Controller(problem, Unreliable(build_solver(problem, task.spec.solver), lambda window: True))
+    names = [each.name for each in problem.stages]
+    state = State(stack(task.spec.initial, task.robot, "joint") + 0.2, np.zeros(problem.model.n))
+    controller.step(0.9, state)
+    sequence = MovingSequence(names.index(stage), np.array([0.95]), 0.0)
+    controller.memory = replace(controller.memory, sequence=sequence)
+    assert names.index(stage) + 1 in (problem.held_stages.start, problem.held_stages.stop) or not ends
+    controller.step(1.0, state)
+    assert controller.sequence.first == names.index(stage) + ends

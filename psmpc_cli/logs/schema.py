@@ -188,7 +188,17 @@ def _level(name: str, units: str, long_name: str, value: ValueReader, **more: An
 
 def _costs(sample: Sample) -> ArrayLike:
     """Return the costs of the stages in the window; none where the solve failed, since they are of no plan in force."""
-    return () if "solve_failed" in sample.command.events else sample.command.solution.costs
+    if "solve_failed" in sample.command.events:
+        return ()
+    costs = sample.command.solution.costs
+    return [costs.sum()] if sample.command.sequence.continues else costs
+
+
+def _nodes_after_end(sample: Sample) -> int:
+    """Return the intervals of a stage that the window has again after its planned end; 0 of other windows."""
+    window = sample.command.solution.window
+    continues = len({stage.index for stage in window.stages}) < len(window.stages)
+    return window.nodes[-1] if continues else 0
 
 
 def _optimum(level: Any) -> float:
@@ -363,6 +373,13 @@ SCHEMA = (
         "command.solution.basin",
     ),
     _window("window/nodes", "1", "intervals N_s of each stage", "command.solution.window.nodes"),
+    _sampled_count(
+        "window/nodes_after_end",
+        "1",
+        "intervals of the current stage after its planned end, where the window holds it on both sides; else 0",
+        _nodes_after_end,
+        only="free end",
+    ),
     _by_stage(
         "window/presence", ACCELERATION_UNITS, "how much of a waiting stage is in the control; NaN if not looked at"
     ),

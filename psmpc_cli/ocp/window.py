@@ -372,7 +372,7 @@ def normalization(
 
 
 def node_counts(
-    window: Window, plan: Plan, costs: StageCosts, step: float, tolerance: float, before: Mapping[int, int]
+    window: Window, plan: Plan, costs: StageCosts, step: float, tolerance: float, before: Sequence[int | None]
 ) -> tuple[int, ...]:
     """Return the counts with the smallest sum with which twice as many would change J by the tolerance at most.
 
@@ -384,13 +384,13 @@ def node_counts(
         costs: The costs of the robot's stages.
         step: Longest time between two states that are looked at [s].
         tolerance: Of J, relative.
-        before: Number of intervals each stage had in the window before, by stage index.
+        before: Number of intervals each stage had in the window before, None where it was not in that, (S + 1,).
     """
     tau = durations(plan.instants, window.start, window.horizon)
     changes, J = _quadrature(window, plan, tau, costs, step)
     root = np.sqrt(changes)
     needed = np.maximum(root * root.sum() / (2 * tolerance * J), tau / step)
-    return tuple(_count(need, before.get(stage.index)) for need, stage in zip(needed, window.stages, strict=True))
+    return tuple(_count(need, had) for need, had in zip(needed, before, strict=True))
 
 
 def first_counts(window: Window, instants: np.ndarray, tolerance: float, step: float) -> tuple[int, ...]:

@@ -364,7 +364,7 @@ def _on_mesh_of(applied: Window, window: Window) -> Window:
 
     What a stage adds to a control is to be seen, not what a finer mesh does.
     """
-    counts = {stage.index: N for stage, N in zip(applied.stages, applied.nodes, strict=True)}
+    counts = {stage.index: N for stage, N in zip(applied.stages[:-1], applied.nodes, strict=False)}
     ending = zip(window.stages[:-1], window.nodes, strict=False)
     return replace(window, nodes=(*(counts.get(stage.index, N) for stage, N in ending), window.nodes[-1]))
 

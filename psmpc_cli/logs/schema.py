@@ -188,27 +188,23 @@ def _level(name: str, units: str, long_name: str, value: ValueReader, **more: An
 
 def _costs(sample: Sample) -> ArrayLike:
     """Return the costs of the stages in the window; none where the solve failed, since they are of no plan in force."""
-    if "solve_failed" in sample.command.events:
-        return ()
-    costs = sample.command.solution.costs
-    return [costs.sum()] if sample.command.sequence.continues else costs
+    return () if "solve_failed" in sample.command.events else sample.command.solution.costs_of_stages
 
 
 def _nodes_after_end(sample: Sample) -> int:
     """Return the intervals of a stage that the window has again after its planned end; 0 of other windows."""
     window = sample.command.solution.window
-    continues = len({stage.index for stage in window.stages}) < len(window.stages)
-    return window.nodes[-1] if continues else 0
+    return window.nodes[-1] if window.continues else 0
 
 
 def _optimum(level: Any) -> float:
     """Return the cost that a level minimizes, that of its last stage; NaN where it did not converge."""
-    return float(level.costs[-1]) if level.outcome.usable else np.nan
+    return float(level.costs_of_stages[-1]) if level.outcome.usable else np.nan
 
 
 def _level_costs(sample: Sample) -> Mapping[int, float]:
     """Return the cost of each stage at the last level that converged."""
-    costs = [level.costs for level in sample.command.levels if level.outcome.usable]
+    costs = [level.costs_of_stages for level in sample.command.levels if level.outcome.usable]
     return dict(enumerate(costs[-1], start=sample.command.sequence.first)) if costs else {}
 
 

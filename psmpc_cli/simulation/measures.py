@@ -330,8 +330,10 @@ class Counterfactuals:
         controls = []
         edges = command.edges[:2]
         for stage in range(first, first + count):
-            entered = command.sequence.entered if stage == first else command.time
-            plan, usable = self._plan(MovingSequence(stage, np.zeros(0), entered), command)
+            alone = MovingSequence(stage, np.zeros(0), command.time)
+            if stage == first:
+                alone = command.sequence if command.sequence.continues else command.sequence.alone
+            plan, usable = self._plan(alone, command)
             if not usable:
                 return {}
             controls.append(plan.mean_control(edges)[0])

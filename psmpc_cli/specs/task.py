@@ -611,10 +611,9 @@ def _controller(controller: ControllerSpec, before: Fields, context: Context) ->
         wanted = f"at most uncertainty.delay, which is {counted(delay, 'sample', 'samples')}"
         yield ("known_delay",), expected(wanted)
     if controller.one_stage == FREE_END and not controller.traits.one_stage:
-        wanted = f'"as_published", or controller hard: windows of {controller.kind} are over several stages'
+        kinds = " or ".join(kind for kind, traits in CONTROLLERS.items() if traits.one_stage)
+        wanted = f'"as_published", or controller {kinds}: windows of {controller.kind} are over several stages'
         yield ("one_stage",), expected(wanted)
-    if controller.one_stage == FREE_END and controller.traits.has_levels:
-        yield ("one_stage",), expected('"as_published" with controller htmpc, whose levels have no planned end')
     if controller.traits.has_levels and controller.nodes == "auto":
         yield ("nodes",), expected("a number with controller htmpc, which compares levels node by node")
 

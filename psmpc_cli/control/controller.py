@@ -135,6 +135,8 @@ class ControlLaw:
         self.solver = solver or build_solver(problem, _solver_spec(spec))
         self.builder = WindowBuilder(problem)
         self._spec = spec.controller
+        self._plans_ends = spec.controller.plans_ends
+        self._one_stage = spec.controller.traits.one_stage
         self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
         model = problem.model
@@ -297,11 +299,11 @@ class ControlLaw:
 
         Of a controller whose windows are over one stage the current stage follows upon its own end.
         """
-        if not self._spec.plans_ends or situation.stages[memory.sequence.last].is_on_route:
+        if not self._plans_ends or situation.stages[memory.sequence.last].is_on_route:
             return None
         margin = self._spec.detection_margin
         longer = detect(memory.sequence, situation.stages, self.problem.costs, prediction, margin)
-        return longer and replace(longer, continues=self._spec.traits.one_stage)
+        return longer and replace(longer, continues=self._one_stage)
 
     def _attempts(self, memory: Memory, situation: Situation, prediction: Plan, until: float) -> Attempts:
         return Attempts(

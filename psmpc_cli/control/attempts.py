@@ -101,7 +101,7 @@ class Attempts:
             return Attempt(sequence, solved, unfinished)
         if self._hands_over(sequence):
             return Attempt(sequence, replace(solved, outcome=Outcome.INFEASIBLE), unfinished)
-        if sequence.count > 1:
+        if sequence.plans_end:
             alone = self._solve(sequence.alone, unfinished, self._solver)
             better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, alone)
             if alone.outcome.usable and better:
@@ -127,7 +127,7 @@ class Attempts:
     def _hands_over(self, sequence: MovingSequence) -> bool:
         """Tell whether the next stage begins before the next sample, from near the target of the current one."""
         prediction = self._prediction
-        if sequence.count == 1 or sequence.instants[0] > prediction.start + self._spec.sample_time:
+        if not sequence.plans_end or sequence.instants[0] > prediction.start + self._spec.sample_time:
             return False
         stage = self._stages[sequence.first]
         return bool(self._costs.met(stage, prediction.X[:1], self._spec.detection_margin)[0])

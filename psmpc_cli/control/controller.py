@@ -135,6 +135,7 @@ class ControlLaw:
         self.solver = solver or build_solver(problem, _solver_spec(spec))
         self.builder = WindowBuilder(problem)
         self._spec = spec.controller
+        self._plans_ends = spec.controller.plans_ends
         self._one_stage = spec.controller.traits.one_stage
         self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
@@ -266,7 +267,7 @@ class ControlLaw:
         if stage.is_on_route:
             return False
         renewed = solution is None or solution.outcome.usable
-        if sequence.count == 1:
+        if not sequence.plans_end:
             return True
         holding = self.problem.held_stages
         has_passed = bool(sequence.instants[0] < situation.time - ROUNDING)
@@ -298,11 +299,15 @@ class ControlLaw:
         return shift(plan, time, horizon, situation.x)
 
     def _detect(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
-        """Return the sequence with the next stage, where its switch is predicted; else None."""
-        if self._one_stage or situation.stages[memory.sequence.last].is_on_route:
+        """Return the sequence with the next stage, where its switch is predicted; else None.
+
+        Of a controller whose windows are over one stage the current stage follows upon its own end.
+        """
+        if not self._plans_ends or situation.stages[memory.sequence.last].is_on_route:
             return None
         margin = self._spec.detection_margin
-        return detect(memory.sequence, situation.stages, self.problem.costs, prediction, margin)
+        longer = detect(memory.sequence, situation.stages, self.problem.costs, prediction, margin)
+        return longer and replace(longer, continues=self._one_stage)
 
     def _attempts(self, memory: Memory, situation: Situation, prediction: Plan, until: float) -> Attempts:
         return Attempts(
@@ -327,7 +332,7 @@ class ControlLaw:
         levels: tuple[Solution, ...] = ()
         solved = solution.outcome.usable and (situation.is_measured or not used_up)
         if solved:
-            if sequence.count > 1:
+            if sequence.plans_end:
                 sequence = replace(sequence, instants=solution.plan.instants)
             if self._hierarchy is not None:
                 stages = situation.stages[sequence.first :]
@@ -336,7 +341,7 @@ class ControlLaw:
             plans = memory.plans.with_plan(plan)
         else:
             over = situation.time + self._spec.sample_time
-            if stage.awaits_object and sequence.count > 1 and sequence.instants[0] < over:
+            if stage.awaits_object and sequence.plans_end and sequence.instants[0] < over:
                 sequence = sequence.alone
             plans, plan = memory.plans.without_plan(
                 situation.time,

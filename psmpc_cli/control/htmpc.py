@@ -2,7 +2,8 @@
 
 Paper eq. (32), with J_i <= J_i* for all earlier stages. The first level is the window over the current stage alone;
 stages advance one by one when their end condition holds. Each later level is a window over its own stage, which keeps
-the earlier ones; limits and constraints are those of the current stage.
+the earlier ones; limits and constraints are those of the current stage. Where the first level has a planned end, the
+others have the same mesh, and keep the end condition at that instant.
 """
 
 from collections.abc import Sequence
@@ -48,7 +49,8 @@ class Hierarchy:
         kept = list[Kept]()
         for i, stage in enumerate(stages[1:], start=1):
             kept.append(self._kept(stages[i - 1], float(scale[i - 1]), levels[-1], begins[i - 1]))
-            solved = solver.solve(_level(first.window, stage, scale[i], tuple(kept)), levels[-1].plan)
+            level = _level(first.window, stage, scale[i], tuple(kept))
+            solved = solver.solve(level, levels[-1].plan, within=0.0)
             if not solved.outcome.usable:
                 levels.append(replace(solved, plan=levels[-1].plan))
                 break
@@ -57,12 +59,18 @@ class Hierarchy:
 
     def _kept(self, stage: PlacedStage, scale: float, solved: Solution, begins: float) -> Kept:
         """Return what later levels must keep of a level's stage: its cost, or its weighted errors at the nodes."""
-        bound = solved.costs[-1]
+        bound = solved.costs_of_stages[-1]
         if self.spec.htmpc.constraint == "error":
             bound = np.abs(self.problem.costs.errors(stage, solved.plan.X[1:], solved.plan.times[1:] - begins))
             named = len(labels(self.problem.task.robot, stage.space))  # not those of the posture
             bound[:, (stage.weights == 0) | (np.arange(len(stage.weights)) >= named)] = np.inf
-        return Kept(stage if begins < solved.plan.end else _waiting(stage), scale, bound + self.spec.htmpc.tolerance)
+        begun = begins < solved.plan.end
+        return Kept(
+            stage=stage if begun else _waiting(stage),
+            scale=scale,
+            bound=bound + self.spec.htmpc.tolerance,
+            ends=begun and len(solved.plan.instants) > 0,
+        )
 
 
 def _waiting(stage: PlacedStage) -> PlacedStage:
@@ -73,12 +81,15 @@ def _waiting(stage: PlacedStage) -> PlacedStage:
 def _level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ...]) -> Window:
     """Return the window of a later level: its stage within the limits and the constraints of the current one."""
     current = first.stages[0]
+    parts = len(first.stages)
+    own = replace(_waiting(stage), limits=current.limits, constraints=current.constraints, dwell=0.0)
     return replace(
         first,
-        stages=(replace(_waiting(stage), limits=current.limits, constraints=current.constraints),),
+        stages=(own,) * parts,
         kept=kept,
-        omega=np.ones(1),
-        offset=np.zeros(1),
-        scale=np.array([scale]),
+        ends=False,
+        omega=np.ones(parts),
+        offset=np.zeros(parts),
+        scale=np.full(parts, scale),
         terminal_cost=0.0,
     )

@@ -193,7 +193,7 @@ class Command:
 
     @property
     def instants(self) -> np.ndarray:
-        """Planned switch times [s], absolute; one fewer than stages in the window."""
+        """Planned switch times [s], absolute; see `MovingSequence`."""
         return self.sequence.instants
 
     @property

@@ -94,7 +94,7 @@ class Placer:
             of_targets = (vias.get(stage.index, np.full(len(stage.target), np.nan)) for stage in stages)
             stages = tuple(stage.heading_for(via) for stage, via in zip(stages, of_targets, strict=True))
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
-        begins = dict(enumerate([time, *sequence.instants], start=sequence.first))
+        begins = dict(enumerate([time, *sequence.instants][: sequence.count], start=sequence.first))
         found = {
             stage.index: self._signs(stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {}))
             for stage in stages
@@ -216,4 +216,4 @@ def _argument(numbers: ConstraintNumbers, model: RobotModel, sample: SampleView)
 
 def end_is_planned(controller: ControllerSpec, first: int, stages: Sequence[Stage]) -> bool:
     """Tell whether the end of a current stage, the first in the window, is ever planned under a controller."""
-    return not controller.traits.one_stage and first < len(stages) - 1
+    return controller.plans_ends and first < len(stages) - 1

@@ -20,12 +20,14 @@ class MovingSequence:
 
     Attributes:
         first: Index of the current stage.
-        instants: Planned switch times in the window [s], absolute; as many as stages that follow the current one.
+        instants: Planned switch times in the window [s], absolute; as many as stages that follow the current one, or
+            the planned end of the current one alone where it continues.
         entered: When the current stage began [s].
         met_since: Since when every sample has met the end condition of the current stage [s], where the stage has to
             hold it; infinite if the last one did not.
         broken: The end condition was met and lost again. The next stage then waits until the current one is over.
         ended_at: When the task's last stage ended [s]; infinite before. It stays the current one.
+        continues: The current stage itself follows upon its planned end in the window, in place of the next one.
     """
 
     first: int
@@ -34,26 +36,37 @@ class MovingSequence:
     met_since: float = np.inf
     broken: bool = False
     ended_at: float = np.inf
+    continues: bool = False
 
     @property
     def count(self) -> int:
-        """Number of stages in the window."""
-        return len(self.instants) + 1
+        """Number of stages in the window; one that continues after its planned end counts once."""
+        return self.last - self.first + 1
+
+    @property
+    def plans_end(self) -> bool:
+        """Whether the window has a planned end of the current stage."""
+        return len(self.instants) > 0
 
     @property
     def begins(self) -> tuple[float, ...]:
         """When each stage in the window begins [s]."""
-        return (self.entered, *self.instants)
+        return (self.entered, *self.instants)[: self.count]
 
     @property
     def alone(self) -> "MovingSequence":
-        """The current stage without those that wait."""
-        return replace(self, instants=np.zeros(0))
+        """The current stage, without a planned end and without stages that wait."""
+        return replace(self, instants=np.zeros(0), continues=False)
 
     @property
     def last(self) -> int:
         """Index of the window's last stage."""
-        return self.first + len(self.instants)
+        return self.first if self.continues else self.first + len(self.instants)
+
+    @property
+    def parts(self) -> tuple[int, ...]:
+        """Indices of the stages between the window's switch times: the current one twice where it continues."""
+        return (self.first, self.first) if self.continues else tuple(range(self.first, self.last + 1))
 
     def guess(self, prediction: Plan) -> Plan:
         """Return a prediction with the switch times of the sequence: what a solve of its window starts from."""
@@ -87,7 +100,7 @@ class Switch(NamedTuple):
 def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, list[Switch]]:
     """Drop the stages whose planned switch time lies before now."""
     switches = []
-    while sequence.count > 1 and sequence.instants[0] <= now + SHORTEST:
+    while sequence.plans_end and sequence.instants[0] <= now + SHORTEST:
         at = float(sequence.instants[0])
         switches.append(Switch(sequence.first, at))
         sequence = MovingSequence(sequence.first + 1, sequence.instants[1:], at)
@@ -129,20 +142,20 @@ def detect(
     It is seen when the predicted states meet the end condition of the window's last stage within its detection margin
     (a stage alone only creeps up to its target), or when its fixed switching time lies in the horizon. The successor of
     a stage that has to hold its end condition is seen once the current state meets it, unless it was lost before: so
-    that its pull cannot break the hold again and again.
+    that its pull cannot break the hold again and again. Nothing follows a stage that continues.
     """
-    if sequence.last == len(stages) - 1:
+    if sequence.continues or sequence.last == len(stages) - 1:
         return None
     stage = stages[sequence.last]
-    begins = float(sequence.instants[-1]) if len(sequence.instants) else guess.start
-    since = begins if len(sequence.instants) else sequence.entered
+    begins = float(sequence.instants[-1]) if sequence.plans_end else guess.start
+    since = begins if sequence.plans_end else sequence.entered
     latest = guess.end - 10 * SHORTEST
     if stage.at is not None:
         return _appended(sequence, stage.at) if begins < stage.at < latest else None
     earliest = max(begins, since + stage.dwell)
     if stage.hold:
         over = max(guess.start + sequence.hold_left(stages, guess.start), earliest)
-        holding = sequence.count == 1 and np.isfinite(sequence.met_since) and not sequence.broken
+        holding = not sequence.plans_end and np.isfinite(sequence.met_since) and not sequence.broken
         return _appended(sequence, max(over, begins + 10 * SHORTEST)) if holding and over <= latest else None
     inside = slice(*guess.times.searchsorted((earliest, latest)))
     hits = guess.times[inside][costs.met(stage, guess.X[inside], margin)]

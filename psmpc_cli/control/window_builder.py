@@ -44,11 +44,15 @@ class WindowBuilder:
             before: The previous solve, for the numbers of nodes it had; None without one.
         """
         spec = self._spec
-        own = stages[sequence.first : sequence.last + 1]
+        own = [stages[index] for index in range(sequence.first, sequence.last + 1)]
         # a stage's cost L is normalized to (L - offset) / scale; zeta keeps scale from being 0
         offset, scale = normalization(
             self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time
         )
+        if sequence.continues:  # one stage in two parts, with one scale
+            own = [own[0], own[0].continued]
+            offset = np.repeat(offset, 2)
+            scale = np.repeat(scale, 2)
         # for how long the first stage's end condition must still be met before the stage may end
         hold = sequence.hold_left(stages, prediction.start)
         if own[0].awaits_object:
@@ -59,7 +63,7 @@ class WindowBuilder:
             elapsed=prediction.start - sequence.entered,
             hold=hold,
             x0=prediction.X[0],
-            omega=self._priorities[sequence.first : sequence.last + 1],
+            omega=self._priorities[list(sequence.parts)],
             offset=offset,
             scale=scale,
             horizon=spec.horizon,
@@ -74,11 +78,18 @@ class WindowBuilder:
             return window
         if before is None:
             return replace(window, nodes=first_counts(window, sequence.instants, spec.mesh_tolerance, spec.sample_time))
-        had = {stage.index: N for stage, N in zip(before.window.stages, before.window.nodes, strict=True)}
+        before_nodes = dict(zip(_parts(before.window), before.window.nodes, strict=True))
+        had = [before_nodes.get(part) for part in _parts(window)]
         counts = node_counts(
             window, sequence.guess(prediction), self._costs, spec.sample_time, spec.mesh_tolerance, had
         )
         return replace(window, nodes=counts)
+
+
+def _parts(window: Window) -> list[tuple[int, bool]]:
+    """Return by what the parts of a window are the same in the next one: index of the stage, and if it continues."""
+    indices = [stage.index for stage in window.stages]
+    return [(index, index in indices[:number]) for number, index in enumerate(indices)]
 
 
 def priorities_in_force(spec: ControllerSpec, stages: Sequence[Stage]) -> np.ndarray:

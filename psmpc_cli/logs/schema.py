@@ -188,17 +188,23 @@ def _level(name: str, units: str, long_name: str, value: ValueReader, **more: An
 
 def _costs(sample: Sample) -> ArrayLike:
     """Return the costs of the stages in the window; none where the solve failed, since they are of no plan in force."""
-    return () if "solve_failed" in sample.command.events else sample.command.solution.costs
+    return () if "solve_failed" in sample.command.events else sample.command.solution.costs_of_stages
+
+
+def _nodes_after_end(sample: Sample) -> int:
+    """Return the intervals of a stage that the window has again after its planned end; 0 of other windows."""
+    window = sample.command.solution.window
+    return window.nodes[-1] if window.continues else 0
 
 
 def _optimum(level: Any) -> float:
     """Return the cost that a level minimizes, that of its last stage; NaN where it did not converge."""
-    return float(level.costs[-1]) if level.outcome.usable else np.nan
+    return float(level.costs_of_stages[-1]) if level.outcome.usable else np.nan
 
 
 def _level_costs(sample: Sample) -> Mapping[int, float]:
     """Return the cost of each stage at the last level that converged."""
-    costs = [level.costs for level in sample.command.levels if level.outcome.usable]
+    costs = [level.costs_of_stages for level in sample.command.levels if level.outcome.usable]
     return dict(enumerate(costs[-1], start=sample.command.sequence.first)) if costs else {}
 
 
@@ -363,6 +369,13 @@ SCHEMA = (
         "command.solution.basin",
     ),
     _window("window/nodes", "1", "intervals N_s of each stage", "command.solution.window.nodes"),
+    _sampled_count(
+        "window/nodes_after_end",
+        "1",
+        "intervals of the current stage after its planned end, where the window holds it on both sides; else 0",
+        _nodes_after_end,
+        only="free end",
+    ),
     _by_stage(
         "window/presence", ACCELERATION_UNITS, "how much of a waiting stage is in the control; NaN if not looked at"
     ),

@@ -185,7 +185,8 @@ class Summary:
         self.stages = _stages(arrays, spec.onset.epsilon, published)
         self.sample_time = spec.controller.sample_time
         self.solves = _solves(arrays, np.ones(len(time), bool))
-        self.switching_solves = _solves(arrays, arrays["window/count"] > 1)
+        has_switch = np.asarray(np.isfinite(arrays["window/instants"]).any(axis=1))
+        self.switching_solves = _solves(arrays, has_switch)
         self.missed = int(np.sum(arrays["solver/wall_time"] > spec.controller.sample_time))
         self.appended, self.postponed, self.failed_solves, self.unmeasured = (
             int(arrays[f"events/{name}"].sum()) for name in ("appended", "postponed", "solve_failed", "unmeasured")

@@ -308,6 +308,11 @@ class PlacedStage(Stage):
         """Whether its cost follows a point of a route instead of the target."""
         return bool(len(self.via) and np.isfinite(self.via).all())
 
+    @property
+    def continued(self) -> "PlacedStage":
+        """The stage as it goes on after its end: a trajectory is over before its stage may end, so the target rests."""
+        return replace(self, trajectory=None)
+
     def heading_for(self, via: np.ndarray) -> "PlacedStage":
         """Return the stage with a cost that follows a point of a route (numbers,); NaN: its target."""
         stage = replace(self, via=via)

@@ -35,11 +35,13 @@ class Kept:
         stage: The stage.
         scale: Normalization of its cost.
         bound: The largest its cost integral may be, (), or each of its errors at the nodes after the first, (K, rows).
+        ends: Its end condition holds at the window's first switching instant.
     """
 
     stage: PlacedStage
     scale: float
     bound: np.ndarray
+    ends: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,8 @@ class Window:
         discretization: `exact` or `euler`.
         soft: Limits on the states may be violated, at a cost.
         cost_bound: The largest cost integral of the last stage, for epsilon constraints; IPOPT alone takes one.
-        kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, in windows of one stage.
+        kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, with the instants held.
+        ends: The stages before the last end by their end conditions; not so where `kept` alone says what ends.
         chart: The chart that its states are in.
         rate_shift: Qdot - v at the nodes (K + 1, n), by which limits of v are moved; None: that of the guess.
     """
@@ -80,6 +83,7 @@ class Window:
     hold: float = 0.0
     cost_bound: float = np.inf
     kept: tuple[Kept, ...] = ()
+    ends: bool = True
     chart: Chart = IDENTITY
     rate_shift: np.ndarray | None = None
 
@@ -109,6 +113,11 @@ class Window:
     def K(self) -> int:
         """Number of intervals."""
         return sum(self.nodes)
+
+    @property
+    def continues(self) -> bool:
+        """Whether one stage stands in the window before and after a switch."""
+        return len(self.stages) > 1 and self.stages[0].index == self.stages[1].index
 
     def about(self, plan: Plan) -> "Window":
         """Return the window with limits of v as they are about a plan, whatever a solve starts from.
@@ -147,7 +156,7 @@ class WindowShape:
         discretization: `exact` or `euler`.
         soft: Limits on the states may be violated, at a cost.
         bounded: The cost integral of the last stage is bounded.
-        kept: Of each earlier stage that must not get worse.
+        kept: Of each earlier stage that must not get worse; one that ends does so at the first switch.
         kept_errors: Their errors are bounded node by node, not their cost integrals.
     """
 
@@ -162,14 +171,16 @@ class WindowShape:
 
 def window_shape(window: Window) -> WindowShape:
     """Return the shape of a window; the last stage's end condition is not imposed."""
-    *before, last = window.stages
+    stages = [stage_shape(stage) for stage in window.stages]
+    ending = len(stages) - 1 if window.ends else 0
+    kept = [stage_shape(each.stage) if each.ends else without_end(stage_shape(each.stage)) for each in window.kept]
     return WindowShape(
-        stages=(*map(stage_shape, before), without_end(stage_shape(last))),
+        stages=(*stages[:ending], *map(without_end, stages[ending:])),
         nodes=window.nodes,
         discretization=window.discretization,
         soft=window.soft,
         bounded=np.isfinite(window.cost_bound),
-        kept=tuple(replace(without_end(stage_shape(each.stage)), input="joint") for each in window.kept),
+        kept=tuple(replace(shape, input="joint") for shape in kept),
         kept_errors=any(each.bound.ndim for each in window.kept),
     )
 
@@ -278,7 +289,15 @@ def _paths(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
     tau = durations(instants, window.start, window.horizon)
     elapsed = [window.elapsed, *np.zeros(len(instants))]
     paths = [_path(*each) for each in zip(window.stages, window.nodes, tau, elapsed, strict=True)]
-    return (*paths, *(_path(each.stage, window.K, window.horizon, window.elapsed) for each in window.kept))
+    return (*paths, *(_kept_path(each.stage, window, instants) for each in window.kept))
+
+
+def _kept_path(stage: Stage, window: Window, instants: np.ndarray) -> np.ndarray:
+    """Return what a kept stage's cost follows at all nodes, as `Parameters.paths`; its instants are held."""
+    if stage.trajectory is None:
+        return np.zeros((len(stage.target), 0))
+    values, _ = stage.trajectory.at(window.elapsed + window.times(instants) - window.start)
+    return np.vstack([values, np.zeros_like(values)]).T
 
 
 def _path(stage: Stage, N: int, tau: float, elapsed: float) -> np.ndarray:
@@ -372,7 +391,7 @@ def normalization(
 
 
 def node_counts(
-    window: Window, plan: Plan, costs: StageCosts, step: float, tolerance: float, before: Mapping[int, int]
+    window: Window, plan: Plan, costs: StageCosts, step: float, tolerance: float, before: Sequence[int | None]
 ) -> tuple[int, ...]:
     """Return the counts with the smallest sum with which twice as many would change J by the tolerance at most.
 
@@ -384,13 +403,13 @@ def node_counts(
         costs: The costs of the robot's stages.
         step: Longest time between two states that are looked at [s].
         tolerance: Of J, relative.
-        before: Number of intervals each stage had in the window before, by stage index.
+        before: Number of intervals each stage had in the window before, None where it was not in that, (S + 1,).
     """
     tau = durations(plan.instants, window.start, window.horizon)
     changes, J = _quadrature(window, plan, tau, costs, step)
     root = np.sqrt(changes)
     needed = np.maximum(root * root.sum() / (2 * tolerance * J), tau / step)
-    return tuple(_count(need, before.get(stage.index)) for need, stage in zip(needed, window.stages, strict=True))
+    return tuple(_count(need, had) for need, had in zip(needed, before, strict=True))
 
 
 def first_counts(window: Window, instants: np.ndarray, tolerance: float, step: float) -> tuple[int, ...]:

@@ -16,10 +16,11 @@ class WindowFrame:
 
     Attributes:
         first: Index of its first stage.
-        nodes: N_s of its stages, (S + 1,).
+        nodes: N_s of its stages, (S + 1,); of one that continues before and after its planned end.
         start: T0 [s].
         Q, v: Measured state, (nq,) and (n,).
         end_is_planned: Whether the end of its first stage is ever planned; if not, the stage follows the object.
+        continues: The first stage itself follows upon its planned end.
     """
 
     first: int
@@ -28,6 +29,7 @@ class WindowFrame:
     Q: np.ndarray
     v: np.ndarray
     end_is_planned: bool
+    continues: bool = False
 
 
 def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Window:
@@ -40,6 +42,8 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     space = problem.model.space
     count = len(frame.nodes)
     stages = problem.stages[frame.first : frame.first + count]
+    if frame.continues:
+        stages = (problem.stages[frame.first],) * count
     signs_sizes = [len(stage.attitudes) for stage in stages]
     object_sizes = [(space.n_pose + space.n_twist) * bool(stage.on_object) for stage in stages]
     inside_sizes = [len(stage.object_end.inside) for stage in stages]
@@ -49,6 +53,7 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     ends = np.cumsum([2, count, count, count, *sizes])
     (elapsed, hold), omega, offset, scale, *parts = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
+    posture = space.posture(frame.Q[space.joint_coordinates])
     placed = list[PlacedStage]()
     by_kind = (parts[first : first + count] for first in range(0, len(parts), count))
     for stage, signs, object_state, inside, arguments, via in zip(stages, *by_kind, strict=True):
@@ -58,8 +63,9 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
             follows = stage.index == frame.first and not frame.end_is_planned
             at_sample = _about_object(problem, at_sample, object_state, float(elapsed), follows)
         at_sample = at_sample.heading_for(via)
-        posture = space.posture(frame.Q[space.joint_coordinates])
         placed.append(at_sample.in_chart(chart.anchor, posture, dict(zip(stage.attitudes, signs, strict=True))))
+    if frame.continues:
+        placed[-1] = placed[-1].continued
     return Window(
         stages=tuple(placed),
         start=frame.start,

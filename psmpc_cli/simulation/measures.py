@@ -330,8 +330,10 @@ class Counterfactuals:
         controls = []
         edges = command.edges[:2]
         for stage in range(first, first + count):
-            entered = command.sequence.entered if stage == first else command.time
-            plan, usable = self._plan(MovingSequence(stage, np.zeros(0), entered), command)
+            alone = MovingSequence(stage, np.zeros(0), command.time)
+            if stage == first:
+                alone = command.sequence if command.sequence.continues else command.sequence.alone
+            plan, usable = self._plan(alone, command)
             if not usable:
                 return {}
             controls.append(plan.mean_control(edges)[0])
@@ -364,7 +366,7 @@ def _on_mesh_of(applied: Window, window: Window) -> Window:
 
     What a stage adds to a control is to be seen, not what a finer mesh does.
     """
-    counts = {stage.index: N for stage, N in zip(applied.stages, applied.nodes, strict=True)}
+    counts = {stage.index: N for stage, N in zip(applied.stages[:-1], applied.nodes, strict=False)}
     ending = zip(window.stages[:-1], window.nodes, strict=False)
     return replace(window, nodes=(*(counts.get(stage.index, N) for stage, N in ending), window.nodes[-1]))
 

@@ -211,6 +211,7 @@ def header(loop: RecordedLoop) -> Header:
         "clearance": task.keeps_clear and loop.knows_ticks,
         "routes": task.routes is not None,
         "plans": task.log.plans,
+        "free end": task.controller.traits.one_stage and task.controller.plans_ends,
         "levels": task.controller.traits.has_levels,
         "true state": loop.has_true_state,
         "payload": uncertainty is not None and task.uncertainty.payload is not None,

@@ -60,13 +60,16 @@ def _frame(run: Run, sample: int) -> WindowFrame:
     first = int(run["window/first"][sample])
     count = int(run["window/count"][sample])
     problem = run.problem
+    nodes = [int(each) for each in run["window/nodes"][sample, first : first + count]]
+    after_end = int(run["window/nodes_after_end"][sample]) if "window/nodes_after_end" in run else 0
     return WindowFrame(
         first=first,
-        nodes=tuple(int(each) for each in run["window/nodes"][sample, first : first + count]),
+        nodes=(*nodes, after_end) if after_end else tuple(nodes),
         start=float(run.time[sample]),
         Q=run["state/Q"][sample],
         v=run["state/Qdot"][sample],
         end_is_planned=end_is_planned(problem.spec.controller, first, problem.stages),
+        continues=after_end > 0,
     )
 
 

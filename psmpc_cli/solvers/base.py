@@ -88,6 +88,14 @@ class Solution:
         return f"<Solution of {stages}: {outcome} after {self.iterations} iterations, J {self.J:g}>"
 
     @property
+    def costs_of_stages(self) -> np.ndarray:
+        """The costs with those of one stage before and after a switch as one."""
+        if not self.window.continues or not len(self.costs):
+            return self.costs
+        parts = len(self.window.stages)
+        return np.append(self.costs[:-parts], self.costs[-parts:].sum())
+
+    @property
     def J(self) -> float:
         """The objective in the task's own priorities."""
         return self.objective * float(self.window.omega.max())

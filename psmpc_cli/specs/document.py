@@ -452,6 +452,14 @@ def for_controller(document: Document, kind: str) -> Document:
     return document
 
 
+def with_controller(document: Document, kind: str) -> Document:
+    """Return the document with a kind of controller in place of its own; itself where that section is malformed."""
+    section = document.value(("controller",))
+    if not (section is None or isinstance(section, str | dict)):
+        return document
+    return _put(document, ("controller", "kind"), kind, {(): Origin(Place(1, 1))})
+
+
 def _apply(document: Document, typed: str, number: int, text: str) -> Document:
     """Return the document with one value replaced or added; the value is YAML."""
     written, separator, value_text = text.partition("=")

@@ -23,6 +23,7 @@ from psmpc_cli.specs.document import (
     override,
     printable,
     read,
+    with_controller,
     write,
 )
 from psmpc_cli.specs.fields import faults_of, keys_of
@@ -230,6 +231,7 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     """Make the task of a document, and of its robot's or of one that it refers to from a folder.
 
     The task has what its `by_controller` sets for its controller, and is validated with what that sets for others, too.
+    Of another controller what is wrong without these keys does not count.
 
     Raises:
         SpecError: Something is wrong with either; the message lists all of it.
@@ -252,10 +254,15 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     of_robot = (spec.parts, spec.limits, spec.mobility if is_known or mobility is None else None) if spec else ()
     task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))
     reports = [own.report(faults)]
-    for variant in (for_controller(document, other) for other in CONTROLLERS):
-        if variant not in (document, own):
-            _, others = _validate(variant, "task", TaskSpec, Context(variant, *of_robot))
-            reports.append(variant.report(fault for fault in others if fault not in faults))
+    for other in CONTROLLERS:
+        if for_controller(document, other) in (document, own):
+            continue
+        plain = with_controller(document, other)
+        variant = for_controller(plain, other)
+        _, found = _validate(variant, "task", TaskSpec, Context(variant, *of_robot))
+        if found:
+            _, without_keys = _validate(plain, "task", TaskSpec, Context(plain, *of_robot))
+            reports.append(variant.report(fault for fault in found if fault not in (*faults, *without_keys)))
     reports += [*misplaced, source.report(robot_faults) if source else ""]
     if any(reports) or task is None or spec is None or source is None:
         raise SpecError("\n".join(report for report in reports if report))

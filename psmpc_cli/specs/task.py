@@ -108,6 +108,10 @@ class PublishedRun(Spec):
     actual_start: Mapping[_StageKey, fields.Number] = Field({}, description="actual starts of the stages, by name [s]")
 
 
+FREE_END = "free_end"
+"""`one_stage` with which windows over one stage have its end condition at a free instant."""
+
+
 class HtmpcSpec(Spec):
     """The lexicographic controller, eq. (32)."""
 
@@ -171,6 +175,11 @@ class ControllerSpec(Choice):
         """What tells it from the other controllers."""
         return CONTROLLERS[self.kind]
 
+    @property
+    def plans_ends(self) -> bool:
+        """Whether windows have planned ends of stages."""
+        return not self.traits.one_stage or self.one_stage == FREE_END
+
     kind: ControllerKind = Field("psmpc", description="which controller")
     horizon: fields.Positive = Field(4.0, le=1000, description="prediction horizon T_h [s]")
     nodes: fields.Intervals = Field(100, description="intervals a stage, N_s; auto: as many as `mesh_tolerance` needs")
@@ -200,6 +209,11 @@ class ControllerSpec(Choice):
     )
     offset_free: fields.Flag = Field(False, description="estimate a constant disturbance and take it off the control")
     offset_gain: fields.Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
+    one_stage: Literal["as_published", "free_end"] = Field(
+        "as_published",
+        exclude_if=lambda value: value == "as_published",
+        description="windows over one stage: without its end, or with its end condition at a free instant",
+    )
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
 
     @property
@@ -596,6 +610,10 @@ def _controller(controller: ControllerSpec, before: Fields, context: Context) ->
     if isinstance(delay, int) and controller.known_delay > delay:
         wanted = f"at most uncertainty.delay, which is {counted(delay, 'sample', 'samples')}"
         yield ("known_delay",), expected(wanted)
+    if controller.one_stage == FREE_END and not controller.traits.one_stage:
+        kinds = " or ".join(kind for kind, traits in CONTROLLERS.items() if traits.one_stage)
+        wanted = f'"as_published", or controller {kinds}: windows of {controller.kind} are over several stages'
+        yield ("one_stage",), expected(wanted)
     if controller.traits.has_levels and controller.nodes == "auto":
         yield ("nodes",), expected("a number with controller htmpc, which compares levels node by node")
 

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import islice
 from time import perf_counter
 
 import pytest
@@ -34,6 +35,18 @@ def test_an_append_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(ex
     resumed = next(s for s in closed_loop(limited) if "appended" in s.command.events).command
     assert resumed.time == pytest.approx(usual.time + 0.3)
     assert resumed.solution.iterations < usual.solution.iterations
+
+
+def test_a_planned_end_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(experiment_of: Build) -> None:
+    """Guesses of windows over one stage before and after its end are told from those without the end."""
+    changes = (*SHORT, "solver.kind=sqp", "controller.kind=hard", "controller.one_stage=free_end")
+    usual = next(s for s in closed_loop(experiment_of(*changes)) if len(s.command.instants)).command
+    limited = with_failures(experiment_of(*changes), lambda w: len(w.stages) > 1 and w.start < usual.time + 0.25)
+    commands = [sample.command for sample in islice(closed_loop(limited), 20)]
+    resumed = next(command for command in commands if len(command.instants))
+    assert resumed.time == pytest.approx(usual.time + 0.3)
+    assert resumed.solution.iterations < usual.solution.iterations
+    assert all(command.outcome.usable for command in commands)
 
 
 class Clocked(Solver):

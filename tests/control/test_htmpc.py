@@ -99,3 +99,51 @@ def test_a_level_without_solution_leaves_the_plan_of_the_one_before(experiment_o
     assert log["solver/wall_time"][0] == pytest.approx(np.nansum(log["levels/wall_time"][0]))
     alone = next(closed_loop(experiment_of(*once, "controller.htmpc.depth=1")))
     np.testing.assert_array_equal(log["control/u"][0], alone.command.u[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("constraint", ["cost", "error"])
+def test_later_levels_keep_the_planned_end_of_the_current_stage(experiment_of: Build, constraint: str) -> None:
+    changes = (*HTMPC, "controller.one_stage=free_end", f"controller.htmpc.constraint={constraint}")
+    experiment = experiment_of(*changes)
+    tolerance = experiment.problem.spec.controller.htmpc.tolerance
+    compared = 0
+    for sample in islice(closed_loop(experiment), 16):
+        command = sample.command
+        first, *later = command.levels
+        if not len(command.instants):
+            continue
+        assert first.window.continues
+        for level in (level for level in later if level.outcome.usable):
+            compared += 1
+            np.testing.assert_array_equal(level.plan.times, first.plan.times)
+            at_end = level.plan.states_at(command.instants)[0]
+            assert experiment.problem.costs.end_error(command.stage, at_end) <= 1 + 1e-3
+            if constraint == "cost":
+                assert level.costs_of_stages[0] <= first.costs_of_stages[-1] + tolerance + EXACT
+            else:
+                since = first.plan.times[1:] - command.sequence.entered
+                errors = [
+                    np.abs(experiment.problem.costs.errors(command.stage, solved.plan.X[1:], since))
+                    for solved in (first, level)
+                ]
+                assert (errors[1] <= errors[0] + tolerance + EXACT).all()
+        assert np.abs(command.plan.u - first.plan.u).max() > 1e-3  # and make use of what is left free
+    assert compared > 10
+
+
+@pytest.mark.slow
+def test_a_planned_end_ends_stages_sooner() -> None:
+    changes = (*HTMPC, "log.shares=true", "time_limit=2.5")
+    published, log = (
+        simulate(load_task("transport", [*changes, *more])) for more in ((), ("controller.one_stage=free_end",))
+    )
+    assert log.stages["switch_time"][0] < published.stages["switch_time"][0]
+    solved = log["levels/solved"] == 1
+    planned = np.isfinite(log["window/instants"]).any(axis=1)
+    assert (solved[planned].sum(axis=1) > 1).any()
+    cost, objective = log["levels/cost"], log["levels/objective"]
+    assert (cost <= objective + log.task.spec.controller.htmpc.tolerance + 1e-4)[solved].all()
+    assert np.nansum(log["window/share"], axis=1) == pytest.approx(
+        np.where(np.isnan(log["window/share"]).all(axis=1), 0, 1)
+    )

@@ -64,6 +64,25 @@ def test_cost_follows_the_object_where_no_end_is_planned(stage: int, keys: dict[
     assert stages[stage].target[pose_rows["base"]] == pytest.approx(found[0])
 
 
+def test_a_target_is_where_the_object_will_be_at_the_planned_end_of_a_stage_that_continues() -> None:
+    task = load_task(
+        "catch_drifting", {"controller.nodes": 12, "controller.kind": "hard", "controller.one_stage": "free_end"}
+    )
+    controller = Controller(task)
+    pose_rows = build_problem(task).model.pose_rows
+    state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
+    for sequence, ahead in (
+        (MovingSequence(0, np.zeros(0), -1.5), 4.0),
+        (MovingSequence(0, np.array([2.0]), -1.5, continues=True), 2.0),
+    ):
+        controller.memory = replace(controller.law.first, sequence=sequence)
+        stage = controller.step(0.0, state, np.array(OBJECT.pose)).stages[0]
+        angle = np.radians(30 + 2 * ahead)
+        beside = [0.02 * ahead - 2.489 + 0.978 * np.sin(angle), 2.847 - 0.978 * np.cos(angle), angle]
+        assert stage.trajectory is None
+        assert stage.target[pose_rows["base"]] == pytest.approx(beside, abs=1e-5)
+
+
 def test_cost_follows_an_object_that_tumbles() -> None:
     problem, inside = build_problem(load_task("servicing")), np.array([0.6, 0.1, 0.2, 0.5, 0.5, -0.5, 0.5])
     stage = replace(problem.stages[1], on_object={"left": inside})

@@ -105,3 +105,33 @@ def test_a_stage_that_awaits_its_object_does_not_end(stages: tuple[PlacedStage, 
     awaiting = (replace(stages[0], awaits_object=True), *stages[1:])
     kept, _ = drop_met(MovingSequence(0, np.array([3.0]), 0.0), awaiting, costs, 2.0, AT_TARGET)
     assert (kept.first, kept.instants.tolist()) == (0, [3.0])
+
+
+CONTINUING = MovingSequence(1, np.array([2.0]), 0.5, continues=True)
+"""Capture, which began at 0.5 s, before and after its end, planned at 2 s."""
+
+
+def test_a_stage_that_continues_is_alone_in_its_window() -> None:
+    assert (CONTINUING.parts, CONTINUING.count, CONTINUING.last) == ((1, 1), 1, 1)
+    assert (CONTINUING.plans_end, CONTINUING.begins) == (True, (0.5,))
+    several = replace(CONTINUING, continues=False)
+    assert (several.parts, several.count, several.last, several.begins) == ((1, 2), 2, 2, (0.5, 2.0))
+    alone = CONTINUING.alone
+    assert (alone.parts, alone.plans_end, alone.continues) == ((1,), False, False)
+
+
+def test_the_next_stage_follows_one_that_continued(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
+    passed, switches = drop_passed(CONTINUING, 2.1)
+    assert [(s.stage, s.time) for s in switches] == [(1, 2.0)]
+    assert (passed.first, passed.entered, passed.parts, passed.continues) == (2, 2.0, (2,), False)
+    approaching = replace(CONTINUING, first=0)
+    met, switches = drop_met(approaching, stages, costs, 1.5, AT_TARGET)
+    assert [(s.stage, s.time) for s in switches] == [(0, 1.5)]
+    assert (met.first, met.parts, met.continues) == (1, (1,), False)
+
+
+def test_nothing_is_detected_after_a_stage_that_continues(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
+    alone = MovingSequence(0, np.zeros(0), 0.0)
+    longer = detect(alone, stages, costs, arriving(1.0), 10)
+    assert longer is not None
+    assert detect(replace(longer, continues=True), stages, costs, arriving(1.0), 10) is None

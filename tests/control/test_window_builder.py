@@ -9,6 +9,7 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.window_builder import WindowBuilder, priorities_in_force
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.ocp.stage import Trajectory
 from psmpc_cli.ocp.window import COUNTS
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.load import load_task
@@ -48,3 +49,28 @@ def test_an_automatic_mesh_is_for_the_prediction_where_that_comes_from_a_solve()
     later = builder.build(SEQUENCE, stages, prediction, solved)
     assert set(first.nodes) | set(later.nodes) <= set(COUNTS)
     assert sum(later.nodes) <= sum(first.nodes)
+
+
+def test_a_stage_that_continues_has_one_scale_and_meshes_of_its_own_before_and_after_its_end() -> None:
+    problem = build_problem(load_task("transport", ["controller.nodes=auto"]))
+    stages = [stage.placed() for stage in problem.stages]
+    moving = replace(stages[1], trajectory=Trajectory(np.array([0.0, 1.0]), np.array([stages[1].target] * 2)))
+    stages[1] = moving
+    builder = WindowBuilder(problem)
+    prediction = resting_plan(2.0, 4.0, 1, np.linspace(-0.4, 0.4, 18))
+    sequence = replace(SEQUENCE, instants=np.array([2.5]), continues=True)
+    window = builder.build(sequence, stages, prediction)
+    before, after = window.stages
+    assert (before.name, after.name, window.continues) == ("capture", "capture", True)
+    assert before.trajectory is moving.trajectory
+    assert after.trajectory is None
+    np.testing.assert_array_equal(window.omega, [100, 100])
+    assert window.scale[0] == window.scale[1] == builder.build(sequence.alone, stages, prediction).scale[0]
+    assert window.nodes[0] < window.nodes[1]
+
+    guess = replace(prediction, instants=sequence.instants)
+    solved = Solution(Outcome.OPTIMAL, guess, 1.0, 1, 0.0, window, guess)
+    needed = builder.build(sequence, stages, prediction, replace(solved, window=builder.build(SEQUENCE, stages, guess)))
+    finer = tuple(COUNTS[COUNTS.index(count) + 1] for count in needed.nodes)
+    kept = builder.build(sequence, stages, prediction, replace(solved, window=replace(window, nodes=finer)))
+    assert kept.nodes == finer

@@ -1,4 +1,4 @@
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -123,9 +123,10 @@ def mission() -> Sequence[RecordedSolve]:
 
 
 def counts_of(
-    solve: RecordedSolve, costs: StageCosts, before: Mapping[int, int], tolerance: float = TOLERANCE
+    solve: RecordedSolve, costs: StageCosts, before: Sequence[int] = (), tolerance: float = TOLERANCE
 ) -> list[int]:
-    return list(node_counts(solve.window, solve.guess, costs, STEP, tolerance, before))
+    had = before or [None] * len(solve.window.stages)
+    return list(node_counts(solve.window, solve.guess, costs, STEP, tolerance, had))
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +141,7 @@ def test_windows_of_a_mission_agree_with_two_hundred_nodes(problem: Problem, mis
     saved = list[float]()
     for solve in mission:
         solved = replace(solve, guess=solver.solve(solve.window, solve.guess).plan)
-        counts = counts_of(solved, problem.costs, {})
+        counts = counts_of(solved, problem.costs)
         fine = [200] * len(solved.window.stages)
         one, other = (solver.solve(replace(solved.window, nodes=tuple(n)), solved.guess) for n in (counts, fine))
         assert one.outcome.usable
@@ -153,7 +154,7 @@ def test_windows_of_a_mission_agree_with_two_hundred_nodes(problem: Problem, mis
 
 def test_no_interval_is_longer_than_a_sample(mission: Sequence[RecordedSolve], costs: StageCosts) -> None:
     for solve in mission:
-        counts = counts_of(solve, costs, {})
+        counts = counts_of(solve, costs)
         tau = durations(solve.guess.instants, solve.window.start, solve.window.horizon)
         assert np.all(tau / counts <= STEP + 1e-9)
         assert set(counts) <= set(COUNTS)
@@ -161,14 +162,13 @@ def test_no_interval_is_longer_than_a_sample(mission: Sequence[RecordedSolve], c
 
 def test_a_stage_keeps_its_count_while_that_is_enough(costs: StageCosts) -> None:
     solve = windows_over(2)[0]
-    counts = counts_of(solve, costs, {})
-    had = {stage.index: N for stage, N in zip(solve.window.stages, counts, strict=True)}
-    for before in (had, dict.fromkeys(had, 3), dict.fromkeys(had, 200)):
+    counts = counts_of(solve, costs)
+    for before in (counts, [3, 3], [200, 200]):
         assert counts_of(solve, costs, before) == counts
 
 
 def test_a_tighter_tolerance_takes_more_nodes(costs: StageCosts) -> None:
-    few, many = (counts_of(recorded("transport")[20], costs, {}, part) for part in (2e-2, 2e-3))
+    few, many = (counts_of(recorded("transport")[20], costs, tolerance=part) for part in (2e-2, 2e-3))
     assert sum(few) < sum(many)
 
 

@@ -92,3 +92,20 @@ def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: boo
     assert (read.stages[0].trajectory is None) == planned
     since = np.array([0.7, 2.0])
     np.testing.assert_allclose(read.stages[0].reference(since), first.reference(since), atol=1e-12)
+
+
+def test_a_stage_stands_in_the_window_before_and_after_its_planned_end() -> None:
+    problem = build_problem(load_task("tracking", {"controller.nodes": 12}))
+    stage = next(each for each in problem.stages if each.trajectory is not None)
+    Q = np.linspace(-0.4, 0.4, 9)
+    v = np.linspace(0.1, -0.1, 9)
+    placed = stage.placed()
+    chart = problem.model.space.chart_at(Q)
+    window = window_over((placed, placed.continued), np.concatenate([Q, v]), chart)
+    window = replace(window, nodes=(5, 7), soft=problem.spec.limits_are_soft, horizon=problem.spec.controller.horizon)
+    frame = WindowFrame(stage.index, window.nodes, window.start, Q, v, end_is_planned=True, continues=True)
+    read = read_window(problem, frame, window.record)
+    assert read.continues
+    for found, expected in zip(read.stages, window.stages, strict=True):
+        assert (found.index, found.trajectory is None) == (expected.index, expected.trajectory is None)
+        assert_same(found, expected)

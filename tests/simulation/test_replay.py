@@ -91,3 +91,17 @@ def test_a_window_that_was_postponed_is_explained(tmp_path: Path) -> None:
     again = replay(log, int(postponed[0]))
     assert again.remarks[0].startswith("back was seen, but the window with it had no solution")
     assert again.largest <= 1e-6
+
+
+@pytest.mark.parametrize("nodes", ["12", "auto"])
+def test_windows_over_a_stage_before_and_after_its_end_are_repeated(tmp_path: Path, nodes: str) -> None:
+    changes = ("controller.kind=hard", "controller.one_stage=free_end", f"controller.nodes={nodes}", "solver.kind=sqp")
+    log = there_and_back(tmp_path, *changes)
+    planned = np.flatnonzero(np.isfinite(log["window/instants"][:, 0]))
+    assert len(planned)
+    assert (log["window/nodes_after_end"][planned] > 0).all()
+    for sample in range(len(log.time)):
+        again = replay(log, sample)
+        assert again.largest == 0.0
+        ends = [name for name in again.compared if name.endswith("ends [s]")]
+        assert ends == (["go ends [s]"] if sample in planned else [])

@@ -191,6 +191,16 @@ def test_variants_of_a_task_that_was_read_once_are_those_of_its_texts() -> None:
     assert str(found.value) == str(expected.value)
 
 
+def test_keys_of_a_controller_need_to_be_valid_with_it_alone() -> None:
+    free_end = {"controller.one_stage": "free_end"}
+    task = load_task("transport", {"by_controller": {"hard": free_end}, "controller.nodes": "auto"})
+    assert task.spec.controller.one_stage == "as_published"
+    chosen = parse_task(task.task_yaml, task.robot_yaml, "transport", {"controller": "hard"})
+    assert chosen.spec.controller.one_stage == "free_end"
+    with pytest.raises(SpecError, match="or controller hard or htmpc: windows of smpc are over several stages"):
+        load_task("transport", {"by_controller": {"smpc": free_end}})
+
+
 def test_keys_of_every_controller_are_validated(tmp_path: Path) -> None:
     wrong = {
         "  mpc: {}": (3, "by_controller.mpc: found no such controller"),

@@ -14,14 +14,19 @@ from psmpc_cli.robot.model import RobotModel
 
 
 def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
-    """Yield the rows of every stage that ends in the window by its end condition, at its last node."""
+    """Yield the rows of every stage that ends in the window by its end condition, at its last node.
+
+    A kept stage is numbered behind the stages of the window. It ends at the first switch, if it does.
+    """
     last_nodes = Grid(model.n, shape.nodes).first_node[1:]
-    for s, stage in enumerate(shape.stages[:-1]):
+    own = zip(shape.stages, last_nodes, strict=True)
+    kept = ((stage, last_nodes[0]) for stage in shape.kept)
+    for s, (stage, node) in enumerate([*own, *kept]):
         functions = stage_functions(model, stage)
         if functions.end_rows:
             yield NodeRows(
                 name="end condition",
-                nodes=(int(last_nodes[s]),),
+                nodes=(int(node),),
                 functions=functions.end,
                 argument=partial(_target, s),
                 bounds=partial(_bounds, s),
@@ -34,7 +39,7 @@ def _target(s: int, p: Parameters[Any]) -> Any:
 
 def _bounds(s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     """Return the tolerances about 0, or about the rate that a moving target gives its error."""
-    stage = window.stages[s]
+    stage = [*window.stages, *(each.stage for each in window.kept)][s]
     return stage.end_drift - stage.end_tolerance, stage.end_drift + stage.end_tolerance
 
 

@@ -73,7 +73,7 @@ HEADING = "iter       objective   inf_pr    ||d||    alpha  qp"
 
 Number of the iteration; objective, J over the window's largest priority; largest violation of a constraint; largest
 component of the program's full step [m, rad, m/s, rad/s, s]; fraction of it that was taken, 0 if it was rejected;
-interior-point iterations of the program.
+interior-point iterations of the program, and whether it had no solution or was an elastic one.
 """
 
 
@@ -85,11 +85,20 @@ class Program:
         model: The model it is of.
         qp: The solution.
         reached: The point that the full step leads to.
+        is_elastic: Its rows at nodes may be violated at a cost, see `SqpWindow.elastic`.
     """
 
     model: Linearization
     qp: QpSolution
     reached: Evaluation
+    is_elastic: bool = False
+
+    @property
+    def remark(self) -> str:
+        """What the table of iterations says of it behind its number of iterations."""
+        if self.qp.status is not QpStatus.SOLVED:
+            return f"  {self.qp.status.value}"
+        return "  elastic" * self.is_elastic
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +165,20 @@ class SqpSolver(Solver):
         form, shared, method = self._setup(window)
         numbers = window_numbers(window, guess.instants)
         sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), numbers)
-        solve = _Solve(self._spec, sqp_window, method, self._report, self.stop_time(began))
+        is_warm = previous is not None
+        solve = _Solve(
+            spec=self._spec,
+            window=sqp_window,
+            method=method,
+            report=self._report,
+            until=self.stop_time(began),
+            is_warm=is_warm,
+            restores=not is_warm and not self._model.spec.moved_by.actuated,
+        )
         multipliers = np.zeros(0)
         if previous is not None and form.curved and len(previous.duals) == len(form.row_node):
             multipliers = previous.duals
-        iterate, outcome, count = solve.run(Point(guess.X, tau), multipliers, previous is not None)
+        iterate, outcome, count = solve.run(Point(guess.X, tau), multipliers)
         point = iterate.reached.point
         at = iterate.reached.at
         return Solution(
@@ -171,7 +189,7 @@ class SqpSolver(Solver):
             wall_time=time.perf_counter() - began,
             window=window,
             guess=guess,
-            warm=previous is not None,
+            warm=is_warm,
             costs=at.costs,
             terminal=at.terminal,
             violations=sqp_window.state_violations(point) if window.soft else np.zeros(0),
@@ -208,18 +226,30 @@ def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFuncti
 
 @dataclass(frozen=True, eq=False)
 class _Solve:
-    """One solve of a window."""
+    """One solve of a window.
+
+    Attributes:
+        spec: Settings.
+        window: The window.
+        method: Method for its programs.
+        report: Takes the lines of the table of iterations.
+        until: When the solve has to stop, an instant of `time.perf_counter` [s].
+        is_warm: The guess is the last solution, shifted.
+        restores: Elastic programs stand in for those without a solution, see `_program`.
+    """
 
     spec: SolverSpec
     window: SqpWindow
     method: QpMethod
     report: Report | None
     until: float
+    is_warm: bool
+    restores: bool
 
-    def run(self, guess: Point, multipliers: np.ndarray, warm: bool) -> tuple[Iterate, Outcome, int]:
+    def run(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         iterate, program = self._begin(guess, multipliers)
-        if not warm and not self._keeps_limits(program):
+        if not self.is_warm and not self._keeps_limits(program):
             later = later_switch(self.window, guess)
             if later is not None:
                 late_iterate, late_program = self._begin(later, multipliers)
@@ -232,8 +262,8 @@ class _Solve:
             before = iterate
             if program.qp.status is QpStatus.SOLVED:
                 iterate = self._step(iterate, program, filter_)
-            self._tell(count, iterate, program.qp)
-            outcome = self._outcome(count, iterate, before, program.qp, warm)
+            self._tell(count, iterate, program)
+            outcome = self._outcome(count, iterate, before, program)
             if outcome is not None:
                 return iterate, outcome, count
             if count < self.spec.max_iterations:
@@ -251,7 +281,27 @@ class _Solve:
         return program.qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(program.reached)
 
     def _program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
-        """Return the program at a point, solved.
+        """Return the program at a point, solved; where it cannot be, its elastic program, if the solve restores.
+
+        A robot without thrusters reaches a pose by bending its arms alone. Linearized where they are at rest, the pose
+        asks for more than they can do in the time, although they can. The elastic program
+
+            min  model + rho t |violations of the rows at nodes|_1,   t the share of time of their node,
+
+        has a solution as long as limits of states leave one. Its step brings the violations down, and the programs of
+        later iterates have solutions. Gill, Murray, Saunders: SNOPT (2005), section 1.2 (elastic mode). Robots with
+        thrusters do without: most of their windows without a solution have too short a horizon for an appended stage,
+        and to find that out by elastic programs takes many times what it does now (docs/decisions.md).
+        """
+        program = self._strict_program(here, model, multipliers)
+        if program.qp.status is QpStatus.SOLVED or not self.restores:
+            return program
+        elastic = self.window.elastic
+        restoring = self._solved(elastic, model, elastic.evaluated(here.point, model.at))
+        return replace(restoring, is_elastic=True) if restoring.qp.status is QpStatus.SOLVED else program
+
+    def _strict_program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
+        """Return the program at a point, solved with its rows as they are.
 
         The curvature of constraints at nodes counts at the given multipliers (E,), if there are any. Where that program
         is found not to be convex, the Gauss-Newton model stands alone. Where soft limits would be violated so far that
@@ -289,35 +339,41 @@ class _Solve:
         """Return the point a share of a step further."""
         return self.window.evaluation(self.window.with_given_rates(here.point.moved(step, share)))
 
-    def _outcome(self, count: int, iterate: Iterate, before: Iterate, qp: QpSolution, warm: bool) -> Outcome | None:
-        """Return how the solve has ended after an iteration; None where it goes on."""
+    def _outcome(self, count: int, iterate: Iterate, before: Iterate, program: Program) -> Outcome | None:
+        """Return how the solve has ended after an iteration; None where it goes on.
+
+        Where the step of an elastic program brings nothing, or is small, violations are the least nearby.
+        """
         feasible = iterate.reached.violation <= FEASIBLE
-        if qp.status is QpStatus.INFEASIBLE:
+        brings_nothing = iterate.reached is before.reached
+        if program.qp.status is QpStatus.INFEASIBLE:
             return Outcome.INFEASIBLE
-        if qp.status is QpStatus.FAILED:
+        if program.is_elastic and not feasible and (brings_nothing or iterate.step <= SMALL):
+            return Outcome.INFEASIBLE
+        if program.qp.status is QpStatus.FAILED:
             return self._unfinished(iterate, Outcome.FAILED)
         if iterate.step <= np.sqrt(self.spec.tolerance) and feasible:
             return Outcome.OPTIMAL
-        if iterate.reached is before.reached:
+        if brings_nothing:
             return self._unfinished(iterate, Outcome.FAILED)
-        settled = (warm and iterate.bent <= BENT) or iterate.step <= SMALL
+        settled = (self.is_warm and iterate.bent <= BENT) or iterate.step <= SMALL
         if count >= self.spec.iterations and settled and feasible:
             return Outcome.FEASIBLE
         if time.perf_counter() >= self.until:
             return self._unfinished(iterate, Outcome.DEADLINE)
         return None
 
-    def _tell(self, count: int, iterate: Iterate, qp: QpSolution | None) -> None:
+    def _tell(self, count: int, iterate: Iterate, program: Program | None) -> None:
         """Report an iteration: where it led, and the program whose step it took, if it has one."""
         if self.report is None:
             return
-        if qp is None:
+        if program is None:
             self.report(HEADING)
-        solved = qp is not None and qp.status is QpStatus.SOLVED
+        solved = program is not None and program.qp.status is QpStatus.SOLVED
         step = f"{iterate.step:8.2e} {iterate.share:8.2e}" if solved else f"{'-':>8} {'-':>8}"
-        program = f"{'-':>3}" if qp is None else f"{qp.iterations:3d}" + f"  {qp.status.value}" * (not solved)
+        of_program = f"{'-':>3}" if program is None else f"{program.qp.iterations:3d}{program.remark}"
         reached = iterate.reached
-        self.report(f"{count:4d} {reached.at.objective:15.8e} {reached.violation:8.2e} {step} {program}")
+        self.report(f"{count:4d} {reached.at.objective:15.8e} {reached.violation:8.2e} {step} {of_program}")
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""

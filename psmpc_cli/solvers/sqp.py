@@ -342,14 +342,14 @@ class _Solve:
     def _outcome(self, count: int, iterate: Iterate, before: Iterate, program: Program) -> Outcome | None:
         """Return how the solve has ended after an iteration; None where it goes on.
 
-        Where the step of an elastic program brings nothing, or is small, violations are the least nearby.
+        Where the step of an elastic program brings nothing, violations are the least nearby.
         """
         feasible = iterate.reached.violation <= FEASIBLE
         brings_nothing = iterate.reached is before.reached
         if program.qp.status is QpStatus.INFEASIBLE:
             return Outcome.INFEASIBLE
-        if program.is_elastic and not feasible and (brings_nothing or iterate.step <= SMALL):
-            return Outcome.INFEASIBLE
+        if program.is_elastic and brings_nothing:
+            return self._unfinished(iterate, Outcome.INFEASIBLE)
         if program.qp.status is QpStatus.FAILED:
             return self._unfinished(iterate, Outcome.FAILED)
         if iterate.step <= np.sqrt(self.spec.tolerance) and feasible:
@@ -393,7 +393,7 @@ class _Solve:
         while share >= SHORTEST_STEP:
             reached = program.reached if share == 1 else self._after(here, qp.step, share)
             trial = Iterate(reached, step, share, qp=qp)
-            if filter_.accepts(trial, iterate, slope):
+            if filter_.accepts(trial, iterate, slope, program.is_elastic):
                 foreseen_of_share = here.rows + share * (foreseen - here.rows)
                 return replace(trial, bent=self.window.bent_rows(foreseen_of_share, reached))
             share /= 2
@@ -419,7 +419,8 @@ class Filter:
 
         phi <= phi_k + eta alpha m.
 
-    Else the trial point has to improve on iterate k as on an entry, and iterate k becomes one.
+    Else the trial point has to improve on iterate k as on an entry, and iterate k becomes one. The step of an elastic
+    program is there to restore feasibility: it has to improve on the violation of iterate k, whatever the objective.
 
     Source: Waechter, Biegler: On the implementation of an interior-point filter line-search algorithm for large-scale
     nonlinear programming (2006), section 2.3. theta is the largest violation here, not their sum: a stage that gets
@@ -430,13 +431,14 @@ class Filter:
     def __init__(self) -> None:
         self._entries: list[tuple[float, float]] = []
 
-    def accepts(self, trial: Iterate, iterate: Iterate, slope: float) -> bool:
+    def accepts(self, trial: Iterate, iterate: Iterate, slope: float, is_elastic: bool) -> bool:
         """Tell whether a trial point is accepted; if so, enter the iterate where the filter has to remember it.
 
         Args:
             trial: The iterate after a share of the step.
             iterate: Where the step starts.
             slope: m, with the penalties of soft limits.
+            is_elastic: The step is that of an elastic program.
         """
         theta = trial.reached.violation
         theta_k = iterate.reached.violation
@@ -445,7 +447,8 @@ class Filter:
         steep = slope < 0 and trial.share * (-slope) ** S_PHI > theta_k**S_THETA
         if theta_k <= FEASIBLE and steep:
             return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.share * slope
-        if not (self._acceptable(theta, phi) and _improves(theta, phi, theta_k, phi_k)):
+        improves = _reduces(theta, theta_k) if is_elastic else _improves(theta, phi, theta_k, phi_k)
+        if not (self._acceptable(theta, phi) and improves):
             return False
         self._entries.append((theta_k, phi_k))
         return True
@@ -456,7 +459,12 @@ class Filter:
 
 def _improves(theta: float, phi: float, old_theta: float, old_phi: float) -> bool:
     """Tell whether violation or objective of a point improves on those of an earlier one."""
-    return theta <= (1 - MARGIN) * old_theta or phi <= old_phi - MARGIN * old_theta
+    return _reduces(theta, old_theta) or phi <= old_phi - MARGIN * old_theta
+
+
+def _reduces(theta: float, old_theta: float) -> bool:
+    """Tell whether the violation of a point improves on that of an earlier one."""
+    return theta <= (1 - MARGIN) * old_theta
 
 
 def later_switch(window: SqpWindow, point: Point) -> Point | None:

@@ -235,7 +235,7 @@ class _Solve:
         report: Takes the lines of the table of iterations.
         until: When the solve has to stop, an instant of `time.perf_counter` [s].
         is_warm: The guess is the last solution, shifted.
-        restores: Elastic programs stand in for those without a solution, see `_program`.
+        restores: Elastic programs stand in for those without a solution, see `_restored`.
     """
 
     spec: SolverSpec
@@ -268,40 +268,43 @@ class _Solve:
                 return iterate, outcome, count
             if count < self.spec.max_iterations:
                 here, model = self.window.linearize(iterate.reached.point)
-                program = self._program(here, model, program.qp.node_multipliers)
+                program = self._restored(here, self._program(here, model, program.qp.node_multipliers))
         return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self.spec.max_iterations
 
     def _begin(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Program]:
         """Return the iterate at a guess, and the program there."""
         here, model = self.window.linearize(self.window.with_given_rates(guess))
-        return Iterate(here), self._program(here, model, multipliers)
+        return Iterate(here), self._restored(here, self._program(here, model, multipliers))
 
     def _keeps_limits(self, program: Program) -> bool:
         """Tell whether a program has a solution, which violates soft limits no further than the measured state does."""
         return program.qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(program.reached)
 
-    def _program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
-        """Return the program at a point, solved; where it cannot be, its elastic program, if the solve restores.
+    def _restored(self, here: Evaluation, program: Program) -> Program:
+        """Return the program at a point; if it has no solution and the solve restores, its elastic program, solved.
 
-        A robot without thrusters reaches a pose by bending its arms alone. Linearized where they are at rest, the pose
-        asks for more than they can do in the time, although they can. The elastic program
+        A robot without thrusters reaches a pose by its arms alone. Linearized where they are nearly stretched, the pose
+        asks for several times the joint angles that lead there, and their rates do not allow it in time. The elastic
+        program
 
             min  model + rho t |violations of the rows at nodes|_1,   t the share of time of their node,
 
         has a solution as long as limits of states leave one. Its step brings the violations down, and the programs of
-        later iterates have solutions. Gill, Murray, Saunders: SNOPT (2005), section 1.2 (elastic mode). Robots with
-        thrusters do without: most of their windows without a solution have too short a horizon for an appended stage,
-        and to find that out by elastic programs takes many times what it does now (docs/decisions.md).
+        later iterates have solutions. Robots with thrusters do without: their windows without a solution are most often
+        those of a stage that was appended too early, which takes many times as long to find out by elastic programs
+        (docs/decisions.md).
+
+        Source: Gill, Murray, Saunders: SNOPT: An SQP algorithm for large-scale constrained optimization (2005), on
+        elastic programs.
         """
-        program = self._strict_program(here, model, multipliers)
         if program.qp.status is QpStatus.SOLVED or not self.restores:
             return program
         elastic = self.window.elastic
-        restoring = self._solved(elastic, model, elastic.evaluated(here.point, model.at))
+        restoring = self._solved(elastic, program.model, elastic.evaluated(here.point, program.model.at))
         return replace(restoring, is_elastic=True) if restoring.qp.status is QpStatus.SOLVED else program
 
-    def _strict_program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
-        """Return the program at a point, solved with its rows as they are.
+    def _program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
+        """Return the program at a point, solved.
 
         The curvature of constraints at nodes counts at the given multipliers (E,), if there are any. Where that program
         is found not to be convex, the Gauss-Newton model stands alone. Where soft limits would be violated so far that

@@ -73,7 +73,7 @@ HEADING = "iter       objective   inf_pr    ||d||    alpha  qp"
 
 Number of the iteration; objective, J over the window's largest priority; largest violation of a constraint; largest
 component of the program's full step [m, rad, m/s, rad/s, s]; fraction of it that was taken, 0 if it was rejected;
-interior-point iterations of the program.
+interior-point iterations of the program, and whether it had no solution or was an elastic one.
 """
 
 
@@ -85,11 +85,20 @@ class Program:
         model: The model it is of.
         qp: The solution.
         reached: The point that the full step leads to.
+        is_elastic: Its rows at nodes may be violated at a cost, see `SqpWindow.elastic`.
     """
 
     model: Linearization
     qp: QpSolution
     reached: Evaluation
+    is_elastic: bool = False
+
+    @property
+    def remark(self) -> str:
+        """What the table of iterations says of it behind its number of iterations."""
+        if self.qp.status is not QpStatus.SOLVED:
+            return f"  {self.qp.status.value}"
+        return "  elastic" * self.is_elastic
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +165,20 @@ class SqpSolver(Solver):
         form, shared, method = self._setup(window)
         numbers = window_numbers(window, guess.instants)
         sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), numbers)
-        solve = _Solve(self._spec, sqp_window, method, self._report, self.stop_time(began))
+        is_warm = previous is not None
+        solve = _Solve(
+            spec=self._spec,
+            window=sqp_window,
+            method=method,
+            report=self._report,
+            until=self.stop_time(began),
+            is_warm=is_warm,
+            restores=not is_warm and not self._model.spec.moved_by.actuated,
+        )
         multipliers = np.zeros(0)
         if previous is not None and form.curved and len(previous.duals) == len(form.row_node):
             multipliers = previous.duals
-        iterate, outcome, count = solve.run(Point(guess.X, tau), multipliers, previous is not None)
+        iterate, outcome, count = solve.run(Point(guess.X, tau), multipliers)
         point = iterate.reached.point
         at = iterate.reached.at
         return Solution(
@@ -171,7 +189,7 @@ class SqpSolver(Solver):
             wall_time=time.perf_counter() - began,
             window=window,
             guess=guess,
-            warm=previous is not None,
+            warm=is_warm,
             costs=at.costs,
             terminal=at.terminal,
             violations=sqp_window.state_violations(point) if window.soft else np.zeros(0),
@@ -208,18 +226,30 @@ def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFuncti
 
 @dataclass(frozen=True, eq=False)
 class _Solve:
-    """One solve of a window."""
+    """One solve of a window.
+
+    Attributes:
+        spec: Settings.
+        window: The window.
+        method: Method for its programs.
+        report: Takes the lines of the table of iterations.
+        until: When the solve has to stop, an instant of `time.perf_counter` [s].
+        is_warm: The guess is the last solution, shifted.
+        restores: Elastic programs stand in for those without a solution, see `_restored`.
+    """
 
     spec: SolverSpec
     window: SqpWindow
     method: QpMethod
     report: Report | None
     until: float
+    is_warm: bool
+    restores: bool
 
-    def run(self, guess: Point, multipliers: np.ndarray, warm: bool) -> tuple[Iterate, Outcome, int]:
+    def run(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         iterate, program = self._begin(guess, multipliers)
-        if not warm and not self._keeps_limits(program):
+        if not self.is_warm and not self._keeps_limits(program):
             later = later_switch(self.window, guess)
             if later is not None:
                 late_iterate, late_program = self._begin(later, multipliers)
@@ -232,23 +262,46 @@ class _Solve:
             before = iterate
             if program.qp.status is QpStatus.SOLVED:
                 iterate = self._step(iterate, program, filter_)
-            self._tell(count, iterate, program.qp)
-            outcome = self._outcome(count, iterate, before, program.qp, warm)
+            self._tell(count, iterate, program)
+            outcome = self._outcome(count, iterate, before, program)
             if outcome is not None:
                 return iterate, outcome, count
             if count < self.spec.max_iterations:
                 here, model = self.window.linearize(iterate.reached.point)
-                program = self._program(here, model, program.qp.node_multipliers)
+                program = self._restored(here, self._program(here, model, program.qp.node_multipliers))
         return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self.spec.max_iterations
 
     def _begin(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Program]:
         """Return the iterate at a guess, and the program there."""
         here, model = self.window.linearize(self.window.with_given_rates(guess))
-        return Iterate(here), self._program(here, model, multipliers)
+        return Iterate(here), self._restored(here, self._program(here, model, multipliers))
 
     def _keeps_limits(self, program: Program) -> bool:
         """Tell whether a program has a solution, which violates soft limits no further than the measured state does."""
         return program.qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(program.reached)
+
+    def _restored(self, here: Evaluation, program: Program) -> Program:
+        """Return the program at a point; if it has no solution and the solve restores, its elastic program, solved.
+
+        A robot without thrusters reaches a pose by its arms alone. Linearized where they are nearly stretched, the pose
+        asks for several times the joint angles that lead there, and their rates do not allow it in time. The elastic
+        program
+
+            min  model + rho t |violations of the rows at nodes|_1,   t the share of time of their node,
+
+        has a solution as long as limits of states leave one. Its step brings the violations down, and the programs of
+        later iterates have solutions. Robots with thrusters do without: their windows without a solution are most often
+        those of a stage that was appended too early, which takes many times as long to find out by elastic programs
+        (docs/decisions.md).
+
+        Source: Gill, Murray, Saunders: SNOPT: An SQP algorithm for large-scale constrained optimization (2005), on
+        elastic programs.
+        """
+        if program.qp.status is QpStatus.SOLVED or not self.restores:
+            return program
+        elastic = self.window.elastic
+        restoring = self._solved(elastic, program.model, elastic.evaluated(here.point, program.model.at))
+        return replace(restoring, is_elastic=True) if restoring.qp.status is QpStatus.SOLVED else program
 
     def _program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
         """Return the program at a point, solved.
@@ -289,35 +342,41 @@ class _Solve:
         """Return the point a share of a step further."""
         return self.window.evaluation(self.window.with_given_rates(here.point.moved(step, share)))
 
-    def _outcome(self, count: int, iterate: Iterate, before: Iterate, qp: QpSolution, warm: bool) -> Outcome | None:
-        """Return how the solve has ended after an iteration; None where it goes on."""
+    def _outcome(self, count: int, iterate: Iterate, before: Iterate, program: Program) -> Outcome | None:
+        """Return how the solve has ended after an iteration; None where it goes on.
+
+        Where the step of an elastic program brings nothing, violations are the least nearby.
+        """
         feasible = iterate.reached.violation <= FEASIBLE
-        if qp.status is QpStatus.INFEASIBLE:
+        brings_nothing = iterate.reached is before.reached
+        if program.qp.status is QpStatus.INFEASIBLE:
             return Outcome.INFEASIBLE
-        if qp.status is QpStatus.FAILED:
+        if program.is_elastic and brings_nothing:
+            return self._unfinished(iterate, Outcome.INFEASIBLE)
+        if program.qp.status is QpStatus.FAILED:
             return self._unfinished(iterate, Outcome.FAILED)
         if iterate.step <= np.sqrt(self.spec.tolerance) and feasible:
             return Outcome.OPTIMAL
-        if iterate.reached is before.reached:
+        if brings_nothing:
             return self._unfinished(iterate, Outcome.FAILED)
-        settled = (warm and iterate.bent <= BENT) or iterate.step <= SMALL
+        settled = (self.is_warm and iterate.bent <= BENT) or iterate.step <= SMALL
         if count >= self.spec.iterations and settled and feasible:
             return Outcome.FEASIBLE
         if time.perf_counter() >= self.until:
             return self._unfinished(iterate, Outcome.DEADLINE)
         return None
 
-    def _tell(self, count: int, iterate: Iterate, qp: QpSolution | None) -> None:
+    def _tell(self, count: int, iterate: Iterate, program: Program | None) -> None:
         """Report an iteration: where it led, and the program whose step it took, if it has one."""
         if self.report is None:
             return
-        if qp is None:
+        if program is None:
             self.report(HEADING)
-        solved = qp is not None and qp.status is QpStatus.SOLVED
+        solved = program is not None and program.qp.status is QpStatus.SOLVED
         step = f"{iterate.step:8.2e} {iterate.share:8.2e}" if solved else f"{'-':>8} {'-':>8}"
-        program = f"{'-':>3}" if qp is None else f"{qp.iterations:3d}" + f"  {qp.status.value}" * (not solved)
+        of_program = f"{'-':>3}" if program is None else f"{program.qp.iterations:3d}{program.remark}"
         reached = iterate.reached
-        self.report(f"{count:4d} {reached.at.objective:15.8e} {reached.violation:8.2e} {step} {program}")
+        self.report(f"{count:4d} {reached.at.objective:15.8e} {reached.violation:8.2e} {step} {of_program}")
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""
@@ -337,7 +396,7 @@ class _Solve:
         while share >= SHORTEST_STEP:
             reached = program.reached if share == 1 else self._after(here, qp.step, share)
             trial = Iterate(reached, step, share, qp=qp)
-            if filter_.accepts(trial, iterate, slope):
+            if filter_.accepts(trial, iterate, slope, program.is_elastic):
                 foreseen_of_share = here.rows + share * (foreseen - here.rows)
                 return replace(trial, bent=self.window.bent_rows(foreseen_of_share, reached))
             share /= 2
@@ -363,7 +422,8 @@ class Filter:
 
         phi <= phi_k + eta alpha m.
 
-    Else the trial point has to improve on iterate k as on an entry, and iterate k becomes one.
+    Else the trial point has to improve on iterate k as on an entry, and iterate k becomes one. The step of an elastic
+    program is there to restore feasibility: it has to improve on the violation of iterate k, whatever the objective.
 
     Source: Waechter, Biegler: On the implementation of an interior-point filter line-search algorithm for large-scale
     nonlinear programming (2006), section 2.3. theta is the largest violation here, not their sum: a stage that gets
@@ -374,13 +434,14 @@ class Filter:
     def __init__(self) -> None:
         self._entries: list[tuple[float, float]] = []
 
-    def accepts(self, trial: Iterate, iterate: Iterate, slope: float) -> bool:
+    def accepts(self, trial: Iterate, iterate: Iterate, slope: float, is_elastic: bool) -> bool:
         """Tell whether a trial point is accepted; if so, enter the iterate where the filter has to remember it.
 
         Args:
             trial: The iterate after a share of the step.
             iterate: Where the step starts.
             slope: m, with the penalties of soft limits.
+            is_elastic: The step is that of an elastic program.
         """
         theta = trial.reached.violation
         theta_k = iterate.reached.violation
@@ -389,7 +450,8 @@ class Filter:
         steep = slope < 0 and trial.share * (-slope) ** S_PHI > theta_k**S_THETA
         if theta_k <= FEASIBLE and steep:
             return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.share * slope
-        if not (self._acceptable(theta, phi) and _improves(theta, phi, theta_k, phi_k)):
+        improves = _reduces(theta, theta_k) if is_elastic else _improves(theta, phi, theta_k, phi_k)
+        if not (self._acceptable(theta, phi) and improves):
             return False
         self._entries.append((theta_k, phi_k))
         return True
@@ -400,7 +462,12 @@ class Filter:
 
 def _improves(theta: float, phi: float, old_theta: float, old_phi: float) -> bool:
     """Tell whether violation or objective of a point improves on those of an earlier one."""
-    return theta <= (1 - MARGIN) * old_theta or phi <= old_phi - MARGIN * old_theta
+    return _reduces(theta, old_theta) or phi <= old_phi - MARGIN * old_theta
+
+
+def _reduces(theta: float, old_theta: float) -> bool:
+    """Tell whether the violation of a point improves on that of an earlier one."""
+    return theta <= (1 - MARGIN) * old_theta
 
 
 def later_switch(window: SqpWindow, point: Point) -> Point | None:

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from psmpc_cli.ocp.constraints.boxes import (
+    NARROWEST_SOFT,
     PENALTY,
     acceleration_limits,
     moved_apart,
@@ -175,6 +176,14 @@ class SqpWindow:
     def with_given_rates(self, point: Point) -> Point:
         """Return a point with the rates that rows at nodes determine."""
         return self.form.with_given_rates(point, self.p)
+
+    @cached_property
+    def elastic(self) -> "SqpWindow":
+        """The same window with all rows at nodes soft, but for those that are equations, or nearly."""
+        rows = slice(self._first_node_row, self._first_interval_row)
+        soft = self.bounds.soft.copy()
+        soft[rows] |= self.bounds.high[rows] - self.bounds.low[rows] >= NARROWEST_SOFT
+        return replace(self, bounds=replace(self.bounds, soft=soft))
 
     @property
     def _first_node_row(self) -> int:

@@ -1,14 +1,18 @@
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem
+from psmpc_cli.ocp.window import Window, on_mesh
 from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, build_solver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
+from ..ocp.constraints.test_mobility import drawn, problem_of
 from .recorded import RecordedSolve, curved_end, recorded
 from .solving import CONVERGED, FATROP, ONE, again, changed, far_away, middle_window_over
 
@@ -160,3 +164,62 @@ def test_multipliers_of_another_back_end_are_ignored(reaching: Problem, curved: 
         found = again(build_solver(reaching, SolverSpec.model_validate({"kind": kind, "iterations": 40})), foreign)
         assert found.outcome is Outcome.OPTIMAL
         assert len(found.guess_duals) == 0
+
+
+HAND_X = 7
+"""Place of the hand's x among the numbers of a target in space, behind the base's pose."""
+
+FLOATING = 18
+"""Seed of a window of a free-floating robot in space whose second program from rest has no solution."""
+
+
+@pytest.fixture(scope="module")
+def floating() -> Problem:
+    return problem_of("free-floating", None)
+
+
+def from_rest(problem: Problem, window: Window) -> Plan:
+    """Return the guess at rest with the switch in the middle of the window."""
+    rest = resting_plan(0.0, window.horizon, problem.spec.controller.uniform_nodes, window.x0, window.chart)
+    return on_mesh(replace(rest, instants=np.array([window.horizon / 2])), window)
+
+
+def out_of_reach(window: Window) -> Window:
+    """Return the window with the place of its first stage 10 m away."""
+    reach, home = window.stages
+    target = reach.target.copy()
+    target[HAND_X] += 10.0
+    return replace(window, stages=(replace(reach, target=target), home))
+
+
+def test_a_cold_window_of_a_robot_without_thrusters_goes_on_by_elastic_programs(floating: Problem) -> None:
+    window = drawn(floating, FLOATING)
+    lines: list[str] = []
+    found = build_solver(floating, CONVERGED, lines.append).solve(window, from_rest(floating, window))
+    assert found.outcome is Outcome.OPTIMAL
+    assert any(line.endswith("elastic") for line in lines)
+    assert not lines[-1].endswith("elastic")
+
+
+def test_elastic_programs_end_where_they_bring_the_violation_no_further_down(floating: Problem) -> None:
+    window = out_of_reach(drawn(floating, FLOATING))
+    lines: list[str] = []
+    found = build_solver(floating, CONVERGED, lines.append).solve(window, from_rest(floating, window))
+    assert found.outcome is Outcome.INFEASIBLE
+    assert lines[-1].endswith("elastic")
+    violations = [float(line.split()[2]) for line in lines[1:]]
+    assert all(after <= before for before, after in pairwise(violations))
+    assert found.iterations <= 10
+
+
+def test_warm_windows_have_no_elastic_programs(floating: Problem) -> None:
+    window = drawn(floating, FLOATING)
+    solver = build_solver(floating, CONVERGED)
+    before = solver.solve(window, from_rest(floating, window))
+    lines: list[str] = []
+    far = out_of_reach(window)
+    found = build_solver(floating, CONVERGED, lines.append).solve(far, from_rest(floating, far), before)
+    assert found.warm
+    assert found.outcome is Outcome.INFEASIBLE
+    assert found.iterations == 1
+    assert not any(line.endswith("elastic") for line in lines)

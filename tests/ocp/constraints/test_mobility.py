@@ -247,6 +247,29 @@ def test_sqp_and_ipopt_agree(fast_arms: Path, mobility: str, where: str, seed: i
     assert own.objective == pytest.approx(other.objective, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("mobility", "where", "seed"),
+    [
+        ("free-floating", "plane", 2),
+        ("free-floating", "plane", 4),
+        ("free-floating", "space", 18),
+        ("fixed", "space", 17),
+    ],
+)
+def test_a_window_without_a_solution_where_it_is_linearized_is_solved(
+    fast_arms: Path, mobility: str, where: str, seed: int
+) -> None:
+    """From rest the first or second program has no step; J to 1e-5 is that of IPOPT from the plan of `sqp`."""
+    problem = problem_of(mobility, fast_arms if where == "plane" else None)
+    window = drawn(problem, seed)
+    found = solved(problem, window, "sqp")
+    assert found.outcome is Outcome.OPTIMAL
+    own = solved(problem, window, "sqp", found.plan)
+    other = solved(problem, window, "ipopt", found.plan)
+    assert own.outcome is other.outcome is Outcome.OPTIMAL
+    assert own.objective == pytest.approx(other.objective, rel=1e-5)
+
+
 @pytest.mark.parametrize("plant", [Rk4Plant, MujocoPlant])
 @pytest.mark.parametrize("build", ["plane", "space"])
 def test_a_floating_robot_keeps_its_momentum_and_moves_its_base_as_planned(

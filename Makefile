@@ -95,7 +95,7 @@ $(PEERS)/.venv-%/.ready: $(PEERS)/requirements-%.txt
 	PIP_CONSTRAINT= $(@D)/bin/python -m pip install --quiet --requirement $<
 	@touch $@
 
-PEERS_READY := $(PEERS)/.venv-rockit/.ready $(PEERS)/.venv-do-mpc/.ready
+PEERS_READY := $(PEERS)/.venv-acados/.ready $(PEERS)/.venv-rockit/.ready $(PEERS)/.venv-do-mpc/.ready
 
 docs-tables: $(READY) $(if $(ONLY),$(if $(findstring peers,$(ONLY)),$(PEERS_READY)),$(PEERS_READY))
 	$(BIN)/python benchmarks/pages.py $(ONLY)

@@ -1,19 +1,20 @@
-"""Solves the same windows with psmpc, rockit and do-mpc and prints one table.
+"""Solves the same windows with psmpc, acados, rockit and do-mpc and prints one table.
 
-    python benchmarks/peers/compare.py          with .venv-rockit and .venv-do-mpc beside it
+    python benchmarks/peers/compare.py          with the environments of the peers beside it, `.venv-acados` and so on
 
-`make docs-tables ONLY=peers` makes the environments and does this. The windows are those of a closed loop at N_s = 25.
+`make docs-tables ONLY=peers` makes the environments and does this. The windows are those of closed loops at N_s = 25.
 Each is solved from two starts: cold from rest, its stages of equal length, and warm from the optimum of the sample
 before at the same N_s, moved on by a sample. Times are those of a core, in the peers as well, so that what else the
-machine does hardly counts. The exit code is 1 where objectives differ by more than 1e-3 relative or instants by more
-than 20 ms from those of fatrop.
+machine does hardly counts. A peer that is not installed, fails or needs more than five minutes for all windows is named
+below the table, in which is what it has solved until then. The exit code is 1 where one fails, or where objectives
+differ by more than 1e-3 relative or instants by more than 20 ms from those of fatrop.
 """
 
 import pickle
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, product
 from pathlib import Path
@@ -25,16 +26,19 @@ import numpy as np
 import window as peers
 from window import Solve, measured
 
-from psmpc_cli.ocp.plan import Plan, resting_plan, shift
+from psmpc_cli.ocp.constraints.boxes import node_limits, shift_limits
+from psmpc_cli.ocp.plan import Grid, Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import Window, on_mesh, shortest_durations
+from psmpc_cli.robot.rotations import exp
 from psmpc_cli.simulation.run import build_experiment, closed_loop
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.robot import Attachment, RobotSpec
 from psmpc_cli.specs.task import SolverSpec
 
 HERE = Path(__file__).parent
-PEERS = {"rockit": ".venv-rockit", "do_mpc": ".venv-do-mpc"}
+PEERS = {"acados": ".venv-acados", "rockit": ".venv-rockit", "do_mpc": ".venv-do-mpc"}
 REFERENCE = "psmpc, fatrop"
 OBJECTIVE, INSTANT = 1e-3, 0.02
 HEADINGS = (
@@ -46,70 +50,141 @@ Result = Mapping[str, Any]
 Start = tuple[Plan, Solution | None]
 """Where a solve of a window starts: a plan on its mesh, and the solution of the sample before, if any."""
 
-AT = {"one stage": 3.0, "two stages": 8.0}
-"""When each window is solved [s]: Approach alone, and Approach with Capture."""
 
-NODES = (25, 50, 100)
+@dataclass(frozen=True)
+class Case:
+    """A window: of which task, when it is solved [s], and at which N_s."""
+
+    task: str
+    time: float
+    nodes: tuple[int, ...]
+
+
+CASES = {
+    "planar, one stage": Case("transport", 3.0, (25, 50, 100)),
+    "planar, two stages": Case("transport", 8.0, (25, 50, 100)),
+    "servicer, one stage": Case("servicing", 3.0, (25, 50)),
+    "servicer, two stages": Case("servicing", 5.0, (25, 50)),
+}
+"""Approach alone, and Approach with Capture, of a robot with 9 and of one with 20 degrees of freedom."""
+
+LIMIT = 300
+"""For how long a peer may run [s]: with those of psmpc all windows take less than 20 minutes."""
+
 SOLVERS = ("sqp", "fatrop", "ipopt")
 REPEATS = 5
 
 
-def recorded() -> tuple[Problem, dict[str, tuple[Solution, Solution]]]:
-    """Run until the last window of `AT` and return the solve of each after the one of the sample before."""
-    experiment = build_experiment(load_task("transport", {"controller.nodes": 25, "plant.kind": "ideal"}))
-    at = {name: round(time / experiment.problem.spec.controller.sample_time) for name, time in AT.items()}
-    solves = [sample.command.solution for sample in islice(closed_loop(experiment), max(at.values()) + 1)]
-    return experiment.problem, {name: (solves[k - 1], solves[k]) for name, k in at.items()}
+@dataclass(frozen=True)
+class Meshed:
+    """A window at some N_s, and its cold and its warm start."""
+
+    window: Window
+    starts: dict[str, Start]
 
 
-def meshed(window: Window, nodes: int) -> Window:
-    """Return a window with so many intervals a stage."""
-    return replace(window, nodes=(nodes,) * len(window.stages))
+@dataclass(frozen=True)
+class Recorded:
+    """A window of a run on every mesh, by N_s, with the problem of its task."""
+
+    problem: Problem
+    meshes: dict[int, Meshed]
 
 
-def starts(solver: Solver, pair: tuple[Solution, Solution], nodes: int) -> dict[str, Start]:
-    """Return the cold and the warm start of a window on a mesh."""
-    window, count = meshed(pair[1].window, nodes), len(pair[1].window.stages)
+def recorded() -> dict[str, Recorded]:
+    """Run the tasks until the last of their windows and return all windows."""
+    found = {}
+    for task in dict.fromkeys(case.task for case in CASES.values()):
+        experiment = build_experiment(load_task(task, {"controller.nodes": 25}))
+        fatrop = build_solver(experiment.problem, SolverSpec(kind="fatrop"))
+        sample_time = experiment.problem.spec.controller.sample_time
+        at = {name: round(case.time / sample_time) for name, case in CASES.items() if case.task == task}
+        solves = [sample.command.solution for sample in islice(closed_loop(experiment), max(at.values()) + 1)]
+        for name, k in at.items():
+            meshes = {nodes: meshed(fatrop, solves[k - 1], solves[k], nodes) for nodes in CASES[name].nodes}
+            found[name] = Recorded(experiment.problem, meshes)
+    return found
+
+
+def stated(window: Window, nodes: int) -> Window:
+    """Return a window with so many intervals a stage and without limits of forces, which no peer states."""
+    stages = tuple(replace(stage, constraints={}) for stage in window.stages)
+    return replace(window, stages=stages, nodes=(nodes,) * len(stages))
+
+
+def meshed(solver: Solver, before: Solution, solution: Solution, nodes: int) -> Meshed:
+    """Return the window of a solution on a mesh, and its starts; `before` is the solution of the sample before."""
+    window, count = stated(solution.window, nodes), len(solution.window.stages)
     equal = window.start + window.horizon * np.arange(1, count) / count
-    rest = replace(resting_plan(window.start, window.horizon, window.K, window.x0), instants=equal)
-    before = solver.solve(meshed(pair[0].window, nodes), pair[0].guess)
-    assert before.outcome.usable, "the run's windows have solutions"
-    moved = shift(before.plan, window.start, window.horizon, window.x0)
-    return {"cold": (on_mesh(rest, window), None), "warm": (on_mesh(moved, window), before)}
+    rest = resting_plan(window.start, window.horizon, window.K, window.x0, window.chart)
+    cold = on_mesh(replace(rest, instants=equal), window)
+    found = solver.solve(stated(before.window, nodes), before.guess)
+    assert found.outcome.usable, "the run's windows have solutions"
+    moved = shift(found.plan.in_chart(window.chart), window.start, window.horizon, window.x0)
+    warm = on_mesh(moved, window)
+    return Meshed(window.about(warm), {"cold": (cold, None), "warm": (warm, found)})
 
 
-def plain(problem: Problem, window: Window, begins: dict[int, dict[str, Start]]) -> peers.Window:
-    """Return every number of a window, and its starts by N_s."""
+def plain(case: Recorded) -> peers.Window:
+    """Return every number of a window on all of its meshes."""
+    window = next(iter(case.meshes.values())).window
     shortest, last = shortest_durations(window), len(window.stages) - 1
+    assert not window.offset.any(), "costs are normalized by their largest value alone"
     stages = [
         peers.Stage(
             space=stage.space,
             omega=window.omega[s] / window.omega.max(),
-            offset=window.offset[s],
             scale=window.scale[s],
             weights=stage.weights,
             control_weights=stage.control_weights,
-            target=stage.target,
+            target=stage.target[: len(stage.target) - case.problem.model.space.n_sample_numbers],
             end_rows=list(stage.end_rows) if s < last else [],
-            tolerance=stage.end_tolerance,
+            tolerance=stage.end_tolerance if s < last else np.zeros(0),
             shortest=shortest[s],
-            low=np.r_[stage.limits.position_low, stage.limits.velocity_low],
-            high=np.r_[stage.limits.position_high, stage.limits.velocity_high],
+            low=stage.limits.acceleration_low,
+            high=stage.limits.acceleration_high,
         )
         for s, stage in enumerate(window.stages)
     ]
-    plans = {
-        nodes: {
-            name: peers.Start(plan.X, plan.u, np.diff(plan.instants, prepend=window.start))
-            for name, (plan, _) in each.items()
-        }
-        for nodes, each in begins.items()
+    return peers.Window(
+        robot=robot(case.problem.task.robot, window.chart.anchor),
+        x0=window.x0,
+        horizon=window.horizon,
+        pending_cost=window.pending_cost,
+        stages=stages,
+        meshes={nodes: plain_mesh(each) for nodes, each in case.meshes.items()},
+        repeats=REPEATS,
+    )
+
+
+def plain_mesh(case: Meshed) -> peers.Mesh:
+    """Return the numbers of a mesh."""
+    window = case.window
+    low, high = node_limits(Grid(len(window.x0) // 2, window.nodes), window.stages)
+    shift_limits(window, case.starts["warm"][0], low, high)
+    starts = {
+        name: peers.Start(plan.X, plan.u, np.diff(plan.instants, prepend=window.start), before is not None)
+        for name, (plan, before) in case.starts.items()
     }
-    arms = [
-        (tuple(arm.mount.position), arm.mount.angle, [link.a + link.b for link in arm.links], arm.tool.angle)
-        for arm in problem.task.robot.arms.values()
-    ]
-    return peers.Window(arms, window.x0, window.horizon, window.pending_cost, stages, plans, REPEATS)
+    return peers.Mesh(low, high, starts)
+
+
+def robot(spec: RobotSpec, anchor: np.ndarray) -> peers.Robot:
+    """Return the numbers of a robot; anchor: attitude about which a spatial one has its coordinates."""
+    if spec.dimension == 2:
+        return peers.PlanarRobot(
+            [
+                (tuple(arm.mount.position), arm.mount.angle, [link.a + link.b for link in arm.links], arm.tool.angle)
+                for arm in spec.arms.values()
+            ]
+        )
+    joints = [(frame(joint.at), np.array(joint.axis)) for joint in spec.joints]
+    return peers.SpatialRobot(anchor, joints, [frame(tool) for tool in spec.tools.values()])
+
+
+def frame(at: Attachment) -> peers.Frame:
+    """Return the numbers of a frame."""
+    return peers.Frame(at.body, np.array(at.position), np.array(exp(at.rotation), float))
 
 
 def own_solve(problem: Problem, window: Window, kind: str) -> Solve:
@@ -130,50 +205,81 @@ def own_solve(problem: Problem, window: Window, kind: str) -> Solve:
     return solve
 
 
-def results(directory: Path) -> Iterator[Result]:
-    """Yield what every program makes of every window; the peers read them from a file."""
-    problem, pairs = recorded()
-    fatrop = build_solver(problem, SolverSpec(kind="fatrop"))
-    begins = {name: {nodes: starts(fatrop, pair, nodes) for nodes in NODES} for name, pair in pairs.items()}
-    windows = {name: plain(problem, pair[1].window, begins[name]) for name, pair in pairs.items()}
-    (directory / "windows").write_bytes(pickle.dumps(windows))
-    for nodes, (name, pair), kind in product(NODES, pairs.items(), SOLVERS):
-        print(f"psmpc {kind}, {name}, N_s = {nodes}", file=sys.stderr)
-        build = partial(own_solve, problem, meshed(pair[1].window, nodes), kind)
-        found = measured(build, begins[name][nodes], REPEATS)
-        yield {"program": f"psmpc, {kind}", **found, "window": name, "nodes": nodes}
+def own_results(cases: Mapping[str, Recorded]) -> Iterator[Result]:
+    """Yield what every solver of psmpc makes of every window."""
+    for name, case in cases.items():
+        for (nodes, each), kind in product(case.meshes.items(), SOLVERS):
+            print(f"psmpc {kind}, {name}, N_s = {nodes}", file=sys.stderr)
+            found = measured(partial(own_solve, case.problem, each.window, kind), each.starts, REPEATS)
+            yield {"program": f"psmpc, {kind}", **found, "window": name, "nodes": nodes}
+
+
+def peer_results(directory: Path) -> Iterator[tuple[list[Result], str]]:
+    """Yield what each peer makes of the windows in a directory, and what is to be said of it if that is not all."""
     for name, environment in PEERS.items():
-        subprocess.run([HERE / environment / "bin" / "python", HERE / f"{name}_peer.py", directory], check=True)
-        yield from pickle.loads((directory / name).read_bytes())
+        python = HERE / environment / "bin" / "python"
+        if not python.exists():
+            yield [], f"{name} is not installed here."
+            continue
+        note = ""
+        try:
+            subprocess.run([python, HERE / f"{name}_peer.py", directory], stdout=sys.stderr, timeout=LIMIT, check=True)
+        except subprocess.TimeoutExpired:
+            note = f"{name} was stopped after {LIMIT / 60:.0f} minutes."
+        except subprocess.CalledProcessError:
+            note = f"{name} failed."
+        written = directory / name
+        results = pickle.loads(written.read_bytes()) if written.exists() else []
+        yield results, note
 
 
-def apart(row: Result, reference: Result, start: str) -> tuple[float, float]:
+def apart(found: Result, expected: Result) -> tuple[float, float]:
     """Return the relative difference of the objectives and the largest of the instants [s]."""
-    found, expected = row[start], reference[start]
     instants = [abs(a - b) for a, b in zip(found["instants"], expected["instants"], strict=True)]
     return abs(found["objective"] / expected["objective"] - 1), max(instants, default=0.0)
 
 
-def table(rows: list[Result]) -> tuple[list[str], bool]:
+def table(rows: Iterable[Result]) -> tuple[list[str], bool]:
     """Return the table of the results by window and N_s, and whether all programs agree."""
+    rows = list(rows)
     lines, agree = [HEADINGS, "|---" * HEADINGS.count(" | ") + "|---|"], True
     for window, nodes in dict.fromkeys((row["window"], row["nodes"]) for row in rows):
         here = {row["program"]: row for row in rows if (row["window"], row["nodes"]) == (window, nodes)}
         for program, row in here.items():
-            pairs = [apart(row, here[REFERENCE], start) for start in ("cold", "warm")]
+            starts = ("cold", "warm")
+            solved = [start for start in starts if row[start]["objective"] is not None]
+            pairs = [apart(row[start], here[REFERENCE][start]) for start in solved]
             objective, instant = (max(values) for values in zip(*pairs, strict=True))
             agree &= objective <= OBJECTIVE and instant <= INSTANT
-            cold, warm = (f"{1e3 * row[start]['time']:.1f} ({row[start]['iterations']})" for start in ("cold", "warm"))
+            cold, warm = (
+                f"{1e3 * row[start]['time']:.1f} ({row[start]['iterations']})" if start in solved else "fails"
+                for start in starts
+            )
             ratio = row["warm"]["time"] / here["psmpc, sqp"]["warm"]["time"]
             lines.append(
-                f"| {window} | {nodes} | {program} | {row['build']:.2f} | {cold} | {warm} | {ratio:.0f} "
+                f"| {window} | {nodes} | {program} | {row['build']:.2f} | {cold} | {warm} | {ratio:.2g} "
                 f"| {objective:.0e} | {1e3 * instant:.2f} |"
             )
     return lines, agree
 
 
-if __name__ == "__main__":
+def main() -> int:
+    """Solve all windows with all programs, print the table; return 1 where a peer fails or programs disagree."""
+    cases = recorded()
     with TemporaryDirectory() as temporary:
-        lines, agree = table(list(results(Path(temporary))))
+        directory = Path(temporary)
+        (directory / "windows").write_bytes(pickle.dumps({name: plain(case) for name, case in cases.items()}))
+        rows = list(own_results(cases))
+        notes = []
+        for results, note in peer_results(directory):
+            rows += results
+            notes += [note] if note else []
+    lines, agree = table(rows)
     print("\n".join(lines))
-    raise SystemExit(0 if agree else 1)
+    if notes:
+        print(f"\n{' '.join(notes)}")
+    return 0 if agree and not any(note.endswith("failed.") for note in notes) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

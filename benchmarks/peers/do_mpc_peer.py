@@ -32,12 +32,13 @@ def controller(window: Window, nodes: int) -> do_mpc.controller.MPC:
     (stage,) = window.stages
     mpc.set_objective(mterm=ca.SX(0), lterm=step * window.cost(stage, Q, u))
     mpc.set_rterm(u=0.0)
-    for name, rows in (("Q", slice(0, n)), ("Qdot", slice(n, None))):
-        mpc.bounds["lower", "_x", name] = stage.low[rows]
-        mpc.bounds["upper", "_x", name] = stage.high[rows]
-        mpc.terminal_bounds["lower", name] = stage.low[rows]
-        mpc.terminal_bounds["upper", name] = stage.high[rows]
+    mpc.bounds["lower", "_u", "u"] = stage.low
+    mpc.bounds["upper", "_u", "u"] = stage.high
     mpc.setup()
+    mesh = window.meshes[nodes]
+    for k in range(1, nodes + 1):
+        mpc.lb_opt_x["_x", k, 0, 0] = mesh.low[k]
+        mpc.ub_opt_x["_x", k, 0, 0] = mesh.high[k]
     return mpc
 
 

@@ -7,8 +7,9 @@ import time
 from functools import partial
 from typing import Any
 
+import casadi as ca
 import numpy as np
-from rockit import FreeTime, MultipleShooting, Ocp
+from rockit import FreeTime, MultipleShooting, Ocp, Stage
 from window import Solve, Start, Window, write_results
 
 QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
@@ -37,8 +38,7 @@ class Problem:
         stage.set_der(Q, Qdot)
         stage.set_der(Qdot, u)
         stage.method(MultipleShooting(N=self.nodes, M=1, intg="rk"))
-        for rows, x in ((slice(0, window.n), Q), (slice(window.n, None), Qdot)):
-            stage.subject_to((spec.low[rows] <= x) <= spec.high[rows], include_first=False)
+        self._limit(index, stage, ca.vertcat(Q, Qdot), u)
         stage.add_objective(stage.T / self.nodes * stage.sum(window.cost(spec, Q, u)))
         self.ocp.subject_to(spec.shortest <= stage.T)
         if index == 0:
@@ -58,9 +58,27 @@ class Problem:
         self.states.append((Q, Qdot))
         self.controls.append(u)
 
+    def _limit(self, index: int, stage: Stage, x: ca.MX, u: ca.MX) -> None:
+        """Limit states and controls; limits that differ from node to node are parameters."""
+        spec, mesh = self.window.stages[index], self.window.meshes[self.nodes]
+        at = slice(index * self.nodes, (index + 1) * self.nodes + 1)
+        low, high = mesh.low[at], mesh.high[at]
+        finite = np.isfinite(low).any(axis=0)
+        moves = (np.ptp(low[:, finite], axis=0) > 0).any()
+        rows = np.flatnonzero(finite)
+        bounds = [each[0, rows] for each in (low, high)]
+        if moves:
+            bounds = [stage.parameter(len(rows), grid="control+") for _ in bounds]
+            for parameter, each in zip(bounds, (low, high), strict=True):
+                stage.set_value(parameter, each[:, rows].T)
+        stage.subject_to((bounds[0] <= x[rows]) <= bounds[1], include_first=False)
+        forced = np.flatnonzero(np.isfinite(spec.low))
+        if len(forced):
+            stage.subject_to((spec.low[forced] <= u[forced]) <= spec.high[forced], include_last=False)
+
     def solve(self, start: Start) -> dict[str, Any]:
         """Solve from a start and return what came out."""
-        tau = np.append(start.durations, self.window.horizon - start.durations.sum())
+        tau = self.window.durations(start.durations)
         begins = np.concatenate([[0.0], np.cumsum(tau)[:-1]])
         for index, (stage, (Q, Qdot), u) in enumerate(zip(self.stages, self.states, self.controls, strict=True)):
             first = index * self.nodes

@@ -7,7 +7,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 
-OTHER_PROGRAMS = ("rockit_peer.py", "do_mpc_peer.py")
+OTHER_PROGRAMS = ("acados_peer.py", "rockit_peer.py", "do_mpc_peer.py")
 """Those that run in environments of their own, without psmpc."""
 
 SCRIPTS = [

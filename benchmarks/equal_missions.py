@@ -7,25 +7,23 @@ tolerances and limits are those of the task `catch_drifting`, the same for every
 runs/equal-missions.jsonl; a run that has its line is not repeated.
 """
 
-import json
 import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from missions import Row, median, results, run_missing
 from numpy.typing import ArrayLike
 from pages import markdown
-from scipy.stats import binomtest, bootstrap
+from scipy.stats import binomtest
 
 import psmpc_cli as psmpc
 from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.load import Task, load_robot
-from psmpc_cli.studies.runner import compute
 
 RESULTS = Path("runs/equal-missions.jsonl")
 
@@ -46,15 +44,14 @@ AGAINST = "hard, free end"
 SIDEWAYS = 1.5
 """How far to either side of the base the grippers go when they have let go [m]."""
 
-Row = dict[str, Any]
-
 
 def draw_mission(seed: int, controller: str) -> Task:
     """Return the mission of a seed; those that `psmpc check` rejects are drawn again."""
     rng = np.random.default_rng(seed)
     lean = {"controller.nodes": 25, "log.plans": False, "log.shares": False, "time_limit": 120, "by_controller": {}}
+    model = RobotModel(load_robot("planar_dual_arm"))
     while True:
-        drawn = _drawn(rng)
+        drawn = _drawn(rng, model)
         if drawn is None:
             continue
         try:
@@ -63,12 +60,7 @@ def draw_mission(seed: int, controller: str) -> Task:
             continue
 
 
-@cache
-def _robot() -> RobotModel:
-    return RobotModel(load_robot("planar_dual_arm"))
-
-
-def _drawn(rng: np.random.Generator) -> dict[str, Any] | None:
+def _drawn(rng: np.random.Generator, model: RobotModel) -> dict[str, Any] | None:
     """Draw a mission's changes of the task; None where the arms cannot hold the object so."""
     taken = _pose(rng, (1.5, 3.5), 90)
     left = _pose(rng, (0.0, 2.0), 60)
@@ -81,8 +73,8 @@ def _drawn(rng: np.random.Generator) -> dict[str, Any] | None:
     stand_off = rng.uniform(0.90, 1.02)
     arms = np.radians(rng.uniform([-45, -60, -30], [45, 60, 30], (2, 3)))
     grip = np.array([half_width, stand_off, np.radians(turn)])
-    holding = reach_of(_robot(), "arm_1", np.zeros(3), grip).configuration
-    mirrored = reach_of(_robot(), "arm_2", np.zeros(3), grip * [-1, 1, -1]).configuration
+    holding = reach_of(model, "arm_1", np.zeros(3), grip).configuration
+    mirrored = reach_of(model, "arm_2", np.zeros(3), grip * [-1, 1, -1]).configuration
     if holding is None or mirrored is None:
         return None
     return {
@@ -108,7 +100,10 @@ def _drawn(rng: np.random.Generator) -> dict[str, Any] | None:
 
 
 def _pose(rng: np.random.Generator, distances: tuple[float, float], angle: float) -> np.ndarray:
-    """Return a pose [x, y, angle] [m, deg] at a random distance and bearing from the origin."""
+    """Return a pose [x, y, angle] [m, deg] at a random distance and bearing from the origin.
+
+    As everything that a mission calls it is not imported from this folder, where the processes that run it do not look.
+    """
     distance = rng.uniform(*distances)
     bearing = rng.uniform(-np.pi, np.pi)
     return np.array([distance * np.cos(bearing), distance * np.sin(bearing), rng.uniform(-angle, angle)])
@@ -144,14 +139,6 @@ def measure(mission: tuple[str, int]) -> Row:
         "grasp_margin": round(float(min(each.margin for each in summary.monitors)), 4),
         "failed_solves": int(summary.failed_solves),
     }
-
-
-def results() -> dict[str, dict[int, Row]]:
-    """Return the lines of the results by controller and seed."""
-    found: dict[str, dict[int, Row]] = {}
-    for row in map(json.loads, RESULTS.read_text(encoding="utf-8").splitlines() if RESULTS.exists() else []):
-        found.setdefault(row["controller"], {})[row["seed"]] = row
-    return found
 
 
 def successes(made: dict[str, dict[int, Row]]) -> Iterator[Row]:
@@ -213,25 +200,13 @@ def _spread(values: Sequence[float]) -> str:
 
 def _median(pairs: Sequence[tuple[Row, Row]], of: Callable[[Row, Row], float]) -> str:
     """Return the median of a quantity of pairs of runs, with its bootstrap 95 % interval."""
-    sample = np.array([of(*pair) for pair in pairs])
-    if len(sample) < 2:
-        return "-"
-    found = bootstrap((sample,), np.median, method="percentile", rng=np.random.default_rng(0)).confidence_interval
-    return f"{np.median(sample):.2f} ({found.low:.2f} to {found.high:.2f})"
+    return median([of(*pair) for pair in pairs]) if len(pairs) > 1 else "-"
 
 
 def main(words: Sequence[str]) -> None:
     """Run what is missing and print the tables."""
-    counts = {name: int(count) for name, count in (word.split("=") for word in words or MISSIONS)}
-    made = results()
-    wanted = [(name, seed) for seed in range(max(counts.values())) for name in counts if seed < counts[name]]
-    missing = [(name, seed) for name, seed in wanted if seed not in made.get(name, {})]
-    RESULTS.parent.mkdir(exist_ok=True)
-    with RESULTS.open("a", encoding="utf-8") as file:
-        for _, row in compute(measure, dict(enumerate(missing)), 2):
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-    found = results()
+    run_missing(measure, words or MISSIONS, RESULTS)
+    found = results(RESULTS)
     made = {name: found[name] for name in CONTROLLERS if name in found}
     print("\n".join([*markdown(successes(made)), "", *markdown(differences(made)), "", *failures(made)]))
 

@@ -9,7 +9,7 @@ run adds one line to benchmarks/missions.jsonl; a run that has its line is not r
 import json
 import logging
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -92,10 +92,10 @@ def measure(mission: tuple[str, int]) -> Row:
     }
 
 
-def results() -> dict[str, dict[int, Row]]:
-    """Return the lines of the results by controller and seed."""
+def results(path: Path = RESULTS) -> dict[str, dict[int, Row]]:
+    """Return the lines of a file of results by controller and seed."""
     found: dict[str, dict[int, Row]] = {}
-    for row in map(json.loads, RESULTS.read_text(encoding="utf-8").splitlines() if RESULTS.exists() else []):
+    for row in map(json.loads, path.read_text(encoding="utf-8").splitlines() if path.exists() else []):
         found.setdefault(row["controller"], {})[row["seed"]] = row
     return found
 
@@ -147,16 +147,22 @@ def median(values: ArrayLike) -> str:
     return f"{np.median(sample):.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
-def main(words: Sequence[str]) -> None:
-    """Run what is missing and print the tables."""
-    counts = {name: int(count) for name, count in (word.split("=") for word in words or MISSIONS)}
-    made = results()
+def run_missing(measure: Callable[[tuple[str, int]], Row], words: Sequence[str], path: Path) -> None:
+    """Run the missions that a file of results lacks; words say how many of each controller, CONTROLLER=MISSIONS."""
+    counts = {name: int(count) for name, count in (word.split("=") for word in words)}
+    made = results(path)
     wanted = [(name, seed) for seed in range(max(counts.values())) for name in counts if seed < counts[name]]
     missing = [(name, seed) for name, seed in wanted if seed not in made.get(name, {})]
-    with RESULTS.open("a", encoding="utf-8") as file:
+    path.parent.mkdir(exist_ok=True)
+    with path.open("a", encoding="utf-8") as file:
         for _, row in compute(measure, dict(enumerate(missing)), 2):
             file.write(json.dumps(row) + "\n")
             file.flush()
+
+
+def main(words: Sequence[str]) -> None:
+    """Run what is missing and print the tables."""
+    run_missing(measure, words or MISSIONS, RESULTS)
     print("\n".join([*markdown(successes(results())), "", *markdown(starts(results()))]))
 
 

@@ -249,7 +249,7 @@ def table(rows: Iterable[Result]) -> tuple[list[str], bool]:
             starts = ("cold", "warm")
             solved = [start for start in starts if row[start]["objective"] is not None]
             pairs = [apart(row[start], here[REFERENCE][start]) for start in solved]
-            objective, instant = (max(values) for values in zip(*pairs, strict=True))
+            objective, instant = np.max(pairs, axis=0) if pairs else (np.nan, np.nan)
             agree &= objective <= OBJECTIVE and instant <= INSTANT
             cold, warm = (
                 f"{1e3 * row[start]['time']:.1f} ({row[start]['iterations']})" if start in solved else "fails"

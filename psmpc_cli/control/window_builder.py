@@ -44,13 +44,13 @@ class WindowBuilder:
             before: The previous solve, for the numbers of nodes it had; None without one.
         """
         spec = self._spec
-        own = [stages[index] for index in range(sequence.first, sequence.last + 1)]
+        own = tuple(stages[sequence.first : sequence.last + 1])
         # a stage's cost L is normalized to (L - offset) / scale; zeta keeps scale from being 0
         offset, scale = normalization(
             self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time
         )
         if sequence.continues:  # one stage in two parts, with one scale
-            own = [own[0], own[0].continued]
+            own = (own[0], own[0].continued)
             offset = np.repeat(offset, 2)
             scale = np.repeat(scale, 2)
         # for how long the first stage's end condition must still be met before the stage may end
@@ -58,7 +58,7 @@ class WindowBuilder:
         if own[0].awaits_object:
             hold = max(hold, spec.sample_time)  # the object cannot be seen to be there before the next sample
         window = Window(
-            stages=tuple(own),
+            stages=own,
             start=prediction.start,
             elapsed=prediction.start - sequence.entered,
             hold=hold,

@@ -269,9 +269,7 @@ class VelocityForm:
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], which: np.ndarray
     ) -> Linearization:
         """Return the model at a point with some more rows at nodes (J,)."""
-        is_new = np.zeros(len(self.row_node), bool)
-        is_new[which] = True
-        is_new[model.node_rows] = False
+        is_new = marked(which, len(self.row_node)) & ~marked(model.node_rows, len(self.row_node))
         if not is_new.any():
             return model
         found = [model.node_rows]
@@ -314,8 +312,7 @@ class VelocityForm:
         if not len(which):
             return np.zeros((0, 4 * self.grid.n + self.grid.switches))
         by_states_and_h = np.zeros((len(self.row_interval), 4 * self.grid.n + 1))
-        is_chosen = np.zeros(len(self.row_interval), bool)
-        is_chosen[which] = True
+        is_chosen = marked(which, len(self.row_interval))
         h = self.steps(point, float(p.horizon))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
             of_interval = at.reshape(len(rows.intervals), -1)
@@ -462,6 +459,13 @@ class VelocityForm:
             interval_rows=costing,
             interval_rows_by=costing_by,
         )
+
+
+def marked(which: np.ndarray, count: int) -> np.ndarray:
+    """Tell of so many things (count,) which are among some, given by their indices."""
+    found = np.zeros(count, bool)
+    found[which] = True
+    return found
 
 
 def _of_some(argument: np.ndarray, chosen: np.ndarray) -> np.ndarray:

@@ -116,7 +116,7 @@ class Window:
 
     @property
     def continues(self) -> bool:
-        """Whether one stage stands in the window before and after a switch."""
+        """Whether the window has one stage before and after a switch."""
         return len(self.stages) > 1 and self.stages[0].index == self.stages[1].index
 
     def about(self, plan: Plan) -> "Window":

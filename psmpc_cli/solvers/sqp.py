@@ -84,7 +84,7 @@ class Program:
     Attributes:
         model: The model it is of.
         qp: The solution.
-        reached: The point that the full step leads to.
+        reached: The point after the full step; where the step begins, if there is none.
         is_elastic: Its rows at nodes may be violated at a cost, see `SqpWindow.elastic`.
     """
 

@@ -21,7 +21,7 @@ from psmpc_cli.ocp.constraints.boxes import (
     shares_of_time,
     shift_limits,
 )
-from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm, marked
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import SHORTEST, Parameters, Window, shortest_durations
 from psmpc_cli.solvers.base import FEASIBLE
@@ -120,7 +120,7 @@ def window_bounds(
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A point of a window, and what stands there.
+    """A point of a window, with objective, constraints and violations there.
 
     Attributes:
         point: The point.
@@ -240,15 +240,16 @@ class SqpWindow:
 
         With them those that the point brings near their bounds: one more program then is enough, most often.
         """
-        of_nodes = of_intervals = np.zeros(0, int)
+        of_nodes = np.zeros(0, int)
+        of_intervals = np.zeros(0, int)
         if len(self.form.sometimes):
             violated = self._node_rows_beyond(reached.at.rows, -FEASIBLE)
-            if not _among(violated, model.node_rows, len(reached.at.rows)).all():
+            if not marked(model.node_rows, len(reached.at.rows))[violated].all():
                 of_nodes = self._node_rows_beyond(reached.at.rows, self._near)
         if len(self.form.row_interval):
             values = reached.at.interval_rows
             violated = self._interval_rows_beyond(reached.point, values, 1.0, FEASIBLE)
-            if not _among(violated, model.interval_rows, len(values)).all():
+            if not marked(model.interval_rows, len(values))[violated].all():
                 of_intervals = self._interval_rows_beyond(reached.point, values, NEAR_BOUND, 0.0)
         return of_nodes, of_intervals
 
@@ -281,11 +282,11 @@ class SqpWindow:
         return np.concatenate(rows)
 
     def evaluation(self, point: Point) -> Evaluation:
-        """Return a point with what stands there."""
+        """Evaluate the window at a point."""
         return self.evaluated(point, self.form.residuals(point, self.p))
 
     def evaluated(self, point: Point, at: Residuals) -> Evaluation:
-        """Return a point with what stands there, the penalty of its violations counted in the objective."""
+        """Return the evaluation of a point with these residuals, the penalty of violations added to the objective."""
         rows = self.rows(point, at)
         violation = self._violation(at, rows)
         if not len(self._soft_rows):
@@ -366,7 +367,7 @@ class SqpWindow:
         return np.asarray(penalties[which])
 
     def linearize(self, point: Point) -> tuple[Evaluation, Linearization]:
-        """Return what stands at a point, and the model there, its violations counted with the durations they last.
+        """Return the evaluation of a point, and the model there, violations weighted with the durations they last.
 
         What a step changes of the violations is left to the program, which knows it exactly. Of the rows over
         intervals it has those that are near their bounds, of rows at nodes too where these say so.
@@ -405,10 +406,3 @@ class SqpWindow:
         if not len(self._soft_rows):
             return 0.0
         return float(here.shares[self._soft_node] @ (self._soft_penalties(foreseen) - here.penalties))
-
-
-def _among(which: np.ndarray, others: np.ndarray, count: int) -> np.ndarray:
-    """Tell which of some indices, below a count, are among others."""
-    is_other = np.zeros(count, bool)
-    is_other[others] = True
-    return np.asarray(is_other[which])

@@ -160,11 +160,16 @@ def strength() -> Iterator[str]:
     )
 
 
+CAUGHT_BY = 25
+"""When a run that asks only whether the object is taken ends [s]."""
+
+
 def drifting(count: str) -> Iterator[str]:
     """Draw drift and spin up to the stated values, which the task's own motion does not know of."""
     drawn = {
         "object.motion": {"linear": [0, 0], "angular": 0},
         "uncertainty.object": {"linear": 0.02, "angular": "2 deg"},
+        "time_limit": CAUGHT_BY,
     }
     captures = [simulated("catch_drifting", {**drawn, "seed": k}).summary().capture for k in range(int(count))]
     taken = sum(math.isfinite(each.closed_at) for each in captures)

@@ -1,169 +1,535 @@
-"""Runs random missions of the transport kind under every controller: prints the tables of docs/missions.md.
+"""Runs random missions under every controller with one setting: prints the tables of docs/missions.md.
 
-    python benchmarks/missions.py [CONTROLLER=MISSIONS ...]
+    python benchmarks/missions.py STUDY [MISSIONS]     runs what is missing of a study, prints its tables
+    python benchmarks/missions.py figure               draws the study `effort`: end of missions over their effort
 
-Mission k is drawn with seed k; stages, skills, weights, priorities and monitors are those of the transport task. Each
-run adds one line to benchmarks/missions.jsonl; a run that has its line is not repeated.
+    plane       an object that drifts and spins is caught and brought to its destination: 30 missions
+    space       the same with two arms of seven joints: 10 missions
+    reach       hands reach poses from a base without thrusters: 30 missions
+    effort      missions of `plane` by control weight: 10 missions
+    best        each controller with the control weight with which it was fastest there: 30 missions of `plane`
+    noise       missions of `plane` by the noise of the measurements: 10 missions
+    masses, load, delay    the same by what else the controller does not know
+    priorities  the task `transport` by the priority of each stage, and by horizon and the priority of Release
+
+Mission k of a family is drawn with seed k. Stages, skills, weights, priorities, tolerances and limits are those of the
+family's task, the same for every controller. Each run adds one line to benchmarks/missions.jsonl; a run that has its
+line is not repeated, and studies share their runs. `PSMPC_DASK=ADDRESS` computes them on a Dask cluster.
 """
 
 import json
 import logging
+import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pages import markdown
+from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest, bootstrap
 
 import psmpc_cli as psmpc
+from psmpc_cli.figures.style import in_style, line_look, mark_look, new_figure
 from psmpc_cli.ocp.feasibility import load_feasible
-from psmpc_cli.specs.load import Task
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.reach import reach_of
+from psmpc_cli.specs.load import Task, load_robot
 from psmpc_cli.studies.runner import compute
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
-MISSIONS = ("psmpc=200", "smpc=200", "htmpc=200", "hard=200")
-STAND_OFF, GRIP, SIDEWAYS = np.array([0.0, -0.978]), np.array([0.6415, 0.0]), np.array([1.5, 0.0])
-"""Where the base stands, and the first arm grips and lets go, in the object's frame [m]; the second arm is opposite."""
-
-OBJECT, DESTINATION = ((1.5, 4.0), 90.0), ((0.0, 2.0), 60.0)
-"""Ranges of the poses that are drawn: distance from the origin [m] and angle [deg]."""
+FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "effort_front.png"
 
 Row = dict[str, Any]
+Changes = dict[str, Any]
+Made = dict[str, dict[int, Row]]
+"""Lines of the results by case, then by seed."""
+
+CONTROLLERS: Mapping[str, Changes] = {
+    "psmpc": {"controller.kind": "psmpc"},
+    "smpc": {"controller.kind": "smpc"},
+    "hard, free end": {"controller.kind": "hard", "controller.one_stage": "free_end"},
+    "hard": {"controller.kind": "hard"},
+    "htmpc": {"controller.kind": "htmpc"},
+}
+"""What each mission is run under; `hard` and `htmpc` have windows as published."""
+
+PLANNED = ("psmpc", "smpc", "hard, free end")
+"""Controllers whose windows have the end of the current stage."""
+
+FEWER = {"htmpc": 5}
+"""Missions of controllers that take minutes for one."""
+
+AGAINST = "hard, free end"
+"""What the others are compared with, mission by mission."""
+
+LEAN: Changes = {"controller.nodes": 25, "log.plans": False, "log.shares": False, "by_controller": {}}
+"""What every run has: one mesh and one setting for all controllers; what is not read here is not logged."""
+
+SIDEWAYS = 1.5
+"""How far to either side of the base the grippers go when they have let go [m]."""
+
+OTHERS = 100
+"""Seed of the first mission that settings are compared on; results with the chosen one are from missions before it."""
 
 
-def draw_mission(seed: int, controller: str) -> Task:
-    """Return the mission of a seed; poses that `psmpc check` rejects are drawn again."""
-    random = np.random.default_rng(seed)
-    lean = {"controller.nodes": 25, "log.plans": False, "log.shares": False, "time_limit": 120}
+# ------------------------------------------------------------------------------------------------ missions
+
+
+def draw_plane(rng: np.random.Generator) -> Changes | None:
+    """Draw what differs from `catch_drifting`; None where the arms cannot hold the object so."""
+    model = RobotModel(load_robot("planar_dual_arm"))
+    taken = pose(rng, (1.5, 3.5), 90)
+    left = pose(rng, (0.0, 2.0), 60)
+    drift = rng.uniform(0.0, 0.02)
+    heading = rng.uniform(-np.pi, np.pi)
+    spin = rng.uniform(-2.0, 2.0)
+    mass = np.exp(rng.uniform(np.log(5.0), np.log(60.0)))
+    half_width = rng.uniform(0.60, 0.68)
+    turn = rng.uniform(125.0, 145.0)
+    stand_off = rng.uniform(0.90, 1.02)
+    arms = np.radians(rng.uniform([-45, -60, -30], [45, 60, 30], (2, 3)))
+    grip = np.array([half_width, stand_off, np.radians(turn)])
+    holding = reach_of(model, "arm_1", np.zeros(3), grip).configuration
+    mirrored = reach_of(model, "arm_2", np.zeros(3), grip * [-1, 1, -1]).configuration
+    if holding is None or mirrored is None:
+        return None
+    return {
+        "initial": {"base": [0, 0, 0], "arm_1": arms[0].tolist(), "arm_2": arms[1].tolist()},
+        "object.pose": at(taken),
+        "object.motion": {"linear": [drift * np.cos(heading), drift * np.sin(heading)], "angular": f"{spin:.3f} deg"},
+        "object.mass": float(mass),
+        "object.inertia": float(2.67 / 20 * mass),
+        "object.grasp.at": {
+            "arm_1": [float(half_width), 0, f"{turn:.3f} deg"],
+            "arm_2": [float(-half_width), 0, f"{-turn:.3f} deg"],
+        },
+        "object.destination.pose": at(left, [0.0, stand_off]),
+        "stages.approach.target.base": {"object": [0, float(-stand_off), "0 deg"]},
+        "stages.capture.target.base": {"object": [0, float(-stand_off), "0 deg"]},
+        "stages.transport.target": {"base": at(left), "arm_1": list(holding), "arm_2": list(mirrored)},
+        "stages.release.target": {
+            "base": at(left),
+            "arm_1": at(left, [SIDEWAYS, 0.0]),
+            "arm_2": at(left, [-SIDEWAYS, 0.0]),
+        },
+    }
+
+
+def pose(rng: np.random.Generator, distances: tuple[float, float], angle: float) -> np.ndarray:
+    """Return a pose [x, y, angle] [m, deg] at a random distance and bearing from the origin."""
+    distance = rng.uniform(*distances)
+    bearing = rng.uniform(-np.pi, np.pi)
+    return np.array([distance * np.cos(bearing), distance * np.sin(bearing), rng.uniform(-angle, angle)])
+
+
+def at(frame: np.ndarray, offset: ArrayLike = (0.0, 0.0)) -> list[Any]:
+    """Return the pose at an offset in a frame [x, y, angle] [m, deg], as a task has it."""
+    c = np.cos(np.radians(frame[2]))
+    s = np.sin(np.radians(frame[2]))
+    x, y = frame[:2] + np.array([[c, -s], [s, c]]) @ offset
+    return [float(x), float(y), f"{frame[2]:.4f} deg"]
+
+
+def draw_space(rng: np.random.Generator) -> Changes:
+    """Draw what differs from `catch_tumbling`: the object's pose, motion and mass, where it goes, and postures."""
+    taken = rng.uniform(2.0, 3.0) * direction(rng)
+    attitude = Rotation.from_rotvec(rng.uniform(0.0, np.radians(45)) * direction(rng))
+    drift = rng.uniform(0.0, 0.01) * direction(rng)
+    spin = np.radians(rng.uniform(0.0, 2.0)) * direction(rng)
+    mass = np.exp(rng.uniform(np.log(5.0), np.log(30.0)))
+    home = rng.uniform(0.0, 0.8) * direction(rng)
+    x, y, z, w = attitude.as_quat()
+    base = {"position": home.tolist()}
+    left = np.array([1.02, 0.21, -0.77, 1.11, 0.9, -1.56, -0.42])
+    start = left + rng.uniform(-0.2, 0.2, 7)
+    mirror = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    return {
+        "initial.left": start.tolist(),
+        "initial.right": (mirror * start).tolist(),
+        "object.pose": {
+            "position": taken.tolist(),
+            "attitude": {"quaternion": [float(w), float(x), float(y), float(z)]},
+        },
+        "object.motion": {"linear": drift.tolist(), "angular": spin.tolist()},
+        "object.mass": float(mass),
+        "object.inertia": (mass / 15 * np.array([0.6, 0.4, 0.5])).tolist(),
+        "object.destination.pose": {"position": (home + np.array([1.5, 0.0, -0.4])).tolist()},
+        "stages.carry.target.base": base,
+        "stages.let_go.target.base": base,
+    }
+
+
+def direction(rng: np.random.Generator) -> np.ndarray:
+    """Return a random unit vector."""
+    vector = rng.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def draw_reach(rng: np.random.Generator) -> Changes:
+    """Draw what differs from `float_and_reach`: postures before and after, and the poses that the hands reach.
+
+    They are those to which a straight motion of the joints leads, so that there is a way.
+    """
+    model = RobotModel(load_robot("planar_dual_arm"))
+    folded = np.array([0.3, 0.3, 0.3, -0.3, -0.3, -0.3])
+    start = folded + rng.uniform(-0.5, 0.5, 6)
+    end = folded + rng.uniform(-0.5, 0.5, 6)
+    way = rng.uniform(-1.0, 1.0, 6)
+    Q = floated(model, np.concatenate([np.zeros(3), start]), way)
+    poses = model.poses(Q)
+    return {
+        "initial.arm_1": start[:3].tolist(),
+        "initial.arm_2": start[3:].tolist(),
+        "stages.reach.target": {"arm_1": poses[1].tolist(), "arm_2": poses[2].tolist()},
+        "stages.fold.target": {"arm_1": end[:3].tolist(), "arm_2": end[3:].tolist()},
+    }
+
+
+def floated(model: RobotModel, Q: np.ndarray, way: np.ndarray, steps: int = 200) -> np.ndarray:
+    """Return the configuration (9,) after a motion of the joints (6,) [rad] from rest that nothing pushes."""
+    for _ in range(steps):
+        H = model.mass_matrix(Q)
+        base = -np.linalg.solve(H[:3, :3], H[:3, 3:] @ way)  # no momentum: H_bb v_b + H_bq qdot = 0
+        Q = Q + np.concatenate([base, way]) / steps
+    return Q
+
+
+FAMILIES: Mapping[str, tuple[str, Callable[[np.random.Generator], Changes | None]]] = {
+    "plane": ("catch_drifting", draw_plane),
+    "space": ("catch_tumbling", draw_space),
+    "reach": ("float_and_reach", draw_reach),
+    "transport": ("transport", lambda rng: {}),
+}
+"""Task of each family of missions, and what draws a mission's changes of it."""
+
+
+def draw_mission(family: str, seed: int, changes: Changes) -> Task:
+    """Return a mission with some changes; draws that `psmpc check` rejects without them are repeated."""
+    task, draw = FAMILIES[family]
+    rng = np.random.default_rng(seed)
     while True:
-        taken, left = draw_pose(random, *OBJECT), draw_pose(random, *DESTINATION)
+        drawn = draw(rng)
+        if drawn is None:
+            continue
+        mission = {**LEAN, "time_limit": 120, **drawn}
         try:
-            return load_feasible("transport", {**targets(taken, left), "controller.kind": controller, **lean})
+            load_feasible(task, mission)
         except psmpc.SpecError:
             continue
+        return load_feasible(task, {**mission, **changes, "seed": seed})
 
 
-def draw_pose(random: np.random.Generator, distances: tuple[float, float], angle: float) -> np.ndarray:
-    """Return a pose [x, y, angle] [m, deg] at a random distance and bearing from the origin."""
-    distance, bearing = random.uniform(*distances), random.uniform(-np.pi, np.pi)
-    return np.array([distance * np.cos(bearing), distance * np.sin(bearing), random.uniform(-angle, angle)])
+# ------------------------------------------------------------------------------------------------ studies
 
 
-def targets(taken: np.ndarray, left: np.ndarray) -> dict[str, Any]:
-    """Return what places object and stages: the poses [x, y, angle] (3,) [m, deg] of the object and of its release."""
+@dataclass(frozen=True)
+class Case:
+    """What missions are run with, beside what is drawn.
 
-    def at(frame: np.ndarray, offset: ArrayLike = (0, 0), turn: float = 0.0) -> list[Any]:
-        c, s = np.cos(np.radians(frame[2])), np.sin(np.radians(frame[2]))
-        x, y = frame[:2] + np.array([[c, -s], [s, c]]) @ offset
-        return [round(float(x), 4), round(float(y), 4), f"{frame[2] + turn:.2f} deg"]
+    Attributes:
+        controller: The controller, by the row of the tables.
+        level: What differs from the family's task, in words; "" if nothing does.
+        changes: The keys that say so.
+    """
 
-    base, destination = at(taken, STAND_OFF), at(left)
-    return {
-        "object.pose": at(taken),
-        "stages.approach.target.base": base,
-        "stages.capture.target": {"base": base, "arm_1": at(taken, GRIP, 135), "arm_2": at(taken, -GRIP, -135)},
-        "stages.transport.target.base": destination,
-        "stages.release.target": {"base": destination, "arm_1": at(left, SIDEWAYS), "arm_2": at(left, -SIDEWAYS)},
-    }
+    controller: str
+    level: str
+    changes: Changes
+
+    @property
+    def name(self) -> str:
+        """The name under which the results have it."""
+        return f"{self.controller}; {self.level}" if self.level else self.controller
 
 
-def measure(mission: tuple[str, int]) -> Row:
-    """Run the mission of a seed under a controller and return its line of the results."""
+def cases(levels: Mapping[str, Changes], controllers: Sequence[str]) -> list[Case]:
+    """Return each level under each controller."""
+    return [
+        Case(controller, level, {**CONTROLLERS[controller], **changes})
+        for level, changes in levels.items()
+        for controller in controllers
+    ]
+
+
+def weight(value: float) -> tuple[str, Changes]:
+    """Return a control weight of all skills of `catch_drifting`."""
+    return f"W_r = {value:g}", {f"skills.{skill}.weights.control": value for skill in ("move", "reach")}
+
+
+def noise(sigma: float) -> tuple[str, Changes]:
+    """Return noise of every measured position [m] and angle [rad], of the object as of the robot."""
+    quantities = ("position", "angle", "object_position", "object_angle")
+    return f"{1e3 * sigma:g} mm", {"uncertainty.noise": dict.fromkeys(quantities, sigma)}
+
+
+PRIORITIES = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3)
+STAGES = ("approach", "capture", "transport", "release")
+HORIZONS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
+"""What the study of priorities goes through [1, s]."""
+
+LAST_PRIORITIES = (1e-3, 1e-2, 3e-2, 1e-1, 1.0)
+"""Priorities of Release that it goes through with each horizon."""
+
+
+def priority(stage: str, value: float) -> tuple[str, Changes]:
+    """Return a priority of one stage of `transport`."""
+    return f"{stage} {value:g}", {f"stages.{stage}.priority": value}
+
+
+def horizon(length: float, value: float) -> tuple[str, Changes]:
+    """Return a horizon [s] and a priority of Release."""
+    return f"{length:g} s, release {value:g}", {"controller.horizon": length, "stages.release.priority": value}
+
+
+LEVELS: Mapping[str, Mapping[str, Changes]] = {
+    "plane": {"": {}},
+    "space": {"": {}},
+    "reach": {"": {}},
+    "effort": dict(map(weight, (0.05, 0.25, 1, 4, 16))),
+    "noise": dict(map(noise, (1e-4, 3e-4, 1e-3, 3e-3, 1e-2))),
+    "masses": {
+        f"{100 * error:g} %": {
+            "uncertainty.mass": error,
+            "uncertainty.inertia": error,
+            "uncertainty.object.mass": error,
+        }
+        for error in (0.1, 0.3)
+    },
+    "load": {"not known": {"object.grasp.known": False}},
+    "delay": {"1 sample": {"uncertainty.delay": 1}},
+    "priorities": {
+        **dict(priority(stage, value) for stage in STAGES for value in PRIORITIES),
+        **dict(horizon(length, value) for length in HORIZONS for value in LAST_PRIORITIES),
+    },
+}
+"""Levels of each study."""
+
+STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
+    "plane": ("plane", tuple(CONTROLLERS), range(30)),
+    "space": ("space", PLANNED, range(10)),
+    "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),
+    "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 10)),
+    "noise": ("plane", PLANNED, range(10)),
+    "masses": ("plane", PLANNED, range(10)),
+    "load": ("plane", PLANNED, range(10)),
+    "delay": ("plane", PLANNED, range(10)),
+    "priorities": ("transport", ("psmpc",), range(1)),
+}
+"""Family, controllers and seeds of each study."""
+
+
+def measure(item: tuple[str, Case, int]) -> Row:
+    """Run a mission and return its line of the results."""
     logging.disable(logging.CRITICAL)
-    controller, seed = mission
-    summary = psmpc.simulate(draw_mission(seed, controller)).summary()
-    held = summary.monitors[0]
+    family, case, seed = item
+    line = {"family": family, "case": case.name, "seed": seed}
+    run = psmpc.simulate(draw_mission(family, seed, case.changes))
+    summary = run.summary()
+    ends = np.array([float(stage.switch_time) for stage in summary.stages])
+    starts = np.array([float(stage.actual_start) for stage in summary.stages])
+    margins = [each.margin for each in summary.monitors]
     return {
-        "seed": seed,
-        "controller": controller,
-        "completed": summary.completed,
-        "succeeded": summary.succeeded,
-        "time": round(summary.duration, 3),
-        "switch_time": [round(float(stage.switch_time), 3) for stage in summary.stages],
-        "actual_start": [round(float(stage.actual_start), 3) for stage in summary.stages],
-        "margin": round(held.margin, 4),
-        "broken_at": None if held.held else round(held.broken_at, 2),
-        "effort": round(summary.squared_acceleration, 4),
-        "control_effort": round(summary.control_effort, 4),
-        "failed_solves": summary.failed_solves,
+        **line,
+        "succeeded": bool(summary.succeeded),
+        "why": "; ".join(each.name for each in summary.monitors if not each.held) or summary.reason,
+        "time": round(float(summary.duration), 3),
+        "ends": ends.round(3).tolist(),
+        "starts": starts.round(3).tolist(),
+        "effort": round(float(summary.control_effort), 4),
+        "force": round(float(np.nanmax(run["peak/base_force"])), 3),
+        "margin": round(float(min(margins)), 4) if margins else None,
+        "failed_solves": int(summary.failed_solves),
     }
 
 
-def results(path: Path = RESULTS) -> dict[str, dict[int, Row]]:
-    """Return the lines of a file of results by controller and seed."""
-    found: dict[str, dict[int, Row]] = {}
-    for row in map(json.loads, path.read_text(encoding="utf-8").splitlines() if path.exists() else []):
-        found.setdefault(row["controller"], {})[row["seed"]] = row
+def results(family: str) -> Made:
+    """Return the lines of a family of missions."""
+    made: Made = {}
+    lines = RESULTS.read_text(encoding="utf-8").splitlines() if RESULTS.exists() else []
+    for row in map(json.loads, lines):
+        if row["family"] == family:
+            made.setdefault(row["case"], {})[row["seed"]] = row
+    return made
+
+
+def run_missing(family: str, wanted: Sequence[Case], seeds: Sequence[int]) -> Made:
+    """Run the missions of some cases that the results lack; return the lines of these cases, in their order."""
+    chosen = {case.name: seeds[: FEWER.get(case.controller)] for case in wanted}
+    made = results(family)
+    missing = [
+        (family, case, seed)
+        for seed in seeds
+        for case in wanted
+        if seed in chosen[case.name] and seed not in made.get(case.name, {})
+    ]
+    with RESULTS.open("a", encoding="utf-8") as file:
+        for _, row in compute(measure, dict(enumerate(missing)), 2, os.environ.get("PSMPC_DASK")):
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+    made = results(family)
+    return {name: {seed: made[name][seed] for seed in each} for name, each in chosen.items()}
+
+
+def best_cases() -> list[Case]:
+    """Return each controller with the control weight with which it was fastest on the missions of `effort`."""
+    family, controllers, seeds = STUDIES["effort"]
+    made = results(family)
+    found = []
+    for controller in controllers:
+        tried = [case for case in cases(LEVELS["effort"], [controller]) if set(seeds) <= set(made.get(case.name, {}))]
+        found.append(min(tried, key=lambda case: rank([made[case.name][seed] for seed in seeds])))
     return found
 
 
-def successes(made: dict[str, dict[int, Row]]) -> Iterator[Row]:
-    """Yield how often each controller succeeds, and what it costs against hard switching."""
+def rank(rows: Sequence[Row]) -> tuple[int, float]:
+    """Return what settings are compared by: how many missions fail, then the median time of those that succeed [s]."""
+    times = [row["time"] for row in rows if row["succeeded"]]
+    return len(rows) - len(times), float(np.median(times)) if times else np.inf
+
+
+# ------------------------------------------------------------------------------------------------ tables
+
+
+def successes(made: Made) -> Iterator[Row]:
+    """Yield how often each case succeeds, and what its missions take."""
     for name, rows in made.items():
-        succeeded = sum(row["succeeded"] for row in rows.values())
-        rate = binomtest(succeeded, len(rows)).proportion_ci(method="wilson")
-        hard = made.get("hard", {})
-        pairs = [(row, hard[seed]) for seed, row in rows.items() if seed in hard and row["completed"]]
+        succeeded = [row for row in rows.values() if row["succeeded"]]
+        rate = binomtest(len(succeeded), len(rows)).proportion_ci(method="wilson")
+        line: Row = {
+            "controller": f"`{name}`",
+            "succeeded": f"{len(succeeded)} of {len(rows)}",
+            "success rate": f"{100 * rate.low:.0f} to {100 * rate.high:.0f} %",
+            "end [s]": spread([row["time"] for row in succeeded]),
+            "effort": spread([row["effort"] for row in succeeded]),
+            "largest force on the base [N]": spread([row["force"] for row in succeeded]),
+            "second stage early by [s]": spread([row["ends"][0] - row["starts"][1] for row in succeeded]),
+        }
+        if any(row["margin"] is not None for row in succeeded):
+            line["smallest margin of a verdict [%]"] = spread([100 * row["margin"] for row in succeeded])
+        line["failed solves a run"] = f"{np.mean([row['failed_solves'] for row in rows.values()]):.2f}"
+        yield line
+
+
+def differences(made: Made) -> Iterator[Row]:
+    """Yield what each case needs more or less than hard switching with a free end, where both succeed."""
+    for name, rows in made.items():
+        controller, _, level = name.partition("; ")
+        other = made.get(f"{AGAINST}; {level}" if level else AGAINST, {})
+        if controller == AGAINST:
+            continue
+        pairs = [
+            (row, other[seed])
+            for seed, row in rows.items()
+            if seed in other and row["succeeded"] and other[seed]["succeeded"]
+        ]
         yield {
             "controller": f"`{name}`",
-            "succeeded": f"{succeeded} of {len(rows)}",
-            "success rate": f"{100 * rate.low:.1f} to {100 * rate.high:.1f} %",
-            "time less that of `hard` [s]": median([row["time"] - other["time"] for row, other in pairs]),
-            "integral of &#124;u&#124;^2 over that of `hard`": relative(pairs, "effort"),
-            "control effort over that of `hard`": relative(pairs, "control_effort"),
+            "both succeed": len(pairs),
+            "end, difference [s]": median([row["time"] - base["time"] for row, base in pairs]),
+            "end, ratio": median([row["time"] / base["time"] for row, base in pairs]),
+            "effort, ratio": median([row["effort"] / base["effort"] for row, base in pairs]),
+            "largest force, ratio": median([row["force"] / base["force"] for row, base in pairs if base["force"]]),
         }
 
 
-def relative(pairs: Sequence[tuple[Row, Row]], name: str) -> str:
-    """Return the median of a quantity over that of the other run, and of how many missions where not all have it."""
-    known = [row[name] / other[name] for row, other in pairs if name in row and name in other]
-    if not known:
-        return "-"
-    return median(known) + ("" if len(known) == len(pairs) else f", {len(known)} missions")
-
-
-def starts(made: dict[str, dict[int, Row]]) -> Iterator[Row]:
-    """Yield how early each stage starts, and when objects are lost."""
+def failures(made: Made) -> Iterator[str]:
+    """Yield why missions failed, and their numbers."""
     for name, rows in made.items():
-        ends, starts = (np.array([row[key] for row in rows.values()]) for key in ("switch_time", "actual_start"))
-        capture, transport, release = map(median, (ends[:, :3] - starts[:, 1:]).T)
-        lost = [(row["broken_at"], row["actual_start"][3]) for row in rows.values() if row["broken_at"] is not None]
-        yield {
-            "controller": f"`{name}`",
-            "Capture starts early by [s]": capture,
-            "Transport by [s]": transport,
-            "Release by [s]": release,
-            "lost after Release began": f"{sum(at >= start for at, start in lost)} of {len(lost)}",
-        }
+        reasons: dict[str, list[int]] = {}
+        for seed, row in rows.items():
+            if not row["succeeded"]:
+                reasons.setdefault(row["why"], []).append(seed)
+        for reason, seeds in reasons.items():
+            shown = ", ".join(map(str, sorted(seeds)[:8])) + (", ..." if len(seeds) > 8 else "")
+            yield f"- `{name}`: {len(seeds)} failed: {reason} (missions {shown})"
 
 
-def median(values: ArrayLike) -> str:
+def priorities(made: Made) -> Iterator[str]:
+    """Yield when `transport` ends by the priority of each stage, then by horizon and the priority of Release."""
+
+    def outcome(level: str) -> str:
+        (row,) = made[f"psmpc; {level}"].values()
+        early = row["ends"][2] - row["starts"][3]
+        end = f"{row['time']:.1f}" if row["succeeded"] else f"**{row['why']}**"
+        return f"{end} ({early:.1f})"
+
+    by_stage = [
+        {"priority of": stage, **{f"{each:g}": outcome(priority(stage, each)[0]) for each in PRIORITIES}}
+        for stage in STAGES
+    ]
+    by_horizon = [
+        {"horizon [s]": f"{length:g}", **{f"{each:g}": outcome(horizon(length, each)[0]) for each in LAST_PRIORITIES}}
+        for length in HORIZONS
+    ]
+    yield from markdown(by_stage)
+    yield ""
+    yield from markdown(by_horizon)
+
+
+def spread(values: Sequence[float]) -> str:
+    """Return the 5, 50 and 95 % quantiles of a sample."""
+    known = np.array(values, float)
+    known = known[np.isfinite(known)]
+    return " / ".join(f"{value:.1f}" for value in np.quantile(known, (0.05, 0.5, 0.95))) if len(known) else "-"
+
+
+def median(values: Sequence[float]) -> str:
     """Return the median of a sample, with its bootstrap 95 % interval."""
+    if len(values) < 2:
+        return "-"
     sample = np.asarray(values)
     found = bootstrap((sample,), np.median, method="percentile", rng=np.random.default_rng(0)).confidence_interval
     return f"{np.median(sample):.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
-def run_missing(measure: Callable[[tuple[str, int]], Row], words: Sequence[str], path: Path) -> None:
-    """Run the missions that a file of results lacks; words say how many of each controller, CONTROLLER=MISSIONS."""
-    counts = {name: int(count) for name, count in (word.split("=") for word in words)}
-    made = results(path)
-    wanted = [(name, seed) for seed in range(max(counts.values())) for name in counts if seed < counts[name]]
-    missing = [(name, seed) for name, seed in wanted if seed not in made.get(name, {})]
-    path.parent.mkdir(exist_ok=True)
-    with path.open("a", encoding="utf-8") as file:
-        for _, row in compute(measure, dict(enumerate(missing)), 2):
-            file.write(json.dumps(row) + "\n")
-            file.flush()
+def study(name: str, count: str = "") -> Iterator[str]:
+    """Run what is missing of a study and yield the lines of its tables."""
+    family, controllers, seeds = STUDIES["plane" if name == "best" else name]
+    wanted = best_cases() if name == "best" else cases(LEVELS[name], controllers)
+    made = run_missing(family, wanted, seeds[: int(count)] if count else seeds)
+    if name == "priorities":
+        yield from priorities(made)
+        return
+    yield from markdown(successes(made))
+    if name != "best":
+        yield ""
+        yield from markdown(differences(made))
+    failed = list(failures(made))
+    if failed:
+        yield ""
+        yield from failed
+
+
+# ------------------------------------------------------------------------------------------------ figure
+
+
+def figure() -> Iterator[str]:
+    """Draw the median end of missions over their median effort, a line for each controller along its control weight."""
+    family, controllers, seeds = STUDIES["effort"]
+    made = results(family)
+    with in_style():
+        drawn = new_figure()
+        axes = drawn.subplots()
+        for index, controller in enumerate(controllers):
+            rows = [[made[case.name][seed] for seed in seeds] for case in cases(LEVELS["effort"], [controller])]
+            whole = [each for each in rows if all(row["succeeded"] for row in each)]
+            efforts = [np.median([row["effort"] for row in each]) for each in whole]
+            times = [np.median([row["time"] for row in each]) for each in whole]
+            axes.plot(efforts, times, label=controller, **{**line_look(index), **mark_look(index), "linestyle": "-"})
+        axes.set(xlabel="control effort [m$^2$/s$^3$, rad$^2$/s$^3$]", ylabel="end of the mission [s]")
+        axes.legend()
+        drawn.savefig(FIGURE)
+    yield f"{FIGURE}"
 
 
 def main(words: Sequence[str]) -> None:
-    """Run what is missing and print the tables."""
-    run_missing(measure, words or MISSIONS, RESULTS)
-    print("\n".join([*markdown(successes(results())), "", *markdown(starts(results()))]))
+    """Print the lines of what the command line names."""
+    for line in figure() if words[0] == "figure" else study(*words):
+        print(line, flush=True)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -271,6 +272,9 @@ STAGES = ("approach", "capture", "transport", "release")
 HORIZONS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
 """What the study of priorities goes through [1, s]."""
 
+DRAWN = 30
+"""How many priorities of all stages it draws."""
+
 LAST_PRIORITIES = (1e-3, 1e-2, 3e-2, 1e-1, 1.0)
 """Priorities of Release that it goes through with each horizon."""
 
@@ -278,6 +282,14 @@ LAST_PRIORITIES = (1e-3, 1e-2, 3e-2, 1e-1, 1.0)
 def priority(stage: str, value: float) -> tuple[str, Changes]:
     """Return a priority of one stage of `transport`."""
     return f"{stage} {value:g}", {f"stages.{stage}.priority": value}
+
+
+def drawn(number: int) -> tuple[str, Changes]:
+    """Return priorities of all stages drawn at random, uniform in their logarithm over the range of the study."""
+    rng = np.random.default_rng(number)
+    values = np.exp(rng.uniform(np.log(PRIORITIES[0]), np.log(PRIORITIES[-1]), len(STAGES)))
+    changes = {f"stages.{stage}.priority": float(f"{value:.3g}") for stage, value in zip(STAGES, values, strict=True)}
+    return f"drawn {number}", changes
 
 
 def horizon(length: float, value: float) -> tuple[str, Changes]:
@@ -304,6 +316,7 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
     "priorities": {
         **dict(priority(stage, value) for stage in STAGES for value in PRIORITIES),
         **dict(horizon(length, value) for length in HORIZONS for value in LAST_PRIORITIES),
+        **dict(map(drawn, range(DRAWN))),
     },
 }
 """Levels of each study."""
@@ -449,25 +462,40 @@ def failures(made: Made) -> Iterator[str]:
 
 
 def priorities(made: Made) -> Iterator[str]:
-    """Yield when `transport` ends by the priority of each stage, then by horizon and the priority of Release."""
+    """Yield when `transport` ends by the priority of each stage, by horizon and the priority of Release, and drawn."""
+
+    def row_of(level: str) -> Row:
+        (row,) = made[f"psmpc; {level}"].values()
+        return row
 
     def outcome(level: str) -> str:
-        (row,) = made[f"psmpc; {level}"].values()
+        row = row_of(level)
         early = row["ends"][2] - row["starts"][3]
-        end = f"{row['time']:.1f}" if row["succeeded"] else f"**{row['why']}**"
-        return f"{end} ({early:.1f})"
+        return f"{row['time']:.1f} ({early:.1f})" if row["succeeded"] else f"lost ({early:.1f})"
 
-    by_stage = [
-        {"priority of": stage, **{f"{each:g}": outcome(priority(stage, each)[0]) for each in PRIORITIES}}
-        for stage in STAGES
-    ]
-    by_horizon = [
-        {"horizon [s]": f"{length:g}", **{f"{each:g}": outcome(horizon(length, each)[0]) for each in LAST_PRIORITIES}}
-        for length in HORIZONS
-    ]
+    by_stage = []
+    for stage in STAGES:
+        outcomes = {f"{value:g}": outcome(priority(stage, value)[0]) for value in PRIORITIES}
+        by_stage.append({"priority of": stage, **outcomes})
+    by_horizon = []
+    for length in HORIZONS:
+        outcomes = {f"{value:g}": outcome(horizon(length, value)[0]) for value in LAST_PRIORITIES}
+        by_horizon.append({"horizon [s]": f"{length:g}", **outcomes})
     yield from markdown(by_stage)
     yield ""
     yield from markdown(by_horizon)
+    yield ""
+    ratios = []
+    for level, changes in map(drawn, range(DRAWN)):
+        ratio = changes["stages.release.priority"] / changes["stages.transport.priority"]
+        ratios.append((ratio, row_of(level)["succeeded"]))
+    edges = (0.0, 0.01, 0.03, 0.1, 1.0, np.inf)
+    by_ratio = []
+    for low, high in pairwise(edges):
+        within = [succeeded for ratio, succeeded in ratios if low <= ratio < high]
+        of = f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} or more"
+        by_ratio.append({"release over transport": of, "drawn": len(within), "kept": sum(within)})
+    yield from markdown(by_ratio)
 
 
 def spread(values: Sequence[float]) -> str:

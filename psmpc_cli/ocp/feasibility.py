@@ -275,8 +275,8 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
     """Return what is probably not meant.
 
     A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
-    keep, tolerances below the noise, a load that outweighs a robot which does not know of it, parts that are nearer
-    than the task keeps them.
+    keep, tolerances below the noise, a load that outweighs a robot which does not know of it, grippers that may open
+    while they carry, parts that are nearer than the task keeps them.
     """
     stages = [forecast.stage for forecast in forecasts]
     return [
@@ -286,6 +286,7 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_too_short(task, forecasts),
         *_below_noise(task, forecasts),
         *_unknown_load(task, forecasts),
+        *_early_release(task),
         *cone_remarks(task, forecasts[0].model, stages),
         *clearance_remarks(task, forecasts[0].model, stages, forecast_configurations(task, forecasts)),
     ]
@@ -317,6 +318,38 @@ def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fa
         f"{', with the armatures of its joints in the robot file' if has_armature else ''}"
     )
     yield Fault(("object", "grasp", "known"), message)
+
+
+LARGEST_PRIORITY_OF_RELEASE = 0.01
+"""Largest priority of a stage that lets go, over that of the one before it, at which no run opened grippers early.
+
+docs/missions.md has the runs, of horizons from 2 to 12 s.
+"""
+
+
+def _early_release(task: Task) -> Iterator[Fault]:
+    """Yield a priority at which grippers may open while they carry: of an object that is a picture, held by a monitor.
+
+    Hands that hold an object with a mass keep their relative pose, whatever the priorities.
+    """
+    spec = task.spec
+    traits = spec.controller.traits
+    names = [stage.name for stage in spec.stages]
+    let_go_by = spec.object.let_go_by if spec.object is not None else None
+    if let_go_by is None or let_go_by == names[0] or spec.capture is not None or traits.one_stage:
+        return
+    last = names.index(let_go_by)
+    carrying, letting_go = (
+        stage.priority if traits.has_priorities else 1.0 for stage in spec.stages[last - 1 : last + 1]
+    )
+    if letting_go <= LARGEST_PRIORITY_OF_RELEASE * carrying * (1 + SLACK):
+        return
+    message = (
+        f"found a priority of {letting_go:g}, and of {carrying:g} for {quoted(names[last - 1])}, which carries the "
+        f"object; expected at most {LARGEST_PRIORITY_OF_RELEASE:g} times that: above, {quoted(let_go_by)} may open the "
+        "grippers while they carry"
+    )
+    yield Fault(("stages", last, "priority") if traits.has_priorities else ("controller", "kind"), message)
 
 
 def forecast_configurations(task: Task, forecasts: Sequence[StageForecast]) -> list[np.ndarray]:

@@ -251,6 +251,28 @@ def test_trajectory_faster_than_the_velocity_limits_is_remarked_where_it_is_wors
     assert remarks(unweighed, forecast_stages(unweighed)) == []
 
 
+@pytest.mark.parametrize(
+    ("changes", "path"),
+    [
+        (["stages.release.priority=0.1"], "stages[3].priority"),
+        (["stages.transport.priority=0.1"], "stages[3].priority"),
+        (["controller.kind=smpc"], "controller.kind"),
+        (["stages.release.priority=100", "stages.transport.priority=1e4"], None),
+        (["stages.release.priority=1", "controller.kind=hard"], None),
+        (["stages.release.priority=1", "object.let_go_by=null"], None),
+    ],
+    ids=["release", "carry", "no_priorities", "same_ratio", "one_stage", "never_let_go"],
+)
+def test_a_priority_that_may_open_grippers_while_they_carry_is_remarked(changes: list[str], path: str | None) -> None:
+    task = transport(*changes)
+    assert [dotted(remark.path) for remark in remarks(task, forecast_stages(task))] == ([path] if path else [])
+
+
+def test_priorities_of_an_object_with_a_mass_are_not_remarked_since_hands_keep_hold_of_it() -> None:
+    task = load_task("transport_grasp", ["stages.release.priority=1"])
+    assert remarks(task, forecast_stages(task)) == []
+
+
 def test_base_that_follows_a_path_is_compared_with_where_it_is_left_at_its_first_row() -> None:
     task = load_task("tracking")
     assert remarks(task, forecast_stages(task)) == []

@@ -11,7 +11,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import earliest_ends
 from psmpc_cli.paper.ablations import Ablation
-from psmpc_cli.paper.claims import APART, Claim, Finding, load_claims
+from psmpc_cli.paper.claims import Claim, Finding, load_claims
 from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.paper.missions import (
     MISSION_RULES,
@@ -90,12 +90,11 @@ class Reproduction:
     def outcome(self) -> str:
         """How many claims hold, as a sentence."""
         held, count = self.count()
-        names = {"input": "inputs", "definition": "definitions", "ours": "our own"}
-        others = (
-            f"{part} of {whole} {names[kind]}"
-            for kind, (part, whole) in zip(APART, map(self.count, APART), strict=True)
-        )
-        return f"{held} of {count} claims hold; not counted: {', '.join(others)}"
+        apart = []
+        for kind, name in (("input", "on inputs"), ("definition", "from definitions"), ("ours", "of our own")):
+            part, whole = self.count(kind)
+            apart.append(f"{part} of {whole} {name}")
+        return f"{held} of {count} claims hold; not counted: {', '.join(apart)}"
 
     def published(self, method: str, starts: bool) -> dict[str, float]:
         """Return the published ends, or actual starts, of a method's stages [s]."""
@@ -106,16 +105,16 @@ class Reproduction:
 
 def judge(claim: Claim, reproduction: Reproduction) -> Finding:
     """Judge a claim; without a cell that completed no claim on the weights holds."""
-    cells = reproduction.weights
     if claim.rule in MISSION_RULES:
         finding = judge_missions(claim, reproduction.missions)
-        if finding.earlier or not finding.holds:
-            return finding._replace(cause=tuple(CAUSES[claim.rule](finding, reproduction)))
-    elif claim.group == "weights" and not cells.ended.any():
-        finding = Finding(claim, np.nan, False, cause=("no cell of the sweep completed", *_reasons(cells)))
-    else:
-        finding = RULES[claim.rule](claim, reproduction)
-    return finding._replace(cause=()) if finding.holds and not finding.earlier else finding
+        if finding.holds and not finding.earlier:
+            return finding
+        return finding._replace(cause=tuple(CAUSES[claim.rule](finding, reproduction)))
+    cells = reproduction.weights
+    if claim.group == "weights" and not cells.ended.any():
+        return Finding(claim, np.nan, False, cause=("no cell of the sweep completed", *_reasons(cells)))
+    finding = RULES[claim.rule](claim, reproduction)
+    return finding._replace(cause=()) if finding.holds else finding
 
 
 def _setting(claim: Claim, reproduction: Reproduction) -> Finding:

@@ -31,7 +31,7 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
         reproduction=reproduction,
         groups={name: list(group) for name, group in groupby(reproduction.part(None), lambda one: one.claim.group)},
         apart=claims.APART,
-        headings=claims.HEADINGS,
+        headings=[heading for heading in claims.HEADINGS if heading != "searched"],  # it stands below the claim
         judge=judge,
         tolerances=missions,
         study=fronts,

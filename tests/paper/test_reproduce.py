@@ -47,7 +47,7 @@ def test_inputs_are_not_judged_and_definitions_are(made: Reproduction) -> None:
     assert "transport did not end: time limit of 60 s reached" in failing["smpc.floor"].cause
     assert changed.count("input") == (1, 2)
     assert changed.count("definition") == (1, 3)  # a cell of the sweep has failed, too
-    assert "not counted: 1 of 2 inputs, 1 of 3 definitions, 1 of 1 our own" in changed.outcome
+    assert "not counted: 1 of 2 on inputs, 1 of 3 from definitions, 1 of 1 of our own" in changed.outcome
 
 
 @pytest.fixture

@@ -3,11 +3,13 @@
     python benchmarks/calibration.py screen [COUNT]    random settings at N_s = 25, drawn by seed
     python benchmarks/calibration.py refine [COUNT]    the best ones at N_s = 100
     python benchmarks/calibration.py table             the best of both as a table of docs/reproduce.md
+    python benchmarks/calibration.py held              in how many settings each claim holds, for docs and claims.yaml
     python benchmarks/calibration.py figure            docs/figures/early_starts.png
 
 Each setting adds a line to benchmarks/calibration.jsonl, and a setting that has its line is not repeated. PSMPC runs
-first, SMPC where PSMPC is near what is published. A setting is scored by how many claims of the paper it meets with the
-best epsilon, then by the root mean square of the differences of the times.
+first, SMPC where PSMPC is near what is published. A setting is scored by how many of the counted claims on these two
+controllers it meets with the best epsilon, by the rules of `psmpc reproduce` but none by a time that is earlier than
+published, then by the root mean square of the differences of the times.
 """
 
 import json
@@ -22,12 +24,18 @@ from pages import ROOT, command_line, markdown
 
 import psmpc_cli as psmpc
 from psmpc_cli.figures.style import PALETTE, in_style
+from psmpc_cli.paper.claims import Claim, Finding, load_claims
+from psmpc_cli.paper.missions import MISSION_RULES, ROUNDING, Mission, judge_missions, time_tolerance
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
 STAGES = ("approach", "capture", "transport", "release")
-PSMPC, SMPC = (10.3, 13.8, 24.4, 31.3), (10.3, 15.1)
-PSMPC_START, SMPC_START = 6.3, 8.8
-"""Published switch times, and actual starts of Capture [s]."""
+PSMPC = (10.3, 13.8, 24.4, 31.3)
+"""Switch times of PSMPC as published [s]; the first one by its claim that Capture starts at t1 - T_h = 6.3 s."""
+
+METHODS = ("psmpc", "smpc")
+
+SHIPPED_EPSILON = 0.5
+"""Threshold of `onset: closeness` in the transport task."""
 
 EPSILONS = {
     25: (0.02, 0.05, 0.1, 0.25, 0.5, 0.75),
@@ -35,7 +43,9 @@ EPSILONS = {
 }
 """Thresholds of `onset: closeness`, by N_s."""
 
-HORIZON, SAMPLE = 4.0, 0.1 + 1e-9
+HORIZON = 4.0
+SAMPLE_TIME = 0.1
+"""Of the transport task [s]."""
 
 CURVES = {
     "capture, PSMPC": ("psmpc", 0),
@@ -92,37 +102,84 @@ def run(setting: Row, controller: str, nodes: int) -> Row:
 
 def is_near(found: float, published: float, factor: float = 1.0) -> bool:
     """Return whether a time is within its tolerance, or so many times that, of the published one [s]."""
-    return abs(found - published) <= factor * max(0.8, 0.05 * published) + 1e-9
+    return abs(found - published) <= factor * time_tolerance(published) + ROUNDING
 
 
-def claims(row: Row, index: int) -> tuple[list[bool], float]:
-    """Return whether the claims hold for a setting with the threshold at an index, and the rms difference [s]."""
-    psmpc, smpc = row["psmpc"], row["smpc"]
-    (p1, p2, p3, p4), (s1, s2, s3, _) = psmpc["ends"], smpc["ends"]
-    (pc, pt, pr), (sc, st, sr) = ([of[index] for of in each["starts"]] for each in (psmpc, smpc))
-    found, published = (p2, p3, p4, s1, s2, pc, sc), (*PSMPC[1:], *SMPC, PSMPC_START, SMPC_START)
-    held = [
-        *map(is_near, found, published),
-        abs(pc - (p1 - HORIZON)) <= SAMPLE,  # PSMPC's Capture starts once it is seen
-        abs(pt - p2) <= SAMPLE,  # Transport and Release on time
-        abs(pr - p3) <= SAMPLE,
-        all(start >= end - HORIZON - SAMPLE for start, end in ((pc, p1), (pt, p2), (pr, p3))),  # none before it is seen
-        psmpc["succeeded"],
-        not smpc["succeeded"],
-        all(start < end - 1e-6 for start, end in ((sc, s1), (st, s2), (sr, s3))),  # all of SMPC's early
-        smpc["broken_at"] is not None and sr <= smpc["broken_at"] < s3,  # and by that it loses the object
-        pc < sc,
-        p2 < s2,
-    ]
-    return held, float(np.sqrt(np.mean(np.subtract((*found, p1), (*published, PSMPC[0])) ** 2)))
+def mission(row: Row, index: int) -> Mission:
+    """Return what the rules read of a run in a row of the results, with the threshold at an index."""
+    broken_at = row["broken_at"]
+    return Mission(
+        stages=STAGES,
+        starts=(0.0, *(by_epsilon[index] for by_epsilon in row["starts"])),
+        ends=tuple(row["ends"]),
+        succeeded=row["succeeded"],
+        broken_at=np.nan if broken_at is None else broken_at,
+        horizon=HORIZON,
+        sample_time=SAMPLE_TIME,
+    )
+
+
+def judged_claims() -> list[Claim]:
+    """Return the claims that runs of PSMPC and SMPC tell, counted or not."""
+    on_runs = [claim for claim in load_claims() if claim.rule in MISSION_RULES]
+    return [claim for claim in on_runs if {name.partition(".")[0] for name in claim.reads} <= set(METHODS)]
+
+
+def findings(row: Row, index: int) -> list[Finding]:
+    """Judge these claims of a setting, with the threshold at an index."""
+    missions = {method: mission(row[method], index) for method in METHODS}
+    return [judge_missions(claim, missions) for claim in judged_claims()]
+
+
+def score(row: Row, index: int) -> tuple[int, float]:
+    """Return how many counted claims a setting misses with the threshold at an index, and the rms difference [s]."""
+    judged = [finding for finding in findings(row, index) if finding.claim.apart is None]
+    differences = [finding.difference for finding in judged if finding.claim.rule == "time"]
+    first_end = row["psmpc"]["ends"][0]
+    missed = sum(finding.earlier or not finding.holds for finding in judged)
+    return missed, float(np.sqrt(np.mean(np.square([*differences, first_end - PSMPC[0]]))))
+
+
+def count_held() -> dict[str, tuple[int, int, int]]:
+    """Count in how many of the settings with both runs at N_s = 25 each claim holds, by the shipped epsilon.
+
+    Returns:
+        By claim in how many it holds, in how many of these by a time earlier than published, and how many settings.
+    """
+    rows = read_rows(25, scored=True)
+    index = EPSILONS[25].index(SHIPPED_EPSILON)
+    judged = [findings(row, index) for row in rows]
+    counts = {}
+    for claim, of_claim in zip(judged_claims(), zip(*judged, strict=True), strict=True):
+        holds = sum(finding.holds for finding in of_claim)
+        earlier = sum(finding.earlier for finding in of_claim)
+        counts[claim.id] = (holds, earlier, len(rows))
+    return counts
+
+
+def held() -> Iterator[str]:
+    """Yield in how many of the searched settings each claim holds, the rarest first."""
+    claims = {claim.id: claim for claim in judged_claims()}
+    rows = []
+    for name, (holds, earlier, total) in sorted(count_held().items(), key=lambda each: each[1]):
+        rows.append(
+            {
+                "claim": f"`{name}`",
+                "statement": claims[name].statement,
+                "holds in": f"{holds} of {total}",
+                "earlier than published": earlier or "",
+                "apart": claims[name].apart or "",
+            }
+        )
+    return markdown(rows)
 
 
 def best(nodes: int) -> list[tuple[int, float, float, Row]]:
     """Return claims missed, rms [s], epsilon and row of each setting at N_s with its best epsilon, best first."""
     found = []
     for row in read_rows(nodes, scored=True):
-        scores = ((*claims(row, index), epsilon) for index, epsilon in enumerate(EPSILONS[nodes]))
-        found.append((*min((held.count(False), rms, epsilon) for held, rms, epsilon in scores), row))
+        scores = ((*score(row, index), epsilon) for index, epsilon in enumerate(EPSILONS[nodes]))
+        found.append((*min(scores), row))
     return sorted(found, key=lambda each: each[:3])
 
 
@@ -152,10 +209,11 @@ def refine(count: str = "100") -> Iterator[str]:
 def table() -> Iterator[str]:
     """Yield the best settings of each N_s: with one pending cost for both controllers, and with two."""
     rows = []
+    count = sum(claim.apart is None for claim in judged_claims())
     for nodes, own in ((nodes, own) for nodes in EPSILONS for own in (False, True)):
         chosen = [each for each in best(nodes) if ("smpc_pending" in each[-1]["setting"]) == own]
         for missed, rms, epsilon, row in chosen[: 1 if own else 4]:
-            setting, held = row["setting"], claims(row, 0)[0]
+            setting = row["setting"]
             rows.append(
                 {
                     "N_s": nodes,
@@ -164,7 +222,7 @@ def table() -> Iterator[str]:
                     "pending cost": f"{setting['pending']:g}" + (f", SMPC {setting['smpc_pending']:g}" if own else ""),
                     "tolerances [1e-3]": ", ".join(f"{1e3 * each:g}" for each in setting["tolerance"]),
                     "epsilon": epsilon,
-                    "claims": f"{len(held) - missed} of {len(held)}",
+                    "claims": f"{count - missed} of {count}",
                     "rms [s]": f"{rms:.2f}",
                 }
             )
@@ -200,4 +258,4 @@ def figure() -> list[str]:
 
 
 if __name__ == "__main__":
-    command_line(screen, refine, table, figure)
+    command_line(screen, refine, table, held, figure)

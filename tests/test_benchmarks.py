@@ -1,9 +1,11 @@
-"""Every benchmark can be imported: a change of the package that breaks one is noticed."""
+"""Every benchmark can be imported, and what is stored of its results elsewhere is what its file has."""
 
 import runpy
 from pathlib import Path
 
 import pytest
+
+from psmpc_cli.paper.claims import load_claims
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 
@@ -20,3 +22,10 @@ def test_a_benchmark_can_be_imported(path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.syspath_prepend(path.parent)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which one of them sets
     assert runpy.run_path(str(path), run_name="imported")["__doc__"]
+
+
+def test_the_claims_say_in_how_many_searched_settings_they_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(FOLDER)
+    calibration = runpy.run_path(str(FOLDER / "calibration.py"), run_name="imported")
+    counts = {name: (holds, total) for name, (holds, _, total) in calibration["count_held"]().items()}
+    assert counts == {claim.id: claim.searched for claim in load_claims() if claim.searched is not None}

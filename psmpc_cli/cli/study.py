@@ -203,7 +203,7 @@ def reproduce(
     ablations: Annotated[bool, typer.Option("--ablations", help="Run without each departure from the paper.")] = False,
     weights: Annotated[str, typer.Option(metavar="AxB", help="Points of the priorities' grid, Fig. 6.")] = "7x7",
     fronts: Annotated[int, typer.Option(min=3, metavar="N", help="Points of each Pareto front, Fig. 7.")] = 13,
-    strict: Annotated[bool, options.strict("a claim does not hold")] = False,
+    strict: Annotated[bool, options.strict("a claim that is not on an input does not hold")] = False,
     force: options.Force = False,
     changes: options.Changes = None,
     jobs: options.Jobs = None,

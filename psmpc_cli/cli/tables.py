@@ -19,8 +19,9 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD, StageForecast, forecast_configurations
 from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
+from psmpc_cli.paper.claims import APART, HEADINGS
 from psmpc_cli.paper.fronts import FrontMovement
-from psmpc_cli.paper.judge import HEADINGS, Reproduction
+from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.report.texts import (
     ALONE,
     EMPTY,
@@ -275,8 +276,11 @@ def print_fronts(results: Results) -> None:
 
 
 def print_claims(made: Reproduction) -> None:
-    """Print every claim, and what is known of why some do not hold or are earlier than published."""
-    print_table(HEADINGS, [finding.row for finding in made.findings], left=1)
+    """Print every claim, those that are not counted apart, and why some do not hold or are earlier than published."""
+    print_table(HEADINGS, [finding.row for finding in made.part(None)], left=1)
+    for kind, reason in APART.items():
+        typer.echo(f"\n{reason}:")
+        print_table(HEADINGS, [finding.row for finding in made.part(kind)], left=1)
     for finding in made.findings:
         if finding.earlier or not finding.holds:
             holds = "holds" if finding.holds else "does not hold"

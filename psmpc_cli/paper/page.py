@@ -11,7 +11,7 @@ from psmpc_cli.figures.instants import plot_grasps, plot_instants
 from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.snapshots import plot_snapshots
-from psmpc_cli.paper import judge
+from psmpc_cli.paper import claims, judge, missions
 from psmpc_cli.paper.figures import ABLATIONS, plot_monitors, plot_presence, plot_schedule
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.report.pages import Draw, Page, render, versions_of
@@ -29,8 +29,11 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
         "reproduction.html.j2",
         room="paper",
         reproduction=reproduction,
-        groups={name: list(group) for name, group in groupby(reproduction.findings, lambda one: one.claim.group)},
+        groups={name: list(group) for name, group in groupby(reproduction.part(None), lambda one: one.claim.group)},
+        apart=claims.APART,
+        headings=[heading for heading in claims.HEADINGS if heading != "searched"],  # it stands below the claim
         judge=judge,
+        tolerances=missions,
         study=fronts,
         recommended=recommend(reproduction.weights).sentence,
         figures=dict(_figures(reproduction)),

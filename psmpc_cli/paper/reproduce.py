@@ -9,7 +9,9 @@ from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.paper.ablations import Ablation, run_ablations
-from psmpc_cli.paper.judge import ENDS, Finding, Reproduction
+from psmpc_cli.paper.claims import Finding
+from psmpc_cli.paper.judge import Reproduction
+from psmpc_cli.paper.missions import ENDS
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.compare import compared_tasks, run_tasks
@@ -162,7 +164,7 @@ def claims_json(reproduction: Reproduction, created: str) -> bytes:
     best = recommend(reproduction.weights).ratio
     held, count = reproduction.count()
     data = {
-        "format": 2,  # increases when a key is removed or changes its meaning
+        "format": 3,  # increases when a key is removed or changes its meaning
         "psmpc_version": __version__,
         "created": created,
         "task": TASK,
@@ -194,5 +196,5 @@ def claims_json(reproduction: Reproduction, created: str) -> bytes:
 
 def _claim_data(finding: Finding) -> dict[str, object]:
     measured = {name: value for name, value in finding._asdict().items() if name != "claim"}
-    about = finding.claim.model_dump(include={"id", "statement", "source", "unit", "beside", "published"})
+    about = finding.claim.model_dump(include={"id", "statement", "source", "unit", "apart", "published", "searched"})
     return {**about, "unit": about["unit"] or None, **measured, "cause": "; ".join(finding.cause) or None}

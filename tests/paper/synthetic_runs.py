@@ -85,34 +85,38 @@ def hand_made(
     return made
 
 
-def grasped(off: float = 0.0, lost: float | None = None, taken: bool = True) -> Run:
+def grasped(off: float = 0.0, lost: float | None = None, taken: bool = True, opened: bool = True) -> Run:
     """A run in which an object with a mass leaves grippers that closed at 14 s.
 
     Args:
         off: Its distance from its destination when they open, at 24 s [m].
         lost: When the first grasp is pulled open.
         taken: Whether the second gripper closed.
+        opened: Whether they open; else the run ends with the object held.
     """
     base, task = hand_made(), load_grasps()["psmpc"]
+    left_at = np.nan if not opened else 24.0 if lost is None else lost
     thing, closed = task.spec.object, np.array([14.0, 14.0 if taken else np.nan])
     assert thing is not None and thing.destination is not None
-    inside = (closed <= TIMES[:, None]) & ((24.0 if lost is None else lost) > TIMES[:, None])
+    inside = (closed <= TIMES[:, None]) & ~(left_at <= TIMES[:, None])
     arrays = {
         "gripper": np.array(["arm_1", "arm_2"]),
         "object_axis": np.array(["x", "y", "angle"]),
         "grasp/measure": np.array(["position", "angle", "velocity", "angular_velocity"]),
         "grasp/missed_by": np.full((2, 4), 1e-3),
         "grasp/closed_at": closed,
-        "grasp/opened_at": np.full(2, 24.0 if lost is None else lost),
+        "grasp/opened_at": np.full(2, left_at),
         "grasp/lost": np.array([lost is not None, False]).astype(int),
         "grasp/closed": inside.astype(int),
         "grasp/pull": 2.0 * inside,
         "grasp/shear": 1.0 * inside,
         "grasp/moment": 0.1 * inside,
-        "object/left_at": np.float64(24.0 if lost is None else lost),
+        "object/left_at": np.float64(left_at),
         "object/left_pose": np.add(thing.destination.pose, [off, 0, 0]),
         "object/left_velocity": np.array([0.2, 0.0, 0.0]),
     }
+    if not opened:
+        arrays |= {"object/left_pose": np.full(3, np.nan), "object/left_velocity": np.full(3, np.nan)}
     made = replace(base, arrays=base.arrays | arrays)
     vars(made).update(task=task, problem=_grasp_problem())
     return made

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.logs.results import Results
-from psmpc_cli.paper.judge import Claim, Finding, Reproduction, judge, load_claims
+from psmpc_cli.paper.claims import Claim, Finding, load_claims
+from psmpc_cli.paper.judge import Reproduction, judge
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.sweep import SweepCells
 
@@ -143,19 +144,22 @@ def test_a_mission_ends_as_published_or_the_cause_says_how() -> None:
 
 
 @pytest.mark.parametrize(
-    ("smpc", "found"),
+    ("smpc", "found", "holds"),
     [
-        ({"off": 0.08}, "let go 8.0 cm off at 0.20 m/s"),
-        ({"lost": 23.4}, "lost at 23.4 s"),
-        ({"taken": False}, "not taken"),
-        ({}, "delivered"),
+        ({"off": 0.08}, "let go 8.0 cm off at 0.20 m/s", True),
+        ({"lost": 23.4}, "lost at 23.4 s", True),
+        ({"taken": False}, "not taken", False),
+        ({"opened": False}, "still held", False),
+        ({}, "delivered", False),
     ],
 )
-def test_a_grasped_object_is_delivered_by_one_controller_alone(smpc: dict[str, Any], found: str) -> None:
+def test_a_grasped_object_is_delivered_by_one_controller_and_let_go_elsewhere_by_the_other(
+    smpc: dict[str, Any], found: str, holds: bool
+) -> None:
     made = Reproduction({}, reproduced().weights, None, grasps={"psmpc": grasped(), "smpc": grasped(**smpc)})
     finding = judge(CLAIMS["grasp.delivered"], made)
     assert finding.reproduced == ("delivered", found)
-    assert finding.holds == (found != "delivered")
+    assert finding.holds == holds
     both = {"psmpc": grasped(**smpc), "smpc": grasped(0.08)}
     assert judge(CLAIMS["grasp.delivered"], replace(made, grasps=both)).holds == (found == "delivered")
 
@@ -236,6 +240,27 @@ def test_a_sweep_that_is_not_as_published_says_where(
     finding = of_weights(name, sweep(of=with_changed(**changed)))
     assert not finding.holds
     assert all(cause in point for cause, point in zip(causes, finding.cause, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "unknown"),
+    [
+        (1e6, {"trend", "floor", "settles", "chosen"}),
+        (100.0, {"trend", "floor", "chosen"}),
+        (1.0, {"trend", "floor", "chosen"}),
+        (10.0, {"trend", "floor"}),
+    ],
+)
+def test_what_is_said_of_ratios_takes_that_their_cells_ended(sweep: Sweep, ratio: float, unknown: set[str]) -> None:
+    failed = tuple(np.flatnonzero(np.isclose(sweep().ratio, ratio)).tolist())
+    findings = {name: of_weights(name, sweep(failed=failed)) for name in WEIGHTS}
+    assert {name for name, finding in findings.items() if not finding.holds} == unknown
+    assert all(findings[name].cause[0] == f"no cell ended at ratio {ratio:g}" for name in unknown)
+
+
+def test_weights_are_not_chosen_by_a_cell_of_another_ratio(sweep: Sweep) -> None:
+    finding = of_weights("chosen", sweep("3x3"))
+    assert (finding.holds, finding.cause) == (False, ("no cell ended at ratio 100",))
 
 
 @pytest.mark.parametrize("name", WEIGHTS)

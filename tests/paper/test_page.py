@@ -65,6 +65,7 @@ def test_every_claim_stands_once_with_what_is_said_of_it(page: Element, reproduc
     for finding in findings:
         row = claims[finding.claim.id]
         assert finding.claim.statement in said(row)
+        assert ("searched settings" in said(row)) == (finding.claim.searched is not None)
         assert ("✗ does not hold" in said(row)) == (not finding.holds)
         assert ("✓ holds" in said(row)) == finding.holds
         after = said(rows[rows.index(row) + 1]) if finding.cause else ""

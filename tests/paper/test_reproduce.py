@@ -37,6 +37,19 @@ def made(tmp_path: Path) -> Reproduction:
     return Reproduction(runs, weights, fronts, ("x=1",), grasps={"smpc": grasped(0.08), "psmpc": grasped()})
 
 
+def test_inputs_are_not_judged_and_definitions_are(made: Reproduction) -> None:
+    assert {"smpc.floor", "setting.nodes"}.isdisjoint(finding.claim.id for finding in made.failing)
+    runs = {**made.runs, "smpc": hand_made((10.0, 14.8, float("nan"), float("nan")), method="smpc")}
+    vars(runs["smpc"])["task"] = load_task("transport", ["controller.nodes=20"])
+    changed = replace(made, runs=runs)
+    failing = {finding.claim.id: finding for finding in changed.failing}
+    assert "setting.nodes" not in failing
+    assert "transport did not end: time limit of 60 s reached" in failing["smpc.floor"].cause
+    assert changed.count("input") == (1, 2)
+    assert changed.count("definition") == (1, 3)  # a cell of the sweep has failed, too
+    assert "not counted: 1 of 2 on inputs, 1 of 3 from definitions, 1 of 1 of our own" in changed.outcome
+
+
 @pytest.fixture
 def data(made: Reproduction) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(claims_json(made, "now"))
@@ -101,16 +114,19 @@ def test_what_does_not_fit_is_rejected(changes: Sequence[str], message: str) -> 
 
 def test_the_json_has_everything_and_null_for_what_is_unknown(made: Reproduction, data: dict[str, Any]) -> None:
     claims = {claim["id"]: claim for claim in data["claims"]}
-    assert data["held"] == sum(claim["holds"] and not claim["beside"] for claim in claims.values())
-    assert data["held"] + data["failed"] == len(claims) - 1 == 33
-    assert (claims["grasp.delivered"]["holds"], claims["grasp.delivered"]["beside"]) == (True, True)
+    counted = [claim for claim in claims.values() if claim["apart"] is None]
+    assert data["held"] == sum(claim["holds"] for claim in counted)
+    assert data["held"] + data["failed"] == len(counted) == len(claims) - 6
+    assert (claims["grasp.delivered"]["holds"], claims["grasp.delivered"]["apart"]) == (True, "ours")
+    assert claims["setting.nodes"]["apart"] == "input"
     assert claims["htmpc.t_end"] == {
         "id": "htmpc.t_end",
         "statement": "release ends at t_end = 35.4 s",
         "source": "section IV-C",
         "unit": "s",
-        "beside": False,
+        "apart": None,
         "published": 35.4,
+        "searched": None,
         "reproduced": None,
         "difference": None,
         "tolerance": pytest.approx(1.77),
@@ -122,6 +138,7 @@ def test_the_json_has_everything_and_null_for_what_is_unknown(made: Reproduction
     assert claims["smpc.starts_early"]["reproduced"] == []
     assert claims["psmpc.t_end"]["earlier"] is True
     assert claims["smpc.mission"]["unit"] is None
+    assert claims["smpc.mission"]["searched"] == [580, 612]
     assert claims["fronts.with_time"]["cause"].count("; ") == 3
     assert data["changes"] == ["x=1"]
     assert (data["weights"]["failed_cells"], data["weights"]["sampling"]) == (1, "3x3")

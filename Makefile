@@ -25,7 +25,7 @@ help:
 	@echo 'make test      the tests of every edit, some minutes'
 	@echo 'make test-slow  the other tests, some ten minutes'
 	@echo 'make coverage  the tests of every edit with a count of the lines they pass, 95 % at least'
-	@echo 'make check   format, lint, types and the import rules'
+	@echo 'make check   format, lint, types, the import rules, and the numbers of the front pages against their sources'
 	@echo 'make docs    the documentation as a site in site/, every link checked'
 	@echo 'make build   the wheel, tried out in an empty environment'
 	@echo 'make baseline     benchmarks/{baseline,weights}.yaml again: the tables changes are compared with (some 5 minutes)'
@@ -64,6 +64,7 @@ check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python benchmarks/prose_numbers.py > /dev/null
 
 build: $(READY)
 	rm -rf dist

@@ -147,9 +147,9 @@ def table_rows(page: str, command: str = "") -> Iterator[dict[str, str]]:
 
 
 def published_claims() -> int:
-    """Count the published claims of psmpc_cli/paper/claims.yaml, without those `beside` them."""
+    """Count the published claims of psmpc_cli/paper/claims.yaml, without those that stand apart."""
     claims = yaml.safe_load((ROOT / "psmpc_cli" / "paper" / "claims.yaml").read_text(encoding="utf-8"))
-    return sum(not claim.get("beside", False) for claim in claims)
+    return sum("apart" not in claim for claim in claims)
 
 
 def detumble_costs() -> list[Decimal]:

@@ -510,10 +510,11 @@ static double bound_width(const InteriorPoint *ip, int64_t row) {
 /* Choose the first slacks and multipliers. With the largest violation v of a hard row,
  *
  *     push = max(bound_push, v),   mu = initial_barrier push / bound_push,
- *     hard    s = max(d, min(push, width / 4)),   z = mu / s,
+ *     hard    s = max(d, min(push, width / 4)),   z = mu / max(s, push),
  *     soft    e = max(bound_push - d, mu / penalty),   s = d + e,   z = min(mu / s, penalty / 2),   w = penalty - z.
  *
- * A slack is so at most a quarter of the way to the other bound, unless the iterate is farther from its own. */
+ * A slack is so at most a quarter of the way to the other bound, unless the iterate is farther from its own. Between bounds
+ * that are near to each other a multiplier mu / s would be so large that it falls last, when s has long vanished. */
 static void initialize_inequalities(InteriorPoint *ip) {
     const QuadraticProgram *program = ip->program;
     const Equations *equations = &ip->equations;
@@ -525,7 +526,7 @@ static void initialize_inequalities(InteriorPoint *ip) {
     for (int64_t j = 0; j < ineq->count; j++) {
         double width = bound_width(ip, ineq->row[j]);
         ineq->slack[j] = fmax(ineq->distance[j], fmin(push, width / 4));
-        ineq->multiplier[j] = mu / ineq->slack[j];
+        ineq->multiplier[j] = mu / fmax(ineq->slack[j], push);
         ineq->slack_step[j] = 0.0;
         ineq->multiplier_step[j] = 0.0;
     }
@@ -674,7 +675,8 @@ int64_t SIZED(psmpc_qp_workspace_size)(const QuadraticProgram *program) {
 /* Solve a program. Writes X, tau, gap_multipliers, row_multipliers and report; returns SOLVED, INFEASIBLE or FAILED.
  *
  * It is solved where primal residual, dual residual and complementarity are at most `tolerance`, or at most
- * `acceptable_tolerance` where the iterations or the digits have run out. */
+ * `acceptable_tolerance` where half of the iterations or the digits have run out: programs whose digits do not suffice
+ * for `tolerance` come near it and move away again. */
 int64_t SIZED(psmpc_qp_solve)(const QuadraticProgram *program) {
     InteriorPoint ip;
     allocate_all(&ip, program, program->workspace);
@@ -694,7 +696,8 @@ int64_t SIZED(psmpc_qp_solve)(const QuadraticProgram *program) {
         program->report[3] = ip.complementarity;
         memcpy(program->row_multipliers, ip.row_multipliers, row_count(program) * sizeof(double));
         if (!isfinite(largest)) return FAILED;
-        if (largest <= program->tolerance) return SOLVED;
+        int is_late = 2 * iteration >= program->max_iterations;
+        if (largest <= (is_late ? program->acceptable_tolerance : program->tolerance)) return SOLVED;
         if (primal > program->tolerance && proves_infeasible(&ip)) return INFEASIBLE;
         /* Two lengths may increase the dual residual; equal lengths decrease every residual. */
         if (primal <= program->acceptable_tolerance && dual_or_complementarity > previous) equal_lengths = 1;

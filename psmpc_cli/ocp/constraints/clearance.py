@@ -291,11 +291,13 @@ def poses_at(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.nd
 def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.ndarray) -> np.ndarray:
     """Return the poses (N, n_pose) of a body that moves freely at times (N,) [s] after a pose and a velocity."""
     space = model.space
+    poses = np.empty((len(since), len(pose)))
+    poses[:] = pose
+    if not v.any():
+        return poses
     if space.turns_freely and v[space.rotation].any():
         return np.array([_free(model).predicted(pose, v, time)[0] for time in since])
     moving = slice(space.dimension) if space.turns_freely else slice(None)
-    poses = np.empty((len(since), len(pose)))
-    poses[:] = pose
     poses[:, moving] += since[:, None] * v[moving]
     return poses
 

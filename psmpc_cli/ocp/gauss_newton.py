@@ -256,7 +256,9 @@ class VelocityForm:
 
     def _by_node(self, found: Sequence[np.ndarray]) -> np.ndarray:
         """Return the rows of each constraint at its nodes, (nodes, rows) each, by ascending nodes, (E,)."""
-        return np.concatenate([np.zeros(0), *(each.ravel() for each in found)])[self._node_order]
+        if not found:
+            return np.zeros(0)
+        return np.concatenate([each.ravel() for each in found])[self._node_order]
 
     def interval_row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the rows of all constraints over intervals, (I,)."""

@@ -336,7 +336,9 @@ class SqpWindow:
 
     @cached_property
     def _penalty_of_first(self) -> float:
-        """The sum of rho times the violations of x_0."""
+        """The sum of rho times the violations of x_0; 0 where the rows of states, the first of all, are hard."""
+        if not self.bounds.soft[0]:
+            return 0.0
         return float(scaled_violations(self.p.x0, *self.bounds.first).sum())
 
     def state_violations(self, point: Point) -> np.ndarray:

@@ -105,6 +105,7 @@ class VelocityForm:
         weights: Share of the velocity at either end of an interval in the change of position.
         row_node: Node of each row of these, ascending, (E,): rows are ordered by node, then as in `node_rows`.
         row_is_soft: Which of them may be violated at a cost, (E,).
+        has_soft_rows: Whether any of them may.
         row_near: How near its bounds a row is part of a program, (E,); infinite: always.
         always, sometimes: Which of them are part of every program, and which near their bounds alone, ascending.
         row_interval: Interval of each row over intervals, in an order alike, (I,).
@@ -124,11 +125,22 @@ class VelocityForm:
         self.weights = velocity_shares(shape.discretization)
         self._nodes_of_rows = [np.array(rows.nodes) for rows in self.node_rows]
         self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows])
+        self._node_order = np.argsort(np.concatenate([np.zeros(0, int), *self._places]))
         self.row_is_soft = np.zeros(len(self.row_node), bool)
         self.row_near = np.full(len(self.row_node), np.inf)
-        for rows, at in zip(self.node_rows, self._places, strict=True):
+        self._row_constraint = np.zeros(len(self.row_node), int)  # which of `node_rows` has the row,
+        self._row_place = np.zeros(len(self.row_node), int)  # at which of its nodes,
+        self._row_number = np.zeros(len(self.row_node), int)  # and which of its rows there it is
+        for i, (rows, at) in enumerate(zip(self.node_rows, self._places, strict=True)):
+            of_node = at.reshape(len(rows.nodes), rows.functions.count)
             self.row_is_soft[at] = rows.soft
             self.row_near[at] = rows.near
+            self._row_constraint[at] = i
+            self._row_place[of_node] = np.arange(len(rows.nodes))[:, None]
+            self._row_number[of_node] = np.arange(rows.functions.count)
+        first_bounds = np.cumsum([0, *(rows.functions.count for rows in self.node_rows)])
+        self._bound_of_row = first_bounds[self._row_constraint] + self._row_number  # among those of all constraints
+        self.has_soft_rows = bool(self.row_is_soft.any())
         self.always = np.flatnonzero(np.isinf(self.row_near))
         self.sometimes = np.flatnonzero(np.isfinite(self.row_near))
         self.row_interval, self._interval_places = _ordered(
@@ -159,6 +171,11 @@ class VelocityForm:
     def node_shares(self) -> np.ndarray:
         """Derivative of the share of time that each node stands for by the free durations, (K + 1, S)."""
         return shares_of_time(self.interval_steps)
+
+    @cached_property
+    def excess_of_near(self) -> np.ndarray:
+        """Excess over its nearer bound from which on each of the rows `sometimes` is near, negative."""
+        return np.asarray(-self.row_near[self.sometimes])
 
     @cached_property
     def waiting(self) -> np.ndarray:
@@ -231,10 +248,17 @@ class VelocityForm:
 
     def row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the rows of all constraints at nodes, (E,)."""
-        values = np.zeros(len(self.row_node))
-        for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
-            values[at] = rows.functions.value(point.X[nodes], rows.argument(p), rows=len(nodes))[0].ravel()
-        return values
+        found = [
+            rows.functions.value(point.X[nodes], rows.argument(p), rows=len(nodes))[0]
+            for rows, nodes in zip(self.node_rows, self._nodes_of_rows, strict=True)
+        ]
+        return self._by_node(found)
+
+    def _by_node(self, found: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the rows of each constraint at its nodes, (nodes, rows) each, by ascending nodes, (E,)."""
+        if not found:
+            return np.zeros(0)
+        return np.concatenate([each.ravel() for each in found])[self._node_order]
 
     def interval_row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the rows of all constraints over intervals, (I,)."""
@@ -252,39 +276,40 @@ class VelocityForm:
 
         These are (F, 2n), of `always`.
         """
-        values = np.zeros(len(self.row_node))
+        found = []
         by_x = np.zeros((len(self.always), 2 * self.grid.n))
         for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
             X = point.X[nodes]
             a = rows.argument(p)
             if np.isfinite(rows.near):
-                values[at] = rows.functions.value(X, a, rows=len(X))[0].ravel()
+                found += rows.functions.value(X, a, rows=len(X))
                 continue
             g, jacobian = rows.functions.with_jacobian(X, a, rows=len(X))
-            values[at] = g.ravel()
+            found.append(g)
             by_x[np.searchsorted(self.always, at)] = jacobian.reshape(len(at), -1)
-        return values, by_x
+        return self._by_node(found), by_x
 
     def with_node_rows(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], which: np.ndarray
     ) -> Linearization:
         """Return the model at a point with some more rows at nodes (J,)."""
-        is_new = marked(which, len(self.row_node)) & ~marked(model.node_rows, len(self.row_node))
-        if not is_new.any():
+        new = which[~marked(model.node_rows, len(self.row_node))[which]]
+        if not len(new):
             return model
-        found = [model.node_rows]
-        gradients = [model.rows_by_x]
-        for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
-            of_node = at.reshape(len(nodes), -1)
-            node, row = np.nonzero(is_new[of_node])
-            if len(node):
-                x = point.X[nodes[node]]
-                a = _of_some(rows.argument(p), node)
-                found.append(of_node[node, row])
-                gradients.append(rows.functions.gradient(x, a, np.eye(rows.functions.count)[row], rows=len(node))[0])
-        node_rows = np.concatenate(found)
+        of_constraint = self._row_constraint[new]
+        rows_by_x = np.empty((len(new), 2 * self.grid.n))
+        for i, rows in enumerate(self.node_rows):
+            chosen = np.flatnonzero(of_constraint == i)
+            if len(chosen):
+                own = new[chosen]
+                argument = rows.argument(p)
+                a = argument if argument.ndim == 1 else argument[self._row_place[own]]
+                rows_by_x[chosen] = rows.functions.gradients(point.X[self.row_node[own]], a, self._row_number[own])
+        if not len(model.node_rows):
+            return replace(model, node_rows=new, rows_by_x=rows_by_x)
+        node_rows = np.concatenate([model.node_rows, new])
         order = np.argsort(node_rows)
-        return replace(model, node_rows=node_rows[order], rows_by_x=np.concatenate(gradients)[order])
+        return replace(model, node_rows=node_rows[order], rows_by_x=np.concatenate([model.rows_by_x, rows_by_x])[order])
 
     def with_given_rates(self, point: Point, p: Parameters[np.ndarray]) -> Point:
         """Return a point with the rates that rows at nodes determine; the point itself if none do.
@@ -366,22 +391,19 @@ class VelocityForm:
 
     def rows_at(self, x: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the values (E,) of the rows of all constraints at nodes, each at one and the same state x (2n,)."""
-        values = np.zeros(len(self.row_node))
-        for rows, at in zip(self.node_rows, self._places, strict=True):
-            N = len(rows.nodes)
-            values[at] = rows.functions.value(np.tile(x, (N, 1)), rows.argument(p), rows=N)[0].ravel()
-        return values
+        found = [
+            rows.functions.value(x, rows.argument(p), rows=len(nodes))[0]
+            for rows, nodes in zip(self.node_rows, self._nodes_of_rows, strict=True)
+        ]
+        return self._by_node(found)
 
     def row_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high (E,) of the rows of all constraints at nodes."""
-        low = np.zeros(len(self.row_node))
-        high = np.zeros(len(self.row_node))
-        for rows, at in zip(self.node_rows, self._places, strict=True):
-            low_at_node, high_at_node = rows.bounds(window)
-            of_node = at.reshape(len(rows.nodes), -1)
-            low[of_node] = low_at_node
-            high[of_node] = high_at_node
-        return low, high
+        none = np.zeros(0)
+        bounds = [rows.bounds(window) for rows in self.node_rows]
+        low = np.concatenate([none, *(low_at_node for low_at_node, _ in bounds)])
+        high = np.concatenate([none, *(high_at_node for _, high_at_node in bounds)])
+        return low[self._bound_of_row], high[self._bound_of_row]
 
     def with_curvature(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], multipliers: np.ndarray
@@ -466,11 +488,6 @@ def marked(which: np.ndarray, count: int) -> np.ndarray:
     found = np.zeros(count, bool)
     found[which] = True
     return found
-
-
-def _of_some(argument: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Return the argument at chosen nodes of a constraint's, which may be the same at all of them."""
-    return argument if argument.ndim == 1 else argument[chosen]
 
 
 def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:

@@ -5,6 +5,7 @@ Also how these numbers follow from the previous prediction: the normalization of
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import accumulate
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -266,7 +267,8 @@ def _of_constraints(window: Window, instants: np.ndarray) -> tuple[dict[str, np.
         if each.at_nodes is None:
             return np.concatenate([anchor, each.argument])
         if not times:
-            times.extend(np.split(window.times(instants)[1:] - window.start, np.cumsum(window.nodes)[:-1]))
+            since = window.times(instants)[1:] - window.start
+            times.extend(since[last - N : last] for N, last in zip(window.nodes, accumulate(window.nodes), strict=True))
         at_nodes = each.at_nodes(each.argument, times[s])
         found = np.empty((len(at_nodes), len(anchor) + at_nodes.shape[1]))
         found[:, : len(anchor)] = anchor

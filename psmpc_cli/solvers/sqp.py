@@ -147,10 +147,12 @@ class SqpSolver(Solver):
         """Return what windows of one shape and limits share: form, bounds, method for their programs."""
         shape = window_shape(window)
         key = (shape, *(stage.limits for stage in window.stages))
-        if key not in self._setups:
+        setup = self._setups.get(key)
+        if setup is None:
             form = VelocityForm(self._model, shape, self._spec.compiled)
-            self._setups[key] = form, fixed_bounds(form, window), self._method(form)
-        return self._setups[key]
+            setup = form, fixed_bounds(form, window), self._method(form)
+            self._setups[key] = setup
+        return setup
 
     def _method(self, form: VelocityForm) -> QpMethod:
         """Return our own method where it can be compiled, else PIQP."""
@@ -184,7 +186,7 @@ class SqpSolver(Solver):
         return Solution(
             outcome=outcome,
             plan=plan_on_mesh(window, point.X, form.inputs(point, window.horizon), point.tau),
-            objective=at.objective,
+            objective=iterate.reached.objective,
             iterations=count,
             wall_time=time.perf_counter() - began,
             window=window,
@@ -376,7 +378,7 @@ class _Solve:
         step = f"{iterate.step:8.2e} {iterate.share:8.2e}" if solved else f"{'-':>8} {'-':>8}"
         of_program = f"{'-':>3}" if program is None else f"{program.qp.iterations:3d}{program.remark}"
         reached = iterate.reached
-        self.report(f"{count:4d} {reached.at.objective:15.8e} {reached.violation:8.2e} {step} {of_program}")
+        self.report(f"{count:4d} {reached.objective:15.8e} {reached.violation:8.2e} {step} {of_program}")
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""
@@ -397,8 +399,7 @@ class _Solve:
             reached = program.reached if share == 1 else self._after(here, qp.step, share)
             trial = Iterate(reached, step, share, qp=qp)
             if filter_.accepts(trial, iterate, slope, program.is_elastic):
-                foreseen_of_share = here.rows + share * (foreseen - here.rows)
-                return replace(trial, bent=self.window.bent_rows(foreseen_of_share, reached))
+                return replace(trial, bent=self.window.bent_rows(here, foreseen, share, reached))
             share /= 2
         return Iterate(here, step, qp=qp)
 
@@ -445,8 +446,8 @@ class Filter:
         """
         theta = trial.reached.violation
         theta_k = iterate.reached.violation
-        phi_k = iterate.reached.at.objective
-        phi = trial.reached.at.objective - ROUNDING * (1 + abs(phi_k))
+        phi_k = iterate.reached.objective
+        phi = trial.reached.objective - ROUNDING * (1 + abs(phi_k))
         steep = slope < 0 and trial.share * (-slope) ** S_PHI > theta_k**S_THETA
         if theta_k <= FEASIBLE and steep:
             return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.share * slope

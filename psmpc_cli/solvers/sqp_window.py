@@ -39,6 +39,7 @@ class WindowBounds:
         interval_low, interval_high: Of the rows over intervals, each over h, (I,), 0 where there is none.
         input_low, input_high: Of the accelerations, (K, n), 0 where there is none; (0, n) where none has one.
         soft: Which rows may be violated at a cost, (R,).
+        node: Node that each row is of, (R,); -1 of rows that are of none.
         first: Low and high of x_0, which count where those of states are soft, (2, 2n); infinite where they are hard.
     """
 
@@ -49,6 +50,7 @@ class WindowBounds:
     input_low: np.ndarray
     input_high: np.ndarray
     soft: np.ndarray
+    node: np.ndarray
     first: np.ndarray
 
 
@@ -81,8 +83,19 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
         input_low=input_low,
         input_high=input_high,
         soft=soft,
+        node=nodes_of_rows(form, len(row_low)),
         first=first,
     )
+
+
+def nodes_of_rows(form: VelocityForm, count: int) -> np.ndarray:
+    """Return the node that each of so many rows is of, (R,); -1 of durations and of rows over intervals."""
+    grid = form.grid
+    states = 2 * grid.n * grid.K
+    node = np.full(count, -1)
+    node[:states] = np.repeat(np.arange(1, grid.K + 1), 2 * grid.n)
+    node[states + 2 * grid.switches :][: len(form.row_node)] = form.row_node
+    return node
 
 
 def _over_h(
@@ -124,8 +137,10 @@ class Evaluation:
 
     Attributes:
         point: The point.
-        at: Objective, with the penalty of violations, and constraints.
+        at: Objective without the penalty of violations, and constraints.
+        objective: With the penalty.
         rows: The rows with bounds, (R,).
+        excess: By how much each of them is beyond its nearer bound, negative inside, (R,).
         violation: The largest of a gap, an end condition or a hard limit [m, rad, m/s, rad/s, s].
         shares: The share of time that each node stands for, (K + 1,) [s]; (0,) where no row is soft.
         penalties: rho times the violations of the soft rows, ascending.
@@ -133,7 +148,9 @@ class Evaluation:
 
     point: Point
     at: Residuals
+    objective: float
     rows: np.ndarray
+    excess: np.ndarray
     violation: float
     shares: np.ndarray
     penalties: np.ndarray
@@ -162,11 +179,6 @@ class SqpWindow:
     def leaves_rows_out(self) -> bool:
         """Whether programs have those rows alone, of some constraints, that are near their bounds."""
         return len(self.form.sometimes) > 0 or len(self.form.row_interval) > 0
-
-    @cached_property
-    def _near(self) -> np.ndarray:
-        """How near their bounds the rows at nodes that are not in all programs are part of one."""
-        return np.asarray(self.form.row_near[self.form.sometimes])
 
     @property
     def states(self) -> int:
@@ -202,19 +214,24 @@ class SqpWindow:
 
     def rows_in_program(self, model: Linearization) -> np.ndarray | slice:
         """Return the indices of the rows that the program of a model has, ascending."""
-        first = self._first_interval_row
-        count = len(self.form.row_interval)
         if not self.leaves_rows_out:
             return slice(None)
-        of_nodes = self._first_node_row + model.node_rows
-        of_intervals = first + model.interval_rows
-        after = np.arange(first + 2 * count, len(self.bounds.low))
-        return np.concatenate([np.arange(self._first_node_row), of_nodes, of_intervals, of_intervals + count, after])
+        first = self._first_interval_row
+        count = len(self.form.row_interval)
+        is_in = np.ones(len(self.bounds.low), bool)
+        is_in[self._first_node_row : first + 2 * count] = False
+        is_in[self._first_node_row + model.node_rows] = True
+        if count:
+            is_in[first + model.interval_rows] = True
+            is_in[first + count + model.interval_rows] = True
+        return np.flatnonzero(is_in)
 
     def _interval_rows_beyond(self, point: Point, values: np.ndarray, share: float, excess: float) -> np.ndarray:
         """Return which rows over intervals (I,), of these values, exceed a share of their bounds by more than that."""
         first = self._first_interval_row
         count = len(values)
+        if not count:
+            return np.zeros(0, int)
         h = self.form.steps(point, self.horizon)[self.form.row_interval, 0]
         has_low = np.isfinite(self.bounds.low[first : first + count])
         has_high = np.isfinite(self.bounds.high[first + count : first + 2 * count])
@@ -222,18 +239,14 @@ class SqpWindow:
         above = values > share * self.bounds.interval_high * h + excess
         return np.flatnonzero((has_low & below) | (has_high & above))
 
-    def _node_rows_beyond(self, values: np.ndarray, apart: np.ndarray | float) -> np.ndarray:
-        """Return which rows at nodes that are not in all programs, of values (E,), are nearer to a bound than that."""
-        low, high = self._bounds_of_sometimes
-        of_these = values[self.form.sometimes]
-        near = (of_these < low + apart) | (of_these > high - apart)
-        return np.asarray(self.form.sometimes[near])
+    def _node_rows_beyond(self, excess: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
+        """Return which rows at nodes that are not in all programs exceed their bounds, by `excess` (R,), by more."""
+        return np.asarray(self.form.sometimes[excess[self._sometimes] > limit])
 
     @cached_property
-    def _bounds_of_sometimes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Low and high of the rows at nodes that are not in all programs."""
-        which = self._first_node_row + self.form.sometimes
-        return self.bounds.low[which], self.bounds.high[which]
+    def _sometimes(self) -> np.ndarray:
+        """Indices of the rows at nodes that are not in all programs."""
+        return np.asarray(self._first_node_row + self.form.sometimes)
 
     def missed_rows(self, model: Linearization, reached: Evaluation) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows at nodes and those over intervals that a model does not have and a point violates, ascending.
@@ -243,9 +256,9 @@ class SqpWindow:
         of_nodes = np.zeros(0, int)
         of_intervals = np.zeros(0, int)
         if len(self.form.sometimes):
-            violated = self._node_rows_beyond(reached.at.rows, -FEASIBLE)
-            if not marked(model.node_rows, len(reached.at.rows))[violated].all():
-                of_nodes = self._node_rows_beyond(reached.at.rows, self._near)
+            violated = self._node_rows_beyond(reached.excess, FEASIBLE)
+            if len(violated) and not marked(model.node_rows, len(reached.at.rows))[violated].all():
+                of_nodes = self._node_rows_beyond(reached.excess, self.form.excess_of_near)
         if len(self.form.row_interval):
             values = reached.at.interval_rows
             violated = self._interval_rows_beyond(reached.point, values, 1.0, FEASIBLE)
@@ -264,13 +277,9 @@ class SqpWindow:
         derivatives = self.form.interval_jacobian(point, self.p, of_model)
         return replace(model, interval_rows=of_model, interval_rows_by=derivatives)
 
-    def rows(self, point: Point, at: Residuals) -> np.ndarray:
-        """Return the rows at a point, (R,)."""
+    def rows(self, point: Point, at: Residuals, h: np.ndarray) -> np.ndarray:
+        """Return the rows at a point whose intervals have the lengths h (K, 1) [s], (R,)."""
         rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]
-        has_rows_over_intervals = len(self.form.row_interval) or len(self.bounds.input_low)
-        if not has_rows_over_intervals:
-            return np.concatenate(rows)
-        h = self.form.steps(point, self.horizon)
         if len(self.form.row_interval):
             h_of_rows = h[self.form.row_interval, 0]
             rows += [
@@ -286,27 +295,30 @@ class SqpWindow:
         return self.evaluated(point, self.form.residuals(point, self.p))
 
     def evaluated(self, point: Point, at: Residuals) -> Evaluation:
-        """Return the evaluation of a point with these residuals, the penalty of violations added to the objective."""
-        rows = self.rows(point, at)
-        violation = self._violation(at, rows)
-        if not len(self._soft_rows):
-            return Evaluation(point, at, rows, violation, np.zeros(0), np.zeros(0))
-        shares = shares_of_time(self.form.steps(point, self.horizon))[:, 0]
-        penalties = self._soft_penalties(rows)
-        penalty = float(shares @ self._penalty_by_node(point, penalties))
-        at = replace(at, objective=at.objective + penalty)
-        return Evaluation(point, at, rows, violation, shares, penalties)
+        """Return the evaluation of a point with these residuals.
 
-    def _violation(self, at: Residuals, rows: np.ndarray) -> float:
-        """Return by how much a gap, an end condition or a hard limit is violated at worst.
-
-        In natural units: m, rad, m/s, rad/s, s. A limit on an acceleration counts by the velocity it costs in its
-        interval.
+        The violation is in natural units, m, rad, m/s, rad/s, s. A limit on an acceleration counts by the velocity it
+        costs in its interval.
         """
-        bounds = self.bounds
-        hard = ~bounds.soft
-        every = np.concatenate([np.abs(at.gaps).ravel(), (bounds.low - rows)[hard], (rows - bounds.high)[hard]])
-        return float(max(every.max(), 0.0))
+        h = self.form.steps(point, self.horizon)
+        rows = self.rows(point, at, h)
+        excess = self._excess(rows)
+        violation = float(np.maximum(np.abs(at.gaps).max(), excess[self._hard_rows].max(initial=0.0)))
+        if not len(self._soft_rows):
+            return Evaluation(point, at, at.objective, rows, excess, violation, np.zeros(0), np.zeros(0))
+        shares = shares_of_time(h)[:, 0]
+        penalties = self._soft_penalties(excess)
+        penalty = float(shares[self._soft_node] @ penalties + shares[0] * self._penalty_of_first)
+        return Evaluation(point, at, at.objective + penalty, rows, excess, violation, shares, penalties)
+
+    def _excess(self, rows: np.ndarray) -> np.ndarray:
+        """Return by how much rows (R,) with these values are beyond their nearer bounds, negative inside."""
+        return np.asarray(np.maximum(self.bounds.low - rows, rows - self.bounds.high))
+
+    @cached_property
+    def _hard_rows(self) -> np.ndarray:
+        """Indices of the rows that must not be violated."""
+        return np.flatnonzero(~self.bounds.soft)
 
     @cached_property
     def _soft_rows(self) -> np.ndarray:
@@ -314,32 +326,20 @@ class SqpWindow:
         return np.flatnonzero(self.bounds.soft)
 
     @cached_property
-    def _soft_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Low and high of the soft rows."""
-        return self.bounds.low[self._soft_rows], self.bounds.high[self._soft_rows]
-
-    @cached_property
     def _soft_node(self) -> np.ndarray:
         """Nodes of the soft rows, which are of states or of constraints at nodes."""
-        node = 1 + self._soft_rows // (2 * self.form.grid.n)
-        is_constraint = self._soft_rows >= self.states
-        node[is_constraint] = self.form.row_node[self._soft_rows[is_constraint] - self._first_node_row]
-        return node
+        return np.asarray(self.bounds.node[self._soft_rows])
 
-    def _soft_penalties(self, rows: np.ndarray) -> np.ndarray:
-        """Return rho times the violations of the soft ones of rows (R,) with these values."""
-        return scaled_violations(rows[self._soft_rows], *self._soft_bounds)
+    def _soft_penalties(self, excess: np.ndarray) -> np.ndarray:
+        """Return rho times the violations of the soft ones of rows (R,) that exceed their bounds by so much."""
+        return np.asarray(PENALTY * np.maximum(excess[self._soft_rows], 0.0))
 
     @cached_property
     def _penalty_of_first(self) -> float:
-        """The sum of rho times the violations of x_0."""
+        """The sum of rho times the violations of x_0; 0 where the rows of states, the first of all, are hard."""
+        if not self.bounds.soft[0]:
+            return 0.0
         return float(scaled_violations(self.p.x0, *self.bounds.first).sum())
-
-    def _penalty_by_node(self, point: Point, penalties: np.ndarray) -> np.ndarray:
-        """Return the sum of the soft penalties at each node, (K + 1,); of x_0 those of its state."""
-        by_node = np.bincount(self._soft_node, penalties, minlength=len(point.X))
-        by_node[0] = self._penalty_of_first
-        return by_node
 
     def state_violations(self, point: Point) -> np.ndarray:
         """Return by how much nodes violate limits of states at worst, (2n,) [m, rad, m/s, rad/s]."""
@@ -361,10 +361,10 @@ class SqpWindow:
 
     def row_penalties(self, here: Evaluation, which: np.ndarray | slice) -> np.ndarray:
         """Return what a unit of violation of some rows costs, 0 of hard ones."""
-        penalties = np.zeros(len(self.bounds.low))
-        if len(self._soft_rows):
-            penalties[self._soft_rows] = PENALTY * here.shares[self._soft_node]
-        return np.asarray(penalties[which])
+        is_soft = self.bounds.soft[which]
+        if not len(self._soft_rows):
+            return np.zeros(len(is_soft))
+        return np.where(is_soft, PENALTY * here.shares[self.bounds.node[which]], 0.0)
 
     def linearize(self, point: Point) -> tuple[Evaluation, Linearization]:
         """Return the evaluation of a point, and the model there, violations weighted with the durations they last.
@@ -373,14 +373,15 @@ class SqpWindow:
         intervals it has those that are near their bounds, of rows at nodes too where these say so.
         """
         model = self.form.linearize(point, self.p)
+        here = self.evaluated(point, model.at)
         if self.leaves_rows_out:
-            of_nodes = self._node_rows_beyond(model.at.rows, self._near)
+            of_nodes = self._node_rows_beyond(here.excess, self.form.excess_of_near)
             of_intervals = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
             model = self.with_rows(model, point, of_nodes, of_intervals)
-        here = self.evaluated(point, model.at)
-        if not len(self._soft_rows):
+        if not len(self._soft_rows) or not len(point.tau):
             return here, model
-        by_tau = self._penalty_by_node(point, here.penalties) @ self.form.node_shares
+        node_shares = self.form.node_shares
+        by_tau = here.penalties @ node_shares[self._soft_node] + self._penalty_of_first * node_shares[0]
         return here, replace(model, gradient_tau=model.gradient_tau + by_tau)
 
     def foreseen(self, here: Evaluation, model: Linearization, step: Point) -> np.ndarray:
@@ -394,15 +395,27 @@ class SqpWindow:
         rows[self._first_node_row + model.node_rows] += (model.rows_by_x * step.X[node]).sum(axis=1)
         return rows
 
-    def bent_rows(self, foreseen: np.ndarray, reached: Evaluation) -> float:
-        """Return by how much soft rows at nodes are violated further than their foreseen values, at worst."""
-        if not self.form.row_is_soft.any():
+    def bent_rows(self, here: Evaluation, foreseen: np.ndarray, share: float, reached: Evaluation) -> float:
+        """Return by how much soft rows at nodes are violated further than foreseen after a share of a step, at worst.
+
+        Args:
+            here: Where the step begins.
+            foreseen: Values of the rows (R,) after the full step.
+            share: The share that was taken.
+            reached: The point there.
+        """
+        if not self.form.has_soft_rows:
             return 0.0
-        excess = reached.penalties - self._soft_penalties(foreseen)
-        return float(max(excess[self._soft_rows >= self.states].max(), 0.0) / PENALTY)
+        violated = self._soft_rows[reached.penalties > 0]
+        violated = violated[violated >= self.states]
+        before = here.rows[violated]
+        after = before + share * (foreseen[violated] - before)
+        excess = np.maximum(self.bounds.low[violated] - after, after - self.bounds.high[violated])
+        return float((reached.excess[violated] - np.maximum(excess, 0.0)).max(initial=0.0))
 
     def change_of_penalty(self, here: Evaluation, foreseen: np.ndarray) -> float:
         """Return what the penalty at foreseen values of the rows is more than at a point."""
         if not len(self._soft_rows):
             return 0.0
-        return float(here.shares[self._soft_node] @ (self._soft_penalties(foreseen) - here.penalties))
+        penalties = self._soft_penalties(self._excess(foreseen))
+        return float(here.shares[self._soft_node] @ (penalties - here.penalties))

@@ -85,7 +85,9 @@ def rows_after(task: Task, step: Point) -> np.ndarray:
     at, form = task.model.at, task.window.form
     ends = at.rows + (task.model.rows_by_x * step.X[form.row_node]).sum(axis=1)
     over_intervals = interval_rows_after(form, task.model, step)
-    return task.window.rows(task.point.moved(step, 1.0), replace(at, rows=ends, interval_rows=over_intervals))
+    after = task.point.moved(step, 1.0)
+    h = form.steps(after, task.window.horizon)
+    return task.window.rows(after, replace(at, rows=ends, interval_rows=over_intervals), h)
 
 
 def _change_of_gaps(model: Linearization, step: Point) -> np.ndarray:

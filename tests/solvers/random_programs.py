@@ -8,7 +8,7 @@ import numpy as np
 
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
 from psmpc_cli.ocp.plan import Grid
-from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow, WindowBounds
+from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow, WindowBounds, nodes_of_rows
 
 COORDINATES = 2
 END_ROWS = 2
@@ -148,7 +148,7 @@ def _bounds_about(
         inputs = over_h(np.diff((point.X + step.X)[:, n:], axis=0) / h)
     rows, first = (np.concatenate(low), np.concatenate(high)), np.array([[-np.inf], [np.inf]]) * np.ones(2 * n)
     soft = np.zeros(len(rows[0]), bool)
-    return WindowBounds(*rows, *intervals, *inputs, soft, first)
+    return WindowBounds(*rows, *intervals, *inputs, soft, nodes_of_rows(form, len(soft)), first)
 
 
 def interval_rows_after(form: VelocityForm, model: Linearization, step: Point) -> np.ndarray:

@@ -61,8 +61,10 @@ def scaled_violations(X: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.nd
 
 def shares_of_time(steps: np.ndarray) -> np.ndarray:
     """Return what the nodes stand for, (K + 1, columns), of intervals (K, columns): half of either neighbour."""
-    none = np.zeros((1, steps.shape[1]))
-    return np.asarray(np.vstack([none, steps]) + np.vstack([steps, none])) / 2
+    shares = np.zeros((len(steps) + 1, steps.shape[1]))
+    shares[1:] += steps / 2
+    shares[:-1] += steps / 2
+    return shares
 
 
 def own_violations(x0: np.ndarray, stages: Sequence[Stage]) -> np.ndarray:

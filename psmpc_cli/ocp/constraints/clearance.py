@@ -279,12 +279,13 @@ def poses_at(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.nd
     The 0 is there for groups of the robot alone, which have no pose: NaN in its place says that a group has no rows.
     """
     n_pose = model.space.n_pose
-    fixed = argument[: 1 + n_pose * (pairs.gripper is not None)]
-    moving = argument[len(fixed) :]
-    at_nodes = np.empty((len(since), len(fixed) + n_pose * pairs.moves))
-    at_nodes[:, : len(fixed)] = fixed
-    if pairs.moves:
-        at_nodes[:, len(fixed) :] = poses_after(model, moving[:n_pose], moving[n_pose:], since)
+    first_of_pose = 1 + n_pose * (pairs.gripper is not None)
+    first_of_velocity = first_of_pose + n_pose * pairs.moves
+    at_nodes = np.empty((len(since), first_of_velocity))
+    at_nodes[:] = argument[:first_of_velocity]
+    v = argument[first_of_velocity:]
+    if v.any():
+        at_nodes[:, first_of_pose:] = poses_after(model, argument[first_of_pose:first_of_velocity], v, since)
     return at_nodes
 
 

@@ -82,9 +82,12 @@ def window_of(problem: Problem, Q: np.ndarray, v: np.ndarray, stages: int = 2) -
     )
 
 
-def solved(problem: Problem, window: Window, kind: str, guess: Plan | None = None) -> Solution:
-    """Solve a window to its optimum, by default from rest with instants that are evenly apart."""
-    spec = problem.spec.solver.model_copy(update={"kind": kind, "iterations": 200, "tolerance": 1e-9})
+def solved(
+    problem: Problem, window: Window, kind: str, guess: Plan | None = None, max_iterations: int = 200
+) -> Solution:
+    """Solve a window to its optimum, by default from a plan without accelerations, with instants evenly apart."""
+    to_optimum = {"kind": kind, "iterations": max_iterations, "max_iterations": max_iterations, "tolerance": 1e-9}
+    spec = problem.spec.solver.model_copy(update=to_optimum)
     if guess is None:
         guess = resting_plan(0.0, window.horizon, window.K, window.x0, window.chart)
         guess = replace(guess, instants=np.linspace(0, window.horizon, len(window.nodes) + 1)[1:-1])
@@ -167,7 +170,7 @@ def test_jacobian_agrees_with_differences(task: str) -> None:
         poses = [model.space.dropped(rng.uniform(-1, 1, 3) * model.shape.reach, np.array([1.0, 0, 0, 0]))] * 2
         size = rows.value.function.size1_in(1)
         a = np.r_[anchor, 0, np.concatenate(poses)][:size]
-        by_x = rows.gradient(x, a, np.eye(rows.count), rows=rows.count)[0][:, : model.n]
+        by_x = rows.gradients(np.tile(x, (rows.count, 1)), a, np.arange(rows.count))[:, : model.n]
         steps = h * np.eye(2 * model.n)[: model.n]
         differences = [(rows.value(x + step, a)[0] - rows.value(x - step, a)[0]).ravel() / (2 * h) for step in steps]
         assert by_x == pytest.approx(np.array(differences).T, abs=1e-7)

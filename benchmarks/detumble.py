@@ -114,7 +114,10 @@ def solve(problem: Problem, nodes: int) -> Solution:
     )
     rest = resting_plan(0.0, window.horizon, nodes, window.x0, window.chart)
     guess = on_mesh(replace(rest, instants=np.array([window.horizon / 2])), window)
-    return build_solver(problem, problem.spec.solver).solve(window, guess)
+    solution = build_solver(problem, problem.spec.solver).solve(window, guess)
+    if not solution.outcome.usable:
+        raise RuntimeError(f"{nodes} intervals: {solution.outcome.value}")
+    return solution
 
 
 def costs(model: RobotModel, plan: Plan, nodes: int, end: int) -> dict[str, float]:

@@ -544,6 +544,7 @@ def figure() -> Iterator[str]:
     made = results(family)
     with in_style():
         drawn = new_figure()
+        drawn.set_figheight(2.4)
         axes = drawn.subplots()
         for index, controller in enumerate(controllers):
             rows = [[made[case.name][seed] for seed in seeds] for case in cases(LEVELS["effort"], [controller])]
@@ -553,7 +554,7 @@ def figure() -> Iterator[str]:
             axes.plot(efforts, times, label=controller, **{**line_look(index), **mark_look(index), "linestyle": "-"})
         axes.set(xlabel="control effort [m$^2$/s$^3$, rad$^2$/s$^3$]", ylabel="end of the mission [s]")
         axes.legend()
-        drawn.savefig(FIGURE)
+        drawn.savefig(FIGURE, bbox_inches="tight")
     yield f"{FIGURE}"
 
 

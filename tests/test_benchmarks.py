@@ -29,3 +29,13 @@ def test_the_claims_say_in_how_many_searched_settings_they_hold(monkeypatch: pyt
     calibration = runpy.run_path(str(FOLDER / "calibration.py"), run_name="imported")
     counts = {name: (holds, total) for name, (holds, _, total) in calibration["count_held"]().items()}
     assert counts == {claim.id: claim.searched for claim in load_claims() if claim.searched is not None}
+
+
+@pytest.mark.slow
+def test_a_published_problem_with_force_limits_has_the_published_cost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(FOLDER)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    detumble = runpy.run_path(str(FOLDER / "detumble.py"), run_name="imported")
+    rows = [line.split("|")[2] for line in detumble["table"]() if "intervals" in line]
+    assert len(rows) == 8
+    assert [float(cost) for cost in rows] == pytest.approx(8 * [8.507], rel=0.02)

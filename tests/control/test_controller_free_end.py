@@ -127,6 +127,7 @@ def test_sqp_finds_the_optimum_that_ipopt_finds_from_its_plan() -> None:
     np.testing.assert_allclose(found.plan.X, reference.plan.X, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_stage_that_ends_at_a_time_ends_then(experiment_of: Build) -> None:
     changes = ("stages.approach.ends_when=null", "stages.approach.at=2.034")
     samples, _ = run(experiment_of(*SHORT, *FREE_END, *changes, "time_limit=2.5"))

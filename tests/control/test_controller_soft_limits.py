@@ -34,6 +34,7 @@ def test_stages_are_seen_postponed_and_ended_as_with_hard_limits(experiment_of: 
 
 
 @pytest.mark.parametrize("kind", ["psmpc", "htmpc"])
+@pytest.mark.slow
 def test_a_state_measured_far_beyond_a_limit_is_led_back(experiment_of: Build, kind: str) -> None:
     """15 cm beyond it: hard limits leave no window a solution."""
     changes = (*COARSE, NEAR, f"controller.kind={kind}", "controller.htmpc.depth=2")

@@ -37,6 +37,7 @@ def test_a_later_stage_with_a_high_priority_acts_early_and_ends_sooner() -> None
     assert [end[0] for end in ends] == pytest.approx([4.4] * 3, abs=0.15)
 
 
+@pytest.mark.slow
 def test_one_level_of_htmpc_is_hard_switching_and_more_keep_earlier_stages() -> None:
     hard, one, several = (
         stepped(turning(120, f"controller.kind={kind}", f"controller.htmpc.depth={depth}"))
@@ -70,6 +71,7 @@ def test_with_every_setting_the_mission_is_done(changes: tuple[str, ...]) -> Non
     assert switches == pytest.approx(again, abs=2.5 if rest else 0.8 if "auto" in changes[0] else 1e-3)
 
 
+@pytest.mark.slow
 def test_a_tumbling_target_is_followed_through_more_than_a_turn() -> None:
     """At a constant rate between rows 100 deg apart: no way is shorter than that of the target."""
     rows = [{"position": [0.1 * k, 0, 0], "attitude": attitude([1, 2, 3], 100 * k)} for k in range(5)]
@@ -81,6 +83,7 @@ def test_a_tumbling_target_is_followed_through_more_than_a_turn() -> None:
         assert (wanted.inv() * Rotation.from_quat(command.x[[4, 5, 6, 3]])).magnitude() < 0.01
 
 
+@pytest.mark.slow
 def test_an_arm_that_points_exactly_away_turns_round() -> None:
     """There no derivative says which way."""
     still = {"base": {"position": [0, 0, 0]}, "arm": [0, 0, 0]}
@@ -91,6 +94,7 @@ def test_an_arm_that_points_exactly_away_turns_round() -> None:
     assert np.abs(state.Q[8] + state.Q[9]) == pytest.approx(np.pi, abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_predicted_switch_time_stays_where_it_is() -> None:
     """About (1, 1, 1), from the sample after it is first seen on."""
     commands, switches, _ = stepped(turning(120, "controller.nodes=25"))

@@ -62,6 +62,7 @@ def test_the_bands_of_the_shares_fill_the_panels_and_switches_are_marked(run: Ru
     assert set(common_legend(figure)) == {"switch", "next stage already acts", "early start"}
 
 
+@pytest.mark.slow
 def test_a_figure_without_shares_in_the_control_says_why() -> None:
     off = ("controller.nodes=5", "plant.kind=ideal", "time_limit=0.5", "log.shares=false")
     figure = plot_shares(simulate(load_task("transport", off)))

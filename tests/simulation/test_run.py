@@ -224,6 +224,7 @@ def test_a_killed_run_leaves_all_but_the_last_half_second(tmp_path: Path, kill: 
         assert np.isfinite(log.plan("solution", k)).all()
 
 
+@pytest.mark.slow
 def test_metrics_are_the_same_whenever_they_are_read() -> None:
     task = load_task("transport", ("controller.nodes=5", "time_limit=12", "log.shares=false"))
     at_once = [sample.metrics for sample in closed_loop(build_experiment(task))]

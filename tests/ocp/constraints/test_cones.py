@@ -287,6 +287,7 @@ def test_sqp_and_ipopt_agree(dimension: int, side: str, angle: float, turned: fl
 
 @pytest.mark.parametrize("solver", ["sqp", "fatrop"])
 @pytest.mark.parametrize(("side", "angle", "turned"), [("within", 0.15, 0.0), ("outside", 0.25, -0.4)])
+@pytest.mark.slow
 def test_a_run_keeps_a_cone_that_a_free_run_leaves(solver: str, side: str, angle: float, turned: float) -> None:
     """Between nodes an axis may cut the edge: a sample and the node after it are 0.35 s apart at most."""
     changes = {"plant.kind": "ideal", "log.shares": False, "solver.kind": solver, "time_limit": 8.0}

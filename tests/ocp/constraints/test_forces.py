@@ -142,6 +142,7 @@ def test_a_window_has_the_optimum_of_the_problem_in_the_joint_rates(
 FORCE_COSTS = {"skills.reach.weights.force": {"arms": [0.05] * 3}, "skills.home.weights.force": 0.02}
 
 
+@pytest.mark.slow
 def test_what_force_costs_is_in_the_optimum_of_both_solvers(fast_arms: Path) -> None:
     problem = build_problem(planar_task(fast_arms, FORCE_COSTS))
     window = window_of(problem, stack(problem.spec.initial, problem.task.robot, "joint"), np.zeros(problem.model.n))
@@ -189,6 +190,7 @@ def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object
     np.testing.assert_allclose(own.step.X, other.step.X, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_sqp_and_ipopt_agree_in_space() -> None:
     """Started at the plan of sqp, with limits that bind."""
     limits = {"arm": {"force": [0.02, 0.02, 0.02]}}

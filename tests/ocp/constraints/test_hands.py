@@ -124,6 +124,7 @@ def test_a_window_reads_the_relative_poses_from_its_record(problem: Problem) -> 
 
 
 @pytest.mark.parametrize("beyond", [0.0, 4e-3], ids=["within", "beyond"])
+@pytest.mark.slow
 def test_both_kinds_of_back_end_keep_the_band(problem: Problem, beyond: float) -> None:
     relative = relative_pose(problem, some_coordinates(problem))
     relative[0] += beyond

@@ -58,6 +58,9 @@ CONTROLLERS: Mapping[str, Changes] = {
 }
 """What each mission is run under; `hard` and `htmpc` have windows as published."""
 
+TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "hard, free end": "hard switching, free end", "hard": "hard switching"}
+"""Names in the figure."""
+
 PLANNED = ("psmpc", "smpc", "hard, free end")
 """Controllers whose windows have the end of the current stage."""
 
@@ -417,8 +420,7 @@ def successes(made: Made) -> Iterator[Row]:
         rate = binomtest(len(succeeded), len(rows)).proportion_ci(method="wilson")
         line: Row = {
             "controller": f"`{name}`",
-            "succeeded": f"{len(succeeded)} of {len(rows)}",
-            "success rate": f"{100 * rate.low:.0f} to {100 * rate.high:.0f} %",
+            "succeeded": f"{len(succeeded)} of {len(rows)} ({100 * rate.low:.0f} to {100 * rate.high:.0f} %)",
             "end [s]": spread([row["time"] for row in succeeded]),
             "effort": spread([row["effort"] for row in succeeded]),
             "largest force on the base [N]": spread([row["force"] for row in succeeded]),
@@ -551,9 +553,11 @@ def figure() -> Iterator[str]:
             whole = [each for each in rows if all(row["succeeded"] for row in each)]
             efforts = [np.median([row["effort"] for row in each]) for each in whole]
             times = [np.median([row["time"] for row in each]) for each in whole]
-            axes.plot(efforts, times, label=controller, **{**line_look(index), **mark_look(index), "linestyle": "-"})
+            axes.plot(
+                efforts, times, label=TITLES[controller], **{**line_look(index), **mark_look(index), "linestyle": "-"}
+            )
         axes.set(xlabel="control effort [m$^2$/s$^3$, rad$^2$/s$^3$]", ylabel="end of the mission [s]")
-        axes.legend()
+        axes.legend(title="control weights 16 (left) to 0.05 (right)")
         drawn.savefig(FIGURE, bbox_inches="tight")
     yield f"{FIGURE}"
 

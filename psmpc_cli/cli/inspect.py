@@ -49,7 +49,8 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
     else:
         validate(reference, changes)
         from psmpc_cli.cli.tables import print_gradients, print_task
-        from psmpc_cli.ocp.feasibility import forecast_stages, load_feasible, remarks
+        from psmpc_cli.ocp.feasibility import load_feasible, remarks
+        from psmpc_cli.ocp.forecast import forecast_stages
 
         subject = load_feasible(reference, changes)
         forecasts = forecast_stages(subject)

@@ -17,7 +17,8 @@ from psmpc_cli.logs.comparison import Comparison
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD, StageForecast, forecast_configurations
+from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD
+from psmpc_cli.ocp.forecast import StageForecast, forecast_configurations
 from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
 from psmpc_cli.paper.claims import APART, HEADINGS
 from psmpc_cli.paper.fronts import FrontMovement

@@ -1,7 +1,6 @@
 """Whether a task can be done, as far as can be decided before anything is solved: limits, reach, order of events."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -9,19 +8,29 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.ocp.forecast import (
+    StageForecast,
+    bounds_of,
+    coordinates_of,
+    counts,
+    forecast_configurations,
+    forecast_stages,
+    initial_state,
+    reaches_of,
+    tolerances_of,
+)
 from psmpc_cli.ocp.objective import StageCosts
-from psmpc_cli.ocp.postures import configurations, largest_load_ratio
-from psmpc_cli.ocp.problem import build_stages, in_own_chart
+from psmpc_cli.ocp.postures import largest_load_ratio
+from psmpc_cli.ocp.problem import in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.targets import clearance_remarks, cone_remarks, monitor_faults
-from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
-from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.reach import Reach, furthest_centre, reach_of
+from psmpc_cli.robot.configuration import configuration_space
+from psmpc_cli.robot.reach import furthest_centre
 from psmpc_cli.robot.rotations import conjugate, log, product
 from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.parts import POSITION_AXES
-from psmpc_cli.specs.robot import labels, stack
+from psmpc_cli.specs.robot import labels
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 SLACK = 1e-9
@@ -35,31 +44,6 @@ ENVELOPE = {"position": "m", "angle": "rad", "velocity": "m/s", "angular_velocit
 
 SPEED_SLACK = 1e-6
 """By which a trajectory may be faster than a velocity limit [m/s, rad/s]: values are written with a few digits."""
-
-
-@dataclass(frozen=True, eq=False)
-class StageForecast:
-    """What is known of one stage before a run.
-
-    Attributes:
-        model: The robot.
-        stage: The stage.
-        along: For each waypoint, by arm, how far it is with the base at its own pose, under the limits in force; empty
-            in joint space, and for arms (or with a base) whose place neither weights nor the end condition ask for.
-        earliest_end: Time before which the stage cannot end [s]: from velocity limits, dwells and fixed times.
-        stuck: Coordinates that its end condition wants elsewhere but velocity limits let not move that way.
-    """
-
-    model: RobotModel
-    stage: Stage
-    along: Sequence[Mapping[str, Reach]]
-    earliest_end: float
-    stuck: tuple[int, ...] = ()
-
-    @property
-    def reaches(self) -> Mapping[str, Reach]:
-        """By arm, how far its target is: of a trajectory, the last row's."""
-        return self.along[-1]
 
 
 def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> Task:
@@ -140,11 +124,11 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
 
 def _initial(task: Task, first: Stage) -> Iterator[Fault]:
     """Give what of the initial state the first stage does not allow."""
-    Q, v = _initial_state(task)
+    Q, v = initial_state(task)
     space = configuration_space(task.robot)
-    position = _coordinates(space, first, Q)
+    position = coordinates_of(space, first, Q)
     for key, kind, values in (("initial", "position", position), ("initial_velocity", "velocity", v)):
-        for row in _outside(values, *_bounds(first, kind)):
+        for row in _outside(values, *bounds_of(first, kind)):
             yield Fault(_place(task, (key,), row, "joint"), _beyond(task, row, values[row], first, kind))
 
 
@@ -152,14 +136,14 @@ def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
     """Give what of a stage's target, or of any row of its trajectory, lies outside its limits."""
     space = configuration_space(task.robot)
     for index, numbers in enumerate(stage.waypoints):
-        values = _coordinates(space, stage, numbers)
+        values = coordinates_of(space, stage, numbers)
         for row in _rows_outside(stage, values):
             yield Fault(_place(task, stage, row, stage.space, index), _beyond(task, row, values[row], stage))
 
 
 def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
     """Return the coordinates whose values (n,) the stage asks for but its limits forbid."""
-    return [row for row in _outside(values, *_bounds(stage, "position")) if _counts(stage, [row])]
+    return [row for row in _outside(values, *bounds_of(stage, "position")) if counts(stage, [row])]
 
 
 def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterator[Fault]:
@@ -214,12 +198,12 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
     if moved_by.actuated or not moved_by.moves or task.spec.uncertainty.changes_the_plant:
         return
     d = task.robot.dimension
-    Q, v = _initial_state(task)
+    Q, v = initial_state(task)
     masses = np.array([body.mass for body in task.robot.bodies])
     rate = model.momentum(Q, v)[:d] / masses.sum()
     times = np.array([forecast.earliest_end, max(task.spec.time_limit, forecast.earliest_end)])
     centre = model.centre_of_mass(Q) + times[:, None] * rate
-    within = {row: tolerance for row, tolerance in _tolerances(model.space, stage).items() if row < d}
+    within = {row: tolerance for row, tolerance in tolerances_of(model.space, stage).items() if row < d}
     asked = list(within)
     wanted = stage.target[asked]
     below = centre.min(axis=0)[asked] - wanted
@@ -237,11 +221,11 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
     """Give the coordinates that a stage leaves where the limits of the next one do not allow them."""
     space = configuration_space(task.robot)
-    values = _coordinates(space, stage, stage.target)
-    tolerances = _tolerances(space, stage)
+    values = coordinates_of(space, stage, stage.target)
+    tolerances = tolerances_of(space, stage)
     rows = np.array(sorted(tolerances.keys() - {len(values), *_rows_outside(stage, values)}), int)
     within = np.array([tolerances[row] for row in rows])
-    low, high = _bounds(then, "position")
+    low, high = bounds_of(then, "position")
     for row in rows[_outside(values[rows], low[rows] - within, high[rows] + within)]:
         message = f"{_beyond(task, row, values[row], then)}, where {quoted(then.name)} keeps it"
         yield Fault(("stages", stage.index, "ends_when"), message)
@@ -352,12 +336,6 @@ def _early_release(task: Task) -> Iterator[Fault]:
     yield Fault(("stages", last, "priority") if traits.has_priorities else ("controller", "kind"), message)
 
 
-def forecast_configurations(task: Task, forecasts: Sequence[StageForecast]) -> list[np.ndarray]:
-    """Return the robot's coordinates at the start and at every stage's target, (nq,) each."""
-    stages = [forecast.stage for forecast in forecasts]
-    return configurations(task, forecasts[0].model, stages, [forecast.reaches for forecast in forecasts])
-
-
 def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Yield end conditions that measurements meet or miss by chance: a tolerance below 3 sigma of its row.
 
@@ -408,7 +386,7 @@ def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]
     if not set(range(task.robot.parts["base"])) <= set(before.end_rows):
         return
     own = then.along[0]
-    moved = _reaches(stage, then.model, first, left)
+    moved = reaches_of(stage, then.model, first, left)
     far = [arm for arm, reach in moved.items() if reach.distance > reach.full_reach and not reach.reachable]
     for arm in (arm for arm in far[:1] if own[arm].reachable):
         message = (
@@ -430,9 +408,9 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     if stage.trajectory is None:
         return
     times = stage.trajectory.times
-    low, high = _bounds(stage, "velocity")
+    low, high = bounds_of(stage, "velocity")
     space = configuration_space(task.robot)
-    at_times = np.array([_coordinates(space, stage, numbers) for numbers in stage.trajectory.values])
+    at_times = np.array([coordinates_of(space, stage, numbers) for numbers in stage.trajectory.values])
     changes = np.diff(at_times, axis=0)  # of position and joints; a spatial base's attitude is set below
     if stage.attitudes:
         q = stage.trajectory.values[:, space.attitude].T  # every target begins with the base's pose, as Q does
@@ -444,7 +422,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     for i in np.flatnonzero(np.isfinite(changes).all(axis=0)).tolist():
         excess = np.maximum(rates[:, i] - high[i], low[i] - rates[:, i])
         worst = int(excess.argmax())
-        if excess[worst] > SPEED_SLACK and _counts(stage, [i]):
+        if excess[worst] > SPEED_SLACK and counts(stage, [i]):
             name = labels(task.robot, "joint")[i]
             rate = _number(task, i, rates[worst, i], "velocity")
             message = (
@@ -452,143 +430,6 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
                 f"its velocity limits {_span(task, i, stage, 'velocity')}: the robot falls behind"
             )
             yield Fault(_place(task, stage, i, stage.space, worst + 1), message)
-
-
-def forecast_stages(task: Task) -> tuple[StageForecast, ...]:
-    """Return the forecast of every stage of a task."""
-    model = RobotModel(task.robot)
-    stages = build_stages(task.spec, task.robot, model)
-    ends = earliest_ends(task, stages)
-    along = ([_reaches(stage, model, xi) for xi in stage.waypoints] for stage in stages)
-    forecasts = zip(stages, along, ends, strict=True)
-    return tuple(StageForecast(model, stage, reaches, *end) for stage, reaches, end in forecasts)
-
-
-def _initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:
-    """Return Q (nq,) and v (n,) at the start."""
-    spec = task.spec
-    robot = task.robot
-    return stack(spec.initial, robot, "joint"), stack(spec.initial_velocity, robot, "joint", 0.0, of_error=True)
-
-
-def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tuple[int, ...]]]:
-    """Return for every stage of a task a lower bound on the time at which it ends [s], and its stuck coordinates.
-
-    A coordinate that one stage leaves at its target, and a later one must have at another, takes at least their
-    distance over its largest velocity in between; the tolerances are taken off the distance. From the start on it has
-    to gain that velocity, too. The attitude of a spatial base, a row of its own behind the others, moves by the angle
-    to its target, as fast as all limits of the angular velocity together allow.
-    """
-    Q, v = _initial_state(task)
-    space = configuration_space(task.robot)
-    attitude = Q[space.attitude]
-    value = np.append(space.in_order_of_v(Q), 0.0)
-    speed = np.append(v, np.linalg.norm(v[space.rotation]))
-    known = np.zeros(len(v) + 1, bool)
-    tolerance = np.zeros(len(value))
-    since = np.zeros(len(value))
-    most = np.zeros((4, len(value)))
-    found = list[tuple[float, tuple[int, ...]]]()
-    end = 0.0
-    for stage in stages:
-        most = np.maximum(most, _largest_rates(space, stage))  # up and down, since a coordinate was known
-        if not task.robot.moved_by.moves:
-            most[:, space.base] = 0.0
-            most[:, -1] = 0.0
-        asked = _tolerances(space, stage)
-        rows = np.array(list(asked), int)
-        within = np.array(list(asked.values()))
-        target = np.append(_coordinates(space, stage, stage.target), _angle(attitude, stage.target[space.attitude]))
-        way = target[rows] - value[rows]
-        distance = np.maximum(np.abs(way) - within - tolerance[rows], 0.0)
-        rate, gain = np.where(way > 0, most[::2, rows], most[1::2, rows])
-        stuck = (distance > 0) & (rate <= 0)
-        begins = np.where(known[rows], rate, np.minimum(np.sign(way) * speed[rows], rate))
-        arrivals = since[rows] + _shortest_time(distance, rate, gain, begins)
-        end = max(end + max(stage.dwell, stage.hold), *(arrivals[~stuck] + stage.hold), 0.0)
-        end = stage.at if stage.at is not None else end
-        value[rows] = target[rows]
-        tolerance[rows] = within
-        since[rows] = end
-        most[:, rows] = 0.0
-        known[rows] = True
-        if len(v) in asked:
-            attitude = stage.target[space.attitude]
-            value[-1] = 0.0
-        found.append((end, tuple(rows[stuck].tolist())))
-    return found
-
-
-def _angle(one: np.ndarray, other: np.ndarray) -> float:
-    """Return the angle between two attitudes [rad], as unit quaternions; 0 in the plane."""
-    return float(2 * np.arccos(min(1.0, abs(float(one @ other))))) if len(one) else 0.0
-
-
-def _largest_rates(space: ConfigurationSpace, stage: Stage) -> np.ndarray:
-    """Return the largest velocities and accelerations up and down, the attitude's last, (4, n + 1)."""
-    limits = stage.limits
-    both = np.array([limits.velocity_high, -limits.velocity_low, limits.acceleration_high, -limits.acceleration_low])
-    of_turn = np.linalg.norm(np.maximum(both[::2], both[1::2])[:, space.rotation], axis=1)
-    return np.column_stack([both, np.repeat(of_turn, 2)])
-
-
-def _shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, begins: np.ndarray) -> np.ndarray:
-    """Return the time over a distance from a velocity on, that gains at most so much and then stays, (K,) [s] each."""
-    with np.errstate(all="ignore"):
-        ramp = np.where(np.isfinite(gain), (rate**2 - begins**2) / (2 * gain), 0.0)
-        fast = np.where(np.isfinite(gain), (rate - begins) / gain, 0.0) + (distance - ramp) / rate
-        slow = (np.sqrt(begins**2 + 2 * gain * distance) - begins) / gain
-    return np.asarray(np.where(distance <= 0, 0.0, np.where((distance >= ramp) & (rate > 0), fast, slow)))
-
-
-def _coordinates(space: ConfigurationSpace, stage: Stage, numbers: np.ndarray) -> np.ndarray:
-    """Return the coordinates that a target's numbers say, in the order of v (n,); NaN for those that they do not."""
-    if stage.space != "joint":
-        numbers = np.concatenate([numbers[space.base_coordinates], np.full(space.joints, np.nan)])
-    return space.in_order_of_v(numbers)
-
-
-def _tolerances(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
-    """Return the tolerance of every coordinate in the end condition [m, rad]; in task space those of the base.
-
-    Row n is the attitude of a spatial base, where the end condition has all of it.
-    """
-    asked = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True))
-    known = _coordinates(space, stage, stage.target)
-    found = {row: t for row, t in asked.items() if row < len(known) and np.isfinite(known[row])}
-    rotation = range(space.rotation.start, space.rotation.stop)
-    if stage.attitudes and set(rotation) <= set(asked):
-        found[len(known)] = float(np.linalg.norm([asked[row] for row in rotation]))
-    return found
-
-
-def _counts(stage: Stage, rows: Sequence[int]) -> bool:
-    """Tell whether weights or the end condition ask for all of some rows of the target."""
-    return bool(stage.asked[list(rows)].all())
-
-
-def _reaches(stage: Stage, model: RobotModel, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
-    """Return how far poses xi (m,) of a stage's target are, of the arms whose poses count, under the stage's limits.
-
-    With the base at its own pose, or elsewhere.
-    """
-    robot = model.spec
-    size = robot.parts["base"]
-    if stage.space != "task" or not _counts(stage, range(size)):
-        return {}
-    poses = xi.reshape(len(robot.parts), -1)
-    ends = np.cumsum(list(robot.parts.values()))
-    found = {}
-    low, high = (np.split(bound, ends[:-1]) for bound in _bounds(stage, "position"))
-    for i, arm in enumerate(robot.arms, start=1):
-        if _counts(stage, range(size * i, size * (i + 1))):
-            found[arm] = reach_of(model, arm, poses[0] if base is None else base, poses[i], (low[i], high[i]))
-    return found
-
-
-def _bounds(stage: Stage, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return low and high of the positions or velocities of Q, (n,) each."""
-    return getattr(stage.limits, f"{kind}_low"), getattr(stage.limits, f"{kind}_high")
 
 
 def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]:
@@ -614,7 +455,7 @@ def _number(task: Task, row: int, value: float, kind: str) -> str:
 
 def _span(task: Task, row: int, stage: Stage, kind: str) -> str:
     """Write a stage's bounds of a coordinate with their unit."""
-    low, high = (_number(task, row, bound[row], kind) for bound in _bounds(stage, kind))
+    low, high = (_number(task, row, bound[row], kind) for bound in bounds_of(stage, kind))
     return f"[{low}, {high}]"
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.feasibility import forecast_stages, load_feasible
+from psmpc_cli.ocp.feasibility import load_feasible
+from psmpc_cli.ocp.forecast import forecast_stages
 from psmpc_cli.ocp.postures import arm_postures, configurations, largest_load_ratio
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import load_task

@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.feasibility import forecast_stages, remarks, review
+from psmpc_cli.ocp.feasibility import remarks, review
+from psmpc_cli.ocp.forecast import forecast_stages
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.document import dotted

@@ -1,0 +1,183 @@
+"""What is known of the stages of a task before anything is solved: reach, postures, and how early each can end."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.ocp.postures import configurations
+from psmpc_cli.ocp.problem import build_stages
+from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.reach import Reach, reach_of
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.robot import stack
+
+
+@dataclass(frozen=True, eq=False)
+class StageForecast:
+    """What is known of one stage before a run.
+
+    Attributes:
+        model: The robot.
+        stage: The stage.
+        along: For each waypoint, by arm, how far it is with the base at its own pose, under the limits in force; empty
+            in joint space, and for arms (or with a base) whose place neither weights nor the end condition ask for.
+        earliest_end: Time before which the stage cannot end [s]: from velocity limits, dwells and fixed times.
+        stuck: Coordinates that its end condition wants elsewhere but velocity limits let not move that way.
+    """
+
+    model: RobotModel
+    stage: Stage
+    along: Sequence[Mapping[str, Reach]]
+    earliest_end: float
+    stuck: tuple[int, ...] = ()
+
+    @property
+    def reaches(self) -> Mapping[str, Reach]:
+        """By arm, how far its target is: of a trajectory, the last row's."""
+        return self.along[-1]
+
+
+def forecast_stages(task: Task) -> tuple[StageForecast, ...]:
+    """Return the forecast of every stage of a task."""
+    model = RobotModel(task.robot)
+    stages = build_stages(task.spec, task.robot, model)
+    ends = earliest_ends(task, stages)
+    along = ([reaches_of(stage, model, xi) for xi in stage.waypoints] for stage in stages)
+    forecasts = zip(stages, along, ends, strict=True)
+    return tuple(StageForecast(model, stage, reaches, *end) for stage, reaches, end in forecasts)
+
+
+def forecast_configurations(task: Task, forecasts: Sequence[StageForecast]) -> list[np.ndarray]:
+    """Return the robot's coordinates at the start and at every stage's target, (nq,) each."""
+    stages = [forecast.stage for forecast in forecasts]
+    return configurations(task, forecasts[0].model, stages, [forecast.reaches for forecast in forecasts])
+
+
+def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tuple[int, ...]]]:
+    """Return for every stage of a task a lower bound on the time at which it ends [s], and its stuck coordinates.
+
+    A coordinate that one stage leaves at its target, and a later one must have at another, takes at least their
+    distance over its largest velocity in between; the tolerances are taken off the distance. From the start on it has
+    to gain that velocity, too. The attitude of a spatial base, a row of its own behind the others, moves by the angle
+    to its target, as fast as all limits of the angular velocity together allow.
+    """
+    Q, v = initial_state(task)
+    space = configuration_space(task.robot)
+    attitude = Q[space.attitude]
+    value = np.append(space.in_order_of_v(Q), 0.0)
+    speed = np.append(v, np.linalg.norm(v[space.rotation]))
+    known = np.zeros(len(v) + 1, bool)
+    tolerance = np.zeros(len(value))
+    since = np.zeros(len(value))
+    most = np.zeros((4, len(value)))
+    found = list[tuple[float, tuple[int, ...]]]()
+    end = 0.0
+    for stage in stages:
+        most = np.maximum(most, _largest_rates(space, stage))  # up and down, since a coordinate was known
+        if not task.robot.moved_by.moves:
+            most[:, space.base] = 0.0
+            most[:, -1] = 0.0
+        asked = tolerances_of(space, stage)
+        rows = np.array(list(asked), int)
+        within = np.array(list(asked.values()))
+        target = np.append(coordinates_of(space, stage, stage.target), _angle(attitude, stage.target[space.attitude]))
+        way = target[rows] - value[rows]
+        distance = np.maximum(np.abs(way) - within - tolerance[rows], 0.0)
+        rate, gain = np.where(way > 0, most[::2, rows], most[1::2, rows])
+        stuck = (distance > 0) & (rate <= 0)
+        begins = np.where(known[rows], rate, np.minimum(np.sign(way) * speed[rows], rate))
+        arrivals = since[rows] + _shortest_time(distance, rate, gain, begins)
+        end = max(end + max(stage.dwell, stage.hold), *(arrivals[~stuck] + stage.hold), 0.0)
+        end = stage.at if stage.at is not None else end
+        value[rows] = target[rows]
+        tolerance[rows] = within
+        since[rows] = end
+        most[:, rows] = 0.0
+        known[rows] = True
+        if len(v) in asked:
+            attitude = stage.target[space.attitude]
+            value[-1] = 0.0
+        found.append((end, tuple(rows[stuck].tolist())))
+    return found
+
+
+def initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:
+    """Return Q (nq,) and v (n,) at the start."""
+    spec = task.spec
+    robot = task.robot
+    return stack(spec.initial, robot, "joint"), stack(spec.initial_velocity, robot, "joint", 0.0, of_error=True)
+
+
+def _angle(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the angle between two attitudes [rad], as unit quaternions; 0 in the plane."""
+    return float(2 * np.arccos(min(1.0, abs(float(one @ other))))) if len(one) else 0.0
+
+
+def _largest_rates(space: ConfigurationSpace, stage: Stage) -> np.ndarray:
+    """Return the largest velocities and accelerations up and down, the attitude's last, (4, n + 1)."""
+    limits = stage.limits
+    both = np.array([limits.velocity_high, -limits.velocity_low, limits.acceleration_high, -limits.acceleration_low])
+    of_turn = np.linalg.norm(np.maximum(both[::2], both[1::2])[:, space.rotation], axis=1)
+    return np.column_stack([both, np.repeat(of_turn, 2)])
+
+
+def _shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, begins: np.ndarray) -> np.ndarray:
+    """Return the time over a distance from a velocity on, that gains at most so much and then stays, (K,) [s] each."""
+    with np.errstate(all="ignore"):
+        ramp = np.where(np.isfinite(gain), (rate**2 - begins**2) / (2 * gain), 0.0)
+        fast = np.where(np.isfinite(gain), (rate - begins) / gain, 0.0) + (distance - ramp) / rate
+        slow = (np.sqrt(begins**2 + 2 * gain * distance) - begins) / gain
+    return np.asarray(np.where(distance <= 0, 0.0, np.where((distance >= ramp) & (rate > 0), fast, slow)))
+
+
+def coordinates_of(space: ConfigurationSpace, stage: Stage, numbers: np.ndarray) -> np.ndarray:
+    """Return the coordinates that a target's numbers say, in the order of v (n,); NaN for those that they do not."""
+    if stage.space != "joint":
+        numbers = np.concatenate([numbers[space.base_coordinates], np.full(space.joints, np.nan)])
+    return space.in_order_of_v(numbers)
+
+
+def tolerances_of(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
+    """Return the tolerance of every coordinate in the end condition [m, rad]; in task space those of the base.
+
+    Row n is the attitude of a spatial base, where the end condition has all of it.
+    """
+    asked = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True))
+    known = coordinates_of(space, stage, stage.target)
+    found = {row: t for row, t in asked.items() if row < len(known) and np.isfinite(known[row])}
+    rotation = range(space.rotation.start, space.rotation.stop)
+    if stage.attitudes and set(rotation) <= set(asked):
+        found[len(known)] = float(np.linalg.norm([asked[row] for row in rotation]))
+    return found
+
+
+def counts(stage: Stage, rows: Sequence[int]) -> bool:
+    """Tell whether weights or the end condition ask for all of some rows of the target."""
+    return bool(stage.asked[list(rows)].all())
+
+
+def reaches_of(stage: Stage, model: RobotModel, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
+    """Return how far poses xi (m,) of a stage's target are, of the arms whose poses count, under the stage's limits.
+
+    With the base at its own pose, or elsewhere.
+    """
+    robot = model.spec
+    size = robot.parts["base"]
+    if stage.space != "task" or not counts(stage, range(size)):
+        return {}
+    poses = xi.reshape(len(robot.parts), -1)
+    ends = np.cumsum(list(robot.parts.values()))
+    found = {}
+    low, high = (np.split(bound, ends[:-1]) for bound in bounds_of(stage, "position"))
+    for i, arm in enumerate(robot.arms, start=1):
+        if counts(stage, range(size * i, size * (i + 1))):
+            found[arm] = reach_of(model, arm, poses[0] if base is None else base, poses[i], (low[i], high[i]))
+    return found
+
+
+def bounds_of(stage: Stage, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return low and high of the positions or velocities of Q, (n,) each."""
+    return getattr(stage.limits, f"{kind}_low"), getattr(stage.limits, f"{kind}_high")

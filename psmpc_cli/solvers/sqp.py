@@ -55,6 +55,15 @@ The source has 1e-5. So little lets the iterations zigzag between two points whi
 cent: up to 22 iterations of a warm window, where 0.1 takes up to 5.
 """
 
+REVERSED = 0.8
+"""How long a step that undoes the last one is where it is shortened, in units of that."""
+
+SHORTENED = 0.25
+"""The least share that is taken of it: one that is many times as long as the last one is of another kind."""
+
+SETTLING = 1e-2
+"""Largest violation at which steps may be shortened so: further off, they are there to lower it."""
+
 S_PHI = 2.3
 S_THETA = 1.1
 """Exponents of the rule that says when the objective has to fall."""
@@ -394,7 +403,7 @@ class _Solve:
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
         foreseen = self.window.foreseen(here, model, qp.step)
         slope += self.window.change_of_penalty(here, foreseen)
-        share = self._longest_share(here.point, qp.step)
+        share = min(self._longest_share(here.point, qp.step), share_of_reversed(iterate, qp.step))
         while share >= SHORTEST_STEP:
             reached = program.reached if share == 1 else self._after(here, qp.step, share)
             trial = Iterate(reached, step, share, qp=qp)
@@ -469,6 +478,27 @@ def _improves(theta: float, phi: float, old_theta: float, old_phi: float) -> boo
 def _reduces(theta: float, old_theta: float) -> bool:
     """Tell whether the violation of a point improves on that of an earlier one."""
     return theta <= (1 - MARGIN) * old_theta
+
+
+def share_of_reversed(iterate: Iterate, step: Point) -> float:
+    """Return the share of a step that is taken where it undoes the last one and is about as long; else 1.
+
+    Where the Gauss-Newton model misses curvature, steps go to and fro about the optimum. Two of them, d_ and d, the
+    share a_ of the first between them, are taken for those of a linear iteration. Of what is left after a share a of
+    the second, the component along the change of the step is gone at
+
+        a = -a_ d_ . (d - d_) / |d - d_|^2.
+
+    Source: Irons, Tuck: A version of the Aitken accelerator for computer iteration (1969).
+    """
+    if iterate.qp is None or not iterate.share or iterate.reached.violation > SETTLING:
+        return 1.0
+    last = np.append(iterate.qp.step.X, iterate.qp.step.tau)
+    now = np.append(step.X, step.tau)
+    if last @ now >= 0.0 or now @ now < REVERSED**2 * (last @ last):
+        return 1.0
+    change = now - last
+    return max(SHORTENED, iterate.share * float(-(last @ change) / (change @ change)))
 
 
 def later_switch(window: SqpWindow, point: Point) -> Point | None:

@@ -1,6 +1,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, build_solv
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
-from ..ocp.constraints.test_mobility import drawn, problem_of
+from ..ocp.constraints.test_mobility import drawn, fast_arms_in, problem_of
 from .recorded import RecordedSolve, curved_end, recorded
 from .solving import CONVERGED, FATROP, ONE, again, changed, far_away, middle_window_over
 
@@ -223,3 +224,18 @@ def test_warm_windows_have_no_elastic_programs(floating: Problem) -> None:
     assert found.outcome is Outcome.INFEASIBLE
     assert found.iterations == 1
     assert not any(line.endswith("elastic") for line in lines)
+
+
+OVERSHOT = 8
+"""Seed of a window of a free-floating robot in the plane about whose optimum full steps go to and fro, each longer."""
+
+
+def test_steps_that_undo_each_other_are_shortened(tmp_path: Path) -> None:
+    problem = problem_of("free-floating", fast_arms_in(tmp_path))
+    window = drawn(problem, OVERSHOT)
+    lines: list[str] = []
+    spec = SolverSpec(kind="sqp", iterations=60, max_iterations=60)
+    found = build_solver(problem, spec, lines.append).solve(window, from_rest(problem, window))
+    assert found.outcome is Outcome.OPTIMAL
+    shares = [float(line.split()[4]) for line in lines[2:]]
+    assert any(0.26 < share < 0.49 for share in shares)  # neither a half nor a quarter

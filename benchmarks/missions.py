@@ -2,6 +2,7 @@
 
     python benchmarks/missions.py STUDY [MISSIONS]     runs what is missing of a study, prints its tables
     python benchmarks/missions.py figure               draws the study `effort`: end of missions over their effort
+    python benchmarks/missions.py optimum              solves windows over whole missions of `reach` by IPOPT as well
 
     plane       an object that drifts and spins is caught and brought to its destination: 30 missions
     space       the same with two arms of seven joints: 5 missions
@@ -10,6 +11,7 @@
     best        each controller with the control weight with which it was fastest there: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
     masses, load, delay    the same by what else the controller does not know
+    timed       missions of `plane` that switch when hard switching did, at given times: 5 missions
     priorities  the task `transport` by the priority of each stage, and by horizon and the priority of Release
 
 Mission k of a family is drawn with seed k. Stages, skills, weights, priorities, tolerances and limits are those of the
@@ -38,6 +40,8 @@ from psmpc_cli.figures.style import in_style, line_look, mark_look, new_figure
 from psmpc_cli.ocp.feasibility import load_feasible
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
+from psmpc_cli.simulation.replay import replay
+from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_robot
 from psmpc_cli.studies.runner import compute
 
@@ -55,14 +59,31 @@ CONTROLLERS: Mapping[str, Changes] = {
     "hard, free end": {"controller.kind": "hard", "controller.one_stage": "free_end"},
     "hard": {"controller.kind": "hard"},
     "htmpc": {"controller.kind": "htmpc"},
+    "psmpc, whole mission": {
+        "controller.kind": "psmpc",
+        "controller.horizon": 20,
+        "controller.nodes": 100,
+        "solver.iterations": 20,
+    },
+    "psmpc, timed": {"controller.kind": "psmpc"},
+    "hard, timed": {"controller.kind": "hard"},
 }
-"""What each mission is run under; `hard` and `htmpc` have windows as published."""
+"""What each mission is run under; `hard` and `htmpc` have windows as published.
+
+The windows of `psmpc, whole mission` are longer than missions of `reach`, and iterated to the optimum. What is `timed`
+switches when `TIMED_BY` did in the same mission.
+"""
+
+TIMED_BY = "hard"
 
 TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "hard, free end": "hard switching, free end", "hard": "hard switching"}
 """Names in the figure."""
 
 PLANNED = ("psmpc", "smpc", "hard, free end")
 """Controllers whose windows have the end of the current stage."""
+
+EXCEPT_TIMED = ("psmpc", "smpc", "hard, free end", "hard", "htmpc")
+"""Controllers that switch by the state."""
 
 FEWER = {"htmpc": 5}
 """Missions of controllers that take minutes for one."""
@@ -319,6 +340,7 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
     },
     "load": {"not known": {"object.grasp.known": False}},
     "delay": {"1 sample": {"uncertainty.delay": 1}},
+    "timed": {"": {}},
     "priorities": {
         **dict(priority(stage, value) for stage in STAGES for value in PRIORITIES),
         **dict(horizon(length, value) for length in HORIZONS for value in LAST_PRIORITIES),
@@ -328,14 +350,15 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
 """Levels of each study."""
 
 STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
-    "plane": ("plane", tuple(CONTROLLERS), range(30)),
+    "plane": ("plane", EXCEPT_TIMED, range(30)),
     "space": ("space", PLANNED, range(5)),
-    "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),
+    "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard", "psmpc, whole mission"), range(30)),
     "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 5)),
     "noise": ("plane", PLANNED, range(5)),
     "masses": ("plane", PLANNED, range(5)),
     "load": ("plane", PLANNED, range(5)),
     "delay": ("plane", PLANNED, range(5)),
+    "timed": ("plane", ("psmpc, timed", "hard, timed"), range(5)),
     "priorities": ("transport", ("psmpc",), range(1)),
 }
 """Family, controllers and seeds of each study."""
@@ -346,7 +369,8 @@ def measure(item: tuple[str, Case, int]) -> Row:
     logging.disable(logging.CRITICAL)
     family, case, seed = item
     line = {"family": family, "case": case.name, "seed": seed}
-    run = psmpc.simulate(draw_mission(family, seed, case.changes))
+    times = given_times(family, seed) if case.controller.endswith("timed") else {}
+    run = psmpc.simulate(draw_mission(family, seed, {**case.changes, **times}))
     summary = run.summary()
     ends = np.array([float(stage.switch_time) for stage in summary.stages])
     starts = np.array([float(stage.actual_start) for stage in summary.stages])
@@ -363,6 +387,16 @@ def measure(item: tuple[str, Case, int]) -> Row:
         "margin": round(float(min(margins)), 4) if margins else None,
         "failed_solves": int(summary.failed_solves),
     }
+
+
+def given_times(family: str, seed: int) -> Changes:
+    """Return the changes by which all stages but the last end when they did in the run of `TIMED_BY`."""
+    changes: Changes = {}
+    ends = results(family)[TIMED_BY][seed]["ends"]
+    for stage, end in zip(STAGES[:-1], ends[:-1], strict=True):
+        changes[f"stages.{stage}.at"] = end
+        changes[f"stages.{stage}.ends_when"] = None
+    return changes
 
 
 def results(family: str) -> Made:
@@ -523,18 +557,46 @@ def study(name: str, count: str = "") -> Iterator[str]:
     """Run what is missing of a study and yield the lines of its tables."""
     family, controllers, seeds = STUDIES["plane" if name == "best" else name]
     wanted = best_cases() if name == "best" else cases(LEVELS[name], controllers)
+    if name == "timed":
+        run_missing(family, cases(LEVELS[name], [TIMED_BY]), seeds)
     made = run_missing(family, wanted, seeds[: int(count)] if count else seeds)
     if name == "priorities":
         yield from priorities(made)
         return
     yield from markdown(successes(made))
-    if name != "best":
+    if name not in ("best", "timed"):
         yield ""
         yield from markdown(differences(made))
     failed = list(failures(made))
     if failed:
         yield ""
         yield from failed
+
+
+WHOLE_SAMPLE = 5
+"""The sample whose window IPOPT solves as well: by then it has both stages."""
+
+
+def optimum(count: str = "10") -> Iterator[str]:
+    """Solve a window over the whole of some missions of `reach` by IPOPT as well and yield by how much they differ."""
+    logging.disable(logging.CRITICAL)
+    changes = {**CONTROLLERS["psmpc, whole mission"], "log.plans": True, "time_limit": (WHOLE_SAMPLE + 1) * 0.1}
+    compared = []
+    for seed in range(int(count)):
+        run = psmpc.simulate(draw_mission("reach", seed, changes))
+        found = replay(run, WHOLE_SAMPLE, "ipopt")
+        if found.solution.outcome is Outcome.OPTIMAL:
+            objectives = found.solution.objective / found.logged.objective
+            instants = found.solution.plan.instants[0] - found.logged.plan.instants[0]
+            compared.append((objectives - 1, instants))
+    of_objective, of_instant = np.abs(compared).max(axis=0)
+    row = {
+        "windows": count,
+        "solved by IPOPT": len(compared),
+        "J differs by at most": f"{of_objective:.0e}",
+        "switch differs by at most [s]": f"{of_instant:.0e}",
+    }
+    yield from markdown([row])
 
 
 # ------------------------------------------------------------------------------------------------ figure
@@ -564,7 +626,8 @@ def figure() -> Iterator[str]:
 
 def main(words: Sequence[str]) -> None:
     """Print the lines of what the command line names."""
-    for line in figure() if words[0] == "figure" else study(*words):
+    other = {"figure": figure, "optimum": optimum}.get(words[0])
+    for line in study(*words) if other is None else other(*words[1:]):
         print(line, flush=True)
 
 

@@ -10,7 +10,7 @@
     effort      missions of `plane` by control weight: 5 missions
     best        each controller with the control weight with which it was fastest there: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
-    masses, load, delay    the same by what else the controller does not know
+    masses, load, drift, delay    the same by what else the controller does not know
     timed       missions of `plane` that switch when hard switching did, at given times: 5 missions
     priorities  the task `transport` by the priority of each stage, and by horizon and the priority of Release
 
@@ -294,6 +294,12 @@ def noise(sigma: float) -> tuple[str, Changes]:
     return f"{1e3 * sigma:g} mm", {"uncertainty.noise": dict.fromkeys(quantities, sigma)}
 
 
+def drift(linear: float, angular: float) -> tuple[str, Changes]:
+    """Return an error of the object's velocity [m/s, deg/s], along and about each axis."""
+    changes = {"uncertainty.object.linear": linear, "uncertainty.object.angular": f"{angular:g} deg"}
+    return f"{linear:g} m/s, {angular:g} deg/s", changes
+
+
 PRIORITIES = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3)
 STAGES = ("approach", "capture", "transport", "release")
 HORIZONS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
@@ -339,6 +345,7 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
         for error in (0.1, 0.3)
     },
     "load": {"not known": {"object.grasp.known": False}},
+    "drift": dict([drift(0.01, 1.0), drift(0.03, 3.0)]),
     "delay": {"1 sample": {"uncertainty.delay": 1}},
     "timed": {"": {}},
     "priorities": {
@@ -357,6 +364,7 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "noise": ("plane", PLANNED, range(5)),
     "masses": ("plane", PLANNED, range(5)),
     "load": ("plane", PLANNED, range(5)),
+    "drift": ("plane", PLANNED, range(5)),
     "delay": ("plane", PLANNED, range(5)),
     "timed": ("plane", ("psmpc, timed", "hard, timed"), range(5)),
     "priorities": ("transport", ("psmpc",), range(1)),

@@ -75,8 +75,9 @@ class Attempts:
     def solve_longest(self, sequence: MovingSequence, longer: MovingSequence | None) -> Attempt:
         """Solve the window over the longest sequence that has a solution; over `sequence` if none has.
 
-        Where a stage has appeared that is the one with it. Where no point meets all constraints, an impact has put the
-        end condition of the current stage out of reach for example, the stages that wait are left to be seen again.
+        Where a stage has appeared that is the one with it. Where no point meets all constraints, the window is solved
+        once more as a cold one: its instants may have to move far. Where that has no solution either, an impact has put
+        the end condition of the current stage out of reach for example, the stages that wait are left to be seen again.
         Soft limits make no difference: a window that violates them further than one with fewer stages has no solution.
         A switch that is planned before the next sample takes place as planned all the same, by the plan in force, where
         the measured state meets the end condition within the detection margin: what is left of the stage is too short
@@ -101,6 +102,11 @@ class Attempts:
             return Attempt(sequence, solved, unfinished)
         if self._hands_over(sequence):
             return Attempt(sequence, replace(solved, outcome=Outcome.INFEASIBLE), unfinished)
+        if sequence.plans_end and solved.warm:
+            cold = self._solve(sequence, unfinished, self._solver, is_warm=False)
+            if cold.outcome.usable and self._keeps_limits(cold):
+                return Attempt(sequence, _with_time_of(cold, solved), unfinished)
+            solved = _with_time_of(solved, cold)
         if sequence.plans_end:
             alone = self._solve(sequence.alone, unfinished, self._solver)
             better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, alone)
@@ -132,13 +138,16 @@ class Attempts:
         stage = self._stages[sequence.first]
         return bool(self._costs.met(stage, prediction.X[:1], self._spec.detection_margin)[0])
 
-    def _solve(self, sequence: MovingSequence, unfinished: Solution | None, solver: Solver) -> Solution:
+    def _solve(
+        self, sequence: MovingSequence, unfinished: Solution | None, solver: Solver, is_warm: bool = True
+    ) -> Solution:
         window = self._builder.build(sequence, self._stages, self._prediction, self._previous)
         guess = self._guess(sequence, unfinished)
         starts = self._spec.multistart or 1
+        previous = self._previous if is_warm else None
         if starts == 1:
-            return solver.solve(window, guess, self._previous)
-        return solve_from_several(solver, window, guess, self._previous, starts)
+            return solver.solve(window, guess, previous)
+        return solve_from_several(solver, window, guess, previous, starts)
 
     def _guess(self, sequence: MovingSequence, unfinished: Solution | None) -> Plan:
         """Return the guess of a window: the prediction, or the unfinished iterate over the same stages, shifted."""

@@ -12,7 +12,7 @@ from psmpc_cli.control import Controller
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.run import Experiment, closed_loop
-from psmpc_cli.solvers import Solution, Solver
+from psmpc_cli.solvers import Outcome, Solution, Solver
 
 from .short_transports import SHORT, run, with_failures
 
@@ -47,6 +47,30 @@ def test_a_planned_end_whose_solve_ran_out_of_iterations_goes_on_from_its_iterat
     assert resumed.time == pytest.approx(usual.time + 0.3)
     assert resumed.solution.iterations < usual.solution.iterations
     assert all(command.outcome.usable for command in commands)
+
+
+class OnlyCold(Solver):
+    """A solver that finds no solution of warm windows with a planned end, and notes when they began."""
+
+    def __init__(self, solver: Solver) -> None:
+        self.solver = solver
+        self.without = list[float]()
+
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        solution = self.solver.solve(window, guess, previous, within)
+        if not solution.warm or len(window.stages) == 1:
+            return solution
+        self.without.append(window.start)
+        return replace(solution, outcome=Outcome.INFEASIBLE)
+
+
+def test_a_warm_window_without_a_solution_is_solved_once_more_as_a_cold_one(experiment_of: Build) -> None:
+    usual = experiment_of(*SHORT, "solver.kind=sqp")
+    solver = OnlyCold(usual.controller.law.solver)
+    samples, ending = run(replace(usual, controller=Controller(usual.problem, solver)))
+    assert solver.without
+    assert ending.completed
+    assert all(len(sample.command.instants) for sample in samples if sample.command.time in solver.without)
 
 
 class Clocked(Solver):

@@ -58,6 +58,16 @@ def test_windows_with_moving_targets_are_replayed(drifting: Run, share: float) -
     assert replay(drifting, sample).largest == 0.0
 
 
+def test_a_known_delay_does_not_keep_an_object_from_being_delivered() -> None:
+    changes = {
+        "controller.nodes": 25,
+        "controller.known_delay": 1,
+        "uncertainty.delay": 1,
+        "log": {"plans": False, "shares": False},
+    }
+    assert psmpc.simulate(psmpc.load_task("catch_drifting", changes)).summary().succeeded
+
+
 @pytest.mark.parametrize("kind", ["hard", "htmpc"])
 def test_one_stage_after_another_a_drifting_object_is_caught_too(kind: str) -> None:
     run = psmpc.simulate(psmpc.load_task("catch_drifting", {**COARSE, "controller.nodes": 10, "controller.kind": kind}))

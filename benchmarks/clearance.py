@@ -34,6 +34,7 @@ from psmpc_cli.ocp.constraints.clearance import argument_of, functions, groups, 
 from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, parse_task
 from tests.ocp.constraints.test_clearance import active_rows, near_post, passing, solved
@@ -275,33 +276,30 @@ SAME = 1e-5
 
 
 def windows(count: str = "40") -> Iterator[str]:
-    """Yield how many windows with active rows `sqp` and IPOPT, started at its plan, end at one objective.
+    """Yield in how many windows with active rows `sqp` and IPOPT, started at its plan, end at one objective.
 
-    Those from states that accelerations within their limits do not keep clear are counted by themselves.
+    Windows are drawn until in so many `sqp` keeps the rows; those whose plans violate rows are compared by themselves.
     """
-    same = 0
-    lower = 0
+    differences: dict[str, list[float]] = {"keep the margin": [], "lie inside it": []}
+    kept, violating = differences.values()
     tried = 0
-    active = 0
-    violating = 0
-    while active < int(count):
+    while len(kept) < int(count):
         problem, window = near_post(tried)
         tried += 1
         sqp = solved(problem, window, "sqp")
         if sqp.outcome is not Outcome.OPTIMAL or not active_rows(problem, window, sqp.plan):
             continue
-        violation, _ = soft_row_violations(problem.model, window, sqp.plan)
-        if violation > SAME:
-            violating += 1
-            continue
-        active += 1
         ipopt = solved(problem, window, "ipopt", sqp.plan, MOST_ITERATIONS)
-        difference = ipopt.objective / sqp.objective - 1
-        same += ipopt.outcome is Outcome.OPTIMAL and abs(difference) <= SAME
-        lower += ipopt.outcome is Outcome.OPTIMAL and difference < -SAME
-    rows = [(tried, violating, active, f"{same} of {active}", lower)]
-    headings = ("of plans inside the margin", "with active rows kept by `sqp`", "IPOPT's J the same", "lower")
-    yield from markdown(rows, "windows", *headings)
+        solves = ipopt.outcome is Outcome.OPTIMAL
+        violation, _ = soft_row_violations(problem.model, window, sqp.plan)
+        found = violating if violation > SAME else kept
+        found.append(ipopt.objective / sqp.objective - 1 if solves else np.nan)
+    rows = []
+    for name, each in differences.items():
+        compared = np.array(each)
+        same = np.abs(compared) <= SAME
+        rows.append((name, len(each), same.sum(), (compared < -SAME).sum(), np.isnan(compared).sum()))
+    yield from markdown(rows, f"plans of `sqp`, {tried} windows drawn", "windows", "J the same", "lower", "IPOPT fails")
 
 
 FAR = [{"name": "post", "shape": {"sphere": 0.1}, "pose": [30, 0, 0]}]
@@ -317,33 +315,52 @@ def beside_post(y: float) -> Task:
     return passing({"stages.fly.target.base": target, "stages.reach.target.base": target})
 
 
-def cost_rows() -> Iterator[tuple[str, Task, Mapping[str, Any]]]:
-    """Yield what is run with and without clearance: name, task, and what asks for none."""
+def cost_rows() -> Iterator[tuple[str, Task, Mapping[str, Any], int]]:
+    """Yield what is run with and without clearance: name, task, what asks for none, how many pairs count."""
     none: dict[str, Any] = {"clearance": None, "obstacles": []}
-    yield "plane, N_s 25, 34 pairs near", beside_post(-0.1), none
-    yield "the same, at rest against the post", beside_post(0.0), none
+    yield "plane, N_s 25, beside a post", beside_post(-0.1), none, 30
+    yield "the same, at rest against the post", beside_post(0.0), none, 30
     own = [["base", "arm_1"], ["base", "arm_2"], ["arm_1", "arm_2"], ["arm_1", "arm_1"], ["arm_2", "arm_2"]]
     far = {"obstacles": FAR, "clearance": {"except": own}}
-    yield "plane, N_s 25, 9 pairs, none near", passing(far), none
+    yield "plane, N_s 25, none near", passing(far), none, 0
     arms = floating()
     yield (
-        "20 degrees of freedom, nodes auto, 138 pairs",
+        "20 degrees of freedom, nodes auto",
         parse_task(arms.task_yaml, arms.robot_yaml, "arms", {"clearance": {}}),
         none,
+        30,
     )
 
 
+def pairs_in_windows(run: psmpc.Run) -> np.ndarray:
+    """Return how many pairs the first stage of each sample's window has, (K,)."""
+    stages = [logged_solve(run, sample).window.stages[0] for sample in range(len(run["solver/wall_time"]))]
+    groups = [[each for name, each in stage.constraints.items() if name.startswith("clearance")] for stage in stages]
+    return np.array([sum(len(group.low) for group in each if group.is_known) for each in groups])
+
+
 def cost(repeat: str = "5") -> Iterator[str]:
-    """Yield the table of what clearance costs: whole runs in turn, medians of solves over the rounds."""
+    """Yield the table of what clearance costs: runs in turn, medians over the rounds of their median solves.
+
+    Both are over the samples at which windows have many pairs, as far as both runs last.
+    """
     rows = []
-    for name, task, none in cost_rows():
+    for name, task, none, many in cost_rows():
         medians = np.zeros((int(repeat), 2))
         for round_ in range(int(repeat)):
-            for column, each in enumerate((task, parse_task(task.task_yaml, task.robot_yaml, name, none))):
-                medians[round_, column] = psmpc.simulate(each).summary().solves.median
-        kept, free = np.median(medians, axis=0)
-        rows.append((name, f"{1e3 * free:.2f}", f"{1e3 * kept:.2f}", f"{kept / free:.2f}"))
-    yield from markdown(rows, "run", "median solve without [ms]", "with [ms]", "ratio")
+            kept = psmpc.simulate(task)
+            free = psmpc.simulate(parse_task(task.task_yaml, task.robot_yaml, name, none))
+            times = [run["solver/wall_time"] for run in (free, kept)]
+            common = min(map(len, times))
+            pairs = pairs_in_windows(kept)[:common]
+            counted = pairs >= many
+            medians[round_] = [np.median(each[:common][counted]) for each in times]
+        without, with_pairs = np.median(medians, axis=0)
+        ratio = f"{with_pairs / without:.2f}"
+        counts = f"{np.median(pairs[counted]):.0f}", f"{counted.sum()} of {common}"
+        rows.append((name, *counts, f"{1e3 * without:.2f}", f"{1e3 * with_pairs:.2f}", ratio))
+    headings = ("pairs in windows", "samples", "median solve without [ms]", "with [ms]", "ratio")
+    yield from markdown(rows, "run", *headings)
 
 
 if __name__ == "__main__":

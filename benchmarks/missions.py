@@ -75,6 +75,7 @@ switches when `TIMED_BY` did in the same mission.
 """
 
 TIMED_BY = "hard"
+"""Whose switch times in the same mission are given to what is `timed`."""
 
 TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "hard, free end": "hard switching, free end", "hard": "hard switching"}
 """Names in the figure."""
@@ -82,7 +83,7 @@ TITLES = {"psmpc": "PSMPC", "smpc": "SMPC", "hard, free end": "hard switching, f
 PLANNED = ("psmpc", "smpc", "hard, free end")
 """Controllers whose windows have the end of the current stage."""
 
-EXCEPT_TIMED = ("psmpc", "smpc", "hard, free end", "hard", "htmpc")
+BY_STATE = ("psmpc", "smpc", "hard, free end", "hard", "htmpc")
 """Controllers that switch by the state."""
 
 FEWER = {"htmpc": 5}
@@ -357,7 +358,7 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
 """Levels of each study."""
 
 STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
-    "plane": ("plane", EXCEPT_TIMED, range(30)),
+    "plane": ("plane", BY_STATE, range(30)),
     "space": ("space", PLANNED, range(5)),
     "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard", "psmpc, whole mission"), range(30)),
     "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 5)),
@@ -594,9 +595,9 @@ def optimum(count: str = "10") -> Iterator[str]:
         run = psmpc.simulate(draw_mission("reach", seed, changes))
         found = replay(run, WHOLE_SAMPLE, "ipopt")
         if found.solution.outcome is Outcome.OPTIMAL:
-            objectives = found.solution.objective / found.logged.objective
-            instants = found.solution.plan.instants[0] - found.logged.plan.instants[0]
-            compared.append((objectives - 1, instants))
+            of_objectives = found.solution.objective / found.logged.objective - 1
+            of_instants = found.solution.plan.instants[0] - found.logged.plan.instants[0]
+            compared.append((of_objectives, of_instants))
     of_objective, of_instant = np.abs(compared).max(axis=0)
     row = {
         "windows": count,

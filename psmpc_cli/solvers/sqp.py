@@ -16,6 +16,7 @@ import numpy as np
 from psmpc_cli.native.functions import maker_of
 from psmpc_cli.native.library import make_all
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
+from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
 from psmpc_cli.ocp.objective import COMPILED_FROM, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
@@ -489,9 +490,14 @@ def share_of_reversed(iterate: Iterate, step: Point) -> float:
 
         a = -a_ d_ . (d - d_) / |d - d_|^2.
 
+    Where soft rows are violated the objective has kinks, and steps turn round for another reason: they are left alone.
+
     Source: Irons, Tuck: A version of the Aitken accelerator for computer iteration (1969).
     """
-    if iterate.qp is None or not iterate.share or iterate.reached.violation > SETTLING:
+    reached = iterate.reached
+    if iterate.qp is None or not iterate.share or reached.violation > SETTLING:
+        return 1.0
+    if reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE:
         return 1.0
     last = np.append(iterate.qp.step.X, iterate.qp.step.tau)
     now = np.append(step.X, step.tau)

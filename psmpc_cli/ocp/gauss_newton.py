@@ -33,6 +33,11 @@ class Point:
     X: np.ndarray
     tau: np.ndarray
 
+    @cached_property
+    def changes(self) -> np.ndarray:
+        """x_k+1 - x_k, (K, 2n)."""
+        return np.asarray(self.X[1:] - self.X[:-1])
+
     def moved(self, by: "Point", share: float) -> "Point":
         """Return the point a share of a step further."""
         return Point(self.X + share * by.X, self.tau + share * by.tau)
@@ -199,7 +204,7 @@ class VelocityForm:
 
     def inputs(self, point: Point, horizon: float) -> np.ndarray:
         """Return the accelerations over the intervals, (K, n)."""
-        return np.asarray(np.diff(point.X[:, self.grid.n :], axis=0) / self.steps(point, horizon))
+        return np.asarray(point.changes[:, self.grid.n :] / self.steps(point, horizon))
 
     def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
@@ -229,7 +234,7 @@ class VelocityForm:
         """Return J over the largest priority from what the stages add to it, and the gaps. Cf. paper eq. (16)."""
         J = float(p.omega @ costs + p.omega[-1] * terminal + p.pending * (self.waiting @ point.tau))
         change = self.steps(point, float(p.horizon)) * self._mean_velocities(point)
-        gaps = np.diff(point.X[:, : self.grid.n], axis=0) - change
+        gaps = point.changes[:, : self.grid.n] - change
         return Residuals(J, costs, terminal, gaps, rows, over_intervals)
 
     def _mean_velocities(self, point: Point) -> np.ndarray:
@@ -240,9 +245,7 @@ class VelocityForm:
 
     def control(self, s: int, point: Point, p: Parameters[np.ndarray], tau: float) -> tuple[np.ndarray, float]:
         """Return dQdot over a stage's intervals (N_s, n), and |dQdot|^2_Wr N_s / tau_s, the same as |u|^2_Wr tau_s."""
-        first = self.grid.first_node[s]
-        last = self.grid.first_node[s + 1]
-        dv = np.diff(point.X[first : last + 1, self.grid.n :], axis=0)
+        dv = point.changes[self.intervals(s), self.grid.n :]
         W_r = p.control_weights[s][: self.grid.n]
         return dv, float((dv**2 @ W_r).sum() * self.grid.nodes[s] / tau)
 

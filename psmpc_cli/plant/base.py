@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -127,8 +128,22 @@ class ForceLimits:
 
     def limited(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return what of a generalized force F (n,) is within the limits where the robot is at Q (nq,)."""
+        if self._keep(space, F):
+            return F
         # a dozen numbers at every tick: as such they take half the time of arrays
         return np.array(limited_force(space, Q.tolist(), F.tolist(), self.low.tolist(), self.high.tolist(), between))
+
+    def _keep(self, space: ConfigurationSpace, F: np.ndarray) -> bool:
+        """Tell whether a force is within the limits however the base is turned: most are, and that is soon found."""
+        on_base = F[: space.dimension]
+        least = self._least[: space.dimension].min()
+        others = slice(space.dimension, None)
+        return bool(on_base @ on_base <= least**2 and (np.abs(F[others]) <= self._least[others]).all())
+
+    @cached_property
+    def _least(self) -> np.ndarray:
+        """The nearer of both limits of each coordinate, (n,)."""
+        return np.asarray(np.minimum(-self.low, self.high))
 
     def utilization(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return generalized forces F (..., n) over the limits that they are against where the robot is at Q (..., nq).

@@ -286,7 +286,7 @@ class SqpWindow:
                 at.interval_rows - h_of_rows * bound for bound in (self.bounds.interval_low, self.bounds.interval_high)
             ]
         if len(self.bounds.input_low):
-            dv = np.diff(point.X[:, self.form.grid.n :], axis=0)
+            dv = point.changes[:, self.form.grid.n :]
             rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
         return np.concatenate(rows)
 

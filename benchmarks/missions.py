@@ -335,7 +335,7 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
     "plane": {"": {}},
     "space": {"": {}},
     "reach": {"": {}},
-    "effort": dict(map(weight, (0.05, 0.1, 0.25, 0.5, 1, 2, 4, 8, 16, 32))),
+    "effort": dict(map(weight, (0.02, 0.05, 0.1, 0.25, 0.5, 1, 2, 4, 8, 16))),
     "noise": dict(map(noise, (1e-4, 3e-4, 1e-3, 3e-3, 1e-2))),
     "masses": {
         f"{100 * error:g} %": {

@@ -11,7 +11,7 @@ import numpy as np
 
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
-from psmpc_cli.robot.held_load import described_grasps, planned_force
+from psmpc_cli.robot.held_load import described_grasps, held_force
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.object import CaptureSpec
 from psmpc_cli.specs.task import TaskSpec
@@ -77,7 +77,8 @@ class Load:
         if self.held is None:
             return ca.SX(model.dynamics.law(Q, v, u, self.parameters(model).vector))
         body = FreeBody(self.held.mass, self.held.inertia)
-        return ca.SX(planned_force(model, body, self.held.grippers, np.array(self.held.grasps))(Q, v, u))
+        law = held_force(model, body, self.held.grippers)
+        return ca.SX(law(Q, v, u, np.ravel(self.held.grasps), model.nominal.vector))
 
     def own_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return that force (n,) for accelerations u in a chart, the base's along its own axes."""

@@ -326,8 +326,9 @@ class Capture:
         wrench = self._loaded(x)
         load = self._load.copy()
         lost = self.closed & (load > self.spec.largest_loads).any(axis=1)
-        self._open(time, lost, "lost")
-        wrench[lost] = 0.0
+        if lost.any():
+            self._open(time, lost, "lost")
+            wrench[lost] = 0.0
         self._rows.append((self.state, wrench, load, self.closed.copy()))
 
     def ticks(self) -> ObjectTicks:
@@ -451,11 +452,15 @@ class CapturePlant:
         F = np.empty((M, model.n))
         total = np.zeros(model.parts["base"].stop + 1)
         other = disturbance or Disturbance.none(model.nominal, M, model.n)
+        is_noisy = bool(other.noise.any())
         time = start + self.tick * np.arange(M + 1)
         for k in range(M):
             capture.update(float(time[k]), X[k], closed is not None and bool(closed[k]))
-            read = np.array(model.space.integrate(X[k, : model.nq], other.noise[k, : model.n]))
-            v = X[k, model.nq :] + other.noise[k, model.n :]
+            read = X[k, : model.nq]
+            v = X[k, model.nq :]
+            if is_noisy:
+                read = np.array(model.space.integrate(read, other.noise[k, : model.n]))
+                v = v + other.noise[k, model.n :]
             F[k] = commanded[k] = self._force(read, v, u[k], other.law)
             if self._force_limits is not None:
                 F[k] = self._force_limits.limited(model.space, X[k, : model.nq], commanded[k])

@@ -31,10 +31,10 @@ class HeldLoad:
     """
 
     def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:
-        self._model = model
-        self._size = body.space.n_twist
         grippers = [arm for arm in model.spec.arms if arm in grasp.at]
+        self._model = model
         self._described = described_grasps(grippers, grasp)
+        self._force = ArrayFunction(held_force(model, body, grippers))
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
 
     def force(
@@ -56,20 +56,8 @@ class HeldLoad:
                 as the task has them.
         """
         grasps = self._described if grasps is None else grasps
-        size = self._size
-        model = self._model
-        A = len(grasps)
-        S, s, C, W, spin = self._terms(Q, v, grasps.ravel())
-        S = S.T.reshape(A, size, -1)
-        s = s.reshape(A, size)
-        C = C.T.reshape(A, size, size)
-        mean = S.mean(axis=0)
-        G = (S[1:] - S[:1]).reshape(-1, len(u))
-        b = (s[1:] - s[:1]).ravel()
-        u = u - np.linalg.lstsq(G, G @ u + b, rcond=SINGULAR)[0]
-        load = W @ (mean @ u + s.mean(axis=0)) + spin.ravel()
-        give = np.linalg.solve(C.sum(axis=0), load)
-        return np.asarray(model.inverse_dynamics(Q, v, u, law) + np.einsum("aij,aik,k->j", S, C, give))
+        parameters = (law or self._model.nominal).vector
+        return np.asarray(self._force(Q, v, u, grasps.ravel(), parameters)[0][0])
 
     def largest_ratio(self, Q: np.ndarray) -> tuple[float, np.ndarray]:
         """Compute the largest ratio of the load's inertia to the robot's, over all motions that keep the closed chain.
@@ -88,9 +76,8 @@ class HeldLoad:
             The largest rho, and its motion v (n,), of kinetic energy 1/2 without the load.
         """
         n = self._model.n
-        A = len(self._described)
-        S, _, _, W, _ = self._terms(Q, np.zeros(n), self._described.ravel())
-        S = S.T.reshape(A, self._size, n)
+        S, W = self._terms(Q, self._described.ravel())
+        S = S.T.reshape(len(self._described), -1, n)
         N = null_space((S[1:] - S[:1]).reshape(-1, n), rcond=SINGULAR)
         H = self._model.mass_matrix(Q)
         SN = S.mean(axis=0) @ N
@@ -103,28 +90,28 @@ def described_grasps(grippers: Sequence[str], grasp: GraspSpec) -> np.ndarray:
     return np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
 
 
-def planned_force(model: RobotModel, body: FreeBody, grippers: Sequence[str], grasps: np.ndarray) -> ca.Function:
-    """Return Q, v, u -> the force of `HeldLoad.force` (n,).
+def held_force(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca.Function:
+    """Return Q, v, u, grasps, inertial parameters of the robot -> the force of the low-level law (n,).
 
     With G and g the differences S_i - S_1 and s_i - s_1 of the other grippers to the first, one below the other,
 
         u' = u - G' (G G')^-1 (G u + g),
         F = H u' + c + sum_i S_i' C_i (sum C)^-1 (M (S u' + s) + bias),
 
-    where S u' + s, the object's acceleration, is that of any gripper. Plans let the hands move a little against each
-    other; without u' their forces would be others than those that are commanded.
+    where S u' + s, the object's acceleration, is that of any gripper. `HeldLoad` says why.
 
     Args:
         model: The robot.
         body: The object.
         grippers: Those that hold it.
-        grasps: As `described_grasps` has them.
     """
     size = body.space.n_twist
     Q = ca.SX.sym("Q", model.nq)
     v = ca.SX.sym("v", model.n)
     u = ca.SX.sym("u", model.n)
-    moving, stiffness, attitude = _chain(model, body, grippers, Q, v, ca.SX(grasps.ravel()))
+    p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
+    w = ca.SX.sym("w", model.nominal.vector.size)
+    moving, stiffness, attitude = _chain(model, body, grippers, Q, v, p)
     rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
     own = u
     if len(grippers) > 1:
@@ -141,7 +128,8 @@ def planned_force(model: RobotModel, body: FreeBody, grippers: Sequence[str], gr
         share = solve_spd(sum(stiffness, ca.SX.zeros(size, size)), wrench)
         wrenches = [C @ share for C in stiffness]
     of_load = ca.jtimes(moving, v, ca.vertcat(*wrenches), True)
-    return ca.Function("planned", [Q, v, u], [model.dynamics.law(Q, v, own, model.nominal.vector) + of_load])
+    force = model.dynamics.law(Q, v, own, w) + of_load
+    return ca.Function("held", [Q, v, u, p, w], [ca.cse(ca.densify(force))])
 
 
 REGULARIZATION = 1e-9
@@ -152,16 +140,14 @@ SINGULAR = 1e-9
 
 
 def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.Function:
-    """Return Q, v, grasps -> S of all grippers (A size, n), S_i' v (A size,), C, inertia of the object, its bias."""
+    """Return Q, grasps -> S of all grippers (A size, n), inertia of the object."""
     Q = ca.SX.sym("Q", model.nq)
     v = ca.SX.sym("v", model.n)
     p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
-    moving, stiffness, attitude = _chain(model, body, grippers, Q, v, p)
-    S = ca.jacobian(moving, v)
-    rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
-    inertia, spin = _load(body, attitude, ca.vertsplit(moving[: body.space.n_twist]))
-    terms = S, ca.jtimes(moving, Q, rate), ca.vertcat(*stiffness), inertia, spin
-    return ca.Function("chain", [Q, v, p], ca.cse([ca.densify(each) for each in terms]))
+    moving, _, attitude = _chain(model, body, grippers, Q, v, p)
+    inertia, _ = _load(body, attitude, ca.vertsplit(moving[: body.space.n_twist]))
+    terms = ca.jacobian(moving, v), inertia
+    return ca.Function("chain", [Q, p], ca.cse([ca.densify(each) for each in terms]))
 
 
 def _chain(

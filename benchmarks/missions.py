@@ -585,7 +585,7 @@ def study(name: str, count: str = "") -> Iterator[str]:
         yield from priorities(made)
         return
     yield from markdown(successes(made))
-    if name != "timed":
+    if name not in ("effort", "timed"):
         yield ""
         yield from markdown(differences(made))
     failed = list(failures(made))

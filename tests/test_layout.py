@@ -26,7 +26,6 @@ REACHED_THROUGH = {
     "plant/rk4.py": "plant/test_base.py",
     "report/pages.py": "cli/test_run_pages.py",
     "report/texts.py": "cli/test_run.py",
-    "robot/held_load.py": "plant/test_grasp.py",
     "robot/model.py": "robot/test_kinematics.py",
     "solvers/sqp_window.py": "solvers/test_quadratic.py",
     "specs/arguments.py": "test_public_api.py",

@@ -15,7 +15,7 @@ from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
-from psmpc_cli.control.tracking import ROUNDING, ObjectEstimate, to_be_closed
+from psmpc_cli.control.tracking import ROUNDING, Grip, ObjectEstimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
@@ -181,11 +181,12 @@ class ControlLaw:
         Where the attitude was not measured the chart is about the one that the plan foresees.
         """
         time = measurement.time
+        estimate = self._estimator.measured(memory.estimate, measurement.state)
         target_object = memory.target_object
         if target_object:
             measured_at = time - self._spec.known_delay * self._spec.sample_time
-            target_object = target_object.with_measurement(measured_at, measurement.object_pose)
-        estimate = self._estimator.measured(memory.estimate, measurement.state)
+            grip = self._grip(memory.sequence, measurement.state)
+            target_object = target_object.with_measurement(measured_at, measurement.object_pose, grip)
         foreseen = self._estimator.foreseen(estimate)
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x = np.asarray(chart.enter(foreseen.Q[None], foreseen.v[None])[0])
@@ -197,6 +198,13 @@ class ControlLaw:
         is_measured = isfinite(measurement.state.x @ measurement.state.x)
         situation = Situation(time, estimate, x, is_measured, placement, route=memory.route)
         return replace(memory, signs=placement.signs), situation
+
+    def _grip(self, sequence: MovingSequence, state: State) -> Grip | None:
+        """Return the gripper that holds the object at a measured state; None where none does or it is not known."""
+        capture = self.problem.capture
+        if capture is None or sequence.first not in self.problem.held_stages or not isfinite(state.x @ state.x):
+            return None
+        return Grip.of(self.problem.model, next(iter(capture.grasp.at)), state.Q, state.v)
 
     def _chart_about(self, state: State, plan: Plan | None, time: float) -> Chart:
         space = self.problem.model.space
@@ -259,9 +267,9 @@ class ControlLaw:
     def _plan_may_end_stage(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> bool:
         """Tell whether the plan may end the current stage, if it wants to.
 
-        One at whose end the grippers have closed or opened by now has ended the stage. None may while the object is not
-        where the end condition wants it. One that could not be renewed may not where the measured state is far from
-        where it had the stage end.
+        One at whose end the grippers have closed or opened by now has ended the stage. While the object is not where
+        the end condition wants it, which is not seen before the next sample, none may before then. One that could not
+        be renewed may not where the measured state is far from where it had the stage end.
         """
         stage = situation.stages[sequence.first]
         if stage.is_on_route:
@@ -274,7 +282,7 @@ class ControlLaw:
         if has_passed and sequence.first + 1 in (holding.start, holding.stop):
             return True
         if stage.awaits_object:
-            return has_passed
+            return has_passed or bool(sequence.instants[0] > situation.time + self._spec.sample_time)
         if renewed or stage.at is not None or sequence.instants[0] > situation.time + SHORTEST:
             return True
         return bool(self.problem.costs.met(stage, situation.x[None], self._spec.detection_margin)[0])

@@ -15,11 +15,11 @@ from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.loads import Load
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.skills.base import anchored_poses
-from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape, without_end
+from psmpc_cli.ocp.stage import MEASURES, Stage, StageShape, component_counts, stage_shape, without_end
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import add, conjugate, product, rotate
+from psmpc_cli.robot.rotations import add, conjugate, product, rotate, scaled
 
 SLACK = 1e-6
 """By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s]: solvers stop at a tolerance."""
@@ -255,7 +255,7 @@ class StageFunctions:
         self.rows = skill.rows(model)
         self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
         self._measures = shape.object_end[1:]
-        of_object = 2 * model.space.n_pose + len(self._measures) if shape.object_end else 0
+        of_object = 2 * model.space.n_pose if shape.object_end else 0
         self.numbers = self._numbers_of_skill + of_object
         self.inputs = n if shape.input == "joint" else model.m
         self._Q = ca.SX.sym("Q", n)
@@ -333,41 +333,50 @@ class StageFunctions:
 
     @property
     def _object_end(self) -> ca.SX:
-        """Rows |d|^2 / tolerance of what is bounded of the object: d its position, turn and velocities.
+        """Rows d of what is bounded of the object: its position, turn and velocities, component by component.
 
         The object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
         pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
-        quaternion's vector doubled. The squares are smooth where the object is at its destination; a row is at its
-        tolerance where |d| is.
+        quaternion's vector doubled. Windows bound each of c components by tolerance / sqrt(c), which keeps |d| within
+        the tolerance: the rows of velocities then are linear in the rates.
         """
         if not self.shape.ends_by_object:
             return ca.SX(0, 1)
         space = self.model.space
         frame = self.model.pose_rows[self.shape.object_end[0]]
         of_skill = self._target[: self._numbers_of_skill]
-        sizes = np.cumsum([0, space.n_pose, space.n_pose, len(self._measures)])
-        inside, destination, tolerance = ca.vertsplit(self._target[self._numbers_of_skill :], sizes.tolist())
+        inside, destination = ca.vertsplit(self._target[self._numbers_of_skill :], space.n_pose)
         p, q = space.lifted(ca.vertsplit(anchored_poses(self.model, self._Q, of_skill)[frame]))
         r, q_r = space.lifted(ca.vertsplit(inside))
         wanted_position, wanted_attitude = space.lifted(ca.vertsplit(destination))
-        position = ca.vertcat(*add(p, rotate(q, r)))
+        position = add(p, rotate(q, r))
         attitude = product(q, q_r)
         turned = product(conjugate(wanted_attitude), attitude)
-        velocity = ca.jtimes(position, self._Q, self._Qdot)
+        velocity = ca.jtimes(ca.vertcat(*position), self._Q, self._Qdot)
         quaternion_rate = ca.jtimes(ca.vertcat(*attitude), self._Q, self._Qdot)
-        squares = {
-            "position": ca.sumsqr(position - ca.vertcat(*wanted_position)),
-            "angle": 4 * ca.sumsqr(ca.vertcat(*turned[1:])),
-            "velocity": ca.sumsqr(velocity),
-            "angular_velocity": 4 * ca.sumsqr(quaternion_rate),
-        }
-        return ca.SX(ca.vertcat(*(squares[measure] for measure in self._measures)) / tolerance)
+        spin = product(ca.vertsplit(quaternion_rate), conjugate(attitude))
+        apart = add(position, scaled(wanted_position, -1))
+        distance, angle = self._of_space(apart, scaled(turned[1:], 2))
+        speed, rate = self._of_space(ca.vertsplit(velocity), scaled(spin[1:], 2))
+        rows = dict(zip(MEASURES, (distance, angle, speed, rate), strict=True))
+        return ca.SX(ca.vertcat(*(component for measure in self._measures for component in rows[measure])))
+
+    def _of_space(self, linear: Sequence[ca.SX], angular: Sequence[ca.SX]) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Return the components of two vectors (3,) that count."""
+        space = self.model.space
+        both = space.twist(linear, angular)
+        return both[: space.dimension], both[space.dimension :]
 
     @property
     def end_rows(self) -> int:
         """Number of rows of the end condition, rates and those of the object included."""
-        of_object = len(self._measures) if self.shape.ends_by_object else 0
-        return len(self.shape.end_rows) * (2 if self.shape.end_velocity else 1) + of_object
+        return len(self.shape.end_rows) * (2 if self.shape.end_velocity else 1) + sum(self._object_rows)
+
+    @property
+    def _object_rows(self) -> tuple[int, ...]:
+        """Number of rows of each of the measures of the object that count."""
+        measures = self._measures if self.shape.ends_by_object else ()
+        return component_counts(measures, self.model.space.dimension)
 
     @cached_property
     def end(self) -> "ConstraintFunctions":
@@ -383,15 +392,18 @@ class StageFunctions:
     def met(self) -> RowFunction:
         """x, [target; drift; tolerance], margin -> whether the end condition holds within margin * tolerance.
 
-        The rows of the object are squares over a tolerance, so the margin counts squared there.
+        What is bounded of the object is the length of its components.
         """
         sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
         margin = ca.SX.sym("margin")
         numbers = ca.SX.sym("numbers", int(sizes[-1]))
         target, drift, tolerance = ca.vertsplit(numbers, sizes.tolist())
-        of_object = len(self._measures) if self.shape.ends_by_object else 0
-        margins = ca.vertcat(ca.repmat(margin, self.end_rows - of_object), ca.repmat(margin**2, of_object))
-        holds = ca.fabs(self.end.value.function(self._x, target) - drift) <= tolerance * margins + SLACK
+        rows = self.end.value.function(self._x, target) - drift
+        counts = [1] * (self.end_rows - sum(self._object_rows)) + list(self._object_rows)
+        bounded = np.cumsum([0, *counts]).tolist()
+        lengths = [ca.norm_2(each) for each in ca.vertsplit(rows, bounded)]
+        most = [ca.norm_2(each) for each in ca.vertsplit(tolerance, bounded)]
+        holds = ca.vertcat(*lengths) <= ca.vertcat(*most) * margin + SLACK
         return RowFunction(ca.Function("met", [self._x, numbers, margin], [ca.mmin(holds)]))
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
@@ -499,9 +511,10 @@ class StageCosts:
         """
         if not stage.has_end_condition:
             return np.nan
-        ratios = np.abs(self.ends(stage, x[None])[0]) / (stage.end_tolerance + allowance)
-        of_object = slice(len(ratios) - len(stage.object_end.measures), None)
-        ratios[of_object] = np.sqrt(ratios[of_object])  # these rows are squares over the tolerance
+        first = np.cumsum([0, *stage.end_counts[:-1]])
+        squares = np.square([self.ends(stage, x[None])[0], stage.end_tolerance + allowance])
+        length, most = np.sqrt(np.add.reduceat(squares, first, axis=1))
+        ratios = length / most
         return float(np.max(ratios))
 
     def end_deviations(self, stage: Stage, x: np.ndarray, deviations: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Stages of a task: what the task says of them, and what a sample of the controller sets."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -110,7 +110,18 @@ class ObjectEnd:
     @property
     def numbers(self) -> np.ndarray:
         """What `StageFunctions` takes of it behind the numbers of a target."""
-        return np.concatenate([self.inside, self.destination, self.tolerance])
+        return np.concatenate([self.inside, self.destination])
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of components of each measure."""
+        return component_counts(self.measures, space_of_pose(len(self.inside)).dimension) if self.measures else ()
+
+    @property
+    def row_tolerance(self) -> np.ndarray:
+        """The bound of each component in a window, of c of them tolerance / sqrt(c): their length then keeps it."""
+        counts = np.array(self.counts, int)
+        return np.repeat(self.tolerance / np.sqrt(counts), counts)
 
     def is_met(self, pose: np.ndarray, v: np.ndarray) -> bool:
         """Tell whether an object of a pose, (3,) or (7,), and a velocity, (3,) or (6,), is where it has to be."""
@@ -123,6 +134,13 @@ class ObjectEnd:
 
 MEASURES = ("position", "angle", "velocity", "angular_velocity")
 """What an object's end condition may bound [m, rad, m/s, rad/s]."""
+
+
+def component_counts(measures: Sequence[str], dimension: int) -> tuple[int, ...]:
+    """Return how many components each of some `MEASURES` has in the plane or in space."""
+    of_angles = 2 * dimension - 3
+    return tuple(of_angles if measure.startswith("ang") else dimension for measure in measures)
+
 
 NO_OBJECT_END = ObjectEnd("", (), np.zeros(0), np.zeros(0), np.zeros(0))
 """Of a stage that does not end by an object."""
@@ -250,7 +268,13 @@ class Stage:
         """Tolerance of each end row, positions first, then rates where they count, then the object's. Eq. (18)."""
         none = np.zeros(0)
         rates = none if self.end_velocity is None else np.broadcast_to(self.end_velocity, len(self.end_rows))
-        return np.concatenate([self.tolerance, rates, self.object_end.tolerance])
+        return np.concatenate([self.tolerance, rates, self.object_end.row_tolerance])
+
+    @property
+    def end_counts(self) -> tuple[int, ...]:
+        """Number of rows of each quantity that the end condition bounds: 1 of the robot's, the components of others."""
+        of_robot = len(self.end_tolerance) - sum(self.object_end.counts)
+        return (*(1,) * of_robot, *self.object_end.counts)
 
     @property
     def end_drift(self) -> np.ndarray:
@@ -327,9 +351,7 @@ class PlacedStage(Stage):
         rows = list(self.end_rows)
         counts = self.end_velocity is not None
         drift = np.broadcast_to(self.drift, self.weights.shape)[rows]
-        return np.concatenate(
-            [np.zeros(len(rows)), drift[: len(rows) * counts], np.zeros(len(self.object_end.measures))]
-        )
+        return np.concatenate([np.zeros(len(rows)), drift[: len(rows) * counts], np.zeros(sum(self.object_end.counts))])
 
     def holding(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
         """Return a stage that ends by the object with the object where it is in the gripper that holds it.

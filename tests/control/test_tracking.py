@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control.sequence import MovingSequence
-from psmpc_cli.control.tracking import ObjectEstimate, to_be_closed
+from psmpc_cli.control.tracking import Grip, ObjectEstimate, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
@@ -54,6 +54,37 @@ def test_measured_attitudes_correct_the_motion() -> None:
         pose = body.predicted(*true, 0.1 * k)[0]
         estimate = estimate.with_measurement(0.1 * k, np.r_[pose[:3], pose[3:] * (-1) ** k])
     assert estimate.at(22.0)[1] == pytest.approx(body.predicted(*true, 22.0)[1], abs=1e-4)
+
+
+@pytest.mark.parametrize("task", ["catch_drifting", "catch_tumbling"])
+def test_a_held_object_is_where_its_gripper_has_it_however_that_accelerates(task: str) -> None:
+    problem = build_problem(load_task(task))
+    model = problem.model
+    space = model.space
+    assert problem.capture is not None
+    gripper = next(iter(problem.capture.grasp.at))
+    rng = np.random.default_rng(2)
+    start = np.array(space.integrate(space.neutral, 0.3 * rng.normal(size=model.n)))
+    acceleration = rng.normal(size=model.n)
+    estimate = ObjectEstimate.of(problem.capture)
+    inside = space.relative(estimate.pose, Grip.of(model, gripper, start, np.zeros(model.n)).pose)
+    step = 1e-5
+
+    def pose_at(Q: np.ndarray) -> np.ndarray:
+        return np.asarray(space.composed(Grip.of(model, gripper, Q, np.zeros(model.n)).pose, inside))
+
+    Q = start
+    for k in range(40):
+        v = 0.1 * k * acceleration
+        estimate = estimate.with_measurement(0.1 * k, pose_at(Q), Grip.of(model, gripper, Q, v))
+        before = Q
+        Q = np.array(space.integrate(Q, 0.1 * v))
+    ahead = pose_at(np.array(space.integrate(before, step * v)))
+    behind = pose_at(np.array(space.integrate(before, -step * v)))
+    np.testing.assert_allclose(space.pose_error(estimate.pose, pose_at(before)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(estimate.velocity, space.pose_error(ahead, behind) / (2 * step), atol=1e-5)
+    free = estimate.with_measurement(4.0, None)
+    assert free is estimate
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ def at_random(problem: Problem, index: int, seed: int) -> tuple[PlacedStage, np.
 
 
 @pytest.mark.parametrize(("task", "stage"), [("transport_grasp", "transport"), ("catch_tumbling", "carry")])
-def test_the_rows_are_the_norms_that_the_object_has_in_the_gripper(task: str, stage: str) -> None:
+def test_the_rows_are_the_components_that_the_object_has_in_the_gripper(task: str, stage: str) -> None:
     problem = carrying(task, stage, BOUNDS)
     index = [each.name for each in problem.stages].index(stage)
     for seed in range(5):
@@ -49,10 +49,20 @@ def test_the_rows_are_the_norms_that_the_object_has_in_the_gripper(task: str, st
         d = space.dimension
         error = space.pose_error(pose, end.destination)
         angle = 2 * np.sin(np.linalg.norm(error[d:]) / 2)
-        norms = [np.linalg.norm(error[:d]), angle, np.linalg.norm(rate[:d]), np.linalg.norm(rate[d:])]
-        expected = np.square(norms) / list(BOUNDS.values())
-        found = problem.costs.ends(placed, x[None])[0][-len(BOUNDS) :]
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+        expected = [np.linalg.norm(error[:d]), angle, np.linalg.norm(rate[:d]), np.linalg.norm(rate[d:])]
+        rows = problem.costs.ends(placed, x[None])[0][-sum(end.counts) :]
+        found = np.split(rows, np.cumsum(end.counts)[:-1])
+        np.testing.assert_allclose([np.linalg.norm(each) for each in found], expected, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(found[0], pose[:d] - end.destination[:d], atol=1e-9)
+        np.testing.assert_allclose(found[2], rate[:d], rtol=1e-6, atol=1e-9)
+
+
+def test_windows_keep_the_lengths_within_their_tolerances() -> None:
+    """A corner of the box that bounds the components is at the tolerance."""
+    placed, *_ = at_random(carrying("catch_tumbling", "carry", BOUNDS), 2, seed=0)
+    end = placed.object_end
+    corners = np.split(end.row_tolerance, np.cumsum(end.counts)[:-1])
+    assert [np.linalg.norm(corner) for corner in corners] == pytest.approx(list(BOUNDS.values()))
 
 
 def test_a_row_is_at_its_tolerance_where_the_object_is() -> None:

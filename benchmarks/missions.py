@@ -5,9 +5,9 @@
     python benchmarks/missions.py optimum              solves windows over whole missions of `reach` by IPOPT as well
 
     plane       an object that drifts and spins is caught and brought to its destination: 100 missions
-    space       the same with two arms of seven joints: 20 missions
+    space       the same with two arms of seven joints: 5 missions
     reach       hands reach poses from a base without thrusters: 30 missions
-    effort      missions of `plane` by control weight: 10 missions
+    effort      missions of `plane` by control weight: 5 missions
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
     masses, load, drift, delay    the same by what else the controller does not know
@@ -86,8 +86,8 @@ PLANNED = ("psmpc", "smpc", "hard, free end")
 BY_STATE = ("psmpc", "smpc", "hard, free end", "hard", "htmpc")
 """Controllers that switch by the state."""
 
-FEWER = {"htmpc": 5}
-"""Missions of controllers that take minutes for one."""
+FEWER = {"hard": 30, "htmpc": 5}
+"""Missions of controllers whose missions are long, or take minutes for one."""
 
 AGAINST = "hard, free end"
 """What the others are compared with, mission by mission."""
@@ -359,9 +359,9 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
 
 STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "plane": ("plane", BY_STATE, range(100)),
-    "space": ("space", PLANNED, range(20)),
+    "space": ("space", PLANNED, range(5)),
     "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard", "psmpc, whole mission"), range(30)),
-    "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 10)),
+    "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 5)),
     "best": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),
     "noise": ("plane", PLANNED, range(5)),
     "masses": ("plane", PLANNED, range(5)),

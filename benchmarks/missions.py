@@ -5,7 +5,7 @@
     python benchmarks/missions.py optimum              solves windows over whole missions of `reach` by IPOPT as well
 
     plane       an object that drifts and spins is caught and brought to its destination: 100 missions
-    space       the same with two arms of seven joints: 5 missions
+    space       the same with two arms of seven joints: 20 missions
     reach       hands reach poses from a base without thrusters: 30 missions
     effort      missions of `plane` by control weight: 5 missions
     best        each controller with its best control weight: 30 missions of `plane`
@@ -359,7 +359,7 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
 
 STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "plane": ("plane", BY_STATE, range(100)),
-    "space": ("space", PLANNED, range(5)),
+    "space": ("space", PLANNED, range(20)),
     "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard", "psmpc, whole mission"), range(30)),
     "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 5)),
     "best": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),

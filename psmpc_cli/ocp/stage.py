@@ -135,11 +135,14 @@ class ObjectEnd:
 MEASURES = ("position", "angle", "velocity", "angular_velocity")
 """What an object's end condition may bound [m, rad, m/s, rad/s]."""
 
+OF_ROTATION = ("angle", "angular_velocity")
+"""Those of them that have as many components as a rotation."""
+
 
 def component_counts(measures: Sequence[str], dimension: int) -> tuple[int, ...]:
     """Return how many components each of some `MEASURES` has in the plane or in space."""
-    of_angles = 2 * dimension - 3
-    return tuple(of_angles if measure.startswith("ang") else dimension for measure in measures)
+    rotations = dimension * (dimension - 1) // 2
+    return tuple(rotations if measure in OF_ROTATION else dimension for measure in measures)
 
 
 NO_OBJECT_END = ObjectEnd("", (), np.zeros(0), np.zeros(0), np.zeros(0))

@@ -7,7 +7,7 @@
     plane       an object that drifts and spins is caught and brought to its destination: 100 missions
     space       the same with two arms of seven joints: 20 missions
     reach       hands reach poses from a base without thrusters: 30 missions
-    effort      missions of `plane` by control weight: 5 missions
+    effort      missions of `plane` by control weight: 10 missions
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
     masses, load, drift, delay    the same by what else the controller does not know
@@ -361,7 +361,7 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "plane": ("plane", BY_STATE, range(100)),
     "space": ("space", PLANNED, range(20)),
     "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard", "psmpc, whole mission"), range(30)),
-    "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 5)),
+    "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 10)),
     "best": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),
     "noise": ("plane", PLANNED, range(5)),
     "masses": ("plane", PLANNED, range(5)),

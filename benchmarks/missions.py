@@ -347,7 +347,10 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
     },
     "load": {"not known": {"object.grasp.known": False}},
     "drift": dict([drift(0.01, 1.0), drift(0.03, 3.0)]),
-    "delay": {"1 sample": {"uncertainty.delay": 1}},
+    "delay": {
+        "1 sample": {"uncertainty.delay": 1},
+        "1 sample, known": {"uncertainty.delay": 1, "controller.known_delay": 1},
+    },
     "timed": {"": {}},
     "priorities": {
         **dict(priority(stage, value) for stage in STAGES for value in PRIORITIES),

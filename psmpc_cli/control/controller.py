@@ -144,7 +144,9 @@ class ControlLaw:
         self._placer = Placer(problem)
         self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
-        self._load = _known_load(problem)
+        capture = problem.capture
+        self._held = HeldLoad(model, body_of(capture), capture.grasp) if capture else None
+        self._load = self._held if capture and capture.grasp.known else None
 
     @property
     def first(self) -> Memory:
@@ -185,7 +187,7 @@ class ControlLaw:
         target_object = memory.target_object
         if target_object:
             measured_at = time - self._spec.known_delay * self._spec.sample_time
-            grip = self._grip(memory.sequence, measurement.state)
+            grip = self._grip(memory.sequence, estimate.state)
             target_object = target_object.with_measurement(measured_at, measurement.object_pose, grip)
         foreseen = self._estimator.foreseen(estimate)
         chart = self._chart_about(foreseen, memory.plans.current, time)
@@ -200,7 +202,7 @@ class ControlLaw:
         return replace(memory, signs=placement.signs), situation
 
     def _grip(self, sequence: MovingSequence, state: State) -> Grip | None:
-        """Return the gripper that holds the object at a measured state; None where none does or it is not known."""
+        """Return the gripper that holds the object at an estimated state; None where none does or it is not known."""
         capture = self.problem.capture
         if capture is None or sequence.first not in self.problem.held_stages or not isfinite(state.x @ state.x):
             return None
@@ -398,6 +400,9 @@ class ControlLaw:
         edges = situation.time + self._ticks
         Q, v = situation.placement.chart.leave(situation.x[None])
         planned = decision.plan.velocity_rates(edges)
+        closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
+        if self._held is not None:
+            planned = self._held.followed(Q[0], v[0], planned, closed, self._tick)
         estimate, u = self._estimator.command(situation.estimate, planned, measurement.state.v)
         command = Command(
             time=situation.time,
@@ -415,7 +420,7 @@ class ControlLaw:
             levels=decision.levels,
             model=self.problem.model,
             stages=situation.stages,
-            closed=to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1]),
+            closed=closed,
             load=self._load,
             route_progress=situation.route.progress.get(decision.sequence.first, np.nan),
         )
@@ -497,14 +502,6 @@ class Controller:
     def sequence(self) -> MovingSequence:
         """The stages in the window."""
         return self.memory.sequence
-
-
-def _known_load(problem: Problem) -> HeldLoad | None:
-    """Return the law of a robot that knows what it holds; None where it does not."""
-    capture = problem.capture
-    if capture and capture.grasp.known:
-        return HeldLoad(problem.model, body_of(capture), capture.grasp)
-    return None
 
 
 def _solver_spec(task: TaskSpec) -> SolverSpec:

@@ -12,6 +12,7 @@ from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters, solve_spd
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.robot.rotations import add, conjugate, cross, product, rotate, scaled
 from psmpc_cli.specs.object import GraspSpec
 
@@ -35,6 +36,7 @@ class HeldLoad:
         self._model = model
         self._described = described_grasps(grippers, grasp)
         self._force = ArrayFunction(held_force(model, body, grippers))
+        self._shared = ArrayFunction(_shared(model, body, grippers))
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
 
     def force(
@@ -58,6 +60,22 @@ class HeldLoad:
         grasps = self._described if grasps is None else grasps
         parameters = (law or self._model.nominal).vector
         return np.asarray(self._force(Q, v, u, grasps.ravel(), parameters)[0][0])
+
+    def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
+        """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.
+
+        Args:
+            Q: Position of the robot at the first tick (nq,).
+            v: Velocity then (n,).
+            u: Commanded accelerations over the ticks (M, n).
+            closed: Whether the grippers are closed at each of them (M,).
+            tick: Length of a tick [s].
+        """
+        followed = u.copy()
+        for k in np.flatnonzero(closed):
+            positions, velocities = over_ticks(self._model.space, Q, v, followed[:k], tick)
+            followed[k] = self._shared(positions[-1], velocities[-1], u[k], self._described.ravel())[0][0]
+        return followed
 
     def largest_ratio(self, Q: np.ndarray) -> tuple[float, np.ndarray]:
         """Compute the largest ratio of the load's inertia to the robot's, over all motions that keep the closed chain.
@@ -113,13 +131,7 @@ def held_force(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca
     w = ca.SX.sym("w", model.nominal.vector.size)
     moving, stiffness, attitude = _chain(model, body, grippers, Q, v, p)
     rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
-    own = u
-    if len(grippers) > 1:
-        apart = moving[size:] - ca.repmat(moving[:size], len(grippers) - 1, 1)
-        G = ca.jacobian(apart, v)
-        away = G @ u + ca.jtimes(apart, Q, rate)
-        regular = G @ G.T + REGULARIZATION * ca.SX.eye(apart.numel())
-        own = u - G.T @ solve_spd(regular, away)
+    own = _shared_acceleration(moving, size, v, u, ca.jtimes(moving, Q, rate))
     acceleration = ca.jtimes(moving[:size], v, own) + ca.jtimes(moving[:size], Q, rate)
     M, bias = _load(body, attitude, ca.vertsplit(moving[:size]))
     wrench = M @ acceleration + bias
@@ -130,6 +142,30 @@ def held_force(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca
     of_load = ca.jtimes(moving, v, ca.vertcat(*wrenches), True)
     force = model.dynamics.law(Q, v, own, w) + of_load
     return ca.Function("held", [Q, v, u, p, w], [ca.cse(ca.densify(force))])
+
+
+def _shared(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca.Function:
+    """Return Q, v, u, grasps -> u' of `held_force` (n,)."""
+    Q = ca.SX.sym("Q", model.nq)
+    v = ca.SX.sym("v", model.n)
+    u = ca.SX.sym("u", model.n)
+    p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
+    moving, _, _ = _chain(model, body, grippers, Q, v, p)
+    rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
+    own = _shared_acceleration(moving, body.space.n_twist, v, u, ca.jtimes(moving, Q, rate))
+    return ca.Function("shared", [Q, v, u, p], [ca.cse(ca.densify(own))])
+
+
+def _shared_acceleration(moving: ca.SX, size: int, v: ca.SX, u: ca.SX, bias: ca.SX) -> ca.SX:
+    """Return u' = u - G' (G G')^-1 (G u + g) (n,), with S_i v of all grippers (A size,), and s_i as its bias."""
+    others = moving.numel() // size - 1
+    if not others:
+        return u
+    apart = moving[size:] - ca.repmat(moving[:size], others, 1)
+    G = ca.jacobian(apart, v)
+    away = G @ u + bias[size:] - ca.repmat(bias[:size], others, 1)
+    regular = G @ G.T + REGULARIZATION * ca.SX.eye(apart.numel())
+    return u - G.T @ solve_spd(regular, away)
 
 
 REGULARIZATION = 1e-9

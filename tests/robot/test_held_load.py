@@ -6,6 +6,7 @@ import pytest
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.specs.load import load_robot, load_task
 
 MASS, INERTIA = 7.0, 0.4
@@ -54,3 +55,33 @@ def test_the_force_moves_the_object_by_the_nearest_acceleration_that_all_gripper
     expected = model.inverse_dynamics(Q, v, nearest) + of_load
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
     assert np.abs(of_load).max() > 0.1
+
+
+@pytest.mark.parametrize("robot", ["planar_dual_arm", "dual_arm_servicer"])
+def test_what_a_robot_follows_keeps_the_relative_pose_of_closed_grippers(robot: str) -> None:
+    model = RobotModel(load_robot(robot))
+    space = model.space
+    rng = np.random.default_rng(2)
+    grippers = list(model.spec.arms)[:2]
+    Q = np.array(space.integrate(model.neutral, rng.normal(scale=0.5, size=model.n)))
+    u = np.repeat(rng.normal(scale=0.3, size=(1, model.n)), 10, axis=0)
+    closed = np.ones(len(u), bool)
+
+    def relative(Q: np.ndarray) -> np.ndarray:
+        poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
+        return np.array(space.relative(poses[grippers[1]], poses[grippers[0]]))
+
+    poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
+    at = {gripper: tuple(space.relative(poses[gripper], poses[grippers[0]]).tolist()) for gripper in grippers}
+    capture = load_task("transport_grasp").spec.capture
+    assert capture is not None
+    moments = [INERTIA] * space.n_principal
+    load = HeldLoad(model, FreeBody(MASS, moments), capture.grasp.model_copy(update={"at": at}))
+
+    def drift(u: np.ndarray) -> float:
+        path, _ = over_ticks(space, Q, np.zeros(model.n), u, 0.01)
+        return float(np.abs(space.pose_error(relative(path[-1]), relative(Q))).max())
+
+    assert drift(u) > 1e-3
+    assert drift(load.followed(Q, np.zeros(model.n), u, closed, 0.01)) < 1e-5
+    np.testing.assert_array_equal(load.followed(Q, np.zeros(model.n), u, ~closed, 0.01), u)

@@ -1,8 +1,6 @@
 """Hands that hold one body keep their relative pose, in a soft band about the one in which they closed.
 
-At the first node of their stage the grippers close, wherever the end condition of the stage before has them. A state
-that is foreseen over a known delay has the hands where the robot would move them without the body: what they keep then
-is their relative pose in that state, at every sample.
+At the first node of their stage the grippers close, wherever the end condition of the stage before has them.
 """
 
 from functools import partial
@@ -35,18 +33,16 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
         argument=np.concatenate([space.relative(other, first) for other in others]),
         low=-bands,
         high=bands,
-        at_sample=partial(_as_closed, grippers, task.controller.known_delay > 0),
+        at_sample=partial(_as_closed, grippers),
     )
 
 
-def _as_closed(
-    grippers: tuple[str, ...], is_foreseen: bool, model: RobotModel, sample: SampleView
-) -> np.ndarray | None:
+def _as_closed(grippers: tuple[str, ...], model: RobotModel, sample: SampleView) -> np.ndarray | None:
     """Return the poses of the others in the frame of the first gripper, as they are at the first sample after closing.
 
-    They are one after the other, (others n_pose,). Those of foreseen states are of this sample.
+    They are one after the other, (others n_pose,).
     """
-    if not sample.is_current or (sample.before is not None and not is_foreseen):
+    if not sample.is_current or sample.before is not None:
         return sample.before
     xi = np.asarray(model.charted(sample.x[: model.n], sample.anchor)).ravel()
     first, *others = (xi[model.pose_rows[gripper]] for gripper in grippers)

@@ -170,6 +170,7 @@ class ControlLaw:
         memory, situation = self._drop(memory, situation)  # stages that are over leave the window
         prediction = self._shift(memory, situation)  # the last plan, from now on
         longer = self._detect(memory, situation, prediction)  # the next stage enters when its switch is predicted
+        situation = self._with_targets_at(longer, memory, situation)
         attempts = self._attempts(memory, situation, prediction, until)
         attempt = attempts.solve_longest(memory.sequence, longer)
         decision = self._accept(memory, situation, attempt, prediction, until)  # or fall back
@@ -318,6 +319,14 @@ class ControlLaw:
         margin = self._spec.detection_margin
         longer = detect(memory.sequence, situation.stages, self.problem.costs, prediction, margin)
         return longer and replace(longer, continues=self._one_stage)
+
+    def _with_targets_at(self, longer: MovingSequence | None, memory: Memory, situation: Situation) -> Situation:
+        """Return the situation with targets relative to the object where it is when stages of a sequence end."""
+        if longer is None or not self._placer.follows_object:
+            return situation
+        extended = replace(memory, sequence=longer)
+        placement = self._place(extended, situation.time, situation.x, situation.placement.chart, at_ends=True)
+        return replace(situation, placement=placement.with_arguments(memory.arguments))
 
     def _attempts(self, memory: Memory, situation: Situation, prediction: Plan, until: float) -> Attempts:
         return Attempts(

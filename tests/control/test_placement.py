@@ -91,3 +91,13 @@ def test_cost_follows_an_object_that_tumbles() -> None:
     wanted = SPACE.composed(body.predicted(state[:7], state[7:], 2.53)[0], inside)
     assert found.reference(np.array([4.03]))[0, problem.model.pose_rows["left"]] == pytest.approx(wanted, abs=1e-4)
     assert (found.target == stage.placed().at_object(problem.model.pose_rows, state[:7], state[7:]).target).all()
+
+
+def test_a_stage_that_is_seen_to_end_soon_has_its_target_where_the_object_is_then() -> None:
+    """The robot rests where the object will be at the end of the horizon, which is not where it is by now."""
+    changes = {"object.pose": [0.5, 2.0, 0], "object.motion": {"linear": [0.02, 0], "angular": 0}}
+    task = load_task("catch_drifting", {"controller.nodes": 12, "initial.base": [0.58, 2.0 - 0.978, 0], **changes})
+    problem = build_problem(task)
+    state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
+    stages = Controller(problem).step(0.0, state, np.array([0.5, 2.0, 0.0])).stages
+    assert stages[0].target[problem.model.pose_rows["base"]] == pytest.approx([0.5, 1.022, 0], abs=2e-3)

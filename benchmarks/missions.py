@@ -397,6 +397,7 @@ def measure(item: tuple[str, Case, int]) -> Row:
         "starts": starts.round(3).tolist(),
         "effort": round(float(summary.control_effort), 4),
         "force": round(float(np.nanmax(run["peak/base_force"])), 3),
+        "impulse": round(float(run["effort/base_force"].sum()), 2),
         "margin": round(float(min(margins)), 4) if margins else None,
         "failed_solves": int(summary.failed_solves),
     }
@@ -476,6 +477,7 @@ def successes(made: Made) -> Iterator[Row]:
             "succeeded": f"{len(succeeded)} of {len(rows)} ({100 * rate.low:.0f} to {100 * rate.high:.0f} %)",
             "end [s]": spread([row["time"] for row in succeeded]),
             "effort": spread([row["effort"] for row in succeeded]),
+            "impulse on the base [N s]": spread([row.get("impulse", np.nan) for row in succeeded]),
             "largest force on the base [N]": spread([row["force"] for row in succeeded]),
             "second stage early by [s]": spread([row["ends"][0] - row["starts"][1] for row in succeeded]),
         }
@@ -488,28 +490,73 @@ def successes(made: Made) -> Iterator[Row]:
 def differences(made: Made) -> Iterator[Row]:
     """Yield what each case needs more or less than hard switching with a free end, where both succeed.
 
-    That is at the same level or, if there is none, at the first.
+    That is at the same level or, if there is none, at the first. What PSMPC needs against SMPC follows.
     """
-    others = {name: rows for name, rows in made.items() if name.partition("; ")[0] == AGAINST}
     for name, rows in made.items():
-        if name in others:
-            continue
-        _, _, level = name.partition("; ")
-        same = f"{AGAINST}; {level}" if level else AGAINST
-        other = others[same if same in others else next(iter(others))]
-        pairs = [
-            (row, other[seed])
-            for seed, row in rows.items()
-            if seed in other and row["succeeded"] and other[seed]["succeeded"]
-        ]
-        yield {
-            "controller": f"`{name}`",
-            "both succeed": len(pairs),
-            "end, difference [s]": median([row["time"] - base["time"] for row, base in pairs]),
-            "end, ratio": median([row["time"] / base["time"] for row, base in pairs]),
-            "effort, ratio": median([row["effort"] / base["effort"] for row, base in pairs]),
-            "largest force, ratio": median([row["force"] / base["force"] for row, base in pairs if base["force"]]),
-        }
+        controller, _, level = name.partition("; ")
+        for against in (AGAINST, "smpc"):
+            others = {each: found for each, found in made.items() if each.partition("; ")[0] == against}
+            if controller == against or not others or (against == "smpc" and controller != "psmpc"):
+                continue
+            same = f"{against}; {level}" if level else against
+            other = others[same if same in others else next(iter(others))]
+            yield {"controller": f"`{name}`", "against": f"`{against}`", **compared(rows, other)}
+
+
+def compared(rows: Mapping[int, Row], other: Mapping[int, Row]) -> Row:
+    """Return what missions under one controller need more or less than under another one, where both succeed."""
+    pairs = [
+        (row, other[seed])
+        for seed, row in rows.items()
+        if seed in other and row["succeeded"] and other[seed]["succeeded"]
+    ]
+
+    def ratio(name: str) -> str:
+        return median([row[name] / base[name] for row, base in pairs if row.get(name) and base.get(name)])
+
+    return {
+        "both succeed": len(pairs),
+        "end, difference [s]": median([row["time"] - base["time"] for row, base in pairs]),
+        "end, ratio": ratio("time"),
+        "effort, ratio": ratio("effort"),
+        "impulse, ratio": ratio("impulse"),
+        "largest force, ratio": ratio("force"),
+    }
+
+
+ALLOWED_EFFORTS = (2.0, 2.25, 2.5, 3.0)
+"""Efforts at which the study `effort` compares controllers."""
+
+
+def at_equal_effort(made: Made) -> Iterator[Row]:
+    """Yield how early missions end with at most some efforts, and how that compares with hard switching, free end."""
+    seeds = next(iter(made.values())).keys()
+    controllers = dict.fromkeys(name.partition("; ")[0] for name in made)
+    ends = {
+        controller: np.array([earliest_ends(made, controller, seed) for seed in seeds]) for controller in controllers
+    }
+    for controller, own in ends.items():
+        for effort, found, other in zip(ALLOWED_EFFORTS, own.T, ends[AGAINST].T, strict=True):
+            both = np.isfinite(found - other)
+            yield {
+                "controller": f"`{controller}`",
+                "effort": f"at most {effort:g}",
+                "missions": int(both.sum()),
+                "end [s]": spread(found[both]),
+                "end, difference [s]": median((found - other)[both]),
+            }
+
+
+def earliest_ends(made: Made, controller: str, seed: int) -> np.ndarray:
+    """Return when a mission ends at the earliest with at most each of the efforts [s], over control weights.
+
+    Between the runs it is interpolated along the effort; NaN where every run takes more.
+    """
+    runs = [
+        rows[seed] for name, rows in made.items() if name.partition("; ")[0] == controller and rows[seed]["succeeded"]
+    ]
+    efforts, times = np.array(sorted((row["effort"], row["time"]) for row in runs)).T
+    return np.interp(ALLOWED_EFFORTS, efforts, np.minimum.accumulate(times), left=np.nan)
 
 
 def failures(made: Made) -> Iterator[str]:
@@ -588,7 +635,10 @@ def study(name: str, count: str = "") -> Iterator[str]:
         yield from priorities(made)
         return
     yield from markdown(successes(made))
-    if name not in ("effort", "timed"):
+    if name == "effort":
+        yield ""
+        yield from markdown(at_equal_effort(made))
+    elif name != "timed":
         yield ""
         yield from markdown(differences(made))
     failed = list(failures(made))

@@ -1,6 +1,7 @@
-"""Hands that hold one body keep their relative pose, in a soft band about the one in which they closed.
+"""Hands that hold one body keep their relative pose, in a soft band about the one that they have at the sample.
 
-At the first node of their stage the grippers close, wherever the end condition of the stage before has them.
+Where it was when the grippers closed is no matter: grasps settle, and give. A band about that pose has plans move the
+hands back, which the law of a robot that holds the body leaves out, see `HeldLoad`.
 """
 
 from functools import partial
@@ -33,27 +34,24 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
         argument=np.concatenate([space.relative(other, first) for other in others]),
         low=-bands,
         high=bands,
-        at_sample=partial(_as_closed, grippers),
+        at_sample=partial(_relative_poses, grippers),
     )
 
 
-def _as_closed(grippers: tuple[str, ...], model: RobotModel, sample: SampleView) -> np.ndarray | None:
-    """Return the poses of the others in the frame of the first gripper, as they are at the first sample after closing.
-
-    They are one after the other, (others n_pose,).
-    """
-    if not sample.is_current or sample.before is not None:
-        return sample.before
+def _relative_poses(grippers: tuple[str, ...], model: RobotModel, sample: SampleView) -> np.ndarray | None:
+    """Return the poses of the others in the frame of the first gripper, one after the other, (others n_pose,)."""
+    if not sample.is_current:
+        return None
     xi = np.asarray(model.charted(sample.x[: model.n], sample.anchor)).ravel()
     first, *others = (xi[model.pose_rows[gripper]] for gripper in grippers)
     return np.concatenate([model.space.relative(other, first) for other in others])
 
 
 def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctions:
-    """Return x, [anchor; relative poses as closed] -> by how much the relative poses differ from them.
+    """Return x, [anchor; relative poses at the sample] -> by how much the relative poses differ from them.
 
     With the poses (p_0, q_0) of the first gripper, (p, q) of another one, and (r, q_r) of that in the frame of the
-    first as they closed, the rows are R_0' (p - p_0) - r, and twice the vector of the quaternion q_r* q_0* q: the
+    first at the sample, the rows are R_0' (p - p_0) - r, and twice the vector of the quaternion q_r* q_0* q: the
     rotation vector but for the third power of its angle, and smooth.
     """
     space = model.space

@@ -1,4 +1,4 @@
-"""The rows that keep hands which hold one body where they have closed."""
+"""The rows that keep hands which hold one body at the relative pose that they have."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.ocp.constraints import NodeRows, node_rows, soft_row_violations
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
-from psmpc_cli.ocp.stage import PlacedStage
+from psmpc_cli.ocp.stage import PlacedStage, SampleView
 from psmpc_cli.ocp.window import Window, window_numbers, window_shape
 from psmpc_cli.ocp.window_record import WindowFrame, read_window
 from psmpc_cli.robot.configuration import space_of_pose
@@ -112,6 +112,21 @@ def test_derivatives_are_those_of_the_rows(problem: Problem) -> None:
         for each in np.eye(2 * n)
     ]
     np.testing.assert_allclose(jacobian, np.transpose(differences), atol=1e-8)
+
+
+@pytest.mark.parametrize("before", [None, 0.0])
+def test_the_band_is_about_the_pose_that_the_hands_have_at_each_sample(problem: Problem, before: float | None) -> None:
+    at_sample = problem.stages[HELD].constraints["hands"].at_sample
+    assert at_sample is not None
+    Q = some_coordinates(problem)
+    chart = problem.model.space.chart_at(Q)
+    x = np.asarray(chart.enter(Q[None], np.zeros((1, problem.model.n)))[0])
+    relative = relative_pose(problem, Q)
+    earlier = None if before is None else np.full(len(relative), before)
+    view = SampleView(0.0, x, chart.anchor, before=earlier)
+    found = at_sample(problem.model, view)
+    np.testing.assert_allclose(found, relative, atol=1e-12)
+    assert at_sample(problem.model, replace(view, is_current=False)) is None
 
 
 def test_a_window_reads_the_relative_poses_from_its_record(problem: Problem) -> None:

@@ -529,21 +529,22 @@ ALLOWED_EFFORTS = (2.0, 2.25, 2.5, 3.0)
 
 
 def at_equal_effort(made: Made) -> Iterator[Row]:
-    """Yield how early missions end with at most some efforts, and how that compares with hard switching, free end."""
+    """Yield how early missions end with at most some efforts, and what that is less than with two other controllers."""
     seeds = next(iter(made.values())).keys()
     controllers = dict.fromkeys(name.partition("; ")[0] for name in made)
     ends = {
         controller: np.array([earliest_ends(made, controller, seed) for seed in seeds]) for controller in controllers
     }
     for controller, own in ends.items():
-        for effort, found, other in zip(ALLOWED_EFFORTS, own.T, ends[AGAINST].T, strict=True):
-            both = np.isfinite(found - other)
+        for effort, found, hard, smpc in zip(ALLOWED_EFFORTS, own.T, ends[AGAINST].T, ends["smpc"].T, strict=True):
+            both = np.isfinite(found - hard)
             yield {
                 "controller": f"`{controller}`",
                 "effort": f"at most {effort:g}",
                 "missions": int(both.sum()),
                 "end [s]": spread(found[both]),
-                "end, difference [s]": median((found - other)[both]),
+                f"less the end of `{AGAINST}` [s]": median((found - hard)[both]),
+                "less the end of `smpc` [s]": median((found - smpc)[np.isfinite(found - smpc)]),
             }
 
 

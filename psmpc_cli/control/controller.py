@@ -410,7 +410,7 @@ class ControlLaw:
         Q, v = situation.placement.chart.leave(situation.x[None])
         planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
-        if self._held is not None:
+        if self._held is not None and closed.any():
             planned = self._held.followed(Q[0], v[0], planned, closed, self._tick)
         estimate, u = self._estimator.command(situation.estimate, planned, measurement.state.v)
         command = Command(

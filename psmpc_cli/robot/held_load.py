@@ -72,9 +72,12 @@ class HeldLoad:
             tick: Length of a tick [s].
         """
         followed = u.copy()
-        for k in np.flatnonzero(closed):
-            positions, velocities = over_ticks(self._model.space, Q, v, followed[:k], tick)
-            followed[k] = self._shared(positions[-1], velocities[-1], u[k], self._described.ravel())[0][0]
+        for k, is_closed in enumerate(closed):
+            if is_closed:
+                followed[k] = self._shared(Q, v, u[k], self._described.ravel())[0][0]
+            positions, velocities = over_ticks(self._model.space, Q, v, followed[k : k + 1], tick)
+            Q = positions[-1]
+            v = velocities[-1]
         return followed
 
     def largest_ratio(self, Q: np.ndarray) -> tuple[float, np.ndarray]:

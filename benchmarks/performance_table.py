@@ -77,8 +77,7 @@ GROWTH = ("solver", "start", "stages", "exponent")
 PLANAR, SPATIAL = "transport", "servicing"
 """The tasks whose windows are solved in turn."""
 
-MESHES = {"25": 6, "100": 6, "auto": 0}
-"""Meshes of these windows, and how many of the spatial ones IPOPT solves."""
+MESHES = ("25", "100", "auto")
 
 WINDOWS = 20
 """Windows of each task and mesh."""
@@ -250,10 +249,9 @@ def space(repeat: str = "5") -> Iterator[str]:
     names = [f"{name}, n = {cells[name, '25'][0].model.n} [ms]" for name in (PLANAR, SPATIAL)]
     rows = []
     for nodes in MESHES:
-        ways = ((PLANAR, nodes, "sqp"), (SPATIAL, nodes, "sqp"), (SPATIAL, nodes, "ipopt"))
-        planar, spatial, ipopt = (float(np.median(times.get(way, np.nan))) for way in ways)
-        rows.append((nodes, _ms(planar), _ms(spatial), _number(spatial / planar), _ms(ipopt), _number(ipopt / spatial)))
-    yield from markdown(rows, "nodes", *names, "over planar", f"{SPATIAL}, IPOPT [ms]", "IPOPT over sqp")
+        planar, spatial = (float(np.median(times[name, nodes])) for name in (PLANAR, SPATIAL))
+        rows.append((nodes, _ms(planar), _ms(spatial), _number(spatial / planar)))
+    yield from markdown(rows, "nodes", *names, "over planar")
     yield ""
     spreads = (
         (name, *map(_ms, np.percentile(each, (50, 99, 100))), sum(time > 0.1 for time in each), len(each))
@@ -390,22 +388,20 @@ def _whole_run(name: str, nodes: str) -> tuple[Problem, Warm, dict[str, list[flo
 
 def _solved_in_turn(
     cells: Mapping[tuple[str, str], tuple[Problem, Warm]], repeat: int
-) -> tuple[Mapping[tuple[str, str, str], list[float]], float]:
+) -> tuple[Mapping[tuple[str, str], list[float]], float]:
     """Solve windows of all tasks and meshes again: once untimed, then repeatedly, in a new random order each time.
 
     Returns:
-        Wall times by task, mesh and back-end [s]; wall time of all over their processor time.
+        Wall times by task and mesh [s]; wall time of all over their processor time.
     """
     calls = []
     for (name, nodes), (problem, warm) in cells.items():
-        kinds = {"sqp": WINDOWS, "ipopt": MESHES[nodes] if name == SPATIAL else 0}
-        for kind, count in kinds.items():
-            spec = problem.spec.solver.model_copy(update={"kind": kind, "deadline": None})
-            solver, chosen = build_solver(problem, spec), np.linspace(0, len(warm) - 1, count).astype(int)
-            calls += [((name, nodes, kind), solver, *warm[k]) for k in chosen]
+        solver = build_solver(problem, problem.spec.solver.model_copy(update={"deadline": None}))
+        chosen = np.linspace(0, len(warm) - 1, WINDOWS).astype(int)
+        calls += [((name, nodes), solver, *warm[k]) for k in chosen]
     for _, solver, solution, before in calls:
         solver.solve(solution.window, solution.guess, before)
-    times: dict[tuple[str, str, str], list[float]] = {}
+    times: dict[tuple[str, str], list[float]] = {}
     generator, began = np.random.default_rng(0), (perf_counter(), process_time())
     for k in (k for _ in range(repeat) for k in generator.permutation(len(calls))):
         key, solver, solution, before = calls[k]

@@ -195,10 +195,23 @@ class IntervalFunctions:
         return _on_rows("interval_rows", self._arguments, [self._rows], self._native)
 
     @cached_property
-    def _with_jacobian(self) -> RowFunction:
-        """x, dv, h, a -> its derivatives by [x; dv; h], row by row."""
-        jacobian = ca.jacobian(self._rows, ca.vertcat(*self._arguments[:3]))
-        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(jacobian)], self._native)
+    def _jacobian_by_part(self) -> tuple[RowFunction, ...]:
+        """x, dv, h, a -> its derivatives by Q, by Qdot and by [dv; h], row by row.
+
+        All of them in one function would be so long that compilers do not optimize it.
+        """
+        x, dv, h, _ = self._arguments
+        n = dv.numel()
+        parts = {"Q": x[:n], "Qdot": x[n:], "step": ca.vertcat(dv, h)}
+        return tuple(
+            _on_rows(
+                f"interval_jacobian_{name}",
+                self._arguments,
+                [_row_by_row(ca.jacobian(self._rows, part))],
+                self._native,
+            )
+            for name, part in parts.items()
+        )
 
     def expression(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) between two states (2n,)."""
@@ -220,7 +233,11 @@ class IntervalFunctions:
         dv = X_next[:, n:] - X[:, n:]
         by = np.zeros((K, len(self._ends), self.count // len(self._ends), 4 * n + 1))
         for i, end in enumerate(self._ends):
-            found = self._with_jacobian((X, X_next)[end], dv, h, argument, rows=K)[0].reshape(K, -1, 3 * n + 1)
+            by_part = [
+                function((X, X_next)[end], dv, h, argument, rows=K)[0].reshape(K, self.count // len(self._ends), -1)
+                for function in self._jacobian_by_part
+            ]
+            found = np.concatenate(by_part, axis=2)
             at_end = slice(2 * n * end, 2 * n * (end + 1))
             by_dv = found[..., 2 * n : 3 * n]
             by[:, i, :, at_end] = found[..., : 2 * n]
@@ -230,8 +247,8 @@ class IntervalFunctions:
         return by.reshape(K, self.count, 4 * n + 1)
 
     def prepare(self) -> tuple[RowFunction, ...]:
-        """Write both of its functions and return them."""
-        return self._value, self._with_jacobian
+        """Write its functions and return them."""
+        return self._value, *self._jacobian_by_part
 
 
 class StageFunctions:

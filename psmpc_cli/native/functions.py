@@ -16,7 +16,8 @@ FLAGS = ("-O1", "-ffp-contract=off")
 
 LONG = 200_000
 """Operations from which on compilers do not optimize. Rows of forces of two arms of seven joints that hold an object,
-as one function of 330,000, take 45 s with -O1 and 10 s without, and run in 0.34 ms in place of 0.16 ms, interpreted 1.4 ms."""
+as one function of 330,000, take 45 s with -O1 and 10 s without, and run in 0.34 ms in place of 0.16 ms; interpreted
+they take 1.4 ms."""
 
 FLAGS_OF_LONG = ("-O0", "-ffp-contract=off")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from psmpc_cli.robot.configuration import ConfigurationSpace, space_of_inertia
 from psmpc_cli.robot.kinematics import runge_kutta
@@ -63,21 +63,27 @@ class FreeBody:
         turning = sum(moment * rate**2 for moment, rate in zip(self.moments, angular, strict=True))
         return (self.mass * dot(linear, linear) + turning) / 2
 
-    def predicted(self, Q: Any, v: Any, time: float) -> tuple[Array, Array]:
-        """Return pose and velocity after a time [s] of free motion."""
+    def predicted(self, Q: Any, v: Any, time: ArrayLike) -> tuple[Array, Array]:
+        """Return pose (..., n_pose) and velocity (..., n) after a time or several (...,) [s] of free motion."""
         Q = np.asarray(Q, dtype=float)
         v = np.asarray(v, dtype=float)
+        time = np.asarray(time, dtype=float)
         space = self.space
         if not space.turns_freely:
-            return Q + time * v, v
-        turned = abs(time) * float(np.linalg.norm(v[space.rotation]))
+            return Q + time[..., None] * v, np.broadcast_to(v, (*time.shape, len(v)))
+        turned = np.abs(time).max(initial=0.0) * float(np.linalg.norm(v[space.rotation]))
         steps = max(1, int(np.ceil(turned / STEP)))
-        y = np.concatenate([Q, v])
-        h = time / steps
-        no_wrench = np.zeros(space.n)
+        no_wrench = np.zeros((space.n, *time.shape))
+
+        def rate(y: Array) -> Array:
+            of_pose, of_velocity = self.rates(y[: space.nq], y[space.nq :], no_wrench)
+            return np.array([*of_pose, *of_velocity])
+
+        y = np.multiply.outer(np.concatenate([Q, v]), np.ones(time.shape))
         for _ in range(steps):
-            y = runge_kutta(lambda y: np.concatenate(self.rates(y[: space.nq], y[space.nq :], no_wrench)), y, h)
-        return space.normalized(y[: space.nq]), y[space.nq :]
+            y = runge_kutta(rate, y, time / steps)
+        y = np.moveaxis(y, 0, -1)
+        return space.normalized(y[..., : space.nq]), y[..., space.nq :]
 
 
 def body_of(capture: CaptureSpec) -> FreeBody:

@@ -293,7 +293,7 @@ def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.nd
     """Return the poses (N, n_pose) of a body that moves freely at times (N,) [s] after a pose and a velocity."""
     space = model.space
     if space.turns_freely and v[space.rotation].any():
-        return np.array([_free(model).predicted(pose, v, time)[0] for time in since])
+        return _free(model).predicted(pose, v, since)[0]
     moving = slice(space.dimension) if space.turns_freely else slice(None)
     poses = np.empty((len(since), len(pose)))
     poses[:] = pose

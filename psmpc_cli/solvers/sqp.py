@@ -22,7 +22,7 @@ from psmpc_cli.ocp.objective import COMPILED_FROM, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
-from psmpc_cli.ocp.window import Window, WindowShape, plan_on_mesh, window_numbers, window_shape
+from psmpc_cli.ocp.window import Window, WindowShape, durations, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import Report
@@ -173,7 +173,7 @@ class SqpSolver(Solver):
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         began = time.perf_counter()
-        tau = np.diff(guess.instants, prepend=window.start)
+        tau = durations(guess.instants, window.start, window.horizon)[:-1]
         form, shared, method = self._setup(window)
         numbers = window_numbers(window, guess.instants)
         sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), numbers)

@@ -299,7 +299,7 @@ ANYTHING = ctypes.c_byte * 0
 
 def address(array: np.ndarray) -> int:
     """Return where the memory of a writable array begins; `array.ctypes.data` takes ten times as long."""
-    return ctypes.addressof(ANYTHING.from_buffer(array))
+    return ctypes.addressof(ANYTHING.from_buffer(array.data))
 
 
 class RiccatiQp(QpMethod):

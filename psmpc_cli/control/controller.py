@@ -145,8 +145,7 @@ class ControlLaw:
         self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
         capture = problem.capture
-        self._held = HeldLoad(model, body_of(capture), capture.grasp) if capture else None
-        self._load = self._held if capture and capture.grasp.known else None
+        self._load = HeldLoad(model, body_of(capture), capture.grasp) if capture and capture.grasp.known else None
 
     @property
     def first(self) -> Memory:
@@ -410,8 +409,8 @@ class ControlLaw:
         Q, v = situation.placement.chart.leave(situation.x[None])
         planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
-        if self._held is not None and closed.any():
-            planned = self._held.followed(Q[0], v[0], planned, closed, self._tick)
+        if self._load is not None and closed.any():
+            planned = self._load.followed(Q[0], v[0], planned, closed, self._tick)
         estimate, u = self._estimator.command(situation.estimate, planned, measurement.state.v)
         command = Command(
             time=situation.time,

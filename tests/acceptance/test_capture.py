@@ -10,6 +10,7 @@ from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility import remarks
 from psmpc_cli.ocp.forecast import forecast_stages
+from psmpc_cli.paper.reproduce import load_grasps
 from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.simulation.verify import Verification
@@ -66,6 +67,12 @@ def test_a_known_delay_does_not_keep_an_object_from_being_delivered() -> None:
         "log": {"plans": False, "shares": False},
     }
     assert psmpc.simulate(psmpc.load_task("catch_drifting", changes)).summary().succeeded
+
+
+def test_what_plans_for_the_robot_alone_delivers_by_its_priorities_and_else_pulls_at_the_object() -> None:
+    runs = {name: psmpc.simulate(task) for name, task in load_grasps(["controller.nodes=25"]).items()}
+    assert {name: run.summary().succeeded for name, run in runs.items()} == {"psmpc": True, "smpc": False}
+    assert runs["smpc"]["grasp/pull"].max() > 3 * runs["psmpc"]["grasp/pull"].max()
 
 
 @pytest.mark.parametrize("kind", ["hard", "htmpc"])

@@ -342,7 +342,11 @@ class ControlLaw:
     def _accept(
         self, memory: Memory, situation: Situation, attempt: Attempt, prediction: Plan, until: float
     ) -> Decision:
-        """Take over a solution that counts, refined by the levels of HTMPC; fall back on another plan else."""
+        """Take over a solution that counts, refined by the levels of HTMPC; fall back on another plan else.
+
+        Where the current stage awaits the object a plan is followed to its planned end alone: what comes after it, such
+        as to move hands apart, is for a stage that has not begun.
+        """
         sequence = attempt.sequence
         solution = attempt.solution
         stage = situation.stages[sequence.first]
@@ -356,12 +360,14 @@ class ControlLaw:
                 stages = situation.stages[sequence.first :]
                 levels = self._hierarchy.solve_levels(stages, sequence.entered, solution, prediction, until)
             plan = (levels or (solution,))[-1].plan
-            plans = memory.plans.with_plan(plan)
+            plans = memory.plans.with_plan(plan, sequence)
         else:
-            over = situation.time + self._spec.sample_time
-            if stage.awaits_object and sequence.plans_end and sequence.instants[0] < over:
-                sequence = sequence.alone
-            plans, plan = memory.plans.without_plan(
+            plans = memory.plans
+            if stage.awaits_object:
+                plans = plans.trusted_to_end_of(sequence.first)
+                if sequence.plans_end and sequence.instants[0] < situation.time + self._spec.sample_time:
+                    sequence = sequence.alone
+            plans, plan = plans.without_plan(
                 situation.time,
                 situation.x,
                 stage.limits,

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan, braking_plan
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.specs.robot import Limits
@@ -20,11 +21,13 @@ class PlansInForce:
         solved: The last plan that was solved for, or that took the place of the first one; None before.
         braking: The plan that brakes to rest, where the other is used up.
         trusted_until: End of the plan in force when the state was last measured completely [s].
+        sequence: The stages of the solved plan; None before.
     """
 
     solved: Plan | None = None
     braking: Plan | None = None
     trusted_until: float = np.inf
+    sequence: MovingSequence | None = None
 
     @property
     def current(self) -> Plan | None:
@@ -42,9 +45,16 @@ class PlansInForce:
         end = np.inf if self.solved is None else self.solved.end
         return time > min(end, self.trusted_until) - sample_time
 
-    def with_plan(self, plan: Plan) -> "PlansInForce":
-        """Return the plans after a solve."""
-        return replace(self, solved=plan, braking=None)
+    def with_plan(self, plan: Plan, sequence: MovingSequence) -> "PlansInForce":
+        """Return the plans after a solve for these stages."""
+        return replace(self, solved=plan, braking=None, sequence=sequence)
+
+    def trusted_to_end_of(self, stage: int) -> "PlansInForce":
+        """Return the plans with the solved one trusted no further than to where it ends a stage, if it does."""
+        if self.sequence is None:
+            return self
+        ends = self.sequence.instants[stage - self.sequence.first :]
+        return replace(self, trusted_until=min([self.trusted_until, *map(float, ends[:1])]))
 
     def without_plan(
         self,

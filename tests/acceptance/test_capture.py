@@ -13,10 +13,12 @@ from psmpc_cli.ocp.forecast import forecast_stages
 from psmpc_cli.paper.reproduce import load_grasps
 from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.simulation.replay import replay
+from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.simulation.verify import Verification
 from psmpc_cli.studies.measures import OUTCOME, motion_between_hands
 
 from .. import six_joint_arm
+from ..control.short_transports import run, with_failures
 
 pytestmark = pytest.mark.slow
 COARSE = {"controller.nodes": 15, "log.shares": False}
@@ -73,6 +75,17 @@ def test_what_plans_for_the_robot_alone_delivers_by_its_priorities_and_else_pull
     runs = {name: psmpc.simulate(task) for name, task in load_grasps(["controller.nodes=25"]).items()}
     assert {name: run.summary().succeeded for name, run in runs.items()} == {"psmpc": True, "smpc": False}
     assert runs["smpc"]["grasp/pull"].max() > 3 * runs["psmpc"]["grasp/pull"].max()
+
+
+def test_hands_do_not_let_go_where_windows_fail_before_the_object_is_there(drifting: Run) -> None:
+    """What the last plan does after the end of Transport is to move the hands apart."""
+    end = float(drifting.stages["switch_time"][2])
+    experiment = with_failures(build_experiment(drifting.task), lambda window: end - 0.15 < window.start < end + 0.15)
+    samples, ending = run(experiment)
+    failed = [sample.command for sample in samples if "solve_failed" in sample.command.events]
+    assert len(failed) == 3 and all("braking" in command.events for command in failed)
+    assert np.abs(failed[-1].x[12:]).max() < 0.01, "of the joints"
+    assert ending.completed
 
 
 @pytest.mark.parametrize("kind", ["hard", "htmpc"])

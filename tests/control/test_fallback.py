@@ -5,6 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from psmpc_cli.control import Controller, State
+from psmpc_cli.control.fallback import PlansInForce
+from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop
 from psmpc_cli.specs.load import load_task
 
@@ -50,6 +53,15 @@ def test_a_robot_that_moves_brakes_at_once_where_its_first_solve_fails() -> None
     end = command.plan.states_at(np.array([0.5, task.spec.controller.horizon]))
     np.testing.assert_allclose(end[:, 9:], 0, atol=1e-12)
     np.testing.assert_allclose(end[:, 3], Q[3] + 0.5 / 2 * 0.15)
+
+
+def test_a_plan_is_trusted_no_further_than_to_the_end_of_a_stage() -> None:
+    plan = resting_plan(0.0, 8.0, 4, np.zeros(18))
+    plans = PlansInForce().with_plan(plan, MovingSequence(2, np.array([3.0, 5.0]), 0.0)).measured()
+    for stage, end in ((2, 3.0), (3, 5.0), (4, 8.0)):
+        trusted = plans.trusted_to_end_of(stage)
+        assert not trusted.used_up(end - 0.11, 0.1)
+        assert trusted.used_up(end - 0.09, 0.1)
 
 
 def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_target() -> None:

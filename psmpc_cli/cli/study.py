@@ -31,7 +31,7 @@ def compare(
     figures: options.Figures = True,
     quiet: options.Quiet = False,
 ) -> None:
-    """Run several controllers on the identical task: one table, one file of logs, and figures side by side."""
+    """Run several controllers on one task: one table, one file of logs, and figures side by side."""
     common.validate(task, changes)
     from psmpc_cli.cli.contents import present
     from psmpc_cli.studies.compare import compared_tasks, run_tasks

@@ -1,4 +1,4 @@
-"""Comparisons: several controllers on the identical task, in parallel, with their logs in one file."""
+"""Comparisons: several controllers on one task, in parallel, with their logs in one file."""
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -441,21 +441,17 @@ def run_missing(family: str, wanted: Sequence[Case], seeds: Sequence[int]) -> Ma
     return {name: {seed: made[name][seed] for seed in each} for name, each in chosen.items()}
 
 
-FINAL = range(OTHERS, OTHERS + 20)
-"""Missions on which the two best settings of each controller are compared."""
+COMPARED_ON = range(OTHERS, OTHERS + 20)
+"""Missions on which the settings of a controller are compared; those of `effort` are the first ten."""
 
 
 def best_cases() -> list[Case]:
-    """Return each controller with its best setting: of the two best on those of `effort` the better on `FINAL`."""
-    family, controllers, seeds = STUDIES["effort"]
-    found = []
-    for controller in controllers:
-        tried = cases(LEVELS["effort"], [controller])
-        made = run_missing(family, tried, seeds)
-        finalists = sorted(tried, key=lambda case: rank(made[case.name]))[:2]
-        final = run_missing(family, finalists, FINAL)
-        found.append(min(finalists, key=lambda case: rank(final[case.name])))
-    return found
+    """Return each controller with its best setting of those of `effort`."""
+    family, controllers, _ = STUDIES["effort"]
+    made = run_missing(family, cases(LEVELS["effort"], controllers), COMPARED_ON)
+    return [
+        min(cases(LEVELS["effort"], [controller]), key=lambda case: rank(made[case.name])) for controller in controllers
+    ]
 
 
 def rank(rows: Mapping[int, Row]) -> tuple[int, float]:

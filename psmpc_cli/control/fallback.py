@@ -20,7 +20,8 @@ class PlansInForce:
     Attributes:
         solved: The last plan that was solved for, or that took the place of the first one; None before.
         braking: The plan that brakes to rest, where the other is used up.
-        trusted_until: End of the plan in force when the state was last measured completely [s].
+        trusted_until: How far the solved plan may be followed [s]: to its end when the state was last measured completely,
+            or to where it ends a stage that the object has to end.
         sequence: The stages of the solved plan; None before.
     """
 
@@ -54,7 +55,9 @@ class PlansInForce:
         if self.sequence is None:
             return self
         ends = self.sequence.instants[stage - self.sequence.first :]
-        return replace(self, trusted_until=min([self.trusted_until, *map(float, ends[:1])]))
+        if not len(ends):
+            return self
+        return replace(self, trusted_until=min(self.trusted_until, float(ends[0])))
 
     def without_plan(
         self,

@@ -29,6 +29,7 @@ from psmpc_cli.ocp.window import (
     Parameters,
     Window,
     WindowShape,
+    durations,
     plan_on_mesh,
     reference_at,
     shortest_durations,
@@ -163,7 +164,7 @@ class Nlp:
         """Return lbx, ubx, lbg, ubg, durations within so many seconds of the guess. Paper (14), (17), (18)."""
         low, high = self.limits(window, guess)
         limits = [stage.limits for stage in window.stages]
-        tau = np.diff(guess.instants, prepend=window.start)
+        tau = durations(guess.instants, window.start, window.horizon)[:-1]
         shortest = np.maximum(shortest_durations(window)[:-1], tau - within)
         rows = [(size, bound(window, low, high)) for size, bound in self._bounds]
         return {

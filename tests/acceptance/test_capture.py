@@ -18,7 +18,8 @@ from psmpc_cli.simulation.verify import Verification
 from psmpc_cli.studies.measures import OUTCOME, motion_between_hands
 
 from .. import six_joint_arm
-from ..control.short_transports import run, with_failures
+from ..control.short_transports import run as run_samples
+from ..control.short_transports import with_failures
 
 pytestmark = pytest.mark.slow
 COARSE = {"controller.nodes": 15, "log.shares": False}
@@ -81,7 +82,7 @@ def test_hands_do_not_let_go_where_windows_fail_before_the_object_is_there(drift
     """What the last plan does after the end of Transport is to move the hands apart."""
     end = float(drifting.stages["switch_time"][2])
     experiment = with_failures(build_experiment(drifting.task), lambda window: end - 0.15 < window.start < end + 0.15)
-    samples, ending = run(experiment)
+    samples, ending = run_samples(experiment)
     failed = [sample.command for sample in samples if "solve_failed" in sample.command.events]
     assert len(failed) == 3 and all("braking" in command.events for command in failed)
     assert np.abs(failed[-1].x[12:]).max() < 0.01, "of the joints"

@@ -20,8 +20,8 @@ class PlansInForce:
     Attributes:
         solved: The last plan that was solved for, or that took the place of the first one; None before.
         braking: The plan that brakes to rest, where the other is used up.
-        trusted_until: How far the solved plan may be followed [s]: to its end when the state was last measured completely,
-            or to where it ends a stage that the object has to end.
+        trusted_until: How far the solved plan may be followed [s]: to its end when the state was last measured
+            completely, or to where it ends a stage that the object has to end.
         sequence: The stages of the solved plan; None before.
     """
 

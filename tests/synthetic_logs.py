@@ -20,6 +20,9 @@ Q_CAPTURE = np.array([-2, 2, np.pi / 6, np.pi / 4, np.pi / 6, np.pi / 3, -np.pi 
 Q_THERE = np.array([0, 0, 0, np.pi / 4, np.pi / 4, np.pi / 3, -np.pi / 4, -np.pi / 4, -np.pi / 3])
 Q_APPROACHED = np.r_[Q_CAPTURE[:3], np.zeros(6)]
 
+LIMITED = ("position", "velocity", "planned_position", "planned_velocity")
+"""Quantities that have limits, of the robot and of its plans."""
+
 POINTS = tuple(f"{side}.{axis}" for side in ("first", "second") for axis in "xyz")
 
 
@@ -197,7 +200,7 @@ def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
         "solver/objective": 1.0,
         "normalization/nadir": placed(np.ones(count)),
         "cost/current_stage": 1.0,
-        **{f"margin/{name}": np.ones(model.n) for name in ("position", "velocity")},
+        **{f"margin/{name}": np.ones(model.n) for name in LIMITED},
         **{f"effort/{name}": 1.0 for name in ("control", "squared_acceleration", "base_force", "base_torque")},
         **{f"peak/{name}": 1.0 for name in PEAKS},
         **{f"deviation/{name}": np.full(model.n, np.nan) for name in ("Q", "Qdot")},

@@ -16,7 +16,7 @@ from psmpc_cli.control.interface import Command
 from psmpc_cli.plant import Ticks
 from psmpc_cli.specs.object import GRASP_LOADS
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 """Changes when a reader of the old format would misread the new one."""
 
 RUN = "run"
@@ -398,6 +398,8 @@ SCHEMA = (
     _sampled_velocities(
         "margin/velocity", VELOCITY_UNITS, "smallest distance to a velocity limit until the next sample"
     ),
+    _sampled_velocities("margin/planned_position", POSITION_UNITS, "the same of the plan to a position limit"),
+    _sampled_velocities("margin/planned_velocity", VELOCITY_UNITS, "the same of the plan to a velocity limit"),
     _sampled("effort/control", EFFORT_UNITS, "T_s |dv / T_s|^2, dv the integral of u over the sample"),
     _sampled("effort/squared_acceleration", EFFORT_UNITS, "integral of |u|^2 until the next sample"),
     _sampled("effort/base_force", "N s", "integral of the norm of the base force"),

@@ -1,7 +1,7 @@
 """The summary of a run: what is computed from the datasets of its log, given by their paths."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -82,12 +82,15 @@ class Largest:
         where: The coordinate, its velocity, or the stage.
         time: When it occurred [s], or the time of the sample after which it was measured.
         sample: The sample in whose horizon, or after whose state, it occurred.
+        planned: Of a violated limit, by how much the plan of that sample violates it [m, rad, m/s, rad/s]; NaN of other
+            quantities.
     """
 
     value: float
     where: str
     time: float
     sample: int
+    planned: float = np.nan
 
 
 class CaptureSummary:
@@ -223,8 +226,11 @@ class Summary:
         elsewhere = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
         beyond = {"position": -arrays["margin/position"], "velocity": -arrays["margin/velocity"]}
         names = {"position": coordinates, "velocity": velocities}
-        violations = (largest(beyond[kind], names[kind], time) for kind in beyond)
-        others = (largest(np.where(elsewhere, beyond[kind], np.nan), names[kind], time) for kind in beyond)
+        violations = (_violation(arrays, kind, values, names[kind]) for kind, values in beyond.items())
+        others = (
+            _violation(arrays, kind, np.where(elsewhere, values, np.nan), names[kind])
+            for kind, values in beyond.items()
+        )
         self.off_plan = tuple(each for each in deviations if each is not None)
         self.beyond_limits = tuple(each for each in violations if each is not None and each.value > 0)
         self.beyond_limits_elsewhere = tuple(each for each in others if each is not None and each.value > 0)
@@ -349,6 +355,15 @@ def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:
         errors.append(problem.costs.end_error(*placed))
     seen, true = errors
     return seen, true
+
+
+def _violation(arrays: Arrays, kind: str, beyond: np.ndarray, names: Sequence[str]) -> Largest | None:
+    """Find the largest violation of a kind of limit among (T, n), and how much of it the plan has; None without any."""
+    found = largest(beyond, names, arrays["time"])
+    if found is None:
+        return None
+    planned = -arrays[f"margin/planned_{kind}"][found.sample, list(names).index(found.where)]
+    return replace(found, planned=max(float(planned), 0.0))
 
 
 def _distances(arrays: Arrays) -> tuple[float, ...]:

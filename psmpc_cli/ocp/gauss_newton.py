@@ -114,6 +114,7 @@ class VelocityForm:
         row_near: How near its bounds a row is part of a program, (E,); infinite: always.
         always, sometimes: Which of them are part of every program, and which near their bounds alone, ascending.
         row_interval: Interval of each row over intervals, in an order alike, (I,).
+        interval_row_is_over_time: Which of them have bounds of the rows over h, (I,).
         residuals_are_curved: The curvature of residuals counts: that of a robot without thrusters.
         curved: Programs have curvature besides that of the Gauss-Newton model, see `with_curvature`.
     """
@@ -151,6 +152,9 @@ class VelocityForm:
         self.row_interval, self._interval_places = _ordered(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
+        self.interval_row_is_over_time = np.ones(len(self.row_interval), bool)
+        for over_intervals, at in zip(self.interval_rows, self._interval_places, strict=True):
+            self.interval_row_is_over_time[at] = over_intervals.over_time
         self.costing_rows = self._costing_rows()
         self._giving = [
             (rows, rows.functions.gives, rows.functions.by_given)
@@ -383,7 +387,10 @@ class VelocityForm:
         return np.asarray(2 * omega * self.interval_weights(p))
 
     def interval_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
-        """Return low and high (I,) of the rows over intervals, each over the length of its interval."""
+        """Return low and high (I,) of the rows over intervals; each over the length of its interval, or itself.
+
+        See `interval_row_is_over_time`.
+        """
         low = np.zeros(len(self.row_interval))
         high = np.zeros(len(self.row_interval))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):

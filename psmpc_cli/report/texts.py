@@ -25,6 +25,10 @@ ALONE = "alone"
 """Marks what a comparison leaves out."""
 
 
+OF_PLAN = 0.95
+"""From this share on a violation of a limit counts as the plan's alone, and to the rest of it as none of the plan's."""
+
+
 def _solves(solves: SolveSummary) -> str:
     """Write median, 95th and 99th percentile and maximum of the wall times [ms]."""
     times = (solves.median, solves.p95, solves.p99, solves.largest)
@@ -36,17 +40,30 @@ def _largest(*found: Largest | None) -> str:
     return " / ".join(f"{each.where}: {each.value:.3g} at {each.time:.1f} s" for each in found if each is not None)
 
 
+def _violations(*found: Largest) -> str:
+    """Write violations of limits, each with what part of it the plan has."""
+    return " / ".join(f"{_largest(each)}, {_cause(each)}" for each in found)
+
+
+def _cause(violation: Largest) -> str:
+    """Write whose a violation of a limit is, the plan's or that of the motion that follows it."""
+    share = violation.planned / violation.value
+    if share > OF_PLAN:
+        return "as planned"
+    return "off the plan" if share < 1 - OF_PLAN else f"{violation.planned:.3g} of it planned"
+
+
 def _beyond_limits(summary: Summary) -> str:
     """Write the largest violations of limits, with what the closing of grippers has to do with them."""
     closing = summary.closing_samples
     at_closing = [each.sample in closing and each.where.endswith("velocity") for each in summary.beyond_limits]
-    text = _largest(*summary.beyond_limits) or "none"
+    text = _violations(*summary.beyond_limits) or "none"
     if not any(at_closing) or summary.capture is None:
         return text
     speeds = _closing_speeds(summary.capture)
     reason = f"the grasps stop grippers that move by {speeds} against the object at once, which no plan contains"
     which = "" if all(at_closing) else f"{summary.beyond_limits[at_closing.index(True)].where} "
-    others = _largest(*summary.beyond_limits_elsewhere) or "none"
+    others = _violations(*summary.beyond_limits_elsewhere) or "none"
     return f"{text}; {which}as the grippers close: {reason}; in other samples: {others}"
 
 

@@ -26,6 +26,7 @@ from psmpc_cli.plant.uncertainty import Contact, Uncertainty, force_limits_of
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.simulation.clearance import ClearanceMeter
 from psmpc_cli.solvers import Solution
+from psmpc_cli.specs.robot import Limits
 from psmpc_cli.specs.task import OnsetSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
 
@@ -119,9 +120,9 @@ class Meter:
         sample_time = self._tick * accelerations.shape[1]
         passed = np.stack([each[1:] for each in charted], axis=1)
         passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)  # limits are of v
-        low = passed.min(axis=0)
-        high = passed.max(axis=0)
-        margin = np.minimum(low - limits.state_low, limits.state_high - high)
+        margin = _margins(passed, limits)
+        planned = np.array([_along_plan(*each) for each in zip(commands, ticks, strict=True)])
+        planned_margin = _margins(planned.swapaxes(0, 1), limits)
         Q, v = chart.leave(states_of([each.plan for each in commands], [each.time[-1] for each in ticks]))
         about = model.space.chart_at(Q[0])
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
@@ -139,6 +140,8 @@ class Meter:
             "window/share": shares,
             "margin/position": margin[:, :n],
             "margin/velocity": margin[:, n:],
+            "margin/planned_position": planned_margin[:, :n],
+            "margin/planned_velocity": planned_margin[:, n:],
             "effort/control": sample_time * (mean**2).sum(axis=1),
             "effort/squared_acceleration": self._tick * (own**2).sum(axis=(1, 2)),
             "effort/base_force": self._tick * force.sum(axis=1),
@@ -258,6 +261,18 @@ class Meter:
             return np.nan, np.nan
         allowance = 2 * costs.end_deviations(stage, x, self._noise)
         return costs.end_error(stage, x), costs.end_error(stage, x, allowance)
+
+
+def _margins(X: np.ndarray, limits: Limits) -> np.ndarray:
+    """Return the smallest distances of [Q; v] to their limits over the ticks, (K, 2n), of states (ticks, K, 2n)."""
+    return np.asarray(np.minimum(X.min(axis=0) - limits.state_low, limits.state_high - X.max(axis=0)))
+
+
+def _along_plan(command: Command, ticks: Ticks) -> np.ndarray:
+    """Return [Q; v] of a sample's plan at the ticks after the first (M, 2n), Q in the plan's chart."""
+    X = command.plan.states_at(ticks.time[1:])
+    _, v = command.plan.chart.leave(X)
+    return np.hstack([X[:, : v.shape[1]], v])
 
 
 def state_at(times: np.ndarray, X: np.ndarray, time: float) -> np.ndarray:

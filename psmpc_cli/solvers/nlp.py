@@ -11,6 +11,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, redirect_stdout
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.ocp.constraints import IntervalRows, NodeRows, interval_rows, node_rows
+from psmpc_cli.ocp.constraints import IntervalRows, NodeRows, interval_rows, missing_row_violation, node_rows
 from psmpc_cli.ocp.constraints.boxes import PENALTY, node_limits, scaled_violations, shift_limits
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid, Plan
@@ -84,6 +85,7 @@ class Nlp:
         model: The robot.
         shape: The shape.
         numbers: The parameters of one window of this shape.
+        has_all_rows: It has the rows that are rarely active too.
 
     Attributes:
         shape: The windows' shape.
@@ -96,9 +98,11 @@ class Nlp:
         unpack: The inverse.
     """
 
-    def __init__(self, model: RobotModel, shape: WindowShape, numbers: Parameters[np.ndarray]) -> None:
+    def __init__(
+        self, model: RobotModel, shape: WindowShape, numbers: Parameters[np.ndarray], has_all_rows: bool = False
+    ) -> None:
         self._node_rows = node_rows(model, shape)
-        self._interval_rows = interval_rows(model, shape)
+        self._interval_rows = [rows for rows in interval_rows(model, shape) if has_all_rows or not rows.rarely_active]
         self.has_interval_rows = bool(self._interval_rows)
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
         self.shape = shape
@@ -273,7 +277,7 @@ class Nlp:
             if k in over_interval.intervals:
                 h = self._step(k, k)
                 value = over_interval.functions.expression(X, self._led_to(k), h, over_interval.argument(p))
-                yield value / h, partial(_node_bounds, over_interval)
+                yield value / h if over_interval.over_time else value, partial(_node_bounds, over_interval)
         if sums.numel() and k == self.grid.K:
             for i in range(len(self.shape.kept)):
                 yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
@@ -366,9 +370,9 @@ class NlpSolver(Solver):
         else:
             settings["mu_init"] = BARRIER_START
         self._settings = settings if options is None else dict(options)
-        self._nlps: dict[WindowShape, Nlp] = {}
-        self._compiled: dict[WindowShape, ca.Function] = {}
-        self._clocks: dict[WindowShape, _Clock] = {}
+        self._nlps: dict[tuple[WindowShape, bool], Nlp] = {}
+        self._compiled: dict[Nlp, ca.Function] = {}
+        self._clocks: dict[Nlp, _Clock] = {}
 
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
@@ -381,15 +385,16 @@ class NlpSolver(Solver):
         costs, terminal = nlp.costs(z, p)
         return np.append(_array(costs)[:-1], float(costs[-1] + terminal))
 
-    def _posed(self, window: Window, plan: Plan) -> tuple[Nlp, np.ndarray, np.ndarray]:
+    def _posed(self, window: Window, plan: Plan, has_all_rows: bool = False) -> tuple[Nlp, np.ndarray, np.ndarray]:
         """Return the NLP of a window, transcribed on first use, and its x and p of a plan on the window's mesh."""
         shape = window_shape(window)
         numbers = window_numbers(window, plan.instants)
-        if shape not in self._nlps:
+        key = shape, has_all_rows
+        if key not in self._nlps:
             if shape.bounded and self._plugin != "ipopt":
                 raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
-            self._nlps[shape] = Nlp(self._problem.model, shape, numbers)
-        nlp = self._nlps[shape]
+            self._nlps[key] = Nlp(self._problem.model, shape, numbers, has_all_rows)
+        nlp = self._nlps[key]
         inputs = list[np.ndarray]()
         for stage, first, last in zip(window.stages, nlp.grid.first_node, nlp.grid.first_node[1:], strict=False):
             X = plan.X[first:last]
@@ -403,7 +408,7 @@ class NlpSolver(Solver):
 
     def _function(self, nlp: Nlp) -> ca.Function:
         """Return the compiled solver of a program."""
-        if nlp.shape not in self._compiled:
+        if nlp not in self._compiled:
             options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
             settings = self._settings
             if self._plugin == "fatrop":
@@ -411,19 +416,29 @@ class NlpSolver(Solver):
                 if nlp.has_interval_rows:
                     settings = {**settings, "tol": max(settings.get("tol", 0.0), INTERVAL_TOLERANCE)}
             if np.isfinite(self.deadline):
-                self._clocks[nlp.shape] = options["iteration_callback"] = _Clock(nlp.problem)
+                self._clocks[nlp] = options["iteration_callback"] = _Clock(nlp.problem)
             loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
             options[self._plugin] = {**settings, **loud}
-            self._compiled[nlp.shape] = ca.nlpsol("window", self._plugin, nlp.problem, options)
-        return self._compiled[nlp.shape]
+            self._compiled[nlp] = ca.nlpsol("window", self._plugin, nlp.problem, options)
+        return self._compiled[nlp]
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        nlp, x0, p = self._posed(window, guess)
+        found = self._solved(window, guess, guess, within, has_all_rows=False)
+        if found.outcome.usable and missing_row_violation(self._problem.model, window, found.plan) > FEASIBLE:
+            complete = self._solved(window, guess, found.plan, within, has_all_rows=True)
+            iterations = found.iterations + complete.iterations
+            wall_time = found.wall_time + complete.wall_time
+            found = replace(complete, iterations=iterations, wall_time=wall_time)
+        return replace(found, warm=previous is not None)
+
+    def _solved(self, window: Window, guess: Plan, start: Plan, within: float, has_all_rows: bool) -> Solution:
+        """Return the solution of a window's NLP, started from a plan, its bounds about the guess."""
+        nlp, x0, p = self._posed(window, start, has_all_rows)
         solver = self._function(nlp)
         bounds = nlp.bounds(window, guess, within)
         began = time.perf_counter()
-        if nlp.shape in self._clocks:
-            self._clocks[nlp.shape].until = self.stop_time(began)
+        if nlp in self._clocks:
+            self._clocks[nlp].until = self.stop_time(began)
         with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
             result = solver(x0=x0, p=p, **bounds)
         wall_time = time.perf_counter() - began
@@ -448,7 +463,6 @@ class NlpSolver(Solver):
             wall_time=wall_time,
             window=window,
             guess=guess,
-            warm=previous is not None,
             costs=_array(costs),
             terminal=float(terminal),
             violations=violations,

@@ -36,7 +36,8 @@ class WindowBounds:
 
     Attributes:
         low, high: Of the rows, (R,); where they are equal, or cross, the row is an equation.
-        interval_low, interval_high: Of the rows over intervals, each over h, (I,), 0 where there is none.
+        interval_low, interval_high: Of the rows over intervals, each over h, (I,), 0 where there is none, or none over
+            h.
         input_low, input_high: Of the accelerations, (K, n), 0 where there is none; (0, n) where none has one.
         soft: Which rows may be violated at a cost, (R,).
         node: Node that each row is of, (R,); -1 of rows that are of none.
@@ -65,7 +66,7 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     of_window = np.full(2 * S + len(form.row_node), np.inf)  # durations, and rows at nodes
     lows = [low.ravel(), -of_window]
     highs = [high.ravel(), of_window]
-    interval_low, interval_high = _over_h(*form.interval_bounds(window), lows, highs)
+    interval_low, interval_high = _over_h(*form.interval_bounds(window), lows, highs, form.interval_row_is_over_time)
     inputs = acceleration_limits(grid, stages)
     if np.isfinite(inputs).any():
         input_low, input_high = _over_h(*inputs, lows, highs)
@@ -99,13 +100,22 @@ def nodes_of_rows(form: VelocityForm, count: int) -> np.ndarray:
 
 
 def _over_h(
-    low: np.ndarray, high: np.ndarray, lows: list[np.ndarray], highs: list[np.ndarray]
+    low: np.ndarray,
+    high: np.ndarray,
+    lows: list[np.ndarray],
+    highs: list[np.ndarray],
+    is_over_time: np.ndarray | bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Append the bounds of the rows g - low h >= 0, then of g - high h <= 0, and return low and high, 0 where none."""
+    """Append the bounds of the rows g - low h >= 0, then of g - high h <= 0, and return low and high, 0 where none.
+
+    Rows that are not over time are bounded by low and high themselves, and have 0 over h.
+    """
     none = np.full(low.size, np.inf)
-    lows += [np.where(np.isfinite(low), 0.0, -np.inf).ravel(), -none]
-    highs += [none, np.where(np.isfinite(high), 0.0, np.inf).ravel()]
-    return np.where(np.isfinite(low), low, 0.0), np.where(np.isfinite(high), high, 0.0)
+    low_over_h = np.where(np.isfinite(low) & is_over_time, low, 0.0)
+    high_over_h = np.where(np.isfinite(high) & is_over_time, high, 0.0)
+    lows += [(low - low_over_h).ravel(), -none]
+    highs += [none, (high - high_over_h).ravel()]
+    return low_over_h, high_over_h
 
 
 def window_bounds(
@@ -227,17 +237,18 @@ class SqpWindow:
         return np.flatnonzero(is_in)
 
     def _interval_rows_beyond(self, point: Point, values: np.ndarray, share: float, excess: float) -> np.ndarray:
-        """Return which rows over intervals (I,), of these values, exceed a share of their bounds by more than that."""
+        """Return which rows over intervals (I,), of these values, exceed a share of their bounds by more than that.
+
+        Only bounds over h have shares.
+        """
         first = self._first_interval_row
         count = len(values)
         if not count:
             return np.zeros(0, int)
         h = self.form.steps(point, self.horizon)[self.form.row_interval, 0]
-        has_low = np.isfinite(self.bounds.low[first : first + count])
-        has_high = np.isfinite(self.bounds.high[first + count : first + 2 * count])
-        below = values < share * self.bounds.interval_low * h - excess
-        above = values > share * self.bounds.interval_high * h + excess
-        return np.flatnonzero((has_low & below) | (has_high & above))
+        low = share * self.bounds.interval_low * h + self.bounds.low[first : first + count]
+        high = share * self.bounds.interval_high * h + self.bounds.high[first + count : first + 2 * count]
+        return np.flatnonzero((values < low - excess) | (values > high + excess))
 
     def _node_rows_beyond(self, excess: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
         """Return which rows at nodes that are not in all programs exceed their bounds, by `excess` (R,), by more."""

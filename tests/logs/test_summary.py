@@ -17,6 +17,7 @@ from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.report.texts import describe_mission, describe_verdict, measure_rows
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.run import build_experiment, simulate
+from psmpc_cli.solvers.base import FEASIBLE
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.measures import WHOLE_RUN
 
@@ -265,6 +266,28 @@ def test_deviations_are_the_largest_of_the_run(tmp_path: Path) -> None:
     margin[2, 1] = -0.125
     (beyond,) = changed(log, margin_velocity=margin).summary().beyond_limits
     assert (beyond.value, beyond.where, beyond.time) == (0.125, f"{log.coordinates[1]} velocity", log.time[2])
+
+
+@pytest.mark.parametrize(
+    ("planned", "text"), [(0.02, "off the plan"), (-0.0245, "0.0245 of it planned"), (-0.125, "as planned")]
+)
+def test_a_violated_limit_is_the_plans_or_that_of_the_motion_that_left_it(
+    tmp_path: Path, planned: float, text: str
+) -> None:
+    log = there_and_back(tmp_path, "log.shares=false")
+    margin = log["margin/position"].copy()
+    margin_of_plan = log["margin/planned_position"].copy()
+    margin[2, 1] = -0.125
+    margin_of_plan[2, 1] = planned
+    summary = changed(log, margin_position=margin, margin_planned_position=margin_of_plan).summary()
+    row = dict(measure_rows(summary))["farthest beyond a limit, any tick"]
+    assert row == f"{log.coordinates[1]}: 0.125 at {log.time[2]:.1f} s, {text}"
+
+
+def test_margins_of_plans_are_those_of_the_motion_where_it_follows_them(tmp_path: Path) -> None:
+    log = there_and_back(tmp_path, "log.shares=false", "plant.kind=ideal")
+    for kind in ("position", "velocity"):
+        np.testing.assert_allclose(log[f"margin/planned_{kind}"], log[f"margin/{kind}"], atol=FEASIBLE)
 
 
 LARGEST_FORCE = "largest commanded force, of its limit"

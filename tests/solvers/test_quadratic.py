@@ -1,6 +1,6 @@
 """The quadratic programs of windows: our own method, PIQP's, and the conditions of an optimum."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from psmpc_cli.native.library import CompilationError, find_compiler
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.quadratic import PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
@@ -51,8 +52,9 @@ def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:
 
 
 def first_program(model: RobotModel, solve: RecordedSolve) -> Task:
-    """The program at the guess of a recorded window."""
-    window = solve.window
+    """The program at the guess of a recorded window, without rows that are rarely active, of which it has none."""
+    stages = tuple(replace(stage, constraints=without(stage.constraints, "turns")) for stage in solve.window.stages)
+    window = replace(solve.window, stages=stages)
     guess = solve.guess
     form = VelocityForm(model, window_shape(window))
     tau = np.diff(guess.instants, prepend=window.start)
@@ -60,6 +62,11 @@ def first_program(model: RobotModel, solve: RecordedSolve) -> Task:
     parameters = window_numbers(window, guess.instants)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
     return Task(SqpWindow(form, bounds, parameters), form.linearize(point, parameters), point)
+
+
+def without(constraints: Mapping[str, ConstraintNumbers], name: str) -> dict[str, ConstraintNumbers]:
+    """The constraints of a stage but for one."""
+    return {key: each for key, each in constraints.items() if key != name}
 
 
 @pytest.fixture(params=[1, 2, 3], ids=["one_stage", "two_stages", "three_stages"])

@@ -5,6 +5,8 @@ Limits on positions, velocities and accelerations are bounds of single numbers a
 
 from pkgutil import resolve_name
 
+import numpy as np
+
 from psmpc_cli.ocp.constraints.base import (
     Constraint,
     ConstraintFunctions,
@@ -26,6 +28,7 @@ __all__ = [
     "IntervalRows",
     "NodeRows",
     "interval_rows",
+    "missing_row_violation",
     "node_rows",
     "rows_at_nodes",
     "soft_row_violations",
@@ -36,6 +39,7 @@ NAMES = (
     "end",
     "kept",
     "hands",
+    "turns",
     "forces",
     "clearance",
     "cones",
@@ -60,6 +64,19 @@ def _rows(model: RobotModel, shape: WindowShape) -> tuple[NodeRows | IntervalRow
         return tuple(rows for constraint in CONSTRAINTS.values() for rows in constraint.rows(model, shape))
 
     return model.owned(("rows", shape), yielded)
+
+
+def missing_row_violation(model: RobotModel, window: Window, plan: Plan) -> float:
+    """Return by how much a plan on the mesh of a window violates rows that are rarely active, at worst; 0 if none."""
+    p = window_numbers(window, plan.instants)
+    h = np.diff(plan.times)[:, None]
+    worst = 0.0
+    for rows in interval_rows(model, window_shape(window)):
+        if rows.rarely_active:
+            k = np.array(rows.intervals)
+            values = rows.functions.values(plan.X[k], plan.X[k + 1], h[k], rows.argument(p))
+            worst = max(worst, float(scaled_violations(values, *rows.bounds(window)).max()) / PENALTY)
+    return worst
 
 
 def soft_row_violations(model: RobotModel, window: Window, plan: Plan) -> tuple[float, float]:

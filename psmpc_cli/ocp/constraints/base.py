@@ -29,6 +29,7 @@ __all__ = [
     "NodeRows",
     "argument_of",
     "bounds_of",
+    "entries",
     "rows_at_nodes",
     "rows_over_intervals",
 ]
@@ -81,8 +82,11 @@ class IntervalRows:
         intervals: The intervals, ascending.
         functions: The rows and their Jacobian; the same object wherever the rows are the same.
         argument: Parameters of a window, numbers or symbols -> a.
-        bounds: Window -> low and high (rows,), of the rows over h; infinite where there is none.
+        bounds: Window -> low and high (rows,); infinite where there is none.
         weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
+        over_time: The rows are integrals over the interval: their bounds are those of the rows over h.
+        rarely_active: The bounds of states say the same of most motions: a program has the rows that a solution without
+            them violates. With all of them fatrop does not converge.
     """
 
     name: str
@@ -91,6 +95,8 @@ class IntervalRows:
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
     weights: Callable[[Parameters[Any]], Any] | None = None
+    over_time: bool = True
+    rarely_active: bool = False
 
 
 RowsOfShape: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]
@@ -153,7 +159,7 @@ def rows_at_nodes(
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
         first_node = Grid(model.n, shape.nodes).first_node
-        for s, held, structure in _held(name, shape):
+        for s, held, structure in entries(name, shape):
             yield NodeRows(
                 name=held,
                 nodes=range(int(first_node[s]) + 1, int(first_node[s + 1]) + 1),
@@ -177,7 +183,7 @@ def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], Interv
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
         first_node = Grid(model.n, shape.nodes).first_node
-        for s, held, structure in _held(name, shape):
+        for s, held, structure in entries(name, shape):
             yield IntervalRows(
                 name=held,
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
@@ -189,7 +195,7 @@ def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], Interv
     return rows
 
 
-def _held(name: str, shape: WindowShape) -> Iterator[tuple[int, str, Any]]:
+def entries(name: str, shape: WindowShape) -> Iterator[tuple[int, str, Any]]:
     """Yield number, name and structure of what the stages of windows of a shape hold of a constraint."""
     for s, stage in enumerate(shape.stages):
         yield from ((s, held, structure) for held, structure in stage.constraints if _is_of(name, held))

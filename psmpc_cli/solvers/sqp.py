@@ -63,7 +63,7 @@ SHORTENED = 0.25
 """The least share that is taken of it: one that is many times as long as the last one is of another kind."""
 
 SETTLING = 1e-2
-"""Largest violation at which steps may be shortened so: further off, they are there to lower it."""
+"""Largest violation from which steps may be shortened so, or corrected: further off, they are there to lower it."""
 
 S_PHI = 2.3
 S_THETA = 1.1
@@ -270,18 +270,25 @@ class _Solve:
                     program = late_program
         self._tell(0, iterate, None)
         filter_ = Filter()
+        feasible = None
         for count in range(1, self.spec.max_iterations + 1):
             before = iterate
             if program.qp.status is QpStatus.SOLVED:
                 iterate = self._step(iterate, program, filter_)
             self._tell(count, iterate, program)
             outcome = self._outcome(count, iterate, before, program)
+            if self._counts(iterate):
+                feasible = iterate
+            if outcome is not None and not outcome.usable and feasible is not None:
+                return feasible, Outcome.FEASIBLE, count
             if outcome is not None:
                 return iterate, outcome, count
             if count < self.spec.max_iterations:
                 here, model = self.window.linearize(iterate.reached.point)
                 program = self._restored(here, self._program(here, model, program.qp.node_multipliers))
-        return iterate, self._unfinished(iterate, Outcome.ITERATION_LIMIT), self.spec.max_iterations
+        if feasible is not None:
+            return feasible, Outcome.FEASIBLE, self.spec.max_iterations
+        return iterate, Outcome.ITERATION_LIMIT, self.spec.max_iterations
 
     def _begin(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Program]:
         """Return the iterate at a guess, and the program there."""
@@ -392,26 +399,51 @@ class _Solve:
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""
-        stepped = iterate.qp is not None
-        return Outcome.FEASIBLE if stepped and iterate.reached.violation <= FEASIBLE else otherwise
+        return Outcome.FEASIBLE if self._counts(iterate) else otherwise
+
+    def _counts(self, iterate: Iterate) -> bool:
+        """Tell whether an iterate may be applied before it settles: a step led there, and it meets all constraints."""
+        return iterate.qp is not None and iterate.reached.violation <= FEASIBLE
 
     def _step(self, iterate: Iterate, program: Program, filter_: "Filter") -> Iterate:
-        """Return the iterate after the longest share of the step that the filter accepts; the point itself, if none."""
+        """Return the iterate after the longest share of the step that the filter accepts; the point itself, if none.
+
+        Near the constraints a step that leaves them, by their curvature, is corrected first, if that brings it nearer.
+        """
         model = program.model
         qp = program.qp
         here = iterate.reached
-        step = float(max(np.abs(qp.step.X).max(), np.abs(qp.step.tau).max(initial=0.0)))
+        step = _largest(qp.step)
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
         foreseen = self.window.foreseen(here, model, qp.step)
         slope += self.window.change_of_penalty(here, foreseen)
         share = min(self._longest_share(here.point, qp.step), share_of_reversed(iterate, qp.step))
+        reached = program.reached if share == 1 else self._after(here, qp.step, share)
+        if reached.violation > FEASIBLE and here.violation <= SETTLING and not program.is_elastic:
+            corrected = self._corrected(iterate, program)
+            improves = corrected is not None and corrected.reached.violation < reached.violation
+            if corrected is not None and improves and filter_.accepts(corrected, iterate, slope, is_elastic=False):
+                return corrected
         while share >= SHORTEST_STEP:
-            reached = program.reached if share == 1 else self._after(here, qp.step, share)
             trial = Iterate(reached, step, share, qp=qp)
             if filter_.accepts(trial, iterate, slope, program.is_elastic):
                 return replace(trial, bent=self.window.bent_rows(here, foreseen, share, reached))
             share /= 2
+            reached = self._after(here, qp.step, share)
         return Iterate(here, step, qp=qp)
+
+    def _corrected(self, iterate: Iterate, program: Program) -> Iterate | None:
+        """Return the iterate after the second-order correction of a program's step; None where it has no solution.
+
+        Multipliers are those of the program itself.
+        """
+        here, model = self.window.corrected(iterate.reached, program.model, program.qp.step, program.reached)
+        correction = self.method.solve(self.window, model, here)
+        if correction.status is not QpStatus.SOLVED:
+            return None
+        reached = self._after(iterate.reached, correction.step, 1.0)
+        qp = replace(program.qp, step=correction.step)
+        return Iterate(reached, _largest(program.qp.step), 1.0, qp=qp)
 
     def _longest_share(self, point: Point, step: Point) -> float:
         """Return the largest share of a step that shortens no stage by more than `LARGEST_CUT` of its duration."""
@@ -419,6 +451,11 @@ class _Solve:
         changes = self.window.form.stage_durations @ step.tau
         cuts = -changes / durations
         return LARGEST_CUT / max(LARGEST_CUT, float(cuts.max()))
+
+
+def _largest(step: Point) -> float:
+    """Return the largest component of a step [m, rad, m/s, rad/s, s]."""
+    return float(max(np.abs(step.X).max(), np.abs(step.tau).max(initial=0.0)))
 
 
 class Filter:

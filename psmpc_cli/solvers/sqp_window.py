@@ -396,15 +396,63 @@ class SqpWindow:
         return here, replace(model, gradient_tau=model.gradient_tau + by_tau)
 
     def foreseen(self, here: Evaluation, model: Linearization, step: Point) -> np.ndarray:
-        """Return the values of the rows (R,) that the model at a point has after a step, as long as durations stay.
+        """Return the values of the rows (R,) that the model at a point has after a step.
 
-        Of rows that the model does not have, and of those over intervals, it is their value at the point.
+        Of rows that the model does not have, and of those of durations and accelerations, it is their value at the
+        point.
         """
         rows = here.rows.copy()
         rows[: self.states] += step.X[1:].ravel()
         node = self.form.row_node[model.node_rows]
         rows[self._first_node_row + model.node_rows] += (model.rows_by_x * step.X[node]).sum(axis=1)
+        which = model.interval_rows
+        if len(which):
+            k = self.form.row_interval[which]
+            of_ends = np.hstack([step.X[k], step.X[k + 1], np.tile(step.tau, (len(k), 1))])
+            change = (model.interval_rows_by * of_ends).sum(axis=1)
+            h = self.form.interval_steps[k] @ step.tau
+            first = self._first_interval_row
+            rows[first + which] += change - h * self.bounds.interval_low[which]
+            first += len(self.form.row_interval)
+            rows[first + which] += change - h * self.bounds.interval_high[which]
         return rows
+
+    def corrected(
+        self, here: Evaluation, model: Linearization, step: Point, reached: Evaluation
+    ) -> tuple[Evaluation, Linearization]:
+        """Return a point and a model whose program has the step nearest to one that meets the constraints after it.
+
+        With c the rows and gaps and A their derivatives at the point x, the program has c(x + d) - A d in place of
+        c(x), so that its step meets the constraints to the third order of d, not to the second, and for its objective
+        the square of its distance from d: with that of the window it would go far along flat directions, where rows are
+        curved in other ways.
+
+        Source: Waechter, Biegler: On the implementation of an interior-point filter line-search algorithm for
+        large-scale nonlinear programming (2006), section 2.4; Fletcher: Second order corrections for
+        non-differentiable optimization (1982).
+        """
+        n = self.form.grid.n
+        rows = here.rows.copy()
+        curved = slice(self._first_node_row, self._first_interval_row + 2 * len(self.form.row_interval))
+        rows[curved] += (reached.rows - self.foreseen(here, model, step))[curved]
+        before, after = model.gap_velocity[:, :1], model.gap_velocity[:, 1:]
+        foreseen_gaps = step.changes[:, :n] + before * step.X[:-1, n:] + after * step.X[1:, n:]
+        gaps = reached.at.gaps - foreseen_gaps - model.gap_tau @ step.tau
+        gradient = np.zeros_like(model.gradient)
+        gradient[:, :n] = -step.X[:, :n]
+        gradient[1:, n:] -= step.changes[:, n:]
+        gradient[:-1, n:] += step.changes[:, n:]
+        nearest = replace(
+            model,
+            at=replace(model.at, gaps=gaps),
+            gradient=gradient,
+            gradient_tau=-step.tau,
+            positions=np.broadcast_to(np.eye(n), model.positions.shape),
+            coupling=-np.ones_like(model.coupling),
+            arrow=np.zeros_like(model.arrow),
+            durations=np.eye(len(step.tau)),
+        )
+        return replace(here, rows=rows), nearest
 
     def bent_rows(self, here: Evaluation, foreseen: np.ndarray, share: float, reached: Evaluation) -> float:
         """Return by how much soft rows at nodes are violated further than foreseen after a share of a step, at worst.

@@ -6,11 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from psmpc_cli.control import Controller, State
+from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.ocp.window import Window, on_mesh
+from psmpc_cli.ocp.window import Window, on_mesh, window_numbers, window_shape
 from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, build_solver
-from psmpc_cli.specs.load import Task
+from psmpc_cli.solvers.quadratic import PiqpQp
+from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds
+from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import SolverSpec
 
 from ..ocp.constraints.test_mobility import drawn, fast_arms_in, problem_of
@@ -239,3 +244,52 @@ def test_steps_that_undo_each_other_are_shortened(tmp_path: Path) -> None:
     assert found.outcome is Outcome.OPTIMAL
     shares = [float(line.split()[4]) for line in lines[2:]]
     assert any(0.26 < share < 0.49 for share in shares)  # neither a half nor a quarter
+
+
+TIGHT_FORCES = (
+    "controller.nodes=12",
+    "limits={base: {force: [4, 4, 1]}, arms: {force: [4, 2, 1]}}",
+    "skills.move.weights.control=0.003",
+    "skills.reach.weights.control=0.003",
+)
+"""Rows of forces are curved in the velocities, and so small a control weight leaves the objective nearly flat."""
+
+
+def first_solution(name: str, *changes: str) -> Solution:
+    """The solution of the first window of a task."""
+    task = load_task(name, changes)
+    Q = stack(task.spec.initial, task.robot, "joint")
+    return Controller(task).step(0.0, State(Q, np.zeros(9))).solution
+
+
+def test_a_step_that_leaves_curved_rows_is_corrected() -> None:
+    """Steps of the objective alone leave the limits of forces by 2e-4 and more, whatever share of them is taken."""
+    solution = first_solution("transport", *TIGHT_FORCES)
+    assert solution.outcome is Outcome.FEASIBLE
+    assert solution.window.stages[0].name == "approach"
+
+
+def test_the_correction_of_a_step_takes_most_of_what_it_leaves_of_curved_rows() -> None:
+    task = load_task("transport", TIGHT_FORCES)
+    solution = first_solution("transport", *TIGHT_FORCES)
+    window = solution.window
+    guess = solution.plan
+    form = VelocityForm(build_problem(task).model, window_shape(window))
+    tau = np.zeros(0)
+    bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
+    of_window = SqpWindow(form, bounds, window_numbers(window, guess.instants))
+    here, linear = of_window.linearize(Point(guess.X, tau))
+    linear = of_window.with_rows(linear, here.point, np.zeros(0, int), np.arange(len(form.row_interval)))
+    step = PiqpQp(1e-9).solve(of_window, linear, here).step
+    reached = of_window.evaluation(here.point.moved(step, 1.0))
+    about, nearest = of_window.corrected(here, linear, step, reached)
+    correction = PiqpQp(1e-9).solve(of_window, nearest, about).step
+    left = of_window.evaluation(here.point.moved(correction, 1.0)).violation
+    assert reached.violation > FEASIBLE
+    assert left < reached.violation / 10
+
+
+def test_a_solve_that_ends_without_convergence_returns_the_last_point_that_meets_all_constraints() -> None:
+    """Iterated on, this one breaks down where no share of a step is accepted."""
+    solution = first_solution("transport", *TIGHT_FORCES, "solver={kind: sqp, iterations: 200}")
+    assert solution.outcome is Outcome.FEASIBLE

@@ -16,7 +16,7 @@ from psmpc_cli.control.routes import Route, StraightMotions, find_route
 from psmpc_cli.control.tracking import ObjectEstimate
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, kept_groups, poses_at
-from psmpc_cli.ocp.postures import configurations, held_pose
+from psmpc_cli.ocp.postures import configurations, held_pose, unforeseen
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.robot.configuration import Chart
@@ -64,7 +64,8 @@ class Guide:
     """Plans the routes of a task, and says where on them the robot is.
 
     Attributes:
-        routes: By stage index; stages whose straight motion is clear have none.
+        routes: By stage index; stages whose straight motion is clear have none, nor those whose places are not known
+            before the run since something moves.
         blocked: Stages for which no route was found.
     """
 
@@ -74,11 +75,15 @@ class Guide:
         self.blocked: list[int] = []
         self._groups = [kept_groups(problem.spec, problem.model, stage) for stage in range(len(problem.stages))]
         stops = configurations(problem.task, problem.model, problem.stages)
+        moving = unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
         for stage in range(len(problem.stages)):
-            self._plan(stage, stops[stage], stops[stage + 1], 0.0)
+            if stage in moving:
+                logger.warning("no route to the target of %s: %s", problem.stages[stage].name, moving[stage])
+            else:
+                self._plan(stage, stops[stage], stops[stage + 1])
 
-    def _plan(self, stage: int, start: np.ndarray, goal: np.ndarray, time: float) -> None:
-        """Plan the route of a stage between coordinates (nq,), everything that moves where it is at a time [s]."""
+    def _plan(self, stage: int, start: np.ndarray, goal: np.ndarray) -> None:
+        """Plan the route of a stage between coordinates (nq,)."""
         spec = self._problem.spec
         clearance = spec.clearance_of(stage)
         own = self._problem.stages[stage]
@@ -94,7 +99,7 @@ class Guide:
         moves = self._problem.model.spec.moved_by.moves
         free = np.arange(n)[space.base] if held else np.arange(0 if moves else space.n_twist, n)
         sample = SampleView(
-            time, np.append(ends[0], np.zeros(n)), chart.anchor, object_state=self._nominal(stage, start)
+            0.0, np.append(ends[0], np.zeros(n)), chart.anchor, object_state=self._nominal(stage, start)
         )
         margin = clearance.margin + spec.routes.spare
         motions = self._motions(stage, chart, sample, margin)

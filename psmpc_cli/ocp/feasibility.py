@@ -20,7 +20,7 @@ from psmpc_cli.ocp.forecast import (
     tolerances_of,
 )
 from psmpc_cli.ocp.objective import StageCosts
-from psmpc_cli.ocp.postures import largest_load_ratio
+from psmpc_cli.ocp.postures import largest_load_ratio, unforeseen
 from psmpc_cli.ocp.problem import in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.targets import clearance_remarks, cone_remarks, monitor_faults
@@ -271,9 +271,17 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_below_noise(task, forecasts),
         *_unknown_load(task, forecasts),
         *_early_release(task),
+        *_not_routed(task, stages),
         *cone_remarks(task, forecasts[0].model, stages),
         *clearance_remarks(task, forecasts[0].model, stages, forecast_configurations(task, forecasts)),
     ]
+
+
+def _not_routed(task: Task, stages: Sequence[Stage]) -> Iterator[Fault]:
+    """Yield stages that have no route since places of theirs are not known before the run."""
+    for stage, reason in unforeseen(task.spec, stages).items() if task.spec.routes else ():
+        wanted = "what rests: routes are planned before the run, and this stage has none"
+        yield Fault(("routes",), f"found stage {quoted(stages[stage].name)}, where {reason}, expected {wanted}")
 
 
 LARGEST_UNKNOWN_LOAD = 1.0

@@ -14,6 +14,7 @@ from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import CaptureSpec
 from psmpc_cli.specs.robot import labels, stack
+from psmpc_cli.specs.task import TaskSpec
 
 TAKEN = 5e-3
 """Largest error of a pose that counts as taken [m, rad]: an arm that cannot reach stays where it was."""
@@ -56,25 +57,54 @@ def configurations(
 ) -> list[np.ndarray]:
     """Return the robot's coordinates at the start and at every stage's target, (nq,) each.
 
-    Where a target is in task space the arms are those of inverse kinematics; an arm that cannot reach stays as it was.
+    Where a target is in task space the arms are those of inverse kinematics, on the branch to which the motion from the
+    posture before leads; an arm that cannot reach stays as it was.
 
     Args:
         task: The task.
         model: Its robot.
         stages: Its stages.
-        reaches: What is known already of the arms at the target of each stage; by default nothing.
+        reaches: What is known already of the arms at the target of each stage; by default nothing. Arms that cannot
+            reach are not looked at again.
     """
     stops = [stack(task.spec.initial, task.robot, "joint")]
     for stage, known in zip(stages, reaches or [{}] * len(stages), strict=True):
         before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
         Q = SKILLS[stage.space].after(model, before, stage.target).Q.copy()
         base = stage.target[model.pose_rows["base"]]
+        joints = Q[model.nq - model.n :]
+        limits = stage.limits
         for arm in task.robot.arms if stage.space == "task" else ():
-            reach = known[arm] if arm in known else reach_of(model, arm, base, stage.target[model.pose_rows[arm]])
+            at = model.parts[arm]
+            if arm in known and not known[arm].reachable:
+                continue
+            pose = stage.target[model.pose_rows[arm]]
+            bounds = limits.position_low[at], limits.position_high[at]
+            reach = reach_of(model, arm, base, pose, limits=bounds, near=joints[at])
             if reach.configuration is not None:
-                Q[model.nq - model.n :][model.parts[arm]] = reach.configuration
+                joints[at] = reach.configuration
         stops.append(Q)
     return stops
+
+
+def unforeseen(task: TaskSpec, stages: Sequence[Stage]) -> dict[int, str]:
+    """Return what keeps places of a stage from being known before the run, by the index of the stages where there is.
+
+    Something moves: an obstacle; the object, before grippers hold it; or the place where the stage begins or ends is on
+    an object that moves.
+    """
+    object_moves = task.capture is not None and task.capture.motion.moves
+    moving = [obstacle.name for obstacle in task.obstacles if any(obstacle.velocity)]
+    found = dict[int, str]()
+    for stage in stages:
+        is_on_object = stage.on_object or (stage.index and stages[stage.index - 1].on_object)
+        if object_moves and stage.index < task.held_stages.start:
+            found[stage.index] = "the object moves"
+        elif object_moves and is_on_object:
+            found[stage.index] = "it begins where an object that moves was taken"
+        elif moving:
+            found[stage.index] = f"obstacle {moving[0]} moves"
+    return found
 
 
 def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> Iterator[ArmPosture]:

@@ -1,6 +1,6 @@
 """Whether an arm can reach a pose from a given base pose within its joint limits: inverse kinematics."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import casadi as ca
@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-3
 """Largest error of a reached pose [m, rad]: targets are written with a few digits."""
+
+PIECES = 10
+"""Into how many pieces the way from a posture to a pose is divided."""
 
 STARTS = 48
 SEED = 0
@@ -82,7 +85,12 @@ def furthest_centre(robot: RobotSpec, limits: Limits) -> float:
 
 
 def reach_of(
-    model: RobotModel, arm: str, base_pose: ArrayLike, pose: ArrayLike, limits: tuple[Array, Array] | None = None
+    model: RobotModel,
+    arm: str,
+    base_pose: ArrayLike,
+    pose: ArrayLike,
+    limits: tuple[Array, Array] | None = None,
+    near: ArrayLike | None = None,
 ) -> Reach:
     """Compute whether `arm` reaches `pose` with the base at `base_pose`.
 
@@ -92,6 +100,8 @@ def reach_of(
         base_pose: (x, y, angle), (3,) [m, m, rad]; in space position and quaternion, (7,).
         pose: Of the end-effector, likewise.
         limits: Lowest and highest joint coordinates of the arm (links,); by default the robot's.
+        near: Joint coordinates from which the search starts (links,) [rad, m], so that it finds the branch to which a
+            motion from there leads; by default 0.
 
     Raises:
         InputError: The robot has no such arm, or a pose has not as many numbers.
@@ -114,7 +124,8 @@ def reach_of(
     wrist = np.array(target.position) - rotate(turned, tool.position)
     wrist_distance = float(np.linalg.norm(wrist - first.position))
     within = inner - TOLERANCE <= wrist_distance <= outer + TOLERANCE
-    q, missed = _configuration(model, arm, base, target, low, high) if within else (None, (np.inf, np.inf))
+    start = np.zeros(len(low)) if near is None else np.asarray(near, dtype=float)
+    q, missed = _configuration(model, arm, base, target, low, high, start) if within else (None, (np.inf, np.inf))
     return Reach(
         distance=float(np.linalg.norm(np.array(target.position) - first.position)),
         wrist_distance=wrist_distance,
@@ -137,9 +148,9 @@ def _joints(robot: RobotSpec, arm: str) -> tuple[slice, Array]:
 
 
 def _configuration(
-    model: RobotModel, arm: str, base: SpatialFrame, target: SpatialFrame, low: Array, high: Array
+    model: RobotModel, arm: str, base: SpatialFrame, target: SpatialFrame, low: Array, high: Array, near: Array
 ) -> tuple[Array | None, tuple[float, float]]:
-    """Search for joint coordinates (links,) within the limits that take a pose, starting near zero; None if not found.
+    """Search for joint coordinates (links,) within the limits that take a pose, near some first; None if not found.
 
     Bounded least squares on the error of the pose, from several starts. Paper eq. (1). Joints of other arms are at 0.
     Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
@@ -154,11 +165,14 @@ def _configuration(
     bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
     best = np.inf
     missing = (np.inf, np.inf)
-    for start in _starts(low, high):
+    start_near = np.clip(near, low, high)
+    if near.any():
+        start_near = _continued(error, derivative, frames, bounds, start_near)
+    for start in _starts(low, high, start_near):
         found = least_squares(
             error, start, lambda q: derivative(q, frames)[0].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
         )
-        angles = np.where(sliding, np.clip(found.x, low, high), _nearest_zero(found.x, low, high))
+        angles = np.where(sliding, np.clip(found.x, low, high), _nearest(found.x, low, high, near))
         off = error(angles)
         if np.linalg.norm(off) < best:
             best = float(np.linalg.norm(off))
@@ -166,6 +180,34 @@ def _configuration(
         if np.abs(off).max() <= TOLERANCE:
             return angles, missing
     return None, missing
+
+
+def _continued(
+    error: Callable[[Array], Array],
+    derivative: ArrayFunction,
+    frames: Array,
+    bounds: tuple[Array, Array],
+    near: Array,
+) -> Array:
+    """Return the joint coordinates (links,) to which an arm comes whose error falls evenly to 0, or how far it comes.
+
+    Large steps of inverse kinematics may end on another branch than the one that leads on.
+
+    Args:
+        error: Joint coordinates (links,) -> by how much the pose is missed (6,).
+        derivative: Joint coordinates, frames -> its derivative.
+        frames: Poses of the base and of the target, (14,).
+        bounds: Lowest and highest joint coordinates.
+        near: Where the arm begins (links,).
+    """
+    at_first = error(near)
+    q = near
+    for share in np.linspace(1.0, 0.0, PIECES + 1)[1:]:
+        left = share * at_first
+        q = least_squares(
+            lambda q, left=left: error(q) - left, q, lambda q: derivative(q, frames)[0].T, bounds, max_nfev=20
+        ).x
+    return q
 
 
 def _miss(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, ArrayFunction]:
@@ -188,19 +230,19 @@ def _miss(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, ArrayFunction]:
     return ArrayFunction(value), ArrayFunction(ca.Function("miss_by_joints", [q, frames], [derivative]))
 
 
-def _starts(low: Array, high: Array) -> Iterator[Array]:
-    """Give the joint angles nearest to zero, then random ones within one turn of each joint."""
-    yield np.clip(0.0, low, high)
+def _starts(low: Array, high: Array, near: Array) -> Iterator[Array]:
+    """Yield the joint coordinates nearest to some, then random ones within one turn of each joint."""
+    yield np.clip(near, low, high)
     random = np.random.default_rng(SEED)
     first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - 2 * np.pi, -np.pi))
     for _ in range(STARTS - 1):
         yield random.uniform(first, np.minimum(high, first + 2 * np.pi))
 
 
-def _nearest_zero(q: Array, low: Array, high: Array) -> Array:
-    """Return the equivalent of each angle (links,) that is nearest to zero within its limits."""
+def _nearest(q: Array, low: Array, high: Array, near: Array) -> Array:
+    """Return the equivalent of each angle (links,) that is nearest to another one within its limits."""
     q = np.clip(q, low, high)
-    turned = q - 2 * np.pi * np.round(q / (2 * np.pi))
+    turned = q - 2 * np.pi * np.round((q - near) / (2 * np.pi))
     return np.where((turned >= low) & (turned <= high), turned, q)
 
 

@@ -10,6 +10,9 @@ from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.interface import State
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.feasibility import remarks
+from psmpc_cli.ocp.forecast import forecast_stages
+from psmpc_cli.ocp.postures import unforeseen
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.simulation.run import simulate
@@ -125,6 +128,27 @@ def test_a_stage_without_a_way_is_named(caplog: pytest.LogCaptureFixture) -> Non
     found = Guide(build_problem(past_a_post({"obstacles": [wall]})))
     assert found.blocked and not found.routes
     assert "found no route to the target of fly" in caplog.text
+
+
+@pytest.mark.parametrize("velocity", [[0.0, 0.0], [0.02, 0.0]])
+def test_a_stage_has_no_route_round_what_moves(caplog: pytest.LogCaptureFixture, velocity: list[float]) -> None:
+    """Planned as if it stood still, a route would lead where nothing is known to be clear."""
+    task = past_a_post({"obstacles": [{**POST, "velocity": velocity}]})
+    found = Guide(build_problem(task))
+    moves = any(velocity)
+    assert bool(found.routes) != moves
+    assert ("no route to the target of fly: obstacle post moves" in caplog.text) == moves
+    messages = [fault.message for fault in remarks(task, forecast_stages(task))]
+    assert any('"fly", where obstacle post moves' in message for message in messages) == moves
+
+
+def test_an_object_that_moves_leaves_routes_from_where_it_is_held_on() -> None:
+    """Retract begins where the object was taken, wherever that is; of what follows all places are known."""
+    task = load_task("catch_drifting", {"routes": {"iterations": 500}, "clearance": {}})
+    stages = build_problem(task).stages
+    names = [stages[index].name for index in unforeseen(task.spec, stages)]
+    assert names == [stage.name for stage in stages[: task.spec.held_stages.start + 1]]
+    assert unforeseen(load_task("transport_grasp").spec, stages) == {}
 
 
 @pytest.mark.slow

@@ -40,6 +40,20 @@ def test_an_arm_that_cannot_reach_has_no_joints() -> None:
     np.testing.assert_allclose(first.pose[:2], [1.2, 0])
 
 
+@pytest.mark.parametrize("elbow", [40, -40])
+def test_an_arm_takes_a_pose_on_the_branch_on_which_it_was(elbow: float) -> None:
+    """Where the stage before bends the elbow the other way, the posture at the grasp is another one."""
+    changes = {"stages.approach.target.arm_1": ["0 deg", f"{elbow} deg", "0 deg"]}
+    task = load_task("transport", changes)
+    model = RobotModel(task.robot)
+    stages = [forecast.stage for forecast in forecast_stages(task)]
+    stops = configurations(task, model, stages)
+    taken = stops[2][model.nq - model.n :][model.parts["arm_1"]]
+    assert np.sign(taken[1]) == np.sign(elbow)
+    poses = dict(zip(model.pose_rows, model.poses(stops[2]), strict=True))
+    assert np.abs(model.space.pose_error(poses["arm_1"], stages[1].target[model.pose_rows["arm_1"]])).max() < 2e-3
+
+
 @pytest.mark.parametrize("mass", [5, 20])
 def test_the_ratio_of_a_load_is_proportional_to_it(mass: float) -> None:
     """20 kg have 2.308 times the inertia of the robot where they are the largest load: docs/capture.md."""

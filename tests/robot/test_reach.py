@@ -79,6 +79,15 @@ def test_three_links_find_what_limits_allow(state: State, data: st.DataObject) -
     assert_takes(model.spec, "arm_1", tuple(Q[:3]), tuple(model.poses(Q)[1]), found)
 
 
+@pytest.mark.parametrize("elbow", [0.8, -0.8])
+def test_the_branch_is_that_of_the_posture_from_which_the_arm_moves(planar_dual_arm: RobotSpec, elbow: float) -> None:
+    wide = with_limits(planar_dual_arm, arms=((-math.pi, math.pi),) * 3)
+    found = reach_of(RobotModel(wide), "arm_1", BASE, GRASP["arm_1"], near=(0.2, elbow, 0.0)).configuration
+    assert found is not None
+    assert math.copysign(1, found[1]) == math.copysign(1, elbow)
+    assert_takes(planar_dual_arm, "arm_1", BASE, GRASP["arm_1"], np.array(found))
+
+
 def test_limits_choose_the_elbow(planar_dual_arm: RobotSpec) -> None:
     free = ((-math.pi, math.pi), (0.0, math.pi), (-math.pi, math.pi))
     bent = ((-math.pi, math.pi), (-math.pi, 0.0), (-math.pi, math.pi))

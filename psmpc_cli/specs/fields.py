@@ -275,10 +275,15 @@ def _intervals(value: object) -> object:
     return value
 
 
+def is_name(text: str) -> bool:
+    """Tell whether a text may be a name."""
+    return len(text) <= 60 and text.isprintable() and re.fullmatch(NAME_PATTERN, text) is not None
+
+
 def _name(value: object) -> str:
     if not isinstance(value, str):
         raise expected("a name (in quotes if it looks like a number)")
-    if len(value) > 60 or not value.isprintable() or not re.fullmatch(NAME_PATTERN, value):
+    if not is_name(value):
         raise expected("a name of at most 60 characters without . / \\ [ ] = : , and double spaces")
     return value
 
@@ -336,6 +341,13 @@ _not_tiny = ensure(lambda value: not 0 < value < 1e-12, "a number of at least 1e
 Number = Annotated[float, BeforeValidator(number)]
 Positive = Annotated[float, Field(gt=0), BeforeValidator(number), _not_tiny]
 NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
+PositiveOrNone = Annotated[
+    float,
+    BeforeValidator(number),
+    _not_tiny,
+    ensure(lambda value: value >= 0, "a number greater than 0"),
+    WithJsonSchema({"type": "number", "minimum": 0}),
+]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]

@@ -93,8 +93,10 @@ class Body:
 class Base(Spec):
     """The base body."""
 
-    mass: fields.Positive = Field(description="mass [kg]")
-    inertia: fields.Positive = Field(description="inertia about the centre of mass [kg m^2]")
+    mass: fields.PositiveOrNone = Field(description="mass, 0 of a fixed base alone [kg]")
+    inertia: fields.PositiveOrNone = Field(
+        description="inertia about the centre of mass, 0 of a fixed base alone [kg m^2]"
+    )
 
     @property
     def centre_of_mass(self) -> Triple:
@@ -112,6 +114,8 @@ class Mount(Spec):
 class Link(Base):
     """One rigid link."""
 
+    mass: fields.Positive = Field(description="mass [kg]")
+    inertia: fields.Positive = Field(description="inertia about the centre of mass [kg m^2]")
     a: fields.NotNegative = Field(description="joint to centre of mass [m]")
     b: fields.NotNegative = Field(description="centre of mass to the next joint or the tip [m]")
 
@@ -153,19 +157,22 @@ def _is_an_inertia(value: Six) -> Six:
     return value
 
 
-Inertia = Annotated[
+_Terms = Annotated[
     tuple[fields.Number, fields.Number, fields.Number, fields.Number, fields.Number, fields.Number],
     listed("3 principal moments, or 6 numbers: xx, yy, zz, xy, xz, yz", 6),
     BeforeValidator(lambda value: [*value, 0, 0, 0] if isinstance(value, list | tuple) and len(value) == 3 else value),
-    AfterValidator(_is_an_inertia),
 ]
+Inertia = Annotated[_Terms, AfterValidator(_is_an_inertia)]
+InertiaOrNone = Annotated[_Terms, AfterValidator(lambda value: _is_an_inertia(value) if any(value) else value)]
 
 
 class SpatialBase(Spec):
     """The base body of a spatial robot."""
 
-    mass: fields.Positive = Field(description="mass [kg]")
-    inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
+    mass: fields.PositiveOrNone = Field(description="mass, 0 of a fixed base alone [kg]")
+    inertia: InertiaOrNone = Field(
+        description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz), 0 of a fixed base alone [kg m^2]"
+    )
     centre_of_mass: fields.Vector3 = Field((0.0, 0.0, 0.0), description="in the body's frame [m]")
 
 
@@ -186,6 +193,8 @@ class SpatialJoint(SpatialTool):
 class SpatialLink(SpatialBase):
     """One rigid link of a spatial arm; its frame is that of its joint."""
 
+    mass: fields.Positive = Field(description="mass [kg]")
+    inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
     joint: SpatialJoint = Field(description="the joint that carries it")
 
 
@@ -299,6 +308,11 @@ def wider(
             if own is not None and (low < least or high > most):
                 key = part if part in limits and getattr(limits[part], quantity) is not None else "arms"
                 yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
+
+
+def is_arm_name(name: str) -> bool:
+    """Tell whether an arm may have a name."""
+    return fields.is_name(name) and name not in RESERVED
 
 
 def _not_reserved(name: str) -> str:

@@ -29,8 +29,8 @@ from psmpc_cli.robot.reach import furthest_centre
 from psmpc_cli.robot.rotations import conjugate, log, product
 from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.parts import POSITION_AXES
-from psmpc_cli.specs.robot import labels
+from psmpc_cli.specs.parts import LENGTH
+from psmpc_cli.specs.robot import labels, units
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 SLACK = 1e-9
@@ -446,10 +446,7 @@ def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "posit
 
 def _number(task: Task, row: int, value: float, kind: str) -> str:
     """Write the position or velocity of a coordinate with its unit, angles in degrees."""
-    joint = row - task.robot.parts["base"]
-    base = labels(task.robot, "joint")[row].rpartition(".")[2] in POSITION_AXES
-    in_metres = base or (joint >= 0 and task.robot.joints[joint].prismatic)
-    written = f"{value:.6g} m" if in_metres else f"{np.degrees(value):.6g} deg"
+    written = f"{value:.6g} m" if units(task.robot)[row] == LENGTH else f"{np.degrees(value):.6g} deg"
     return written if kind == "position" else f"{written}/s"
 
 

@@ -270,7 +270,9 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     mobility = own.value(("mobility",))
     of_task = next((each for each in MOBILITIES if each == mobility), None)
     spec, robot_faults = (None, ()) if source is None else validate_robot(source, of_task)
-    of_robot = (spec.parts, spec.limits, spec.mobility if of_task or mobility is None else None) if spec else ()
+    of_robot = (
+        (spec.parts, spec.limits, spec.mobility if of_task or mobility is None else None, spec.sliding) if spec else ()
+    )
     task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))
     reports = [own.report(faults)]
     for other in CONTROLLERS:

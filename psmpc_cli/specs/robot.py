@@ -15,22 +15,27 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed, unit_errors
 from psmpc_cli.specs.geometry import GEOMETRY, PlacedShape, ShapesByBody
 from psmpc_cli.specs.parts import (
+    ANGLE,
     ERROR_AXES,
     FREE_FLYING,
+    LENGTH,
     MOBILITIES,
     MOBILITY,
     QUANTITIES,
     RESERVED,
+    AsWritten,
     Context,
+    CoordinateUnits,
     Mobility,
     MobilityTraits,
     Space,
     axes_of,
     misfit,
     stands_for,
+    units_of,
 )
 
 Vector = NDArray[np.float64]
@@ -241,9 +246,11 @@ class PartLimits(Spec):
 def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
     sizes = context.sizes
+    sliding = context.sliding
     mobility: str | None = context.mobility
     if "arms" in before:
         robot = mapping(context.file.data)
+        sliding = _sliding(before["arms"])
         sizes = _parts(len(ERROR_AXES[3 if "space" in robot else 2]), before["arms"])
         mobility = str(robot.get("mobility", FREE_FLYING))
     axes = axes_of(sizes, "joint")
@@ -254,7 +261,9 @@ def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
-            yield from misfit((key, quantity), bounds, key, axes, given, angles=quantity == "position")
+            yield from misfit(
+                (key, quantity), bounds, key, axes, given, written=AsWritten(sliding, turns=quantity == "position")
+            )
             if key == "base" and quantity == "position" and sizes.get(key) == 6:
                 limited = (i for i, pair in enumerate(bounds) if i >= 3 and pair is not None)
                 yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
@@ -265,6 +274,12 @@ def _unknown_parts(written: Mapping[str, Any], sizes: Mapping[str, int]) -> Rule
     known = [*sizes, "arms"]
     for key in (key for key in written if sizes and key not in known):
         yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)
+
+
+def _sliding(arms: Mapping[str, "Arm | SpatialArm"]) -> frozenset[str]:
+    """Return the names of joint coordinates that are lengths, such as `arm_1.2`."""
+    links = ((f"{name}.{i}", link) for name, arm in arms.items() for i, link in enumerate(arm.links, start=1))
+    return frozenset(name for name, link in links if isinstance(link, SpatialLink) and link.joint.kind == "prismatic")
 
 
 def _parts(base: int, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, int]:
@@ -355,6 +370,11 @@ class RobotSpec(Spec):
         return _parts(len(ERROR_AXES[self.dimension]), self.arms)
 
     @property
+    def sliding(self) -> frozenset[str]:
+        """Names of the joint coordinates that are lengths, such as `arm_1.2`; the others are angles."""
+        return _sliding(self.arms)
+
+    @property
     def bodies(self) -> tuple[Body, ...]:
         """The base, then the links of each arm from the base outward; a body comes after the one that carries it."""
         bodies = [_body("base", self.base)]
@@ -438,6 +458,14 @@ class Tip(Spec):
     tip: _LinkName = Field(min_length=1, description="link whose frame is the end-effector")
 
 
+def _locked(written: Any, before: Fields, urdf: Any) -> RuleErrors:
+    """Give positions of joints in the unit of another kind, and angles without a unit."""
+    for name, at in written.items() if isinstance(written, Mapping) else ():
+        if name in urdf.joints:
+            unit = LENGTH if urdf.joints[name].type.slides else ANGLE
+            yield from (((name,), error) for _, error in unit_errors(at, unit.position))
+
+
 class UrdfRobot(Spec):
     """A robot file that takes bodies, joints and limits of joints from a URDF."""
 
@@ -446,7 +474,7 @@ class UrdfRobot(Spec):
     urdf: str = Field(min_length=1, description="path of the URDF, relative to this file")
     base: _LinkName | None = Field(None, description="the link that is the base, by default the root")
     arms: Mapping[ArmKey, Tip] | None = Field(None, description="the arms by name; by default every leaf that moves")
-    locked: Mapping[_JointName, fields.Angle] = Field(
+    locked: Annotated[Mapping[_JointName, fields.Coordinate], holds(_locked, as_written=True)] = Field(
         {}, description="positions of joints that belong to no arm, by name [rad, m]"
     )
     limits: Mapping[str, PartLimits] = Field(
@@ -524,6 +552,12 @@ def labels(robot: RobotSpec, space: Space, *, of_error: bool = True) -> tuple[st
     """Return the name of every row of the error, or of a target: `base.x`, `arm_1.2`."""
     axes = axes_of(robot.parts, space, of_error)
     return tuple(f"{part}.{axis}" for part in axes for axis in axes[part])
+
+
+def units(robot: RobotSpec, space: Space = "joint", *, of_error: bool = True) -> tuple[CoordinateUnits, ...]:
+    """Return the units of every row of the error, or of a target, in the order of `labels`; by default those of v."""
+    axes = axes_of(robot.parts, space, of_error)
+    return tuple(units_of(part, axis, robot.sliding) for part in axes for axis in axes[part])
 
 
 def rows(chosen: Sequence[str], robot: RobotSpec, space: Space) -> tuple[int, ...]:

@@ -60,11 +60,13 @@ def test_check_prints_limits_of_forces_where_there_are_any(psmpc: Psmpc) -> None
 def test_armatures_are_in_the_table_of_a_robot(psmpc: Psmpc, tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "robots" / "free_flyer_arm.yaml").read_text()
     sliding = text.replace("axis: [0, 1, 0]", "kind: prismatic, axis: [0, 1, 0]", 1)
+    sliding = sliding.replace("[-100 deg, 100 deg]", "[0, 8 m]")
     (tmp_path / "geared.yaml").write_text(f"{sliding}armature: {{arm: [0.05, 2.5, 0]}}\n")
     lines = words(psmpc("check", "geared.yaml").stdout)
     assert lines[2].endswith("inertia [kg m^2] armature")
     for line, end in zip(lines[4:7], ("0.05 kg m^2", "2.5 kg", " 0"), strict=True):
         assert line.endswith(end), line
+    assert "arm.2 0 to 8 m -0.3 to 0.3 m/s" in lines
 
 
 def test_everything_of_a_task_is_in_its_table(psmpc: Psmpc, tmp_path: Path) -> None:

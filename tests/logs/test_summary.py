@@ -178,11 +178,11 @@ def test_a_limit_exceeded_where_grippers_close_is_explained_by_their_speed(
     run = changed(drifting, margin_velocity=margin, grasp_closed_at=closed_at, grasp_missed_by=NEAR)
     row = dict(measure_rows(run.summary()))["farthest beyond a limit, any tick"]
     where = drifting.coordinates[1]
-    assert row.startswith(f"{where} velocity: 0.125 at {drifting.time[sample]:.1f} s")
+    assert row.startswith(f"{where} velocity: 0.125 m/s at {drifting.time[sample]:.1f} s")
     assert ("as the grippers close" in row) == explained
     if explained:
         assert "1.0 mm/s, 0.06 deg/s against the object" in row
-        assert f"in other samples: {drifting.coordinates[0]} velocity: 0.02 at" in row
+        assert f"in other samples: {drifting.coordinates[0]} velocity: 0.02 m/s at" in row
 
 
 OBJECT_OUTCOMES = {
@@ -423,7 +423,9 @@ def by_group(u: np.ndarray) -> np.ndarray:
 def test_the_variation_is_summed_by_group() -> None:
     u = np.zeros((4, 5))
     u[1] = [1, -2, 3, 4, -5]
-    np.testing.assert_array_equal(by_group(u), [6, 6, 18])
+    np.testing.assert_array_equal(by_group(u), [6, 6, 18, 0])
+    changes = np.abs(np.diff(u, axis=0)).sum(axis=0)
+    assert variation(changes, COORDINATES, sliding=["arm_1.2"]) == (6, 6, 8, 10)
 
 
 @given(CONTROLS, st.floats(0.1, 10))

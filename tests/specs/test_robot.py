@@ -287,3 +287,26 @@ def test_a_urdf_that_does_not_have_what_the_file_names(
     with pytest.raises(SpecError) as caught:
         load_robot(saved(tmp_path, FILE.replace(right, wrong, 1)))
     assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "at", "wanted"),
+    [
+        ("revolute", "0.1 m", "expected an angle"),
+        ("revolute", "8", "did you mean"),
+        ("prismatic", "30 deg", "expected a length"),
+        ("prismatic", "8 m", ""),
+        ("prismatic", "8", ""),
+        ("revolute", "30 deg", ""),
+    ],
+)
+def test_locked_joints_are_in_their_own_units(tmp_path: Path, kind: str, at: str, wanted: str) -> None:
+    path = one_joint(tmp_path, kind=kind)
+    path.write_text(f"urdf: r.urdf\nlocked: {{j: {at}}}\n")
+    if wanted:
+        with pytest.raises(SpecError, match=wanted):
+            load_robot(path)
+        return
+    robot = load_robot(path)
+    assert isinstance(robot, SpatialRobot)
+    assert any(f"locked at {'8 m' if kind == 'prismatic' else '0.523599 rad'}" in note for note in robot.assumed)

@@ -850,7 +850,16 @@ def _shapes_of(collision: Collision, at: Matrix, folder: Path) -> tuple[list[dic
     else:
         path = _path_of(collision.mesh, folder)
         mesh = read_mesh(path)
-        cover = cover_mesh(mesh.vertices * size)
+        scaled = mesh.vertices * size
+        largest = float(np.abs(scaled).max())
+        width = float(np.sort(np.ptp(scaled, axis=0))[1])
+        most = LARGEST / 4  # capsules about it are then within what a number may be
+        if largest > most or width < SMALLEST:
+            found = (
+                f"found a mesh {quoted(path.name)} that reaches to {largest:g} m and is {width:g} m wide by its scale"
+            )
+            raise SpecError(f"{found}, expected at most {most:g} m, and at least {SMALLEST:g} m")
+        cover = cover_mesh(scaled)
         remark = _remark(f"the convex hull of {'' if mesh.is_closed else 'the open mesh '}{quoted(path.name)}", cover)
     shapes = []
     for start, end in cover.moved(at).ends:

@@ -447,9 +447,13 @@ def test_meshes_of_visuals_are_not_read_and_an_open_one_is_noted(tmp_path: Path)
         ('<box size="0.1 -0.1 0.1"/>', ("a box", "size of -0.1", "left out")),
         ("<torus/>", ("<torus>", '"arm"', "left out")),
         ("", ("nothing", '"arm"', "left out")),
+        ('<mesh filename="ball.obj" scale="1e12 1e12 1e12"/>', ("reaches to 1e+12 m", "at most 2.5e+11 m", "left out")),
+        ('<mesh filename="far.obj"/>', ("a vertex at inf", "far.obj", "left out")),
     ],
 )
 def test_shapes_that_cannot_be_taken_are_left_out_and_noted(tmp_path: Path, shape: str, words: tuple[str, ...]) -> None:
+    trimesh.creation.icosphere(1).export(tmp_path / "ball.obj")
+    (tmp_path / "far.obj").write_text("v 0 0 0\nv 1e999 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 4\nf 1 2 3\n")
     robot = load_robot(written(tmp_path, link=colliding(shape)))
     (note,) = [note for note in robot.assumed if "left out" in note]
     assert note.startswith("robot.urdf, line 3: ") and all(word in note for word in words), note

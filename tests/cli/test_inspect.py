@@ -2,9 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import psmpc_cli
+from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.library import built_ins, find, json_schema
 from psmpc_cli.specs.load import load_robot, load_task
 
@@ -228,3 +231,23 @@ def test_check_remarks_on_a_target_that_touches(psmpc: Psmpc) -> None:
     assert ran.code == 0
     remark = ran.stdout.partition("probably not meant:\n")[2]
     assert "stages[1].target: found arm_1.3 and post " in remark and "mm deep in each other" in remark
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"initial.base": [-50, 2, 0]},
+        {"initial_velocity": {"base": [9, 0, 0]}},
+        {"stages.approach.target.base": [40, 2, 0], "stages.transport.target.base": [0, 40, 0]},
+        {"stages.capture.target.arm_1": [9, 9, 0]},
+        {"limits.base.velocity": [0, 0, 0]},
+        {"controller.nodes": 1},
+    ],
+)
+def test_check_and_python_reject_the_same(psmpc: Psmpc, changes: dict[str, Any]) -> None:
+    with pytest.raises(SpecError) as caught:
+        psmpc_cli.load_task("transport", [f"{path}={json.dumps(value)}" for path, value in changes.items()])
+    words = (word for path, value in changes.items() for word in ("--set", f"{path}={json.dumps(value)}"))
+    ran = psmpc("check", "transport", *words)
+    assert ran.code == 2
+    assert ran.stderr.strip() == str(caught.value).strip()

@@ -37,7 +37,7 @@ from scipy.stats import binomtest, bootstrap
 
 import psmpc_cli as psmpc
 from psmpc_cli.figures.style import in_style, line_look, mark_look, new_figure
-from psmpc_cli.ocp.feasibility import load_feasible
+from psmpc_cli.ocp.feasibility import load_task
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.simulation.replay import replay
@@ -246,10 +246,10 @@ def draw_mission(family: str, seed: int, changes: Changes) -> Task:
             continue
         mission = {**LEAN, "time_limit": 120, **drawn}
         try:
-            load_feasible(task, mission)
+            load_task(task, mission)
         except psmpc.SpecError:
             continue
-        return load_feasible(task, {**mission, **changes, "seed": seed})
+        return load_task(task, {**mission, **changes, "seed": seed})
 
 
 # ------------------------------------------------------------------------------------------------ studies

@@ -20,7 +20,7 @@ from typer.main import get_command
 import psmpc_cli as psmpc
 from psmpc_cli.cli.app import app
 from psmpc_cli.logs import schema
-from psmpc_cli.specs.fields import ANGLE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
+from psmpc_cli.specs.fields import ANGLE_PATTERN, COORDINATE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.studies.measures import WHOLE_RUN, over_weights
@@ -31,6 +31,17 @@ UNITS = {
     *("1", "m", "rad", "s", "kg", "kg m^2", "Hz", "m/s", "rad/s", "m/s^2", "rad/s^2"),
     *("N", "N m", "N s", "N m s", "N m s/rad"),
 }
+KINDS = {
+    NAME_PATTERN: "name",
+    ANGLE_PATTERN: "angle",
+    COORDINATE_PATTERN: "length or angle",
+    SECONDS_PATTERN: "`2 s`",
+}
+"""Kinds of texts, by their patterns."""
+
+WITH_UNIT = {"angle": "number or angle", "length or angle": "number, length or angle"}
+"""What numbers are called that may be written with their units, by the kind of those texts."""
+
 BOUNDS = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g}", "exclusiveMaximum": "< {:g}"}
 
 NOT_WRITTEN = "parts"
@@ -114,8 +125,7 @@ def _words(value: Mapping[str, Any] | bool) -> str:
             named = next(iter(value.get("patternProperties", {}).values()), value.get("additionalProperties"))
             return f"by name: {_words(named)}"
         case "string":
-            kinds = {NAME_PATTERN: "name", ANGLE_PATTERN: "angle", SECONDS_PATTERN: "`2 s`"}
-            return kinds.get(value.get("pattern", ""), "text")
+            return KINDS.get(value.get("pattern", ""), "text")
         case "boolean":
             return "`true`, `false`"
         case kind:
@@ -124,17 +134,17 @@ def _words(value: Mapping[str, Any] | bool) -> str:
 
 
 def _either(ways: list[Mapping[str, Any]]) -> str:
-    """Name alternatives; a number or an angle with its unit is one kind of value."""
+    """Name alternatives; a number and one with its unit are one kind of value."""
     words = sorted(dict.fromkeys(map(_words, ways)), key=lambda word: word == "[low, high]")
-    if len(words) > 1 and words[0].startswith("number") and words[1] == "angle":
-        words[:2] = [words[0].replace("number", "number or angle", 1)]
+    if len(words) > 1 and words[0].startswith("number") and words[1] in WITH_UNIT:
+        words[:2] = [words[0].replace("number", WITH_UNIT[words[1]], 1)]
     return ", or ".join(words)
 
 
 def _list(value: Mapping[str, Any]) -> str:
     if "prefixItems" in value:
         words = [_words(item) for item in value["prefixItems"]]
-        return "[low, high]" if words == ["number or angle"] * 2 else f"[{', '.join(words)}]"
+        return "[low, high]" if words == [WITH_UNIT["length or angle"]] * 2 else f"[{', '.join(words)}]"
     least = f", at least {value['minItems']}" if value.get("minItems", 0) > 1 else ""
     return f"list of {_words(value['items'])}{least}"
 

@@ -128,6 +128,10 @@ CASES: dict[str, tuple[Callable[[Api], object], str]] = {
     "solver by name": (lambda api: psmpc.Controller(api.task, "sqp"), r"solver: .*\"sqp\", expected a Solver"),
     # a task, a robot
     "task of a number": (lambda api: psmpc.load_task(3), r"task: found 3, expected .*mapping of keys"),
+    "feasibility of a number": (
+        lambda api: psmpc.load_task("transport", feasibility=0),
+        r"feasibility: found 0, expected True or False",
+    ),
     "no task": (lambda api: psmpc.load_task(None), r"task: found None"),
     "task of a list": (lambda api: psmpc.load_task(["transport"]), r"task: found a list of 1 entry"),
     "task of a task": (lambda api: psmpc.load_task(api.task), r"task: found a value of type Task"),

@@ -49,10 +49,10 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
     else:
         validate(reference, changes)
         from psmpc_cli.cli.tables import print_gradients, print_task
-        from psmpc_cli.ocp.feasibility import load_feasible, remarks
+        from psmpc_cli.ocp.feasibility import load_task, remarks
         from psmpc_cli.ocp.forecast import forecast_stages
 
-        subject = load_feasible(reference, changes)
+        subject = load_task(reference, changes)
         forecasts = forecast_stages(subject)
         print_task(subject, forecasts)
         if doubtful := remarks(subject, forecasts):

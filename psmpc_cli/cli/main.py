@@ -42,6 +42,7 @@ def main() -> None:
     from psmpc_cli.cli.app import EchoHandler, app
 
     logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
+    logging.getLogger("psmpc_cli.specs.covers").setLevel(logging.INFO)  # what takes seconds is said as it begins
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
     try:

@@ -14,7 +14,8 @@ RUN = "This run of a comparison; the number of one of a Monte Carlo"
 def _set_log_level(quiet: bool) -> bool:
     """Choose which messages of the library are printed: warnings and the compilation, which comes once, or errors."""
     logging.getLogger("psmpc_cli").setLevel(logging.ERROR if quiet else logging.WARNING)
-    logging.getLogger("psmpc_cli.native").setLevel(logging.ERROR if quiet else logging.INFO)
+    for takes_long in ("psmpc_cli.native", "psmpc_cli.specs.covers"):
+        logging.getLogger(takes_long).setLevel(logging.ERROR if quiet else logging.INFO)
     return quiet
 
 

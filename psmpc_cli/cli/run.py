@@ -58,7 +58,7 @@ def simulate(
         common.validate(task, overrides)
     from psmpc_cli.cli.contents import present
     from psmpc_cli.figures.animation import offscreen_driver
-    from psmpc_cli.ocp.feasibility import load_feasible
+    from psmpc_cli.ocp.feasibility import load_task
     from psmpc_cli.simulation.run import simulate as run_task
     from psmpc_cli.solvers import Outcome
 
@@ -68,7 +68,7 @@ def simulate(
             raise InputError(f"--continue repeats the task in the log: {wanted}")
         path = unfinished if output is None else common.output_file(output, "", force, drawing)
     elif task is not None:
-        loaded = load_feasible(task, overrides)
+        loaded = load_task(task, overrides)
         name = "-".join(filter(None, (loaded.spec.name, controller, plant)))
         path = common.output_file(output, name, force, drawing)
     else:

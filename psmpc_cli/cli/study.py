@@ -168,7 +168,7 @@ def pareto(
     from psmpc_cli.cli.contents import present
     from psmpc_cli.logs.files import check_output
     from psmpc_cli.logs.run import read_run
-    from psmpc_cli.ocp.feasibility import load_feasible
+    from psmpc_cli.ocp.feasibility import load_task
     from psmpc_cli.simulation.run import simulate
     from psmpc_cli.studies.pareto import ParetoSettings, solve_pareto
     from psmpc_cli.studies.sampling import parse_numbers
@@ -179,7 +179,7 @@ def pareto(
     run = read_run(task) if is_log else None
     if run is not None and (changes or log is not None):
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
-    loaded = load_feasible(task, [*(changes or []), *WITH_WINDOWS]) if run is None else run.task
+    loaded = load_task(task, [*(changes or []), *WITH_WINDOWS]) if run is None else run.task
     parse_stages(stages, loaded)
     path = common.output_file(output, f"{loaded.spec.name}-pareto", force, figures)
     if log is not None:

@@ -2,8 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import count, zip_longest
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import count, groupby, zip_longest
 from json import dumps
 from pathlib import Path
 
@@ -46,23 +46,15 @@ from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.geometry import ShapeSpec, pair_name
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import GRASP_LOADS, ObjectSpec
-from psmpc_cli.specs.parts import POSITION_AXES, TARGET_AXES, axes_of
+from psmpc_cli.specs.parts import ANGLE, LENGTH, QUANTITIES, TARGET_AXES, axes_of, units_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
-from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits
+from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits, units
 from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
 Row = Sequence[str]
-
-LIMIT_UNITS = {
-    "position": ("m", "deg"),
-    "velocity": ("m/s", "rad/s"),
-    "acceleration": ("m/s^2", "rad/s^2"),
-    "force": ("N", "N m"),
-}
-"""Quantities that have limits, with the units of linear and of angular coordinates."""
 
 MOST_ROWS = 49
 """Rows of a sweep's table; of more runs so many are printed, evenly from the smallest to the largest ratio."""
@@ -377,7 +369,7 @@ def _posture(robot: RobotSpec, posture: ArmPosture) -> Row:
     joints = "none found"
     if posture.joints is not None:
         axes = axes_of(robot.parts, "joint", False)[posture.arm]
-        joints = _target(list(zip(axes, posture.joints.tolist(), strict=True)))
+        joints = _target(posture.arm, list(zip(axes, posture.joints.tolist(), strict=True)), robot.sliding)
     return posture.stage, posture.arm, joints, _pose(posture.pose.tolist())
 
 
@@ -422,7 +414,7 @@ def print_robot(robot: RobotSpec) -> None:
     headings = ("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]", "armature")
     print_table(headings, rows, left=len(headings))
     typer.echo()
-    print_table(("coordinate", *LIMIT_UNITS), _limits(robot), left=1 + len(LIMIT_UNITS))
+    print_table(("coordinate", *QUANTITIES), _limits(robot), left=1 + len(QUANTITIES))
     typer.echo()
     typer.echo(f"shape: {_geometry(robot)}")
     if isinstance(robot, SpatialRobot) and robot.assumed:
@@ -464,7 +456,9 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     asked_of = zip(stage.end_rows, stage.tolerance, rests, strict=True)
     tolerances = {row: f"{tolerance:g}{rest}" for row, tolerance, rest in asked_of}
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
-        target = ("to " if stage.trajectory else "") + _target(list(zip(axes, numbers, strict=False)))
+        target = ("to " if stage.trajectory else "") + _target(
+            part, list(zip(axes, numbers, strict=False)), task.robot.sliding
+        )
         if part == "base" and not stage.asked[: len(rows)].any() and not task.robot.moved_by.actuated:
             target = task.robot.mobility
         asked = [tolerances.get(next(row), "-") for _ in rows]
@@ -486,14 +480,25 @@ def _object_end(end: ObjectEndSpec) -> str:
     return ", ".join(written)
 
 
-def _target(values: Sequence[tuple[str, float]]) -> str:
-    """Write the target of a part, coordinates by axis: angles in degrees, of an attitude the angle it is turned by."""
-    lengths = [f"{value:g}" for axis, value in values if axis in POSITION_AXES]
-    angles = [f"{math.degrees(value):.4g}" for axis, value in values if axis == "theta" or axis.isdigit()]
-    if attitude := [value for axis, value in values if axis.startswith("q")]:
-        turn = 2 * math.atan2(math.hypot(*attitude[1:]), abs(attitude[0]))
-        angles = [f"turned by {math.degrees(turn):.4g}"]
-    return ", ".join(f"{', '.join(each)} {unit}" for each, unit in ((lengths, "m"), (angles, "deg")) if each)
+def _target(part: str, values: Sequence[tuple[str, float]], sliding: Collection[str] = ()) -> str:
+    """Write the target of a part, coordinates by axis in their order: lengths, angles in degrees, or an attitude.
+
+    Args:
+        part: The part.
+        values: Its axes, and the numbers of them.
+        sliding: Names of the joint coordinates that are lengths.
+    """
+    written = []
+    for own, group in groupby(values, key=lambda each: units_of(part, each[0], sliding)):
+        numbers = [value for _, value in group]
+        if own == LENGTH:
+            written.append(f"{', '.join(f'{value:g}' for value in numbers)} m")
+        elif own == ANGLE:
+            written.append(f"{', '.join(f'{math.degrees(value):.4g}' for value in numbers)} deg")
+        else:
+            turn = 2 * math.atan2(math.hypot(*numbers[1:]), abs(numbers[0]))
+            written.append(f"turned by {math.degrees(turn):.4g} deg")
+    return ", ".join(written)
 
 
 def _object(target_object: ObjectSpec) -> Iterator[Row]:
@@ -542,7 +547,7 @@ def _pose(pose: Sequence[float]) -> str:
     axes = next(axes for axes in TARGET_AXES.values() if len(axes) == len(pose))
     length = math.copysign(math.hypot(*pose[4:]), pose[3]) if len(pose) > 3 else 0.0
     about = f" about {_listed([each / length for each in pose[4:]])}" if length else ""
-    return _target(list(zip(axes, pose, strict=True))) + about
+    return _target("base", list(zip(axes, pose, strict=True))) + about
 
 
 def _listed_in_degrees(angles: Sequence[float]) -> str:
@@ -559,13 +564,13 @@ def _limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> list[Row]:
     """
     limits = resolve_limits(robot, *more)
     rows = list[Row]()
-    for row, label in enumerate(labels(robot, "joint")):
-        length = label.rpartition(".")[2] in POSITION_AXES
+    for row, (label, own) in enumerate(zip(labels(robot, "joint"), units(robot), strict=True)):
         spans = [label]
-        for quantity, (of_length, of_angle) in LIMIT_UNITS.items():
-            unit = of_length if length else of_angle
-            ends = (float(getattr(limits, f"{quantity}_{end}")[row]) for end in ("low", "high"))
-            low, high = (math.degrees(end) if unit == "deg" else end for end in ends)
+        for quantity in QUANTITIES:
+            unit = getattr(own, quantity)
+            low, high = (float(getattr(limits, f"{quantity}_{end}")[row]) for end in ("low", "high"))
+            if unit == "rad":
+                low, high, unit = math.degrees(low), math.degrees(high), "deg"
             spans.append("" if math.isinf(low) and math.isinf(high) else f"{low:.4g} to {high:.4g} {unit}")
         rows.append(spans)
     return rows

@@ -16,7 +16,8 @@ from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import NOT_CUT
-from psmpc_cli.specs.parts import POSITION_AXES, axes_of
+from psmpc_cli.specs.parts import ANGLE as ANGLE_UNITS
+from psmpc_cli.specs.parts import LENGTH, axes_of, units_of
 
 POSITION = ("position", "m")
 ANGLE = ("angle", "rad")
@@ -46,14 +47,14 @@ class CoordinatePanel:
         part: The base or an arm, as it is written.
         quantity: Name of what is drawn, such as velocity.
         unit: Of what is drawn.
-        rows: Rows of the coordinates in v.
+        rows: Rows of the coordinates in v, which have one unit.
         labels: Names of the rows in the legend.
     """
 
     part: str
     quantity: str
     unit: str
-    rows: slice
+    rows: Sequence[int]
     labels: Sequence[str]
 
 
@@ -117,15 +118,17 @@ def plot_forces(run: Run) -> Figure:
     has_ticks = len(ticks.get("time", ())) > 0
     time, Q, F = (ticks["time"], ticks["Q"], ticks["F"]) if has_ticks else (run.time, run.Q, run["force/F"])
     commanded = ticks.get("commanded", F) if has_ticks else F
-    unit = "N"
+    note = ""
     if limits_base_force(run):
-        unit = "N, own axes"
+        note = ", own axes"
         F, commanded = (along_base_axes(run.problem.model, Q, each) for each in (F, commanded))
     is_cut = np.abs(commanded - F) > NOT_CUT * np.abs(commanded).max(axis=0, initial=0.0)
     beside = ("commanded, cut", np.where(is_cut, commanded, np.nan)) if is_cut.any() else None
     heading = _tightest_force(run)
+    force = ("force", "N")
+    torque = ("torque", "N m")
     return _plot_quantity(
-        run, ("force", unit), ("torque", "N m"), [(time, F)], beside, "force", peaked=True, heading=heading
+        run, force, torque, [(time, F)], beside, "force", peaked=True, heading=heading, of_base_position=note
     )
 
 
@@ -182,7 +185,7 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     labelled_rows: list[tuple[str, int]] = []
     for panel in _panels(model, POSITION, ANGLE):
         kind = "attitude " if panel.quantity == "attitude" else ""
-        for row, label in zip(range(panel.rows.start, panel.rows.stop), panel.labels, strict=True):
+        for row, label in zip(panel.rows, panel.labels, strict=True):
             labelled_rows.append((f"{panel.part} {kind}{label}\n({panel.unit})", row))
 
     figure = style.new_figure(style.PAGE)
@@ -217,6 +220,7 @@ def _plot_quantity(
     drawstyle: Literal["default", "steps-post"] = "default",
     peaked: bool = False,
     heading: str = "",
+    of_base_position: str = "",
 ) -> Figure:
     """Plot a quantity with a value for each generalized coordinate over time.
 
@@ -232,8 +236,9 @@ def _plot_quantity(
         drawstyle: How values are joined.
         peaked: Whether it may have short peaks that hide the rest; the axis is then logarithmic far out.
         heading: What is written above the figure.
+        of_base_position: What is added to the unit of the base's linear coordinates.
     """
-    panels = list(_panels(runs_of(runs)[0].problem.model, linear, angular))
+    panels = list(_panels(runs_of(runs)[0].problem.model, linear, angular, of_base_position))
     figure, grid = timeline(runs, len(panels), PANEL_HEIGHT)
     for row_of_axes, panel in zip(grid, panels, strict=True):
         note = ""
@@ -261,8 +266,10 @@ def _plot_quantity(
     return style.finish(figure)
 
 
-def _panels(model: RobotModel, linear: tuple[str, str], angular: tuple[str, str]) -> Iterator[CoordinatePanel]:
-    """Yield the panels of v: base position, base angles and each arm; every angle of a figure is in one unit.
+def _panels(
+    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], of_base_position: str = ""
+) -> Iterator[CoordinatePanel]:
+    """Yield the panels of v: base position, base angles, and of each arm the joints that turn and those that slide.
 
     `linear` and `angular` are the quantity's name and SI unit for linear and for angular coordinates.
     """
@@ -272,17 +279,21 @@ def _panels(model: RobotModel, linear: tuple[str, str], angular: tuple[str, str]
     if not model.spec.moved_by.actuated:
         names["control"] = "acceleration"  # nobody controls it
     quantity, unit = linear
-    positions = slice(base.start, base.start + d)
-    yield CoordinatePanel("Base", names.get(quantity, quantity), unit, positions, "xyz"[:d])
+    positions = range(base.start, base.start + d)
+    yield CoordinatePanel("Base", names.get(quantity, quantity), unit + of_base_position, positions, "xyz"[:d])
 
     quantity, unit = angular
-    angles = slice(base.start + d, base.stop)
+    angles = range(base.start + d, base.stop)
     yield CoordinatePanel("Base", names.get(quantity, quantity), unit, angles, ("θ",) if d == 2 else "xyz")
 
     for name, rows in list(model.parts.items())[1:]:
         joints = rows.stop - rows.start
-        labels = [f"joint {i + 1}" if joints <= 4 else str(i + 1) for i in range(joints)]
-        yield CoordinatePanel(style.readable(name).capitalize(), quantity, unit, rows, labels)
+        for own, (quantity, unit) in ((ANGLE_UNITS, angular), (LENGTH, linear)):
+            found = [row for row in range(rows.start, rows.stop) if model.units[row] == own]
+            numbers = [row - rows.start + 1 for row in found]
+            labels = [f"joint {i}" if joints <= 4 else str(i) for i in numbers]
+            if found:
+                yield CoordinatePanel(style.readable(name).capitalize(), quantity, unit, found, labels)
 
 
 def _compress(axes: Axes, values: np.ndarray) -> str:
@@ -299,7 +310,7 @@ def _compress(axes: Axes, values: np.ndarray) -> str:
     return f"log beyond ±{threshold:g}"
 
 
-def _plot_limits(axes: Axes, run: Run, kind: str, rows: slice, values: np.ndarray) -> None:
+def _plot_limits(axes: Axes, run: Run, kind: str, rows: Sequence[int], values: np.ndarray) -> None:
     """Draw the limits of the current stage that are not far off the values."""
     time = np.array([edge for span in run.spans for edge in (span.start, span.end)])
     limits = [run.problem.stages[span.index].limits for span in run.spans for _ in ("start", "end")]
@@ -323,11 +334,11 @@ def distinct_limits(sides: Sequence[np.ndarray], values: np.ndarray) -> np.ndarr
 def plot_errors(run: Run) -> Figure:
     """Plot how far base and arms are from the current stage's target, in the coordinates the stage controls.
 
-    A curve is the largest error of a group of coordinates: base position [m], base angle [rad], and of each arm its
-    joints [rad], or the position [m] and angle [rad] of its end-effector, by what the stage controls. If the end
-    condition asks for some coordinates of a group, only those count, and a line shows their tolerance. What neither
-    weights nor the end condition ask for has no curve. Where the target is a trajectory, the error is against its
-    present value. The axes are logarithmic.
+    A curve is the largest error of a group of coordinates: base position [m], base angle [rad], and of each arm the
+    joints that turn [rad] and those that slide [m], or the position [m] and angle [rad] of its end-effector, by what
+    the stage controls. If the end condition asks for some coordinates of a group, only those count, and a line shows
+    their tolerance. What neither weights nor the end condition ask for has no curve. Where the target is a trajectory,
+    the error is against its present value. The axes are logarithmic.
     """
     curves = list(error_curves(run))
     kinds = sorted({curve.angular for curve in curves})
@@ -371,6 +382,7 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
     """Yield the errors against the current stage's target that it asks for, stage by stage, for `plot_errors`."""
     motion = run.motion
     parts = run.problem.model.spec.parts
+    sliding = run.problem.model.spec.sliding
     for span in run.spans:
         inside = (motion.time > span.start) & (motion.time < span.end)
         time = np.r_[span.start, motion.time[inside], span.end]
@@ -382,7 +394,8 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
         first_row = 0
         for part, axes in axes_of(parts, stage.space).items():
             for angular in (False, True):
-                rows = [row for row, axis in enumerate(axes, start=first_row) if (axis not in POSITION_AXES) == angular]
+                is_angle = [units_of(part, axis, sliding) != LENGTH for axis in axes]
+                rows = [row for row, each in enumerate(is_angle, start=first_row) if each == angular]
                 rows_in_end = [row for row in rows if row in tolerances]
                 if asked := rows_in_end or [row for row in rows if stage.asked[row]]:
                     largest = errors[:, asked].max(axis=1)

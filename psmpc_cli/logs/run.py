@@ -14,7 +14,17 @@ import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
 from psmpc_cli.logs.files import check_output, kind_of, new_image, read_array, read_attributes, read_file, write_new
-from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
+from psmpc_cli.logs.schema import (
+    COLUMN_UNITS,
+    COMPARISON,
+    Q_COORDINATE,
+    RUN,
+    Column,
+    columns,
+    layout,
+    sliding_of,
+    units_of_columns,
+)
 from psmpc_cli.logs.summary import Summary, early_starts
 from psmpc_cli.logs.walk import RUNS, misfit
 from psmpc_cli.logs.write import create_log
@@ -383,7 +393,11 @@ class Run:
         except ImportError:
             raise InputError("found no xarray, which Run.to_xarray needs: pip install xarray") from None
         sampled = self._columns_along("time")
-        about = {column: {"units": column.units, "long_name": column.long_name} for column in sampled}
+        about: dict[Column, dict[str, Any]] = {}
+        for column in sampled:
+            about[column] = {"units": column.units, "long_name": column.long_name}
+            if len(column.dims) == 2 and len({*self._units_of_columns(column)}) > 1:
+                about[column][COLUMN_UNITS] = self._units_of_columns(column)
         variables = {column.path: (column.dims, self[column.path], about[column]) for column in sampled}
         names = {dim: self[dim] for column in sampled for dim in column.dims}
         return xarray.Dataset(variables, names, dict(self.attributes))
@@ -398,6 +412,11 @@ class Run:
         found = columns(dim, self.Q_has_a_scale)
         return tuple(column for column in found if column.path in self.arrays and not column.ragged)
 
+    def _units_of_columns(self, column: Column) -> list[str]:
+        """Return the unit of each column of a dataset of two dimensions."""
+        names = self[column.dims[-1]].tolist()
+        return units_of_columns(column, names, sliding_of(self.attributes)) or [column.units] * len(names)
+
     def _table(self, dim: str, without: str = "") -> dict[str, Array]:
         """Build the table of everything along a dimension, for a CSV file: columns by heading.
 
@@ -409,11 +428,15 @@ class Run:
         for column in self._columns_along(dim):
             name = column.path.removeprefix(without)
             values = self[column.path]
-            if values.ndim == 1:
-                table[name if column.units == "1" else f"{name} [{column.units}]"] = values
-            else:
+            headings = {name: column.units}
+            if values.ndim > 1:
                 labels = (label if isinstance(label, str) else f"{label:g}" for label in self[column.dims[1]])
-                table |= {f"{name}/{label}": each for label, each in zip(labels, values.T, strict=True)}
+                headings = {
+                    f"{name}/{label}": unit for label, unit in zip(labels, self._units_of_columns(column), strict=True)
+                }
+            of_headings = values.T if values.ndim > 1 else [values]
+            for (heading, unit), each in zip(headings.items(), of_headings, strict=True):
+                table[heading if unit == "1" else f"{heading} [{unit}]"] = each
         return table
 
 

@@ -3,7 +3,7 @@
 Writer, reader, CSV export and the tables of docs/log.md follow it: a new logged quantity is one row of `SCHEMA`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from operator import attrgetter
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from psmpc_cli.control.interface import Command
 from psmpc_cli.plant import Ticks
 from psmpc_cli.specs.object import GRASP_LOADS
+from psmpc_cli.specs.parts import ANGLE, LENGTH, PURE_NUMBER, units_of
 
 FORMAT_VERSION = 5
 """Changes when a reader of the old format would misread the new one."""
@@ -248,17 +249,39 @@ POSITION_UNITS = "m, rad"
 VELOCITY_UNITS = "m/s, rad/s"
 ACCELERATION_UNITS = "m/s^2, rad/s^2"
 FORCE_UNITS = "N, N m"
+OF_COORDINATES = (
+    "coordinate",
+    Q_COORDINATE,
+    "pose_coordinate",
+    "momentum",
+    "object_coordinate",
+    "object_axis",
+    "grasp_axis",
+    "grasp/measure",
+)
+"""Scales whose entries are lengths and angles, so that columns along them have units of their own."""
+
+COLUMN_UNITS = "column_units"
+"""Attribute of datasets along such a scale: the unit of each of their columns."""
+
 EFFORT_UNITS = "m^2/s^3, rad^2/s^3"
 
 PEAKS = {
     "base_force": ("N", "largest norm of the force on the base"),
     "base_torque": ("N m", "largest norm of the torque on the base"),
-    "joint_torque": ("N m", "largest torque of a joint"),
+    "joint_torque": ("N m", "largest torque of a joint that turns"),
     "base_acceleration": ("m/s^2", "largest norm of the base's commanded linear acceleration"),
     "base_angular_acceleration": ("rad/s^2", "largest norm of the base's commanded angular acceleration"),
-    "joint_acceleration": ("rad/s^2", "largest commanded acceleration of a joint"),
+    "joint_acceleration": ("rad/s^2", "largest commanded acceleration of a joint that turns"),
 }
-"""Units and meanings of the largest forces and commanded accelerations at ticks."""
+SLIDING_PEAKS = {
+    "sliding_force": ("N", "largest force of a joint that slides"),
+    "sliding_acceleration": ("m/s^2", "largest commanded acceleration of a joint that slides"),
+}
+"""Units and meanings of the largest forces and commanded accelerations at ticks; the latter of joints that slide."""
+
+SLIDING = "sliding"
+"""Attribute of logs: the names of the joint coordinates that are lengths, after commas."""
 
 _sampled = partial(_column, dims=("time",))
 _sampled_count = partial(_column, dims=("time",), dtype="i4")
@@ -405,6 +428,10 @@ SCHEMA = (
     _sampled("effort/base_force", "N s", "integral of the norm of the base force"),
     _sampled("effort/base_torque", "N m s", "integral of the norm of the base torque"),
     *(_sampled(f"peak/{name}", unit, f"{meaning} until the next sample") for name, (unit, meaning) in PEAKS.items()),
+    *(
+        _sampled(f"peak/{name}", unit, f"{meaning} until the next sample", only=SLIDING)
+        for name, (unit, meaning) in SLIDING_PEAKS.items()
+    ),
     _sampled_velocities("deviation/Q", POSITION_UNITS, "generalized coordinates at the next sample less the plan's"),
     _sampled_velocities("deviation/Qdot", VELOCITY_UNITS, "generalized velocities at the next sample less the plan's"),
     _by_stage("deviation/end", "1", "error of an end condition over its tolerance, where its stage ends"),
@@ -519,6 +546,30 @@ SCHEMA = (
 
 MOMENTUM = {2: ("x", "y", "angular"), 3: ("x", "y", "z", "angular_x", "angular_y", "angular_z")}
 """Components of the momentum in the plane and in space: linear, and angular about the inertial origin."""
+
+
+def sliding_of(attributes: Mapping[str, Any]) -> list[str]:
+    """Return the names of the joint coordinates that are lengths, from the attributes of a log."""
+    return [name for name in str(attributes.get(SLIDING, "")).split(", ") if name]
+
+
+def units_of_columns(column: Column, names: Sequence[str], sliding: Collection[str]) -> list[str] | None:
+    """Return the unit of each column of a dataset whose columns have different ones; None of any other.
+
+    Args:
+        column: The dataset, whose `units` are those of lengths and of angles.
+        names: The names of its columns.
+        sliding: Names of the joint coordinates that are lengths.
+    """
+    units = column.units.split(", ")
+    if column.is_scale or len(units) == 1 or column.dims[-1:] not in [(dim,) for dim in OF_COORDINATES]:
+        return None
+    if len(units) == len(names):
+        return units
+    of_length, of_angle = units
+    by_kind = {LENGTH: of_length, ANGLE: of_angle, PURE_NUMBER: "1"}
+    parts = (name.rpartition(".") for name in names)
+    return [by_kind[units_of(part, axis, sliding)] for part, _, axis in parts]
 
 
 @lru_cache

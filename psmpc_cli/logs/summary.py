@@ -1,17 +1,18 @@
 """The summary of a run: what is computed from the datasets of its log, given by their paths."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from psmpc_cli.logs.schema import PEAKS
+from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS, sliding_of
 from psmpc_cli.logs.verdicts import Arrays, position_of, summarize_clearance, verdicts, when_let_go
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.specs.object import GRASP_LOADS
+from psmpc_cli.specs.parts import CoordinateUnits
 from psmpc_cli.specs.robot import Limits
 from psmpc_cli.specs.task import PublishedRun, TaskSpec
 
@@ -63,13 +64,15 @@ class LimitSummary:
     Attributes:
         kind: `position` or `velocity`.
         coordinate: The coordinate that comes nearest to its limit.
-        margin: Its distance from the limit [m, rad] or [m/s, rad/s].
+        margin: Its distance from the limit.
+        unit: Of the margin.
         relative: The margin over half the distance of the two limits.
     """
 
     kind: str
     coordinate: str
     margin: float
+    unit: str
     relative: float
 
 
@@ -78,11 +81,12 @@ class Largest:
     """The largest value of a quantity.
 
     Attributes:
-        value: The value [m, rad, m/s, rad/s], or [1] for an end condition.
+        value: The value.
         where: The coordinate, its velocity, or the stage.
         time: When it occurred [s], or the time of the sample after which it was measured.
         sample: The sample in whose horizon, or after whose state, it occurred.
-        planned: Of a violated limit, by how much the plan of that sample violates it [m, rad, m/s, rad/s]; NaN of other
+        unit: Of the value.
+        planned: Of a violated limit, by how much the plan of that sample violates it, in the same unit; NaN of other
             quantities.
     """
 
@@ -90,6 +94,7 @@ class Largest:
     where: str
     time: float
     sample: int
+    unit: str = "1"
     planned: float = np.nan
 
 
@@ -150,13 +155,15 @@ class Summary:
         control_effort: Sum over samples of T_s |dv / T_s|^2, dv the integral of the commanded accelerations.
         squared_acceleration: Integral of |u|^2, which grows where the last interval before a switch shrinks.
         base_force, base_torque: Integrals of their norms [N s], [N m s].
-        peaks: Largest forces and commanded accelerations at a tick, by `PEAKS`; NaN where they are not known.
+        peaks: Largest forces and commanded accelerations at a tick, by `PEAKS` and `SLIDING_PEAKS`; NaN where there are
+            none, or they are not known.
         tightest_force: The largest force that the law commanded over its limit [1], which coordinate it is of, and the
             sample in which it was; None where forces have no limits, or are not known.
         saturated: Share of the time in which a force was cut at its limit [1]; NaN where forces have no limits.
         limits_dynamics: Some stage has a limit of forces or accelerations.
-        variation_base_position, variation_base_angle, variation_joints: Total variation of the control at the samples,
-            sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2].
+        variation_base_position, variation_base_angle, variation_joints, variation_sliding: Total variation of the
+            control at the samples, sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2], of
+            joints that turn [rad/s^2] and of those that slide [m/s^2].
         momentum_error, energy_error: Largest drift of the balances of momentum and energy.
         monitors: The verdicts.
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
@@ -198,38 +205,42 @@ class Summary:
         levels = arrays.get("levels/solved")
         self.basins = int(np.sum(basin > 0)) if np.any(basin >= 0) else None
         self.unsolved_levels = None if levels is None else int(np.sum(levels == 0))
-        self.limits = _limits(arrays, problem.stages)
+        self.limits = _limits(arrays, problem.stages, problem.model.units)
         self.control_effort = float(arrays["effort/control"].sum())
         self.squared_acceleration = float(arrays["effort/squared_acceleration"].sum())
         self.base_force = float(arrays["effort/base_force"].sum())
         self.base_torque = float(arrays["effort/base_torque"].sum())
-        self.peaks = {name: float(np.max(arrays[f"peak/{name}"], initial=0.0)) for name in PEAKS}
+        peaks = {name: arrays.get(f"peak/{name}", np.array([np.nan])) for name in (*PEAKS, *SLIDING_PEAKS)}
+        self.peaks = {name: float(np.max(values, initial=0.0)) for name, values in peaks.items()}
         coordinates = tuple(arrays["coordinate"])
         utilization = arrays.get("force/utilization", np.full((len(time), len(coordinates)), np.nan))
         saturated = arrays.get("force/saturated", np.zeros(0))
         self.tightest_force = largest(utilization, coordinates, time)
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
         self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
-        varied = variation(np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates)
-        self.variation_base_position, self.variation_base_angle, self.variation_joints = varied
+        varied = variation(
+            np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates, sliding_of(attributes)
+        )
+        self.variation_base_position, self.variation_base_angle, self.variation_joints, self.variation_sliding = varied
         self.momentum_error, self.energy_error = (
             float(np.max(np.abs(arrays[f"balance/{name}"]), initial=0.0)) if len(time) else np.nan
             for name in ("momentum", "energy")
         )
         self.distances = _distances(arrays)
+        units = {kind: [getattr(each, kind) for each in problem.model.units] for kind in ("position", "velocity")}
         velocities = tuple(f"{name} velocity" for name in coordinates)
         deviations = (
-            largest(np.abs(arrays["deviation/Q"]), coordinates, time),
-            largest(np.abs(arrays["deviation/Qdot"]), velocities, time),
+            largest(np.abs(arrays["deviation/Q"]), coordinates, time, units=units["position"]),
+            largest(np.abs(arrays["deviation/Qdot"]), velocities, time, units=units["velocity"]),
         )
         self.closing_samples = _closing_samples(arrays)
         elsewhere = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
         beyond = {"position": -arrays["margin/position"], "velocity": -arrays["margin/velocity"]}
         names = {"position": coordinates, "velocity": velocities}
-        violations = (_violation(arrays, kind, values, names[kind]) for kind, values in beyond.items())
+        violations = (_violation(arrays, kind, beyond[kind], names[kind], units[kind]) for kind in beyond)
         others = (
-            _violation(arrays, kind, np.where(elsewhere, values, np.nan), names[kind])
-            for kind, values in beyond.items()
+            _violation(arrays, kind, np.where(elsewhere, beyond[kind], np.nan), names[kind], units[kind])
+            for kind in beyond
         )
         self.off_plan = tuple(each for each in deviations if each is not None)
         self.beyond_limits = tuple(each for each in violations if each is not None and each.value > 0)
@@ -244,14 +255,17 @@ class Summary:
         return f"<Summary of {len(self.stages)} stages over {self.duration:g} s, {outcome}>"
 
 
-def variation(by_coordinate: np.ndarray, coordinates: tuple[str, ...]) -> tuple[float, float, float]:
-    """Sum the total variation of each coordinate (n,) over base position, base angle and joints."""
+def variation(
+    by_coordinate: np.ndarray, coordinates: tuple[str, ...], sliding: Collection[str] = ()
+) -> tuple[float, float, float, float]:
+    """Sum the total variation of each coordinate (n,) over base position, base angle, and joints that turn or slide."""
     of_base = np.array([name.startswith("base.") for name in coordinates], bool)
     of_position = np.array([name in ("base.x", "base.y", "base.z") for name in coordinates], bool)
     position = float(by_coordinate[of_position].sum())
     angle = float(by_coordinate[of_base & ~of_position].sum())
-    joints = float(by_coordinate[~of_base].sum())
-    return position, angle, joints
+    slides = np.array([name in sliding for name in coordinates], bool)
+    joints = float(by_coordinate[~of_base & ~slides].sum())
+    return position, angle, joints, float(by_coordinate[slides].sum())
 
 
 def early_starts(arrays: Arrays, threshold: float) -> np.ndarray:
@@ -310,7 +324,7 @@ def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
     )
 
 
-def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ...]:
+def _limits(arrays: Arrays, stages: tuple[Stage, ...], units: Sequence[CoordinateUnits]) -> tuple[LimitSummary, ...]:
     """Find the coordinate whose margin is smallest relative to its limit, of positions and of velocities."""
     tightest = []
     for kind in ("position", "velocity"):
@@ -323,7 +337,8 @@ def _limits(arrays: Arrays, stages: tuple[Stage, ...]) -> tuple[LimitSummary, ..
         relative = np.where(np.isfinite(margin), margin / np.where(has_two_limits, half_span, 1.0), np.inf)
         row, column = np.unravel_index(np.argmin(relative), relative.shape)
         coordinate = str(arrays["coordinate"][column])
-        tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), float(relative[row, column])))
+        unit = getattr(units[int(column)], kind)
+        tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), unit, float(relative[row, column])))
     return tuple(tightest)
 
 
@@ -357,9 +372,11 @@ def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:
     return seen, true
 
 
-def _violation(arrays: Arrays, kind: str, beyond: np.ndarray, names: Sequence[str]) -> Largest | None:
+def _violation(
+    arrays: Arrays, kind: str, beyond: np.ndarray, names: Sequence[str], units: Sequence[str]
+) -> Largest | None:
     """Find the largest violation of a kind of limit among (T, n), and how much of it the plan has; None without any."""
-    found = largest(beyond, names, arrays["time"])
+    found = largest(beyond, names, arrays["time"], units=units)
     if found is None:
         return None
     planned = -arrays[f"margin/planned_{kind}"][found.sample, list(names).index(found.where)]
@@ -380,7 +397,13 @@ def _distances(arrays: Arrays) -> tuple[float, ...]:
     return tuple(float(np.interp(t, time[is_known], distance[is_known])) for t in arrays["stages/switch_time"])
 
 
-def largest(values: np.ndarray, names: Sequence[str], time: np.ndarray, sample: int | None = None) -> Largest | None:
+def largest(
+    values: np.ndarray,
+    names: Sequence[str],
+    time: np.ndarray,
+    sample: int | None = None,
+    units: Sequence[str] | None = None,
+) -> Largest | None:
     """Find the largest value; None if all are NaN.
 
     Args:
@@ -388,9 +411,12 @@ def largest(values: np.ndarray, names: Sequence[str], time: np.ndarray, sample: 
         names: What each column is of.
         time: Times of the rows (T,) [s].
         sample: The sample that all rows are of; by default each row is of the sample of its number.
+        units: Units of the columns; by default they have none.
     """
     found = np.where(np.isnan(values), -np.inf, values)
     if not np.isfinite(found).any():
         return None
     row, column = (int(at) for at in np.unravel_index(int(np.argmax(found)), found.shape))
-    return Largest(float(found[row, column]), str(names[column]), float(time[row]), row if sample is None else sample)
+    unit = "1" if units is None else units[column]
+    at = row if sample is None else sample
+    return Largest(float(found[row, column]), str(names[column]), float(time[row]), at, unit)

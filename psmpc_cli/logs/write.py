@@ -18,7 +18,18 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import RunError
 from psmpc_cli.logs.files import image_of, replace_file, write_new
-from psmpc_cli.logs.schema import FORMAT_VERSION, Q_COORDINATE, RUN, Column, Sample, layout
+from psmpc_cli.logs.schema import (
+    COLUMN_UNITS,
+    FORMAT_VERSION,
+    OF_COORDINATES,
+    Q_COORDINATE,
+    RUN,
+    Column,
+    Sample,
+    layout,
+    sliding_of,
+    units_of_columns,
+)
 
 BETWEEN_WRITES = 0.5
 """Shortest time from one write to the next [s]."""
@@ -210,6 +221,10 @@ def create_log(
         dataset = _create(group, part, values.get(part.path))
         units = "1" if part.path in in_closeness else part.units
         dataset.attrs.update({"units": units, "long_name": part.long_name})
+        if not part.is_scale and part.dims[-1:] and part.dims[-1] in OF_COORDINATES:
+            names = group[part.dims[-1]].asstr()[:].tolist()
+            if by_column := units_of_columns(part, names, sliding_of(attributes)):
+                dataset.attrs[COLUMN_UNITS] = by_column
         if part.is_scale:
             dataset.make_scale(part.path.rpartition("/")[2])
             continue

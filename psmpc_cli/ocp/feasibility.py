@@ -27,10 +27,12 @@ from psmpc_cli.ocp.targets import clearance_remarks, cone_remarks, monitor_fault
 from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.reach import furthest_centre
 from psmpc_cli.robot.rotations import conjugate, log, product
+from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
-from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.parts import POSITION_AXES
-from psmpc_cli.specs.robot import labels
+from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.load import load_task as load_valid_task
+from psmpc_cli.specs.parts import LENGTH
+from psmpc_cli.specs.robot import labels, units
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 SLACK = 1e-9
@@ -46,13 +48,25 @@ SPEED_SLACK = 1e-6
 """By which a trajectory may be faster than a velocity limit [m/s, rad/s]: values are written with a few digits."""
 
 
-def load_feasible(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> Task:
-    """Load a task as `load_task` does, and make sure that nothing stands against it.
+def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), *, feasibility: bool = True) -> Task:
+    """Load a task and its robot, and make sure that nothing stands against it: what `psmpc check` rejects is an error.
+
+    Args:
+        reference: The name of a built-in task, the path of a file, or the task itself as a mapping of its keys.
+        set: Keys of the task to change: a mapping of paths to values, such as `{"controller.nodes": "auto"}` or
+            `{"stages.capture.priority": 10}`, or a sequence of texts `path=value` and options short for them.
+        feasibility: Whether start and targets within limits, poses within reach and the order of events count too,
+            which takes up to a second for long tasks of spatial robots. Without it a task that no run can complete
+            is loaded, and runs as it is.
 
     Raises:
-        SpecError: Something is wrong or stands against it; the message has all of it, located in the task's file.
+        InputError: The reference or the changes are of another type.
+        SpecError: Something is wrong with the task, the robot's file or a change, or stands against the task; the
+            message lists all of it, located in the task's file.
     """
-    return ensure_feasible(load_task(reference, set))
+    require("feasibility", feasibility, bool, "True or False")
+    task = load_valid_task(reference, set)
+    return ensure_feasible(task) if feasibility else task
 
 
 def ensure_feasible(task: Task) -> Task:
@@ -454,10 +468,7 @@ def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "posit
 
 def _number(task: Task, row: int, value: float, kind: str) -> str:
     """Write the position or velocity of a coordinate with its unit, angles in degrees."""
-    joint = row - task.robot.parts["base"]
-    base = labels(task.robot, "joint")[row].rpartition(".")[2] in POSITION_AXES
-    in_metres = base or (joint >= 0 and task.robot.joints[joint].prismatic)
-    written = f"{value:.6g} m" if in_metres else f"{np.degrees(value):.6g} deg"
+    written = f"{value:.6g} m" if units(task.robot)[row] == LENGTH else f"{np.degrees(value):.6g} deg"
     return written if kind == "position" else f"{written}/s"
 
 

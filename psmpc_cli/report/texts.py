@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
-from psmpc_cli.logs.schema import PEAKS
+from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS
 from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summary
 from psmpc_cli.logs.verdicts import NearestParts, Verdict
 from psmpc_cli.specs.object import GRASP_LOADS
@@ -37,7 +37,13 @@ def _solves(solves: SolveSummary) -> str:
 
 def _largest(*found: Largest | None) -> str:
     """Write the largest values that there are, each with where and when."""
-    return " / ".join(f"{each.where}: {each.value:.3g} at {each.time:.1f} s" for each in found if each is not None)
+    return " / ".join(_one_of_largest(each) for each in found if each is not None)
+
+
+def _one_of_largest(found: Largest) -> str:
+    """Write a largest value with its unit, where and when."""
+    unit = "" if found.unit == "1" else f" {found.unit}"
+    return f"{found.where}: {found.value:.3g}{unit} at {found.time:.1f} s"
 
 
 def _violations(*found: Largest) -> str:
@@ -50,7 +56,7 @@ def _cause(violation: Largest) -> str:
     share = violation.planned / violation.value
     if share > OF_PLAN:
         return "as planned"
-    return "off the plan" if share < 1 - OF_PLAN else f"{violation.planned:.3g} of it planned"
+    return "off the plan" if share < 1 - OF_PLAN else f"{violation.planned:.3g} {violation.unit} of it planned"
 
 
 def _beyond_limits(summary: Summary) -> str:
@@ -76,7 +82,9 @@ def _closing_speeds(capture: CaptureSummary) -> str:
 def _margin(summary: Summary, kind: str) -> str:
     """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
     found = (limit for limit in summary.limits if limit.kind == kind)
-    return next((f"{100 * each.relative:.3f} % ({each.margin:.1e}) {each.coordinate}" for each in found), "")
+    return next(
+        (f"{100 * each.relative:.3f} % ({each.margin:.1e} {each.unit}) {each.coordinate}" for each in found), ""
+    )
 
 
 def _closing_error(capture: CaptureSummary | None) -> str:
@@ -180,12 +188,14 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("integral of |u|^2", lambda run: run.squared_acceleration, 2, DETAIL),
     ("largest force, torque of the base [N, N m]", lambda run: _peaks(run, "base_force", "base_torque"), 0, ""),
     ("largest torque of a joint [N m]", lambda run: run.peaks["joint_torque"], 2, ""),
+    ("largest force, acceleration of a sliding joint [N, m/s^2]", lambda run: _peaks(run, *SLIDING_PEAKS), 0, ""),
     ("largest accelerations [m/s^2, rad/s^2, rad/s^2]", lambda run: _peaks(run, *ACCELERATIONS), 0, ""),
     ("base thrusters, force [N s]", lambda run: run.base_force or math.nan, 2, ""),
     ("base thrusters, torque [N m s]", lambda run: run.base_torque or math.nan, 2, ""),
     ("variation of u, base position [m/s^2]", lambda run: run.variation_base_position, 2, DETAIL),
     ("variation of u, base angle [rad/s^2]", lambda run: run.variation_base_angle, 2, DETAIL),
     ("variation of u, joints [rad/s^2]", lambda run: run.variation_joints, 2, DETAIL),
+    ("variation of u, sliding joints [m/s^2]", lambda run: run.variation_sliding or math.nan, 2, DETAIL),
     ("drift of momentum [N s]", lambda run: number(run.momentum_error, 1, "e"), 0, DETAIL),
     ("drift of the energy balance [J]", lambda run: number(run.energy_error, 1, "e"), 0, DETAIL),
 )
@@ -263,7 +273,8 @@ def describe_forces(summary: Summary) -> str:
     peaks = {name: peak for name, peak in summary.peaks.items() if math.isfinite(peak) and peak > 0}
     if summary.limits_dynamics or not peaks:
         return ""
-    asked_for = ", ".join(f"{name.replace('_', ' ')} {peak:.3g} {PEAKS[name][0]}" for name, peak in peaks.items())
+    units = {name: unit for name, (unit, _) in (PEAKS | SLIDING_PEAKS).items()}
+    asked_for = ", ".join(f"{name.replace('_', ' ')} {peak:.3g} {units[name]}" for name, peak in peaks.items())
     return f"no limit of forces or accelerations is declared; the largest are: {asked_for}"
 
 

@@ -32,6 +32,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.specs.geometry import Shape
 from psmpc_cli.specs.object import GRASP_LOADS
+from psmpc_cli.specs.parts import ANGLE, LENGTH
 from psmpc_cli.specs.robot import Attachment, Joint
 
 MAX_FRAMES = 3000
@@ -276,11 +277,11 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
     time = motion.time[frames]
     u = np.vstack([run.u, run.u[-1:]])[np.minimum(frames, len(run.u))]  # the end of the run has no control of its own
     tabs = {
-        "Velocities": _panels(model, time, motion.v[frames], ("m/s", "rad/s")),
-        "Controls": _panels(model, time, u, ("m/s²", "rad/s²"), stepped=True),
+        "Velocities": _panels(model, time, motion.v[frames], "velocity"),
+        "Controls": _panels(model, time, u, "acceleration", stepped=True),
         "Forces": _force_panels(run, frames),
         "Errors": _error_panels(run, frames),
-        "Coordinates": _panels(model, time, _angles(model, motion.Q[frames]), ("m", "rad")),
+        "Coordinates": _panels(model, time, _angles(model, motion.Q[frames]), "position"),
         "Stages": _stage_panels(run),
         "Grasp": _grasp_panels(run) if "grasp/pull" in run else (),
         "Clearance": _clearance_panels(run) if has_distances(run) else (),
@@ -302,33 +303,41 @@ def _panels(
     model: RobotModel,
     time: np.ndarray,
     values: np.ndarray,
-    units: tuple[str, str],
+    quantity: str,
     stepped: bool = False,
     limits: Sequence[np.ndarray] = (),
+    of_base_position: str = "",
 ) -> Iterator[Json]:
     """Yield a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s].
+
+    An arm with joints that slide has a panel of these besides.
 
     Args:
         model: The robot.
         time: The times.
         values: The values.
-        units: Of linear and of angular coordinates.
+        quantity: What they are, as `CoordinateUnits` names it.
         stepped: Whether a value is held until the next one.
         limits: Lower and upper limits of the values (T, n), infinite where there are none.
+        of_base_position: What is added to the unit of the base's linear coordinates.
     """
     base = model.parts["base"].stop
     d = model.dimension
-    angles = ("θ",) if d == 2 else ("yaw", "pitch", "roll") if units[0] == "m" else ("x", "y", "z")
-    panels: list[tuple[str, slice, Sequence[str]]] = [
-        (f"base ({units[0]})", slice(d), "xyz"[:d]),
-        (f"base ({units[1]})", slice(d, base), angles),
+    angles = ("θ",) if d == 2 else ("yaw", "pitch", "roll") if quantity == "position" else ("x", "y", "z")
+    linear, angular = (getattr(each, quantity).replace("^2", "²") for each in (LENGTH, ANGLE))
+    panels: list[tuple[str, Sequence[int], Sequence[str]]] = [
+        (f"base ({linear}{of_base_position})", range(d), "xyz"[:d]),
+        (f"base ({angular})", range(d, base), angles),
     ]
-    for name, rows in list(model.parts.items())[1:]:
-        joints = [f"joint {number + 1}" for number in range(rows.stop - rows.start)]
-        panels.append((f"{style.readable(name)} ({units[1]})", rows, joints))
+    for name, own in list(model.parts.items())[1:]:
+        for units, unit in ((ANGLE, angular), (LENGTH, linear)):
+            found = [row for row in range(own.start, own.stop) if model.units[row] == units]
+            if found:
+                joints = [f"joint {row - own.start + 1}" for row in found]
+                panels.append((f"{style.readable(name)} ({unit})", found, joints))
     for label, rows, names in panels:
         drawn = distinct_limits([each[:, rows] for each in limits], values[:, rows]).T if limits else ()
-        curves = zip(names, values.T[rows], strict=True)
+        curves = zip(names, values[:, rows].T, strict=True)
         yield _panel(label, time, curves, [("limit", each) for each in drawn], stepped=stepped)
 
 
@@ -337,14 +346,14 @@ def _force_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
     model = run.problem.model
     samples = frames[frames < len(run.time)]
     F = run["force/F"][samples]
-    unit = "N"
+    note = ""
     if limits_base_force(run):
-        unit = "N, own axes"
+        note = ", own axes"
         F = along_base_axes(model, run.Q[samples], F)
     of_samples = [run.problem.stages[stage].limits for stage in run["window/first"][samples]]
     limits = [np.array([getattr(each, f"force_{side}") for each in of_samples]) for side in ("low", "high")]
     if np.isfinite(F).any():
-        yield from _panels(model, run.time[samples], F, (unit, "N m"), limits=limits)
+        yield from _panels(model, run.time[samples], F, "force", limits=limits, of_base_position=note)
 
 
 def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:

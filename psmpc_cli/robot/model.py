@@ -18,7 +18,8 @@ from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.load import load_robot as load_robot_spec
-from psmpc_cli.specs.robot import RobotSpec, labels
+from psmpc_cli.specs.parts import CoordinateUnits
+from psmpc_cli.specs.robot import RobotSpec, labels, units
 
 Array = NDArray[np.float64]
 
@@ -95,6 +96,11 @@ class RobotModel:
     def names(self) -> tuple[str, ...]:
         """Names of the generalized coordinates, (n,): `base.x`, ..., `arm_1.1`, ..."""
         return labels(self.spec, "joint")
+
+    @cached_property
+    def units(self) -> tuple[CoordinateUnits, ...]:
+        """Units of the generalized coordinates and of what belongs to them, (n,)."""
+        return units(self.spec)
 
     @cached_property
     def dynamics(self) -> Dynamics:

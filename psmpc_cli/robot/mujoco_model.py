@@ -43,8 +43,10 @@ def mujoco_spec(
     robot.option.gravity = [0, 0, 0]
     robot.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     base, *links = spec.bodies
-    added: list[Any] = [robot.worldbody.add_body(name=base.name, **_inertial(base, known, 0))]
-    if spec.moved_by.moves:
+    moves = spec.moved_by.moves
+    # a fixed base may have no mass, which MuJoCo only takes of a body that says nothing of it
+    added: list[Any] = [robot.worldbody.add_body(name=base.name, **(_inertial(base, known, 0) if moves else {}))]
+    if moves:
         _let_move(added[0], "base", spec.dimension)
     added[0].add_site(name="base")
     for number, (link, joint) in enumerate(zip(links, spec.joints, strict=True), start=1):

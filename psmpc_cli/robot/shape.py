@@ -34,7 +34,9 @@ class RobotShape:
     def __init__(self, spec: RobotSpec) -> None:
         arms = (float(np.linalg.norm(spec.link_ends(arm), axis=1).sum()) for arm in spec.arms)
         longest = max(arms, default=0.0)
-        self.box, self.box_frame = _planar_box(spec, longest) if spec.dimension == 2 else _solid_box(spec.bodies[0])
+        self.box, self.box_frame = (
+            _planar_box(spec, longest) if spec.dimension == 2 else _solid_box(spec.bodies[0], 0.1 * longest)
+        )
         self.reach = max(longest, float(np.linalg.norm(self.box)))
         self.radius = THICKNESS * self.reach
         ends: list[list[Sequence[Sequence[float]]]] = [[] for _ in spec.bodies]
@@ -62,8 +64,13 @@ def _planar_box(spec: RobotSpec, longest: float) -> tuple[Array, Array]:
     return np.array([*np.maximum(half, 0.6 * half.max()), 0.12 * longest]), np.eye(4)
 
 
-def _solid_box(base: Body) -> tuple[Array, Array]:
-    """Return half edges and frame of the solid box with mass, centre of mass and inertia of a body."""
+def _solid_box(base: Body, half: float) -> tuple[Array, Array]:
+    """Return half edges and frame of the solid box with mass, centre of mass and inertia of a body; a cube if massless.
+
+    A massless body has `half` as half edges of its cube [m].
+    """
+    if not base.mass:
+        return np.full(3, half), np.eye(4)
     xx, yy, zz, xy, xz, yz = base.inertia
     moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     if not (xy or xz or yz):

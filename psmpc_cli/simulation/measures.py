@@ -111,9 +111,9 @@ class Meter:
         u = np.array([each[0] for each in applied])
         ends = np.array([each.X[-1] for each in ticks])
         charted = [chart.entered(each.X) for each in ticks]
-        force, torque, joint_torque = self._norms(np.array([each.F for each in ticks]))
+        force, torque, joint_torque, sliding_force = self._norms(np.array([each.F for each in ticks]))
         accelerations = np.array(applied)
-        linear, angular, joint = self._norms(accelerations)
+        linear, angular, joint, sliding = self._norms(accelerations)
         own = accelerations * model.actuated  # a base without thrusters has no control
         # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
         mean = own.mean(axis=1)
@@ -152,6 +152,8 @@ class Meter:
             "peak/base_acceleration": linear.max(axis=1),
             "peak/base_angular_acceleration": angular.max(axis=1),
             "peak/joint_acceleration": joint.max(axis=1),
+            "peak/sliding_force": sliding_force.max(axis=1),
+            "peak/sliding_acceleration": sliding.max(axis=1),
             "deviation/Q": deviation[:, :n],
             "deviation/Qdot": deviation[:, n:],
             "deviation/end": [{stage: error for stage, (error, _) in each.items()} for each in at_ends],
@@ -194,14 +196,19 @@ class Meter:
             "clearance/margin": smallest - meter.margins[stage],
         }
 
-    def _norms(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return linear and angular norms of the base's forces or rates (K, M, n), and the joints' largest (K, M)."""
+    def _norms(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return linear and angular norms of the base's forces or rates (K, M, n), and the joints' largest (K, M).
+
+        The largest are those of the joints that turn, and of those that slide.
+        """
         d = self._problem.model.dimension
         of_base = values[..., self._base]
-        joints = np.delete(values, self._base, axis=-1)
+        joints = np.abs(np.delete(values, self._base, axis=-1))
+        slide = np.array([joint.prismatic for joint in self._problem.model.spec.joints], bool)
         linear = np.linalg.norm(of_base[..., :d], axis=-1)
         angular = np.linalg.norm(of_base[..., d:], axis=-1)
-        return linear, angular, np.abs(joints).max(axis=-1, initial=0.0)
+        turning, sliding = (joints[..., chosen].max(axis=-1, initial=0.0) for chosen in (~slide, slide))
+        return linear, angular, turning, sliding
 
     def _kept(self, stage: int, x: np.ndarray) -> np.ndarray:
         """Return momentum [N s, N m s] and energy [J] of the robot at states (K, nq + n) in a stage, (K, 4 or 7)."""

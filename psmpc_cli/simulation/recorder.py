@@ -18,7 +18,7 @@ from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.run import Run, read_run, run_in
-from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, Sample
+from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, SLIDING, Sample
 from psmpc_cli.logs.verdicts import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.library import describe_compiler, describe_processor, make_all
@@ -218,6 +218,7 @@ def header(loop: RecordedLoop) -> Header:
         "disturbance": task.controller.offset_free,
         "drawn": uncertainty is not None,
         Q_COORDINATE: bool(of_Q),
+        SLIDING: bool(loaded.robot.sliding),
         "object": capture is not None,
         "object at ticks": capture is not None and task.log.ticks,
     }
@@ -238,6 +239,7 @@ def header(loop: RecordedLoop) -> Header:
             "horizon": task.controller.horizon,
             "nodes": task.controller.nodes,
             "onset": task.onset.kind,
+            SLIDING: ", ".join(name for name in labels(loaded.robot, "joint") if name in loaded.robot.sliding),
             "seed": task.seed,
             "digest": loaded.digest,
             "task_yaml": loaded.task_yaml,

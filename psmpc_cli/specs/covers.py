@@ -1,5 +1,6 @@
 """Capsules that together cover a body, and how far they reach beyond it: boxes, and convex hulls of meshes."""
 
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -10,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import quoted
+from psmpc_cli.specs.document import LARGEST, quoted
+
+logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -26,6 +29,13 @@ MESH_ENDINGS = (".stl", ".obj")
 LARGEST_MESH = 2**25
 MOST_VERTICES = 200_000
 """Bytes and vertices of a mesh."""
+
+MANY_VERTICES = 20_000
+"""Vertices of a mesh that take seconds, which the library's logger says."""
+
+MOST_POINTS = 1000
+DIRECTIONS = 250
+"""Points of a hull up to which all of them count, and the directions whose outermost points stand for more."""
 
 WIDER = (1.0, 1.02, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75)
 """Radii of a capsule about a mesh that are tried, in its least one: a wider one may be shorter."""
@@ -124,16 +134,26 @@ def read_mesh(path: Path) -> Mesh:
     except OSError as error:
         raise SpecError(f"found no readable file {quoted(path.name)} ({error.strerror}), {wanted}") from None
     try:
-        loaded = trimesh.load_mesh(BytesIO(content), file_type=path.suffix.lower()[1:], skip_materials=True)
-        vertices = np.array(loaded.vertices, dtype=float)
-        is_closed = bool(loaded.is_watertight)
+        kind = path.suffix.lower()[1:]
+        loaded = trimesh.load_mesh(BytesIO(content), file_type=kind, skip_materials=True, process=False)
+        largest = float(np.abs(loaded.vertices).max(initial=0.0))  # NaN if any is; processing drops what is not finite
+        scale = 1.0
+        if largest <= LARGEST:
+            scale = 2.0 ** max(0, np.ceil(np.log2(max(largest, 1.0) / 1e6)))  # beyond, trimesh merges what is apart
+            loaded.vertices /= scale
+            loaded.merge_vertices()
+        vertices = scale * np.array(loaded.vertices, dtype=float)
+        is_closed = largest <= LARGEST and bool(loaded.is_watertight)
     except Exception as error:  # whatever its readers stumble over
         raise SpecError(f"found no mesh in {quoted(path.name)} ({type(error).__name__}), {wanted}") from None
     if not len(vertices):
         raise SpecError(f"found no triangles in {quoted(path.name)}, {wanted}")
+    if not largest <= LARGEST:
+        found = f"found a vertex at {largest:g} in {quoted(path.name)}"
+        raise SpecError(f"{found}, {wanted} with coordinates of at most {LARGEST:g} in magnitude")
     if len(vertices) > MOST_VERTICES:
         raise SpecError(f"found {len(vertices)} vertices in {quoted(path.name)}, {wanted} of at most {MOST_VERTICES}")
-    if not np.isfinite(vertices).all() or np.linalg.matrix_rank(vertices - vertices[0]) < 2:
+    if np.linalg.matrix_rank(vertices - vertices[0]) < 2:
         raise SpecError(f"found triangles without an area in {quoted(path.name)}, {wanted}")
     return Mesh(vertices, is_closed)
 
@@ -149,6 +169,8 @@ def cover_mesh(vertices: Array) -> Cover:
     ends of the capsules: radius + (signed distance of an end to the hull), which is exact inside the hull, and of ends
     outside an upper bound.
     """
+    if len(vertices) > MANY_VERTICES:
+        logger.info("covering the convex hull of %d vertices by capsules", len(vertices))
     hull = _Hull(vertices)
     covers = []
     longest = np.inf
@@ -190,6 +212,8 @@ class _Hull:
     Attributes:
         points: Those that matter (., 3).
         planes: Outward normals and minus offsets of its facets (., 4); none if it is flat.
+        outermost: Of many points those that are the outermost in some direction, of few ones all (., 3). Their hull is
+            inside the whole one, so that distances to it are upper bounds.
     """
 
     def __init__(self, points: Array) -> None:
@@ -202,6 +226,7 @@ class _Hull:
         except (QhullError, ValueError):
             self.points = np.unique(points, axis=0)
             self.planes = np.zeros((0, 4))
+        self.outermost = _outermost(self.points) if len(self.points) > MOST_POINTS else self.points
 
     def frames(self) -> Iterator[Array]:
         """Give axes of boxes about it, as columns (3, 3): its own, and those of the box with the least volume."""
@@ -209,7 +234,12 @@ class _Hull:
 
         yield np.eye(3)
         if len(self.planes):
-            to_box, _ = oriented_bounds(self.points)
+            size = np.ptp(self.points, axis=0).max()  # it takes all that is small in metres for flat
+            try:
+                with np.errstate(all="ignore"):
+                    to_box, _ = oriented_bounds(self.outermost / size)
+            except Exception:  # it finds no box about what is much thinner than wide; the first one has to do
+                return
             yield np.asarray(to_box)[:3, :3].T
 
     def signed_distance(self, point: Array) -> float:
@@ -221,6 +251,24 @@ class _Hull:
             if depth <= 0:
                 return depth
         # the nearest point as a mean of the hull's points, whose shares are at least 0 and add up to 1
-        heavy = 1e3 * float(np.abs(self.points - point).max())
-        shares, _ = nnls(np.vstack([(self.points - point).T, np.full(len(self.points), heavy)]), [0, 0, 0, heavy])
-        return float(np.linalg.norm(shares @ (self.points - point) / shares.sum()))
+        apart = self.outermost - point
+        heavy = 1e3 * float(np.abs(apart).max())
+        try:
+            shares, _ = nnls(np.vstack([apart.T, np.full(len(apart), heavy)]), [0, 0, 0, heavy])
+        except RuntimeError:  # of a body a million times as long as wide it may not converge
+            return float(np.linalg.norm(apart, axis=1).min())
+        return float(np.linalg.norm(shares @ apart / shares.sum()))
+
+
+def _outermost(points: Array) -> Array:
+    """Return the points (., 3) that are the outermost of many in some of `DIRECTIONS` directions, evenly spread."""
+    number = np.arange(DIRECTIONS) + 0.5
+    height = 1 - 2 * number / DIRECTIONS
+    turn = np.pi * (1 + np.sqrt(5)) * number  # a spiral by the golden angle
+    across = np.sqrt(1 - height**2)
+    directions = np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    directions = np.vstack([directions, np.eye(3), -np.eye(3)])
+    spread = np.ptp(points, axis=0)
+    scaled = (points - points.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
+    found = [(scaled @ some.T).argmax(axis=0) for some in np.array_split(directions, 16)]
+    return np.asarray(points[np.unique(np.concatenate(found))])

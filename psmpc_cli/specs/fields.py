@@ -35,6 +35,7 @@ NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 
 SECONDS_PATTERN = rf"^{DECIMAL} *s$"
 ANGLE_PATTERN = rf"^{DECIMAL} *(deg|rad|°)$"
+COORDINATE_PATTERN = rf"^{DECIMAL} *(m|deg|rad|°)$"
 
 FLAW = "flaw"
 """Type of every validation error of a `Spec`; its context holds the parts of the message."""
@@ -249,6 +250,31 @@ def number_or_angle(value: object) -> float:
     return number(value)
 
 
+def _coordinate(value: object) -> float:
+    """Return a finite number, a length with its unit in m, or an angle with its unit in rad; see `unit_errors`."""
+    if isinstance(value, str) and not re.fullmatch(COORDINATE_PATTERN, value):
+        raise expected("a number, an angle such as 30 deg, or a length such as 0.2 m")
+    is_length = isinstance(value, str) and value.endswith("m")
+    return number(float(str(value).rstrip(" m"))) if is_length else number_or_angle(value)
+
+
+def unit_errors(written: object, unit: str, turns: bool = True) -> RuleErrors:
+    """Give a number that is written with the unit of another kind of coordinate, or an angle that needs a unit.
+
+    Args:
+        written: The number as it is written; what is none has no flaws here.
+        unit: Of the coordinate: m, rad, or 1 for parts of a quaternion.
+        turns: Whether an angle beyond one turn needs its unit; not of a rate.
+    """
+    kind = {"m": "a length", "rad": "an angle"}.get(unit, "a number")
+    if isinstance(written, str) and re.fullmatch(COORDINATE_PATTERN, written):
+        if unit != ("m" if written.endswith("m") else "rad"):
+            example = {"m": ", such as 0.2 or 0.2 m", "rad": ", such as 0.5, 0.5 rad or 30 deg"}.get(unit, " alone")
+            yield (), expected(f"{kind}{example}")
+    elif unit == "rad" and turns:
+        yield from within_a_turn(written, {}, None)
+
+
 def within_a_turn(written: object, before: Fields, context: Any) -> RuleErrors:
     """Give an angle of more than a turn without a unit: degrees, most likely."""
     if isinstance(written, int | float) and abs(written) > 2 * math.pi * (1 + 1e-9):
@@ -275,10 +301,15 @@ def _intervals(value: object) -> object:
     return value
 
 
+def is_name(text: str) -> bool:
+    """Tell whether a text may be a name."""
+    return len(text) <= 60 and text.isprintable() and re.fullmatch(NAME_PATTERN, text) is not None
+
+
 def _name(value: object) -> str:
     if not isinstance(value, str):
         raise expected("a name (in quotes if it looks like a number)")
-    if len(value) > 60 or not value.isprintable() or not re.fullmatch(NAME_PATTERN, value):
+    if not is_name(value):
         raise expected("a name of at most 60 characters without . / \\ [ ] = : , and double spaces")
     return value
 
@@ -310,7 +341,7 @@ def listed(what: str, length: int | None = None) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _mirrored(value: object, read: Callable[[object], float] = number_or_angle) -> object:
+def _mirrored(value: object, read: Callable[[object], float] = _coordinate) -> object:
     """Return a number v as the pair (-v, v); a pair as it is."""
     if isinstance(value, list | tuple):
         return value
@@ -331,14 +362,24 @@ class _Or:
 
 
 _or_angle = _Or({"type": "string", "pattern": ANGLE_PATTERN})
+_or_unit = _Or({"type": "string", "pattern": COORDINATE_PATTERN})
 _not_tiny = ensure(lambda value: not 0 < value < 1e-12, "a number of at least 1e-12")
 
 Number = Annotated[float, BeforeValidator(number)]
 Positive = Annotated[float, Field(gt=0), BeforeValidator(number), _not_tiny]
 NotNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
+PositiveOrNone = Annotated[
+    float,
+    BeforeValidator(number),
+    _not_tiny,
+    ensure(lambda value: value >= 0, "a number greater than 0"),
+    WithJsonSchema({"type": "number", "minimum": 0}),
+]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
+Coordinate = Annotated[float, BeforeValidator(_coordinate), _or_unit]
+CoordinateWidth = Annotated[float, Field(gt=0), BeforeValidator(_coordinate), _not_tiny, _or_unit]
 Direction = Annotated[float, BeforeValidator(number_or_angle), holds(within_a_turn, as_written=True), _or_angle]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
 Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), _not_tiny, _or_angle]
@@ -354,7 +395,7 @@ Vector2 = Annotated[tuple[Number, Number], listed("2 entries", 2)]
 Vector3 = Annotated[tuple[Number, Number, Number], listed("3 entries", 3)]
 Angles3 = Annotated[tuple[Direction, Direction, Direction], listed("3 angles", 3)]
 Axis = Annotated[Vector3, ensure(lambda axis: abs(math.hypot(*axis) - 1) <= 1e-6, "an axis of length 1")]
-_Bounds = Annotated[tuple[Angle, Angle], listed("a pair [low, high]", 2)]
+_Bounds = Annotated[tuple[Coordinate, Coordinate], listed("a pair [low, high]", 2)]
 Interval = Annotated[_Bounds, ensure(lambda pair: pair[0] <= pair[1], "the lower bound first, [low, high]")]
 Rate = Annotated[
     _Bounds,
@@ -363,7 +404,7 @@ Rate = Annotated[
         lambda pair: pair[0] <= 0 <= pair[1],
         "a number of at least 0, or a pair [low, high] around 0: the robot must be able to rest",
     ),
-    _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": ANGLE_PATTERN}),
+    _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": COORDINATE_PATTERN}),
 ]
 Force = Annotated[
     tuple[Number, Number],
@@ -461,7 +502,7 @@ def _in_numbers(value: object, info: ValidationInfo) -> object:
 
 
 or_pose = BeforeValidator(_in_numbers)
-Numbers = Annotated[tuple[Angle, ...], or_pose]
+Numbers = Annotated[tuple[Coordinate, ...], or_pose]
 """Numbers of a part; those of a base or an end-effector in space may be written as a pose."""
 
-Row = Annotated[tuple[Angle, ...], listed("a list of numbers, one row of values for every time"), or_pose]
+Row = Annotated[tuple[Coordinate, ...], listed("a list of numbers, one row of values for every time"), or_pose]

@@ -55,26 +55,37 @@ def shown(path: Path) -> str:
     return str(path) if relative.startswith(os.pardir) else relative
 
 
-def read_text(path: Path) -> str:
-    """Read a regular UTF-8 file, with or without a byte order mark.
+def read_bytes(path: Path) -> bytes:
+    """Read a regular file.
 
     Raises:
-        SpecError: It is missing, unreadable, no regular file, too large or not UTF-8.
+        SpecError: It is missing, unreadable, no regular file or too large.
     """
-    wanted = f"a {'URDF' if path.suffix == '.urdf' else 'YAML'} file"
+    wanted = f"a {'URDF' if path.suffix.casefold() == '.urdf' else 'YAML'} file"
     try:
         if path.exists() and not path.is_file():
             raise SpecError(f"{path}: found {'a directory' if path.is_dir() else 'no regular file'}, expected {wanted}")
         if (size := path.stat().st_size) > LARGEST_FILE:
             raise SpecError(f"{path}: found {size} bytes, expected {wanted} of at most {LARGEST_FILE}")
-        return path.read_bytes().decode("utf-8-sig")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise SpecError(f"{path}: found no readable file ({reason}), expected {wanted}") from None
+
+
+def read_text(path: Path) -> str:
+    """Read a regular UTF-8 file, with or without a byte order mark.
+
+    Raises:
+        SpecError: It cannot be read, see `read_bytes`, or is not UTF-8.
+    """
+    content = read_bytes(path)
+    try:
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
         column = error.start - error.object.rfind(b"\n", 0, error.start)
         raise SpecError(f"{path}:{line}:{column}: found {error.reason}, expected UTF-8 text") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise SpecError(f"{path}: found no readable file ({reason}), expected {wanted}") from None
 
 
 def json_schema(kind: Kind) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
@@ -28,11 +29,11 @@ from psmpc_cli.specs.document import (
 )
 from psmpc_cli.specs.fields import faults_of, keys_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
-from psmpc_cli.specs.parts import MOBILITIES, Context
+from psmpc_cli.specs.parts import MOBILITIES, Context, Mobility
 from psmpc_cli.specs.priorities import priorities_of
 from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
-from psmpc_cli.specs.urdf import URDF_ENDINGS, Urdf, read_urdf, spatial_robot
+from psmpc_cli.specs.urdf import Urdf, is_xml, kind_of_xml, read_urdf, spatial_robot
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -95,6 +96,10 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = ()) -> T
     if isinstance(reference, Mapping):
         return _task(read("task", write(reference)), Path(), "task", set)
     path = find("task", reference)
+    if is_xml(path):
+        keys = ", ".join(_required_keys(TaskSpec))
+        found = f"found {kind_of_xml(path)}, expected a task: a YAML file with the keys {keys}"
+        raise SpecError(f"{shown(path)}: {found}; its key robot refers to a robot, which may be a URDF file")
     return _task(read(shown(path), read_text(path)), path.parent, printable(path.stem), set)
 
 
@@ -177,23 +182,36 @@ def kind_of_reference(reference: str | Path) -> Kind:
     Raises:
         SpecError: There is no such file, or it cannot be read.
     """
-    if Path(reference).suffix in URDF_ENDINGS or (
-        str(reference) in built_ins("robot") and not Path(reference).is_file()
-    ):
+    if str(reference) in built_ins("robot") and not Path(reference).is_file():
         return "robot"
     path = find("task", reference)
+    if is_xml(path):
+        return "robot"
     return _kind_of(read(shown(path), read_text(path))) or "task"
 
 
-def validate_robot(document: Document) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
-    """Return the robot that a document describes, None if it is not valid, and every fault of the document."""
+def validate_robot(document: Document, mobility: Mobility | None = None) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
+    """Return the robot that a document describes, None if it is not valid, and every fault of the document.
+
+    Args:
+        document: The robot's file.
+        mobility: What a task has instead of the robot's own mobility.
+    """
     spatial = "space" in mapping(document.data)
     for path in document.origins if not spatial else ():
         joint_of_link = len(path) == 5 and (path[0], path[2], path[4]) == ("arms", "links", "joint")
         if joint_of_link or (path == ("base", "inertia") and isinstance(document.value(path), list)):
             found = f'found {document.found(path)}, which only a robot in space has, and no key "space"'
             return None, (*document.faults, Fault(path, f"{found}; expected space: spatial at the top of the file"))
-    return _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, Context(document))
+    robot, faults = _validate(document, "robot", SpatialRobot if spatial else PlanarRobot, Context(document))
+    if robot is None:
+        return None, faults
+    robot = robot if mobility is None else robot.model_copy(update={"mobility": mobility})
+    if robot.moved_by.moves:
+        lacking = [("base", key) for key in ("mass", "inertia") if not np.any(getattr(robot.base, key))]
+        wanted = f"expected a number greater than 0: a {robot.mobility} base moves, only a fixed one may have none"
+        faults = tuple(Fault(path, f"found {document.found(path)}, {wanted}") for path in lacking)
+    return None if faults else robot, faults
 
 
 def _read_robot(path: Path) -> Document:
@@ -204,7 +222,7 @@ def _read_robot(path: Path) -> Document:
     Raises:
         SpecError: It cannot be read, or its URDF describes no robot or not what the file names.
     """
-    if path.suffix in URDF_ENDINGS:
+    if is_xml(path):
         document = replace(read(shown(path), f"urdf: {json.dumps(path.name)}"), text="")
     else:
         document = read(shown(path), read_text(path))
@@ -217,8 +235,11 @@ def _read_robot(path: Path) -> Document:
     built, sources = spatial_robot(urdf, file)
     notes = [f"{Path(file.urdf).name}, {note}" for note in urdf.notes]
     own = {key: value for key, value in mapping(document.data).items() if key not in ("urdf", "locked", "base", "arms")}
-    given = own.get("limits", {})
-    limits = built["limits"]
+    limits = built["limits"]  # but for what the file gives, by an arm's name or for every arm
+    given = {
+        part: {quantity: bounds for quantity, bounds in of_part.items() if bounds is not None}
+        for part, of_part in own.get("limits", {}).items()
+    }
     merged = {part: {**limits.get(part, {}), **given.get(part, {})} for part in {**limits, **given}}
     data = {**built, **own, "limits": merged, "assumed": notes}
     if shapes := {**built.get("geometry", {}), **mapping(own.get("geometry"))}:
@@ -244,14 +265,14 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
             source = _read_robot(find("robot", reference, robot))
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(("robot",), str(error))))
-    spec, robot_faults = (None, ()) if source is None else validate_robot(source)
     kind = document.value(("controller", "kind")) or document.value(("controller",))
     own = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
     mobility = own.value(("mobility",))
-    is_known = isinstance(mobility, str) and mobility in MOBILITIES
-    if spec is not None and is_known:
-        spec = spec.model_copy(update={"mobility": mobility})
-    of_robot = (spec.parts, spec.limits, spec.mobility if is_known or mobility is None else None) if spec else ()
+    of_task = next((each for each in MOBILITIES if each == mobility), None)
+    spec, robot_faults = (None, ()) if source is None else validate_robot(source, of_task)
+    of_robot = (
+        (spec.parts, spec.limits, spec.mobility if of_task or mobility is None else None, spec.sliding) if spec else ()
+    )
     task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))
     reports = [own.report(faults)]
     for other in CONTROLLERS:
@@ -279,11 +300,18 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     )
 
 
+def _required_keys(model: type[BaseModel]) -> list[str]:
+    """Return the keys that a description must have."""
+    return [name for name, field in keys_of(model).items() if field.is_required()]
+
+
 def _kind_of(document: Document) -> Kind | None:
     """Return whether a document describes a robot or a task by the keys that only one of them has, None if in doubt."""
     keys = set(mapping(document.data))
-    robot = bool(keys & {"arms", "base"})
-    task = bool(keys & {"stages", "skills", "robot"})
+    keys_of_robots = {key for model in (PlanarRobot, SpatialRobot, UrdfRobot) for key in keys_of(model)}
+    keys_of_tasks = set(keys_of(TaskSpec))
+    robot = bool(keys & (keys_of_robots - keys_of_tasks))
+    task = bool(keys & (keys_of_tasks - keys_of_robots))
     return None if robot == task else "robot" if robot else "task"
 
 
@@ -294,7 +322,7 @@ def _validate(
     data = document.data
     other = _kind_of(document)
     if not isinstance(data, dict) or other not in (kind, None):
-        required = [name for name, field in keys_of(model).items() if field.is_required()]
+        required = _required_keys(model)
         found = "an empty file" if data is None else f"the description of a {other}" if other else document.found(())
         wanted = f"found {found}, expected a {kind}: a mapping with the keys {', '.join(required)}"
         return None, document.faults or (Fault((), wanted),)

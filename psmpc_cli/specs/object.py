@@ -9,20 +9,22 @@ from pydantic import Discriminator, Field, Tag
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import mapping, quoted
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, holds, is_pose, known, listed, within_a_turn
-from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, holds, is_pose, known, listed, unit_errors
+from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension, units_of
 
 
-def _unit_of_angle(written: Any, before: Fields, context: Context) -> RuleErrors:
-    """Give an angle of a planar pose that needs a unit."""
-    if len(written) == len(TARGET_AXES[2]):
-        yield from (((2,), error) for _, error in within_a_turn(written[2], {}, None))
+def _units_of_pose(written: Any, before: Fields, context: Context) -> RuleErrors:
+    """Give numbers of a pose, or of its error, with the unit of another coordinate, and an angle that needs one."""
+    axes = next((axes for axes in (*TARGET_AXES.values(), *ERROR_AXES.values()) if len(axes) == len(written)), ())
+    for i, (axis, number) in enumerate(zip(axes, written, strict=False)):
+        unit = units_of("base", axis, ()).position
+        yield from (((i,), error) for _, error in unit_errors(number, unit, turns=axis == "theta"))
 
 
 PoseNumbers = Annotated[
-    tuple[fields.Angle, ...],
+    tuple[fields.Coordinate, ...],
     by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
-    holds(_unit_of_angle, as_written=True),
+    holds(_units_of_pose, as_written=True),
     fields.or_pose,
 ]
 """A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
@@ -66,9 +68,11 @@ class DestinationSpec(Spec):
     """Where the object has to be when it leaves the grippers, and how slow."""
 
     pose: PoseNumbers = Field(description="pose, as the object's")
-    tolerance: Annotated[tuple[fields.Width, ...], by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3]))] = Field(
-        description="how near, one number for each row of the pose's error [m, rad]"
-    )
+    tolerance: Annotated[
+        tuple[fields.CoordinateWidth, ...],
+        by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3])),
+        holds(_units_of_pose, as_written=True),
+    ] = Field(description="how near, one number for each row of the pose's error [m, rad]")
     speed: fields.Positive = Field(description="largest speed of its centre of mass [m/s]")
 
 

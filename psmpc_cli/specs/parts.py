@@ -1,6 +1,6 @@
 """Parts of a robot: the names of their coordinates, and the rules that numbers by part keep in any description."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import WrapValidator
 
 from psmpc_cli.specs.document import Document, Location, choice, counted, mapping
-from psmpc_cli.specs.fields import Fields, RuleErrors, expected, flaw, holds, within_a_turn
+from psmpc_cli.specs.fields import Fields, RuleErrors, expected, flaw, holds, unit_errors
 
 Space = Literal["joint", "task", "point"]
 """In which space a skill's cost is; each is the name of a file in `psmpc_cli.ocp.skills`."""
@@ -26,6 +26,22 @@ ERROR_AXES = {2: ("x", "y", "theta"), 3: ("x", "y", "z", "rx", "ry", "rz")}
 """The same as they are in velocities, limits and errors: in space the rotation vector."""
 
 POSITION_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class CoordinateUnits:
+    """Units of a coordinate and of what belongs to it."""
+
+    position: str
+    velocity: str
+    acceleration: str
+    force: str
+
+
+LENGTH = CoordinateUnits("m", "m/s", "m/s^2", "N")
+ANGLE = CoordinateUnits("rad", "rad/s", "rad/s^2", "N m")
+PURE_NUMBER = CoordinateUnits("1", "1/s", "1/s^2", "1")
+"""Units of lengths, of angles, and of the parts of a quaternion."""
 
 POINTING_AXES = {2: ("direction",), 3: ("direction_y", "direction_z")}
 """Rows of the error of an arm that points at a point: angles about the end-effector's axes."""
@@ -118,12 +134,14 @@ class Context:
         sizes: The parts of the task's robot and their numbers of coordinates; none if the robot is not valid.
         robot_limits: The robot's limits.
         mobility: What moves its base; None if what is written is none, which no further rule then judges.
+        sliding: Names of its joint coordinates that are lengths, such as `arm_1.2`.
     """
 
     file: Document
     sizes: Mapping[str, int] = field(default_factory=dict)
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
     mobility: Mobility | None = FREE_FLYING
+    sliding: Collection[str] = ()
 
     @property
     def moved_by(self) -> MobilityTraits:
@@ -175,6 +193,19 @@ def axes_of(parts: Mapping[str, int], space: Space, of_error: bool = True) -> di
     return axes
 
 
+def units_of(part: str, axis: str, sliding: Collection[str]) -> CoordinateUnits:
+    """Return the units of a coordinate, or of a row of an error or a target.
+
+    Args:
+        part: The part that it is of.
+        axis: Its name in the part.
+        sliding: Names of the joint coordinates that are lengths.
+    """
+    if axis in POSITION_AXES or f"{part}.{axis}" in sliding:
+        return LENGTH
+    return PURE_NUMBER if axis in TARGET_AXES[3] else ANGLE
+
+
 def keys_of(axes: Axes) -> tuple[str, ...]:
     """Return the keys that numbers by part may have: the parts, and `arms` but for a skill that is about no arm."""
     others = set(axes) & set(parts_of_skills())
@@ -205,17 +236,30 @@ def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
     return (*keys_of(axes), "all", *labels) if parts else ()
 
 
+@dataclass(frozen=True)
+class AsWritten:
+    """How the units of coordinates are judged where numbers are as they are written.
+
+    Attributes:
+        sliding: Names of the joint coordinates that are lengths.
+        turns: Whether angles beyond one turn need their unit, as in positions.
+    """
+
+    sliding: Collection[str]
+    turns: bool = False
+
+
 def part_faults(
-    numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, angles: bool = False
+    numbers: Any, axes: Axes, required: Collection[str] = (), one: bool = False, written: AsWritten | None = None
 ) -> RuleErrors:
-    """Give unknown and missing parts, wrong lengths and angles without a unit in numbers by part.
+    """Give unknown and missing parts, wrong lengths, and units of other coordinates in numbers by part.
 
     Args:
         numbers: Lists by part, or lists of such rows beside the key `times`; anything else has no flaws.
         axes: The names of the numbers of every part.
         required: The parts that must be there.
         one: Whether one number may stand for all of a part.
-        angles: Whether some of the numbers, as written, are angles, which need a unit beyond one turn.
+        written: How their units are judged; None where they are validated numbers, or have no units.
     """
     if not isinstance(numbers, Mapping):
         return
@@ -233,31 +277,40 @@ def part_faults(
             yield (key,), expected(f"{counted(len(times), 'row', 'rows')}, one for every entry of times")
         rows = {(key, i): each for i, each in enumerate(row)} if times else {(key,): row}
         for at, each in rows.items():
-            yield from misfit(at, each, key, axes, given, one, angles)
+            yield from misfit(at, each, key, axes, given, one, written)
 
 
-def in_joint_space(required: bool = False, one: bool = False, angles: bool = False) -> WrapValidator:
-    """Create the validator of numbers by part of Q (`angles`) or of v, all of its parts or some.
+def in_joint_space(required: bool = False, one: bool = False, positions: bool = False) -> WrapValidator:
+    """Create the validator of numbers by part of Q (`positions`) or of v, all of its parts or some.
 
     Further arguments are as for `part_faults`.
     """
 
     def rule(written: Any, before: Fields, context: Context) -> RuleErrors:
-        axes = axes_of(context.sizes, "joint", of_error=not angles)
-        yield from part_faults(written, axes, axes if required else (), one, angles)
+        axes = axes_of(context.sizes, "joint", of_error=not positions)
+        units = AsWritten(context.sliding, turns=positions)
+        yield from part_faults(written, axes, axes if required else (), one, units)
 
     return holds(rule, as_written=True)
 
 
 def misfit(
-    at: Location, row: Any, key: str, axes: Axes, given: Collection[str], one: bool = False, angles: bool = False
+    at: Location,
+    row: Any,
+    key: str,
+    axes: Axes,
+    given: Collection[str],
+    one: bool = False,
+    written: AsWritten | None = None,
 ) -> RuleErrors:
-    """Give a list of numbers, or of pairs, that part_faults a part its key stands for, and its angles without a unit.
+    """Give a list of numbers, or of pairs, that does not fit a part its key stands for, and units of other coordinates.
 
     Parts of `given` have lists of their own.
     """
     parts = [part for part in axes if stands_for(key, part) and (key == part or part not in given)]
     if not parts or not isinstance(row, list | tuple):
+        if written is not None and one:  # one number for all of the part
+            yield from unit_misfits(at, row, [(part, axis) for part in parts for axis in axes[part]], written)
         return
     for part in parts:
         if len(row) not in (len(axes[part]), 1 if one else None):
@@ -265,8 +318,21 @@ def misfit(
             length = counted(len(axes[part]), "entry", "entries")
             yield at, expected(f"{length} for {part}{named}{', or one' if one else ''}")
             break
-    for i, (axis, item) in enumerate(zip(axes[parts[0]], row, strict=False)):
-        if angles and (axis == "theta" or axis.isdigit()):
-            values = [((i, j), value) for j, value in enumerate(item)] if isinstance(item, list) else [((i,), item)]
-            for place, value in values:
-                yield from (((*at, *place), error) for _, error in within_a_turn(value, {}, None))
+    if written is None:
+        return
+    for i, item in enumerate(row):
+        stands_alone = one and len(row) == 1
+        meant = [(part, axis) for part in parts for axis in (axes[part] if stands_alone else axes[part][i : i + 1])]
+        values = [((i, j), value) for j, value in enumerate(item)] if isinstance(item, list) else [((i,), item)]
+        for place, value in values:
+            yield from unit_misfits((*at, *place), value, meant, written)
+
+
+def unit_misfits(at: Location, value: Any, coordinates: Sequence[tuple[str, str]], written: AsWritten) -> RuleErrors:
+    """Give what is wrong with the unit of a number that stands for coordinates, each a part and an axis; once."""
+    for part, axis in coordinates:
+        unit = units_of(part, axis, written.sliding).position
+        errors = [(at, error) for _, error in unit_errors(value, unit, written.turns)]
+        yield from errors
+        if errors:
+            return

@@ -15,22 +15,27 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed, unit_errors
 from psmpc_cli.specs.geometry import GEOMETRY, PlacedShape, ShapesByBody
 from psmpc_cli.specs.parts import (
+    ANGLE,
     ERROR_AXES,
     FREE_FLYING,
+    LENGTH,
     MOBILITIES,
     MOBILITY,
     QUANTITIES,
     RESERVED,
+    AsWritten,
     Context,
+    CoordinateUnits,
     Mobility,
     MobilityTraits,
     Space,
     axes_of,
     misfit,
     stands_for,
+    units_of,
 )
 
 Vector = NDArray[np.float64]
@@ -93,8 +98,10 @@ class Body:
 class Base(Spec):
     """The base body."""
 
-    mass: fields.Positive = Field(description="mass [kg]")
-    inertia: fields.Positive = Field(description="inertia about the centre of mass [kg m^2]")
+    mass: fields.PositiveOrNone = Field(description="mass, 0 of a fixed base alone [kg]")
+    inertia: fields.PositiveOrNone = Field(
+        description="inertia about the centre of mass, 0 of a fixed base alone [kg m^2]"
+    )
 
     @property
     def centre_of_mass(self) -> Triple:
@@ -112,6 +119,8 @@ class Mount(Spec):
 class Link(Base):
     """One rigid link."""
 
+    mass: fields.Positive = Field(description="mass [kg]")
+    inertia: fields.Positive = Field(description="inertia about the centre of mass [kg m^2]")
     a: fields.NotNegative = Field(description="joint to centre of mass [m]")
     b: fields.NotNegative = Field(description="centre of mass to the next joint or the tip [m]")
 
@@ -153,19 +162,22 @@ def _is_an_inertia(value: Six) -> Six:
     return value
 
 
-Inertia = Annotated[
+_Terms = Annotated[
     tuple[fields.Number, fields.Number, fields.Number, fields.Number, fields.Number, fields.Number],
     listed("3 principal moments, or 6 numbers: xx, yy, zz, xy, xz, yz", 6),
     BeforeValidator(lambda value: [*value, 0, 0, 0] if isinstance(value, list | tuple) and len(value) == 3 else value),
-    AfterValidator(_is_an_inertia),
 ]
+Inertia = Annotated[_Terms, AfterValidator(_is_an_inertia)]
+InertiaOrNone = Annotated[_Terms, AfterValidator(lambda value: _is_an_inertia(value) if any(value) else value)]
 
 
 class SpatialBase(Spec):
     """The base body of a spatial robot."""
 
-    mass: fields.Positive = Field(description="mass [kg]")
-    inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
+    mass: fields.PositiveOrNone = Field(description="mass, 0 of a fixed base alone [kg]")
+    inertia: InertiaOrNone = Field(
+        description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz), 0 of a fixed base alone [kg m^2]"
+    )
     centre_of_mass: fields.Vector3 = Field((0.0, 0.0, 0.0), description="in the body's frame [m]")
 
 
@@ -186,6 +198,8 @@ class SpatialJoint(SpatialTool):
 class SpatialLink(SpatialBase):
     """One rigid link of a spatial arm; its frame is that of its joint."""
 
+    mass: fields.Positive = Field(description="mass [kg]")
+    inertia: Inertia = Field(description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz) [kg m^2]")
     joint: SpatialJoint = Field(description="the joint that carries it")
 
 
@@ -232,9 +246,11 @@ class PartLimits(Spec):
 def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
     sizes = context.sizes
+    sliding = context.sliding
     mobility: str | None = context.mobility
     if "arms" in before:
         robot = mapping(context.file.data)
+        sliding = _sliding(before["arms"])
         sizes = _parts(len(ERROR_AXES[3 if "space" in robot else 2]), before["arms"])
         mobility = str(robot.get("mobility", FREE_FLYING))
     axes = axes_of(sizes, "joint")
@@ -245,7 +261,9 @@ def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
-            yield from misfit((key, quantity), bounds, key, axes, given, angles=quantity == "position")
+            yield from misfit(
+                (key, quantity), bounds, key, axes, given, written=AsWritten(sliding, turns=quantity == "position")
+            )
             if key == "base" and quantity == "position" and sizes.get(key) == 6:
                 limited = (i for i, pair in enumerate(bounds) if i >= 3 and pair is not None)
                 yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
@@ -256,6 +274,12 @@ def _unknown_parts(written: Mapping[str, Any], sizes: Mapping[str, int]) -> Rule
     known = [*sizes, "arms"]
     for key in (key for key in written if sizes and key not in known):
         yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)
+
+
+def _sliding(arms: Mapping[str, "Arm | SpatialArm"]) -> frozenset[str]:
+    """Return the names of joint coordinates that are lengths, such as `arm_1.2`."""
+    links = ((f"{name}.{i}", link) for name, arm in arms.items() for i, link in enumerate(arm.links, start=1))
+    return frozenset(name for name, link in links if isinstance(link, SpatialLink) and link.joint.kind == "prismatic")
 
 
 def _parts(base: int, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, int]:
@@ -301,6 +325,11 @@ def wider(
                 yield (key, quantity, index), expected(f"within {whose} [{least:.6g}, {most:.6g}]")
 
 
+def is_arm_name(name: str) -> bool:
+    """Tell whether an arm may have a name."""
+    return fields.is_name(name) and name not in RESERVED
+
+
 def _not_reserved(name: str) -> str:
     if name in RESERVED:
         raise expected(f"none of {', '.join(RESERVED)}", f"the reserved name {quoted(name)}", at_key=True)
@@ -339,6 +368,11 @@ class RobotSpec(Spec):
     def parts(self) -> dict[str, int]:
         """Names and numbers of velocity coordinates of the parts, in the order of v: `base`, then the arms."""
         return _parts(len(ERROR_AXES[self.dimension]), self.arms)
+
+    @property
+    def sliding(self) -> frozenset[str]:
+        """Names of the joint coordinates that are lengths, such as `arm_1.2`; the others are angles."""
+        return _sliding(self.arms)
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -424,6 +458,14 @@ class Tip(Spec):
     tip: _LinkName = Field(min_length=1, description="link whose frame is the end-effector")
 
 
+def _locked(written: Any, before: Fields, urdf: Any) -> RuleErrors:
+    """Give positions of joints in the unit of another kind, and angles without a unit."""
+    for name, at in written.items() if isinstance(written, Mapping) else ():
+        if name in urdf.joints:
+            unit = LENGTH if urdf.joints[name].type.slides else ANGLE
+            yield from (((name,), error) for _, error in unit_errors(at, unit.position))
+
+
 class UrdfRobot(Spec):
     """A robot file that takes bodies, joints and limits of joints from a URDF."""
 
@@ -432,7 +474,7 @@ class UrdfRobot(Spec):
     urdf: str = Field(min_length=1, description="path of the URDF, relative to this file")
     base: _LinkName | None = Field(None, description="the link that is the base, by default the root")
     arms: Mapping[ArmKey, Tip] | None = Field(None, description="the arms by name; by default every leaf that moves")
-    locked: Mapping[_JointName, fields.Angle] = Field(
+    locked: Annotated[Mapping[_JointName, fields.Coordinate], holds(_locked, as_written=True)] = Field(
         {}, description="positions of joints that belong to no arm, by name [rad, m]"
     )
     limits: Mapping[str, PartLimits] = Field(
@@ -510,6 +552,12 @@ def labels(robot: RobotSpec, space: Space, *, of_error: bool = True) -> tuple[st
     """Return the name of every row of the error, or of a target: `base.x`, `arm_1.2`."""
     axes = axes_of(robot.parts, space, of_error)
     return tuple(f"{part}.{axis}" for part in axes for axis in axes[part])
+
+
+def units(robot: RobotSpec, space: Space = "joint", *, of_error: bool = True) -> tuple[CoordinateUnits, ...]:
+    """Return the units of every row of the error, or of a target, in the order of `labels`; by default those of v."""
+    axes = axes_of(robot.parts, space, of_error)
+    return tuple(units_of(part, axis, robot.sliding) for part in axes for axis in axes[part])
 
 
 def rows(chosen: Sequence[str], robot: RobotSpec, space: Space) -> tuple[int, ...]:

@@ -27,6 +27,7 @@ from psmpc_cli.specs.geometry import (
 from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     SPACES,
+    AsWritten,
     Context,
     Mobility,
     Space,
@@ -36,6 +37,7 @@ from psmpc_cli.specs.parts import (
     part_faults,
     parts_of_skills,
     stands_for,
+    unit_misfits,
 )
 from psmpc_cli.specs.priorities import disagreements
 from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, limits_of_part, rows, stack, wider
@@ -48,8 +50,8 @@ _Aim = Annotated[
 _SkillPart = Annotated[
     str, known(lambda context: context.sizes and [*context.sizes, "arms", *parts_of_skills()], "part of the robot")
 ]
-_Control = fields.OrByPart[fields.Size, fields.Part, tuple[fields.Size, ...]]
-_Tolerance = fields.OrByPart[fields.Width, _SkillPart, fields.OneOrMore[fields.Width]]
+_Control = fields.OrByPart[fields.NotNegative, fields.Part, tuple[fields.NotNegative, ...]]
+_Tolerance = fields.OrByPart[fields.CoordinateWidth, _SkillPart, fields.OneOrMore[fields.CoordinateWidth]]
 _JointNames = fields.OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint"))]]
 _SkillName = Annotated[str, known(lambda context: context.spaces)]
 _StageName = Annotated[str, known(lambda context: context.stages)]
@@ -292,7 +294,7 @@ class SkillWeights(InlineParts):
     In YAML the parts, `control` and `force` stand side by side.
     """
 
-    parts: Mapping[_SkillPart, tuple[fields.Size, ...]] = {}
+    parts: Mapping[_SkillPart, tuple[fields.NotNegative, ...]] = {}
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
     force: fields.Sparse[_Control] = Field(
         0.0,
@@ -416,7 +418,8 @@ def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
     if (space := context.spaces.get(before.get("skill", ""))) is None:
         return
     axes = axes_of(context.sizes, space, of_error=False)
-    yield from part_faults(written, axes, context.required(SPACES[space].required or axes), angles=True)
+    required = context.required(SPACES[space].required or axes)
+    yield from part_faults(written, axes, required, written=AsWritten(context.sliding, turns=True))
     for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
@@ -482,6 +485,27 @@ def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
             yield (key, *at), error
 
 
+def _end_units(written: Any, before: Fields, context: Context) -> RuleErrors:
+    """Give tolerances and velocities of an end condition in the unit of another kind of coordinate."""
+    space = context.spaces.get(before.get("skill", ""))
+    if not context.sizes or space is None or not isinstance(written, Mapping):
+        return
+    axes = axes_of(context.sizes, space)
+    units = AsWritten(context.sliding)
+    names_of_rows = written.get("coordinates", ())
+    chosen = [names_of_rows] if isinstance(names_of_rows, str) else names_of_rows
+    every_row = [(part, axis) for part in axes for axis in axes[part]]
+    asked = [
+        row for row in every_row if {"all", ".".join(row)} & {*chosen} or any(stands_for(n, row[0]) for n in chosen)
+    ]
+    for key in ("tolerance", "velocity"):
+        numbers = written.get(key)
+        if isinstance(numbers, Mapping):
+            yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=units))
+        else:
+            yield from unit_misfits((key,), numbers, asked, units)
+
+
 def _one_way(priority: float, before: Fields, context: Context) -> RuleErrors:
     """Give a priority beside comparisons."""
     if context.file.value(("priorities",)) is not None:
@@ -508,9 +532,9 @@ class StageSpec(Spec):
         1.0, description="relative importance omega, eq. (11)"
     )
     target: Annotated[Target, holds(_target, as_written=True)] = Field(
-        description="joint: base pose and joint angles; task: base and end-effector poses; or a trajectory of them"
+        description="joint: base pose and joint coordinates; task: base and end-effector poses; or a trajectory of them"
     )
-    ends_when: Annotated[EndCondition, holds(_end)] | None = Field(
+    ends_when: Annotated[EndCondition, holds(_end), holds(_end_units, as_written=True)] | None = Field(
         None, description="the condition that ends the stage, eq. (18)"
     )
     at: Annotated[fields.Positive | None, holds(_one_end)] = Field(
@@ -787,12 +811,12 @@ class TaskSpec(Spec):
     mobility: Mobility | None = Field(
         None, exclude_if=lambda value: value is None, description="what moves the base, instead of the robot's own"
     )
-    initial: Annotated[Mapping[fields.Part, fields.Numbers], in_joint_space(required=True, angles=True)] = Field(
-        description="base pose and joint angles at the start [m, rad]"
+    initial: Annotated[Mapping[fields.Part, fields.Numbers], in_joint_space(required=True, positions=True)] = Field(
+        description="base pose and joint coordinates at the start [m, rad]"
     )
-    initial_velocity: Annotated[Mapping[fields.Part, tuple[fields.Angle, ...]], in_joint_space(), holds(_still)] = (
-        Field({}, description="their rates at the start [m/s, rad/s]; default rest")
-    )
+    initial_velocity: Annotated[
+        Mapping[fields.Part, tuple[fields.Coordinate, ...]], in_joint_space(), holds(_still)
+    ] = Field({}, description="their rates at the start [m/s, rad/s]; default rest")
     controller: Annotated[ControllerSpec, holds(_controller)] = Field(
         ControllerSpec(), description="the controller and its objective"
     )

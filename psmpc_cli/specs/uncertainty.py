@@ -17,13 +17,17 @@ _ByArm = fields.OrByPart[fields.NotNegative, fields.ArmName, fields.OneOrMore[fi
 
 
 class FrictionSpec(Spec):
-    """Friction in the joints: the torque -viscous * rate - coulomb * tanh(rate / width)."""
+    """Friction in the joints: the torque -viscous * rate - coulomb * tanh(rate / width), of sliding joints a force."""
 
     viscous: Annotated[_ByArm, in_joint_space(one=True)] = Field(
-        0.0, description="one number or numbers by arm [N m s/rad]"
+        0.0, description="one number or numbers by arm, of sliding joints in N s/m [N m s/rad]"
     )
-    coulomb: Annotated[_ByArm, in_joint_space(one=True)] = Field(0.0, description="one number or numbers by arm [N m]")
-    width: fields.Positive = Field(0.02, description="rate around 0 within which Coulomb friction turns over [rad/s]")
+    coulomb: Annotated[_ByArm, in_joint_space(one=True)] = Field(
+        0.0, description="one number or numbers by arm, of sliding joints in N [N m]"
+    )
+    width: fields.Positive = Field(
+        0.02, description="rate around 0 within which Coulomb friction turns over, of sliding joints in m/s [rad/s]"
+    )
 
 
 class StateNoiseSpec(Spec):

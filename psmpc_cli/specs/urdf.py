@@ -4,10 +4,11 @@ What a file leaves out is assumed and noted; what cannot be a robot is an error.
 of its child link, its `<origin>` is in the parent link's frame, rpy are angles about fixed axes.
 """
 
+import codecs
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -29,14 +30,34 @@ from psmpc_cli.specs.document import (
     quoted,
     shortened,
 )
-from psmpc_cli.specs.library import read_text, shown
+from psmpc_cli.specs.library import read_bytes, shown
 from psmpc_cli.specs.parts import ERROR_AXES
-from psmpc_cli.specs.robot import UrdfRobot
+from psmpc_cli.specs.robot import UrdfRobot, is_arm_name, limits_of_part
 
 Matrix = NDArray[np.float64]
 
-URDF_ENDINGS = (".urdf", ".xacro")
-"""Endings of files that are read as URDF; one with macros is rejected with what to do about it."""
+XML_ENDINGS = (".urdf", ".xacro", ".sdf", ".srdf", ".mjcf", ".xml")
+"""Endings, in small letters, of files that are read as URDF, or rejected with what they are and what to do about it."""
+
+URDF = "a URDF file (<robot> with links and joints)"
+
+XML_KINDS = {
+    "robot": URDF,
+    "srdf": "an SRDF file (<robot> without links)",
+    "sdf": "an SDF file (<sdf>)",
+    "mujoco": "a MuJoCo model (<mujoco>)",
+}
+"""What is said of XML files, by their outermost element; that of SRDF is also <robot>."""
+
+SRDF_ELEMENTS = (
+    "group",
+    "group_state",
+    "end_effector",
+    "virtual_joint",
+    "disable_collisions",
+    "disable_default_collisions",
+)
+"""Elements by which SRDF is told from a URDF without links."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +104,11 @@ SIZES = {
 }
 """Collision shapes: the attributes that have their sizes, how many numbers each, and what is taken without it."""
 
-ONCE = {"link": ("inertial",), "joint": READ["joint"], "inertial": ("origin", "mass", "inertia")}
-"""Elements that another one has at most once."""
+LIMITED = ("position", "velocity", "force")
+"""Quantities of which URDF has limits."""
+
+_ZEROS = {"0", "0.0"}
+"""How exporters write that there is no friction."""
 
 MOST_LINKS = 1000
 """Links of a file; robots with hands have some hundred."""
@@ -123,49 +147,48 @@ class Collision:
 
 @dataclass(frozen=True)
 class UrdfLink:
-    """A link: mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2] in its frame, and its shapes."""
+    """A link: its element, which is read further once the link is known to belong to the robot."""
 
     name: str
-    sourceline: int
-    mass: float
-    centre: Matrix
-    inertia: Matrix
-    collisions: tuple[Collision, ...]
+    element: Any
+
+    @property
+    def sourceline(self) -> int:
+        """Line of its element."""
+        return int(self.element.sourceline)
 
 
 @dataclass(frozen=True)
-class JointLimits:
-    """Limits of a joint, each None where there is none.
+class Inertial:
+    """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2] of a link, in its frame."""
 
-    Attributes:
-        position: Low and high [rad, m].
-        rate: The largest rate [rad/s, m/s].
-        effort: The largest torque or force of its drive [N m, N].
-    """
-
-    position: tuple[float, float] | None = None
-    rate: float | None = None
-    effort: float | None = None
+    mass: float
+    centre: Matrix
+    inertia: Matrix
 
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint: where the child's frame is in the parent's at 0 (4, 4), its axis (3,), and its limits."""
+    """A joint: its type, what it connects, and its element, of which only what the robot uses is read further."""
 
     name: str
-    sourceline: int
+    element: Any
     written_type: str
     type: JointType
     parent: str
     child: str
-    origin: Matrix
-    axis: Matrix
-    limits: JointLimits
+
+    @property
+    def sourceline(self) -> int:
+        """Line of its element."""
+        return int(self.element.sourceline)
 
 
 @dataclass
 class Urdf:
-    """A URDF file.
+    """A URDF file: links and joints, and methods that read what a robot uses of them.
+
+    What no robot is made of may be wrong: `read` checks the names, types and connections of links and joints alone.
 
     Attributes:
         file: Its name, for messages.
@@ -174,7 +197,7 @@ class Urdf:
         sourceline: Line of the element that has it.
         links, joints: By name, in the file's order.
         notes: What was assumed, each with its line.
-        errors: What is wrong.
+        errors: What is wrong with what was read so far.
         sizes: What rules of a file that refers to it know of the robot's parts: it is in space.
     """
 
@@ -219,10 +242,22 @@ class Urdf:
         kind = "link" if isinstance(part, UrdfLink) else "joint"
         return f"{self.file}:{part.sourceline}: {kind} {quoted(part.name)}"
 
+    def ensure_right(self) -> None:
+        """Make sure that nothing is wrong with what was read so far.
+
+        Raises:
+            SpecError: Something is; the message lists all of it, with lines.
+        """
+        errors = list(dict.fromkeys(self.errors))
+        if more := errors[MOST_FAULTS:]:
+            errors[MOST_FAULTS:] = [f"{self.file}: {len(more)} more problems"]
+        if errors:
+            raise SpecError("\n".join(errors))
+
     def read(self, root: Any) -> None:
-        """Read the elements of the file."""
+        """Read the names of links and joints, and what the joints connect."""
         if (links := len(root.findall("link"))) > MOST_LINKS:
-            self._wrong(root, f"{links} links", f"at most {MOST_LINKS}")
+            self.wrong(root, f"{links} links", f"at most {MOST_LINKS}")
             return
         unknown = set()
         for element in root.iterchildren("*"):
@@ -232,7 +267,7 @@ class Urdf:
             for part, within in (*own, (element, "robot")):
                 if part.tag not in READ[within] and part.tag not in unknown:
                     unknown.add(part.tag)
-                    self._note(part, f"<{part.tag}> is not an element of URDF's <{within}>: left out")
+                    self.note(part, f"<{part.tag}> is not an element of URDF's <{within}>: left out")
         if meshes := len(root.findall("link/visual//mesh")):
             not_read = counted(meshes, "visual mesh is", "visual meshes are")
             self.notes.append(f"{not_read} not read: bodies are drawn as capsules")
@@ -242,155 +277,193 @@ class Urdf:
         known: dict[str, Any] = self.links if element.tag == "link" else self.joints
         name = element.get("name")
         if not name:
-            self._wrong(element, f"<{element.tag}> without a name", "the attribute name")
+            self.wrong(element, f"<{element.tag}> without a name", "the attribute name")
         elif name in known:
             second = f"a second {element.tag} {quoted(name)} (first at line {known[name].sourceline})"
-            self._wrong(element, second, "a name of its own")
+            self.wrong(element, second, "a name of its own")
         else:
-            self._check_single(element, f"{element.tag} {quoted(name)}")
-            known[name] = self._link(element, name) if element.tag == "link" else self._joint(element, name)
-
-    def _check_single(self, element: Any, whose: str) -> None:
-        """Check that no element is there twice where only the first would count."""
-        firsts = dict[str, Any]()
-        for part in element.iterchildren(*ONCE[element.tag]):
-            if (first := firsts.setdefault(part.tag, part)) is not part:
-                second = f"a second <{part.tag}> of {whose} (first at line {first.sourceline})"
-                self._wrong(part, second, "one at most")
-            elif part.tag in ONCE:
-                self._check_single(part, whose)
-
-    def _link(self, element: Any, name: str) -> UrdfLink:
-        inertial = element.find("inertial")
-        line = element.sourceline
-        found = (self._collision(each, name) for each in element.iterchildren("collision"))
-        collisions = tuple(each for each in found if each is not None)
-        if inertial is None:
-            self._note(element, f"link {quoted(name)} has no <inertial>: it has no mass")
-            return UrdfLink(name, line, 0.0, np.zeros(3), np.zeros((3, 3)), collisions)
-        place = self._origin(inertial)
-        mass = self._number(inertial, "mass/@value")
-        xx, yy, zz = (self._number(inertial, f"inertia/@{term}") for term in ("ixx", "iyy", "izz"))
-        xy, xz, yz = (self._number(inertial, f"inertia/@{term}", "0") for term in ("ixy", "ixz", "iyz"))
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if mass < 0:
-            self._wrong(inertial, f"a mass of {mass:g} kg of link {quoted(name)}", "a mass of at least 0")
-        if mass > 0 and (least := np.linalg.eigvalsh(inertia)[0]) <= 0:
-            self._note(inertial, f"a principal moment of link {quoted(name)} is {least:.3g} kg m^2")
-        turned = place[:3, :3]
-        return UrdfLink(name, line, mass, place[:3, 3], turned @ inertia @ turned.T, collisions)
-
-    def _collision(self, element: Any, name: str) -> Collision | None:
-        """Return a collision shape of a link, None if it is left out."""
-        shape = next(element.iterfind("geometry/*"), None)
-        if shape is None or shape.tag not in SIZES:
-            self._note(element, f"a collision shape of link {quoted(name)} is {_shown(shape)}: left out")
-            return None
-        before = len(self.errors)
-        kind = shape.tag
-        mesh = shape.get("filename") or ""
-        if kind == "mesh" and not mesh:
-            self._wrong(shape, f"a mesh of link {quoted(name)} without a file", "the attribute filename")
-        size = list[float]()
-        for key, (count, missing) in SIZES[kind].items():
-            size += self._numbers(shape, f"@{key}", count, missing)
-        origin = self._origin(element)
-        if len(self.errors) > before:
-            return None
-        smallest = min(map(abs, size)) if kind == "mesh" else min(size)  # a scale may mirror
-        if smallest < SMALLEST:
-            self._note(element, f"a {kind} of link {quoted(name)} has a size of {smallest:g}: left out")
-            return None
-        return Collision(element.sourceline, origin, kind, tuple(size), mesh)
+            known[name] = UrdfLink(name, element) if element.tag == "link" else self._joint(element, name)
 
     def _joint(self, element: Any, name: str) -> UrdfJoint:
         written = str(element.get("type"))
         own = f"of joint {quoted(name)}"
         if written not in JOINT_TYPES:
-            self._wrong(element, f"the type {quoted(written)} {own}", choice(written, JOINT_TYPES))
-        of_type = JOINT_TYPES.get(written, JointType())
-        ends = {end: element.xpath(f"string({end}/@link)") for end in ("parent", "child")}
-        for end in (end for end, link in ends.items() if not link):
-            self._wrong(element, f"no {end} {own}", f"<{end} link=...>")
-        axis = np.array([1.0, 0.0, 0.0])
-        given = element.find("axis")
-        if of_type.moves and given is None:
-            self._note(element, f"joint {quoted(name)} has no <axis>: taken as 1 0 0")
-        elif of_type.moves:
-            axis = np.array(self._numbers(element, "axis/@xyz", 3, "0 0 0"))
-            length = float(np.linalg.norm(axis))
-            if length < 1e-9:
-                self._wrong(given, f"an axis of length 0 {own}", "a direction")
-            elif abs(length - 1) > 1e-6:
-                self._note(given, f"the axis {own} has length {length:.4g}: scaled to 1")
-            axis = axis / length if length else axis
-        if (mimic := element.find("mimic")) is not None:
-            self._note(mimic, f"joint {quoted(name)} mimics another: taken as a joint of its own")
-        limits = self._limits(element, name, of_type)
-        line = element.sourceline
-        origin = self._origin(element)
-        return UrdfJoint(name, line, written, of_type, ends["parent"], ends["child"], origin, axis, limits)
+            self.wrong(element, f"the type {quoted(written)} {own}", choice(written, JOINT_TYPES))
+        ends = dict[str, str]()
+        for end in ("parent", "child"):
+            one = self._one(element, end)
+            ends[end] = "" if one is None else str(one.get("link", ""))
+            if not ends[end]:
+                self.wrong(element, f"no {end} {own}", f"<{end} link=...>")
+        return UrdfJoint(name, element, written, JOINT_TYPES.get(written, JointType()), ends["parent"], ends["child"])
 
-    def _limits(self, element: Any, name: str, of_type: JointType) -> JointLimits:
-        limit = element.find("limit")
-        own = f"of joint {quoted(name)}"
-        if limit is None and of_type.is_bounded:
-            self._note(element, f"joint {quoted(name)} has no <limit>: without limits")
-        if limit is None or not of_type.moves:
-            return JointLimits()
-        before = len(self.errors)
-        low, high, rate = (
-            self._numbers(element, f"limit/@{key}", 1, "0", largest=np.inf)[0] for key in ("lower", "upper", "velocity")
-        )
-        effort = self._effort(element, limit, own)
-        if len(self.errors) > before:
-            return JointLimits()
-        position = self._range(limit, low, high, own, not of_type.slides) if of_type.is_bounded else None
-        if rate == 0:
-            self._note(limit, f"the velocity {own} is 0 or not given: without a limit")
-        elif rate > LARGEST:
-            self._note(limit, f"the velocity {rate:g} {own} is beyond {LARGEST:g}: without a limit")
-        elif not of_type.slides and rate > 4 * np.pi:
-            self._note(limit, f"the velocity {rate:g} rad/s {own} looks like degrees")
-        return JointLimits(position, rate if 0 != rate <= LARGEST else None, effort)
+    def _one(self, element: Any, tag: str) -> Any:
+        """Return the element that another one has at most once, None if there is none."""
+        found = element.findall(tag)
+        for second in found[1:]:
+            owner = _owner(element)
+            whose = f"of {owner.tag} {quoted(owner.get('name'))} (first at line {found[0].sourceline})"
+            self.wrong(second, f"a second <{tag}> {whose}", "one at most")
+        return found[0] if found else None
 
-    def _effort(self, element: Any, limit: Any, own: str) -> float | None:
-        """Return the largest torque or force of a joint's drive, None where nothing is said of it."""
-        if limit.get("effort") is None:
-            self._note(limit, f"no effort {own} is given: without a limit")
+    def inertial(self, name: str) -> Inertial:
+        """Read mass, centre of mass and inertia of a link."""
+        element = self.links[name].element
+        inertial = self._one(element, "inertial")
+        if inertial is None:
+            self.note(element, f"link {quoted(name)} has no <inertial>: it has no mass")
+            return Inertial(0.0, np.zeros(3), np.zeros((3, 3)))
+        place = self.origin(inertial)
+        mass = self._number(inertial, "mass/@value")
+        xx, yy, zz = (self._number(inertial, f"inertia/@{term}") for term in ("ixx", "iyy", "izz"))
+        xy, xz, yz = (self._number(inertial, f"inertia/@{term}", "0") for term in ("ixy", "ixz", "iyz"))
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if mass < 0:
+            self.wrong(inertial, f"a mass of {mass:g} kg of link {quoted(name)}", "a mass of at least 0")
+        if mass > 0 and (least := np.linalg.eigvalsh(inertia)[0]) <= 0:
+            self.note(inertial, f"a principal moment of link {quoted(name)} is {least:.3g} kg m^2")
+        turned = place[:3, :3]
+        return Inertial(mass, place[:3, 3], turned @ inertia @ turned.T)
+
+    def collisions(self, name: str) -> list[Collision]:
+        """Read the collision shapes of a link."""
+        found = (self._collision(each, name) for each in self.links[name].element.iterchildren("collision"))
+        return [each for each in found if each is not None]
+
+    def _collision(self, element: Any, name: str) -> Collision | None:
+        """Return a collision shape of a link, None if it is left out."""
+        shape = next(element.iterfind("geometry/*"), None)
+        if shape is None or shape.tag not in SIZES:
+            self.note(element, f"a collision shape of link {quoted(name)} is {_shown(shape)}: left out")
             return None
-        effort = self._numbers(element, "limit/@effort", 1, largest=np.inf)[0]
-        if effort <= 0:
-            self._wrong(limit, f"the effort {effort:g} {own}", "a positive one, or no effort: then without a limit")
-        elif effort > LARGEST:
-            self._note(limit, f"the effort {effort:g} {own} is beyond {LARGEST:g}: without a limit")
-        return effort if effort <= LARGEST else None
+        before = len(self.errors)
+        kind = shape.tag
+        mesh = shape.get("filename") or ""
+        if kind == "mesh" and not mesh:
+            self.wrong(shape, f"a mesh of link {quoted(name)} without a file", "the attribute filename")
+        size = list[float]()
+        for key, (count, missing) in SIZES[kind].items():
+            size += self._numbers(shape, f"@{key}", count, missing)
+        origin = self.origin(element)
+        if len(self.errors) > before:
+            return None
+        smallest = min(map(abs, size)) if kind == "mesh" else min(size)  # a scale may mirror
+        if smallest < SMALLEST:
+            self.note(element, f"a {kind} of link {quoted(name)} has a size of {smallest:g}: left out")
+            return None
+        return Collision(element.sourceline, origin, kind, tuple(size), mesh)
 
-    def _range(self, limit: Any, low: float, high: float, own: str, turns: bool) -> tuple[float, float] | None:
-        """Return the limits of a joint's position, None where they say that there are none."""
+    def axis(self, joint: UrdfJoint) -> Matrix:
+        """Read the unit vector of a joint's axis (3,)."""
+        given = self._one(joint.element, "axis")
+        own = f"of joint {quoted(joint.name)}"
+        if given is None:
+            self.note(joint.element, f"joint {quoted(joint.name)} has no <axis>: taken as 1 0 0")
+            return np.array([1.0, 0.0, 0.0])
+        axis = np.array(self._numbers(joint.element, "axis/@xyz", 3, "0 0 0"))
+        length = float(np.linalg.norm(axis))
+        if length < 1e-9:
+            self.wrong(given, f"an axis of length 0 {own}", "a direction")
+        elif abs(length - 1) > 1e-6:
+            self.note(given, f"the axis {own} has length {length:.4g}: scaled to 1")
+        return axis / length if length else axis
+
+    def limits(self, joint: UrdfJoint, quantities: Sequence[str]) -> dict[str, Any]:
+        """Read limits of a joint that moves, by quantity; None where there is none.
+
+        Args:
+            joint: The joint.
+            quantities: Which of `LIMITED` are used, of which alone something can be wrong.
+        """
+        readers: Mapping[str, Callable[[UrdfJoint, Any], Any]] = {
+            "position": self._range,
+            "velocity": self._rate,
+            "force": self._effort,
+        }
+        limit = self._one(joint.element, "limit") if quantities else None
+        if quantities and limit is None and joint.type.is_bounded:
+            self.note(joint.element, f"joint {quoted(joint.name)} has no <limit>: without limits")
+        return {each: None if limit is None else readers[each](joint, limit) for each in quantities}
+
+    def _range(self, joint: UrdfJoint, limit: Any) -> list[float | str] | None:
+        """Return the limits of a joint's position [rad, m], None where it has none."""
+        own = f"of joint {quoted(joint.name)}"
+        if not joint.type.is_bounded:
+            ends = [f'{end}="{limit.get(end)}"' for end in ("lower", "upper") if limit.get(end) is not None]
+            if ends:
+                self.note(limit, f"{' and '.join(ends)} {own}, which is {joint.written_type}: without limits")
+            return None
+        before = len(self.errors)
+        low, high = (
+            self._numbers(joint.element, f"limit/@{end}", 1, "0", largest=np.inf)[0] for end in ("lower", "upper")
+        )
+        if len(self.errors) > before:
+            return None
         if low == high == 0:
-            self._note(limit, f"the limits {own} are both 0 or not given: without limits")
+            self.note(limit, f"the limits {own} are both 0 or not given: without limits")
             return None
         if -low > LARGEST and high > LARGEST:
-            self._note(limit, f"the limits {low:g}, {high:g} {own} are beyond {LARGEST:g}: without limits")
+            self.note(limit, f"the limits {low:g}, {high:g} {own} are beyond {LARGEST:g}: without limits")
             return None
         if max(abs(low), abs(high)) > LARGEST:
-            self._wrong(limit, f"the limits {low:g}, {high:g} {own}", f"both within {LARGEST:g}, or both beyond it")
+            self.wrong(limit, f"the limits {low:g}, {high:g} {own}", f"both within {LARGEST:g}, or both beyond it")
         elif low >= high:
             wanted = 'the lower one first; a joint that does not move has type="fixed"'
-            self._wrong(limit, f"the limits {low:g}, {high:g} {own}", wanted)
-        elif turns and max(-low, high) > 4 * np.pi:
-            self._note(limit, f"the limits {low:g}, {high:g} rad {own} look like degrees")
-        return low, high
+            self.wrong(limit, f"the limits {low:g}, {high:g} {own}", wanted)
+        elif not joint.type.slides and max(-low, high) > 4 * np.pi:
+            self.note(limit, f"the limits {low:g}, {high:g} rad {own} look like degrees")
+        return [_with_unit(joint, low), _with_unit(joint, high)]
 
-    def _origin(self, element: Any) -> Matrix:
+    def _rate(self, joint: UrdfJoint, limit: Any) -> float | None:
+        """Return the largest rate of a joint [rad/s, m/s], None where it has none."""
+        own = f"of joint {quoted(joint.name)}"
+        rate = self._numbers(joint.element, "limit/@velocity", 1, "0", largest=np.inf)[0]
+        if rate == 0:
+            self.note(limit, f"the velocity {own} is 0 or not given: without a limit")
+        elif rate > LARGEST:
+            self.note(limit, f"the velocity {rate:g} {own} is beyond {LARGEST:g}: without a limit")
+        elif not joint.type.slides and rate > 4 * np.pi:
+            self.note(limit, f"the velocity {rate:g} rad/s {own} looks like degrees")
+        return rate if 0 != rate <= LARGEST else None
+
+    def _effort(self, joint: UrdfJoint, limit: Any) -> float | None:
+        """Return the largest torque or force of a joint's drive [N m, N], None where nothing is said of it."""
+        own = f"of joint {quoted(joint.name)}"
+        effort = self._numbers(joint.element, "limit/@effort", 1, "0", largest=np.inf)[0]
+        if effort == 0:
+            self.note(limit, f"the effort {own} is 0 or not given: without a limit")
+        elif effort < 0:
+            self.wrong(limit, f"the effort {effort:g} {own}", "a positive one, or no effort: then without a limit")
+        elif effort > LARGEST:
+            self.note(limit, f"the effort {effort:g} {own} is beyond {LARGEST:g}: without a limit")
+        return effort if 0 != effort <= LARGEST else None
+
+    def note_mechanics(self, joints: Sequence[UrdfJoint]) -> None:
+        """Note what joints that move have in the file and not in the robot: mimicry, friction, soft limits."""
+        for joint in joints:
+            if (mimic := joint.element.find("mimic")) is not None:
+                self.note(mimic, f"joint {quoted(joint.name)} mimics another: taken as a joint of its own")
+        with_friction = []
+        for joint in joints:
+            dynamics = joint.element.find("dynamics")
+            if dynamics is not None and {dynamics.get("damping", "0"), dynamics.get("friction", "0")} - _ZEROS:
+                with_friction.append(joint.name)
+        if with_friction:
+            whose = f"{counted(len(with_friction), 'joint', 'joints')} ({_names(with_friction)})"
+            self.notes.append(f"<dynamics> of {whose} is not read: a task says friction, uncertainty.friction")
+        if soft := [joint.name for joint in joints if joint.element.find("safety_controller") is not None]:
+            whose = f"{counted(len(soft), 'joint', 'joints')} ({_names(soft)})"
+            self.notes.append(f"<safety_controller> of {whose} is not read: its soft limits are left out")
+
+    def origin(self, element: Any) -> Matrix:
+        """Read the frame in the `<origin>` of an element (4, 4) [m]."""
         from scipy.spatial.transform import Rotation
 
         place = np.eye(4)
         rpy = self._numbers(element, "origin/@rpy", 3, "0 0 0")
         if max(np.abs(rpy)) > 4 * np.pi:
             angles = " ".join(f"{angle:g}" for angle in rpy)
-            self._note(element.find("origin"), f'the angles rpy="{angles}" look like degrees: taken as rad')
+            self.note(element.find("origin"), f'the angles rpy="{angles}" look like degrees: taken as rad')
         place[:3, 3] = self._numbers(element, "origin/@xyz", 3, "0 0 0")
         place[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
         return place
@@ -402,17 +475,20 @@ class Urdf:
         self, element: Any, attribute: str, count: int, missing: str = "", largest: float = LARGEST
     ) -> list[float]:
         """Return the numbers of an attribute of an element inside another one, such as `origin/@xyz`."""
+        inside = attribute.rpartition("/")[0]
+        if inside:
+            self._one(element, inside)
         text: Any = next(iter(element.xpath(attribute)), missing)
         values = [float(part) if re.fullmatch(DECIMAL, part) else np.nan for part in text.split()]
         if len(values) != count or not np.all(np.abs(values) <= largest):
             key = attribute.replace("/@", " ").replace("@", f"{element.tag} ")
             found = f"{key} {quoted(text)}" if text else f"no {key}"
-            whose = next(each for each in (element, *element.iterancestors()) if each.tag in ("link", "joint"))
+            whose = _owner(element)
             wanted = counted(count, "number", "numbers")
             if np.any(np.abs(values) > largest):
                 wanted += f" of at most {largest:g} in magnitude"
             found += f" of {whose.tag} {quoted(whose.get('name'))}"
-            self._wrong(text.getparent() if text else element, found, wanted)
+            self.wrong(text.getparent() if text else element, found, wanted)
             return [1.0] + [0.0] * (count - 1)
         return values
 
@@ -422,59 +498,102 @@ class Urdf:
         carried = dict[str, UrdfJoint]()
         for joint in self.joints.values():
             for end in (end for end in (joint.parent, joint.child) if end and end not in links):
-                self._wrong(joint, f"the unknown link {quoted(end)} of joint {quoted(joint.name)}", choice(end, links))
+                self.wrong(joint, f"the unknown link {quoted(end)} of joint {quoted(joint.name)}", choice(end, links))
             if (first := carried.setdefault(joint.child, joint)) is not joint:
                 both = f"{quoted(first.name)} and {quoted(joint.name)}"
-                self._wrong(joint, f"link {quoted(joint.child)} carried by two joints, {both}", "one for each link")
+                self.wrong(joint, f"link {quoted(joint.child)} carried by two joints, {both}", "one for each link")
         roots = [name for name in links if name not in carried]
         if self.errors:
             return
         if len(roots) != 1:
             several = f"{len(roots)} links that no joint carries ({_names(roots)})"
             found = several if roots else "joints in a circle" if links else "a robot without links"
-            self._wrong(root, found, "one link that no joint carries, the base")
+            self.wrong(root, found, "one link that no joint carries, the base")
             return
         reached = set(roots)
         while more := {name for name, joint in carried.items() if joint.parent in reached} - reached:
             reached |= more
         if circle := [name for name in links if name not in reached]:
-            self._wrong(links[circle[0]], f"link {quoted(circle[0])} in a circle of joints", "a tree from the base")
+            self.wrong(links[circle[0]], f"link {quoted(circle[0])} in a circle of joints", "a tree from the base")
 
-    def _note(self, element: Any, text: str) -> None:
+    def note(self, element: Any, text: str) -> None:
+        """Add what was assumed of an element."""
         self.notes.append(f"line {element.sourceline}: {text}")
 
-    def _wrong(self, at: Any, found: str, wanted: str) -> None:
+    def wrong(self, at: Any, found: str, wanted: str) -> None:
+        """Add what is wrong with an element, link or joint."""
         tail = wanted if wanted.startswith((" (", ", ")) else f", expected {wanted}"
         self.errors.append(f"{self.file}:{at.sourceline}: found {found}{tail}")
 
 
-def read_urdf(path: Path) -> Urdf:
-    """Read a URDF file.
+def is_xml(path: Path) -> bool:
+    """Tell whether a file is XML, by its ending or its first characters, and so no file of ours.
 
     Raises:
-        SpecError: It cannot be read or is no robot; the message lists everything that is wrong, with lines.
+        SpecError: It cannot be read.
     """
-    text = read_text(path)
+    if path.suffix.casefold() in XML_ENDINGS:
+        return True
+    start = read_bytes(path)[:200].removeprefix(codecs.BOM_UTF8)
+    encoding = "utf-16" if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else "latin-1"
+    return re.match(r"\s*<[!?A-Za-z]", start.decode(encoding, errors="ignore")) is not None
+
+
+def kind_of_xml(path: Path) -> str:
+    """Return what kind of XML a file is, for messages.
+
+    Raises:
+        SpecError: It cannot be read, or is no XML.
+    """
+    return _kind_of_root(_xml_root(path))
+
+
+def _kind_of_root(root: Any) -> str:
+    """Return what kind of XML a file is by its outermost element."""
+    is_srdf = (
+        root.tag == "robot" and root.find("link") is None and any(root.find(each) is not None for each in SRDF_ELEMENTS)
+    )
+    return XML_KINDS.get("srdf" if is_srdf else str(root.tag), f"the element <{printable(shortened(str(root.tag)))}>")
+
+
+def _xml_root(path: Path) -> Any:
+    """Return the outermost element of an XML file, which is in the encoding that it declares.
+
+    Raises:
+        SpecError: It cannot be read, or is no XML.
+    """
     name = shown(path)
     try:
-        root = etree.fromstring(text.encode())
+        return etree.fromstring(read_bytes(path))
     except etree.XMLSyntaxError as error:
         line, column = error.position
         if "xacro" in error.msg:  # a prefix without a namespace
             raise _xacro(name, line) from None
         raise SpecError(f"{name}:{line}:{column}: found no XML ({error.msg}), expected a URDF file") from None
+
+
+def read_urdf(path: Path) -> Urdf:
+    """Read the links and joints of a URDF file.
+
+    Raises:
+        SpecError: It cannot be read or is no robot; the message lists everything that is wrong, with lines.
+    """
+    root = _xml_root(path)
+    name = shown(path)
     described = [root, *(part for each in root.iterchildren("*") if each.tag not in FOREIGN for part in each.iter("*"))]
     if (macro := next(filter(_is_xacro, described), None)) is not None:
         raise _xacro(name, macro.sourceline)
-    if root.tag != "robot":
-        raise SpecError(f"{name}:{root.sourceline}: found <{root.tag}>, expected a URDF file with the element <robot>")
+    if (found := _kind_of_root(root)) != URDF:
+        raise SpecError(f"{name}:{root.sourceline}: found {found}, expected {URDF}")
     urdf = Urdf(name, path.parent, root.get("name") or path.stem, root.sourceline)
     urdf.read(root)
-    if more := urdf.errors[MOST_FAULTS:]:
-        urdf.errors[MOST_FAULTS:] = [f"{name}: {len(more)} more problems"]
-    if urdf.errors:
-        raise SpecError("\n".join(urdf.errors))
+    urdf.ensure_right()
     return urdf
+
+
+def _owner(element: Any) -> Any:
+    """Return the link or joint that an element is in, or is."""
+    return next(each for each in (element, *element.iterancestors()) if each.tag in ("link", "joint"))
 
 
 def _is_xacro(element: Any) -> bool:
@@ -520,6 +639,7 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
     """
     base = file.base or urdf.root
     chains = _chains(urdf, file, base)
+    moving = [joint for _, own in chains.values() for joint in own]
     bodies = {joint.name: f"{name}.{i}" for name, (_, own) in chains.items() for i, joint in enumerate(own, 1)}
     places = _placed(urdf, base, file.locked, bodies)
     for joint in (joint for joint in urdf.joints.values() if joint.child in places):
@@ -527,8 +647,11 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
         if not (joint.type.moves or joint.type.is_rigid):
             urdf.notes.append(f"{note} is {joint.written_type}: taken as fixed")
         if joint.type.moves and joint.name not in bodies:
-            urdf.notes.append(f"{note} belongs to no arm: locked at {file.locked.get(joint.name, 0.0):g}")
-    robot: dict[str, Any] = {"name": urdf.name, "space": "spatial", "base": _inertial(urdf, places, "base")}
+            unit = " m" if joint.type.slides else " rad"
+            urdf.notes.append(f"{note} belongs to no arm: locked at {file.locked.get(joint.name, 0.0):g}{unit}")
+    urdf.note_mechanics(moving)
+    parts = _Inertials(urdf, places)
+    robot: dict[str, Any] = {"name": urdf.name, "space": "spatial", "base": parts.of_body("base", base)}
     arms = robot.setdefault("arms", {})
     limits = robot.setdefault("limits", {})
     sources: Sources = {("name",): f"{urdf.file}:{urdf.sourceline}: <robot>", ("base",): urdf.where(urdf.links[base])}
@@ -541,21 +664,25 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
         for i, joint in enumerate(own):
             sources["arms", name, "links", i] = urdf.where(urdf.links[joint.child])
             sources["arms", name, "links", i, "joint"] = urdf.where(joint)
-            for quantity in ("position", "velocity", "force"):
+            for quantity in LIMITED:
                 sources["limits", name, quantity, i] = urdf.where(joint)
             kind = "prismatic" if joint.type.slides else "revolute"
-            moving = {"kind": kind, "axis": _plain(joint.axis), **_place(places[joint.parent][1] @ joint.origin)}
-            links.append({"joint": moving, **_inertial(urdf, places, bodies[joint.name])})
+            place = _place(places[joint.parent][1] @ urdf.origin(joint.element))
+            carrying = {"kind": kind, "axis": _plain(urdf.axis(joint)), **place}
+            links.append({"joint": carrying, **parts.of_body(bodies[joint.name], joint.child)})
         arms[name] = {"mount": places[own[0].parent][0], "links": links, "tool": _place(places[tip][1])}
-        ends = [joint.limits.position for joint in own]
-        position = [pair and [_with_unit(joint, end) for end in pair] for joint, pair in zip(own, ends, strict=True)]
-        given: dict[str, list[Any]] = {
-            "position": position,
-            "velocity": [joint.limits.rate for joint in own],
-            "force": [joint.limits.effort for joint in own],
-        }
-        if found := {key: values for key, values in given.items() if any(value is not None for value in values)}:
+        used = [quantity for quantity in LIMITED if limits_of_part(file.limits, name, quantity) is None]
+        by_joint = [urdf.limits(joint, used) for joint in own]
+        of_arm = {quantity: [each[quantity] for each in by_joint] for quantity in used}
+        if found := {key: values for key, values in of_arm.items() if any(value is not None for value in values)}:
             limits[name] = found
+    for body, link in parts.impossible.items():
+        path: Location = ("base",)
+        if body != "base":
+            arm, _, number = body.rpartition(".")
+            path = ("arms", arm, "links", int(number) - 1)
+        sources[*path, "inertia"] = urdf.where(urdf.links[link])
+    urdf.ensure_right()
     return robot, sources
 
 
@@ -574,6 +701,10 @@ def _chains(urdf: Urdf, file: UrdfRobot, base: str) -> dict[str, tuple[str, list
         if own := [joint for joint in way if joint.name not in taken]:
             found[name] = tip, own
             taken |= {joint.name for joint in own}
+            if not is_arm_name(name):  # that of a leaf: those of a file are validated with it
+                leaf = f"the leaf {quoted(name)}, whose name no arm may have"
+                example = f"urdf: {Path(urdf.file).name}, arms: {{NAME: {{tip: {printable(name)}}}}}"
+                urdf.wrong(urdf.links[name], leaf, f"a robot file that names the arms, such as {example}")
         elif tips:
             no_joint = f"found no joint of its own on the way to {quoted(tip)}, the tip of arm {quoted(name)}"
             raise SpecError(f"{urdf.file}: {no_joint}, expected a tip that moves against the base and other arms")
@@ -594,53 +725,85 @@ def _placed(urdf: Urdf, base: str, locked: Mapping[str, float], bodies: Mapping[
             if joint.parent == link and joint.child not in places:
                 moves = joint.name in bodies
                 at = locked.get(joint.name, 0.0)
-                places[joint.child] = (bodies[joint.name], np.eye(4)) if moves else (body, frame @ _rigid(joint, at))
+                places[joint.child] = (
+                    (bodies[joint.name], np.eye(4)) if moves else (body, frame @ _rigid(urdf, joint, at))
+                )
                 waiting.append(joint.child)
             elif joint.child == link and joint.parent not in places and joint.type.is_rigid:
-                places[joint.parent] = (body, frame @ np.linalg.inv(joint.origin))
+                places[joint.parent] = (body, frame @ np.linalg.inv(urdf.origin(joint.element)))
                 waiting.append(joint.parent)
     if left := [name for name in urdf.links if name not in places]:
         urdf.notes.append(f"links above the base are left out: {_names(left)}")
     return places
 
 
-def _rigid(joint: UrdfJoint, at: float) -> Matrix:
+def _rigid(urdf: Urdf, joint: UrdfJoint, at: float) -> Matrix:
     """Return the child's frame in the parent's (4, 4), with the joint at a position."""
     from scipy.spatial.transform import Rotation
 
+    origin = urdf.origin(joint.element)
+    if not at:
+        return origin
     move = np.eye(4)
     if joint.type.slides:
-        move[:3, 3] = at * joint.axis
+        move[:3, 3] = at * urdf.axis(joint)
     else:
-        move[:3, :3] = Rotation.from_rotvec(at * joint.axis).as_matrix()
-    return np.asarray(joint.origin @ move)
+        move[:3, :3] = Rotation.from_rotvec(at * urdf.axis(joint)).as_matrix()
+    return np.asarray(origin @ move)
 
 
-def _inertial(urdf: Urdf, places: Places, body: str) -> dict[str, Any]:
-    """Return mass, centre of mass and inertia of the links of a body together, in the body's frame.
+class _Inertials:
+    """Mass, centre of mass and inertia of bodies, each of all links that are part of it.
 
-    Raises:
-        SpecError: They have no mass, or no moments of a rigid body.
+    Attributes:
+        impossible: By body whose inertia no rigid body has, the link that is to blame.
     """
-    links = [(urdf.links[link], frame) for link, (of, frame) in places.items() if of == body]
-    mass = sum(link.mass for link, _ in links)
-    where = f"{urdf.file}:{links[0][0].sourceline}"
-    if mass <= 0:
-        names = _names([link.name for link, _ in links])
-        raise SpecError(f"{where}: found no mass of {names}, expected one: it moves on its own")
-    centres = [(frame @ np.append(link.centre, 1.0))[:3] for link, frame in links]
-    centre = sum((link.mass * at for (link, _), at in zip(links, centres, strict=True)), np.zeros(3)) / mass
-    inertia = np.zeros((3, 3))
-    for (link, frame), at in zip(links, centres, strict=True):
-        turned = frame[:3, :3]
-        d = at - centre
-        inertia += turned @ link.inertia @ turned.T + link.mass * (d @ d * np.eye(3) - np.outer(d, d))
-    principal = np.linalg.eigvalsh(inertia)
-    if principal[0] <= 0:
-        found = f"{', '.join(f'{moment:.3g}' for moment in principal)} kg m^2 of {quoted(links[0][0].name)}"
-        raise SpecError(f"{where}: found principal moments {found}, expected positive ones")
-    moments = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    return {"mass": float(mass), "centre_of_mass": _plain(centre), "inertia": _plain(moments)}
+
+    def __init__(self, urdf: Urdf, places: Places) -> None:
+        self.impossible: dict[str, str] = {}
+        self._urdf = urdf
+        self._places = places
+
+    def of_body(self, body: str, carrier: str) -> dict[str, Any]:
+        """Return the keys of a body, whose frame is that of the link `carrier`; what is wrong is an error of the URDF.
+
+        A base without a mass is none as long as it does not move.
+        """
+        urdf = self._urdf
+        links = [(link, urdf.inertial(link), frame) for link, (of, frame) in self._places.items() if of == body]
+        mass = sum(inertial.mass for _, inertial, _ in links)
+        if mass <= 0:
+            names = _names([link for link, *_ in links])
+            if body == "base":
+                urdf.notes.append(f"the base ({names}) has no mass: nothing depends on it while the base is fixed")
+            else:
+                urdf.wrong(urdf.links[carrier], f"no mass of {names}", "one: it moves on its own")
+            return {"mass": 0.0, "centre_of_mass": [0.0] * 3, "inertia": [0.0] * 6}
+        centres = [(frame @ np.append(inertial.centre, 1.0))[:3] for _, inertial, frame in links]
+        weighted = (inertial.mass * at for (_, inertial, _), at in zip(links, centres, strict=True))
+        centre = sum(weighted, np.zeros(3)) / mass
+        inertia = np.zeros((3, 3))
+        for (_, inertial, frame), at in zip(links, centres, strict=True):
+            turned = frame[:3, :3]
+            d = at - centre
+            inertia += turned @ inertial.inertia @ turned.T + inertial.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        if _surplus(inertia) < 0:
+            self.impossible[body] = min(links, key=lambda each: _surplus(each[1].inertia))[0]
+        principal = np.linalg.eigvalsh(inertia)
+        if principal[0] <= 0:
+            blamed = self.impossible.get(body, carrier)
+            moments = ", ".join(f"{moment:.3g}" for moment in principal)
+            whole = f" together with {_names([link for link, *_ in links if link != blamed])}" if links[1:] else ""
+            found = f"principal moments {moments} kg m^2 of {quoted(blamed)}{whole}"
+            urdf.wrong(urdf.links[blamed], found, "positive ones")
+        terms = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        return {"mass": float(mass), "centre_of_mass": _plain(centre), "inertia": _plain(terms)}
+
+
+def _surplus(inertia: Matrix) -> float:
+    """Return by how much the least principal moment, and the sum of two less the third, are above 0 [kg m^2]."""
+    least, middle, largest = np.linalg.eigvalsh(inertia)
+    return float(min(least, least + middle - largest))
 
 
 def _geometry(urdf: Urdf, places: Places, file: UrdfRobot) -> dict[str, list[dict[str, Any]]]:
@@ -652,7 +815,7 @@ def _geometry(urdf: Urdf, places: Places, file: UrdfRobot) -> dict[str, list[dic
     for name, (body, frame) in places.items():
         link = urdf.links[name]
         remarks = []
-        for each in link.collisions if body not in file.geometry else ():
+        for each in urdf.collisions(name) if body not in file.geometry else ():
             at = frame @ each.origin
             try:
                 found, remark = _shapes_of(each, at, urdf.folder)
@@ -687,7 +850,16 @@ def _shapes_of(collision: Collision, at: Matrix, folder: Path) -> tuple[list[dic
     else:
         path = _path_of(collision.mesh, folder)
         mesh = read_mesh(path)
-        cover = cover_mesh(mesh.vertices * size)
+        scaled = mesh.vertices * size
+        largest = float(np.abs(scaled).max())
+        width = float(np.sort(np.ptp(scaled, axis=0))[1])
+        most = LARGEST / 4  # capsules about it are then within what a number may be
+        if largest > most or width < SMALLEST:
+            found = (
+                f"found a mesh {quoted(path.name)} that reaches to {largest:g} m and is {width:g} m wide by its scale"
+            )
+            raise SpecError(f"{found}, expected at most {most:g} m, and at least {SMALLEST:g} m")
+        cover = cover_mesh(scaled)
         remark = _remark(f"the convex hull of {'' if mesh.is_closed else 'the open mesh '}{quoted(path.name)}", cover)
     shapes = []
     for start, end in cover.moved(at).ends:

@@ -12,7 +12,7 @@ import numpy as np
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.schema import EFFORT_UNITS, PEAKS, Column
+from psmpc_cli.logs.schema import EFFORT_UNITS, PEAKS, SLIDING_PEAKS, Column
 from psmpc_cli.ocp.problem import in_own_chart
 
 
@@ -166,10 +166,11 @@ EFFORT = (
     _number("squared_acceleration", EFFORT_UNITS, "integral of |u|^2"),
     _number("base_force", "N s", "integral of the norm of the base force"),
     _number("base_torque", "N m s", "integral of the norm of the base torque"),
-    *(_number(f"peak_{name}", unit, meaning, _peak(name)) for name, (unit, meaning) in PEAKS.items()),
+    *(_number(f"peak_{name}", unit, meaning, _peak(name)) for name, (unit, meaning) in (PEAKS | SLIDING_PEAKS).items()),
     _number("variation_base_position", "m/s^2", _VARIES.format("base's linear")),
     _number("variation_base_angle", "rad/s^2", _VARIES.format("base's angular")),
-    _number("variation_joints", "rad/s^2", _VARIES.format("joints'")),
+    _number("variation_joints", "rad/s^2", _VARIES.format("turning joints'")),
+    _number("variation_sliding", "m/s^2", _VARIES.format("sliding joints'")),
     _whole("solves", "number of solves", "solves.count"),
     _number("iterations_median", "1", "median of the iterations of a solve", "solves.iterations"),
     _whole("iterations_largest", _MOST, lambda run: max(run["solver/iterations"], default=0)),

@@ -10,7 +10,7 @@ import numpy as np
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.schema import MONTE_CARLO, PEAKS, Column, Sample
+from psmpc_cli.logs.schema import MONTE_CARLO, PEAKS, SLIDING_PEAKS, Column, Sample
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import require_callable, require_options, require_whole
 from psmpc_cli.specs.document import printable
@@ -202,8 +202,9 @@ class MonteCarloRuns:
         for number, (monitor, unit) in enumerate(self.monitors.items()):
             values[f"margin of {monitor} [{unit}]"] = self["monitor_margin"][:, number]
         values["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]
-        for name, (unit, meaning) in PEAKS.items():
-            values[f"{meaning} [{unit}]"] = self[f"peak_{name}"]
+        for name, (unit, meaning) in (PEAKS | SLIDING_PEAKS).items():
+            if f"peak_{name}" in self.results.quantities and (name in PEAKS or np.isfinite(self[f"peak_{name}"]).any()):
+                values[f"{meaning} [{unit}]"] = self[f"peak_{name}"]
         for name, each in values.items():
             known = each[np.isfinite(each)]
             yield name, len(known), tuple(np.quantile(known, (0.05, 0.5, 0.95)) if len(known) else [np.nan] * 3)

@@ -35,7 +35,7 @@ from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, LogError, RunError, SpecError, deferred_signals, end_with_parent
 from psmpc_cli.logs.results import Quantity, Results, new_results, read_results
 from psmpc_cli.logs.schema import Column
-from psmpc_cli.ocp.feasibility import load_feasible
+from psmpc_cli.ocp.feasibility import ensure_feasible, load_task
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.document import quoted
 from psmpc_cli.specs.load import Task, TaskDocuments, parse_task, read_documents
@@ -247,7 +247,9 @@ def with_changes(task: Task | str | Path, changes: Sequence[str]) -> Task:
     Raises:
         SpecError: The task, or a change of it, does not hold, or no run of it could succeed.
     """
-    return documents_of(task).changed(changes) if isinstance(task, Task) else load_feasible(task, changes)
+    if not isinstance(task, Task):
+        return load_task(task, changes)
+    return ensure_feasible(documents_of(task).changed(changes)) if changes else task
 
 
 def documents_of(task: Task) -> TaskDocuments:

@@ -378,7 +378,7 @@ def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), e
     """
     wanted = [f"onset.series={list(epsilons)}"] if epsilons else []
     loaded = with_changes(reference, [*changes, *wanted, *REDUCED_LOG])
-    return with_changes(loaded, [f"controller.multistart={multistart_for(loaded.spec.controller)}"])
+    return documents_of(loaded).changed([f"controller.multistart={multistart_for(loaded.spec.controller)}"])
 
 
 def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_cell: bool = False) -> Study:

@@ -2,9 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import psmpc_cli
+from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.library import built_ins, find, json_schema
 from psmpc_cli.specs.load import load_robot, load_task
 
@@ -60,11 +63,13 @@ def test_check_prints_limits_of_forces_where_there_are_any(psmpc: Psmpc) -> None
 def test_armatures_are_in_the_table_of_a_robot(psmpc: Psmpc, tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "robots" / "free_flyer_arm.yaml").read_text()
     sliding = text.replace("axis: [0, 1, 0]", "kind: prismatic, axis: [0, 1, 0]", 1)
+    sliding = sliding.replace("[-100 deg, 100 deg]", "[0, 8 m]")
     (tmp_path / "geared.yaml").write_text(f"{sliding}armature: {{arm: [0.05, 2.5, 0]}}\n")
     lines = words(psmpc("check", "geared.yaml").stdout)
     assert lines[2].endswith("inertia [kg m^2] armature")
     for line, end in zip(lines[4:7], ("0.05 kg m^2", "2.5 kg", " 0"), strict=True):
         assert line.endswith(end), line
+    assert "arm.2 0 to 8 m -0.3 to 0.3 m/s" in lines
 
 
 def test_everything_of_a_task_is_in_its_table(psmpc: Psmpc, tmp_path: Path) -> None:
@@ -226,3 +231,23 @@ def test_check_remarks_on_a_target_that_touches(psmpc: Psmpc) -> None:
     assert ran.code == 0
     remark = ran.stdout.partition("probably not meant:\n")[2]
     assert "stages[1].target: found arm_1.3 and post " in remark and "mm deep in each other" in remark
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"initial.base": [-50, 2, 0]},
+        {"initial_velocity": {"base": [9, 0, 0]}},
+        {"stages.approach.target.base": [40, 2, 0], "stages.transport.target.base": [0, 40, 0]},
+        {"stages.capture.target.arm_1": [9, 9, 0]},
+        {"limits.base.velocity": [0, 0, 0]},
+        {"controller.nodes": 1},
+    ],
+)
+def test_check_and_python_reject_the_same(psmpc: Psmpc, changes: dict[str, Any]) -> None:
+    with pytest.raises(SpecError) as caught:
+        psmpc_cli.load_task("transport", [f"{path}={json.dumps(value)}" for path, value in changes.items()])
+    words = (word for path, value in changes.items() for word in ("--set", f"{path}={json.dumps(value)}"))
+    ran = psmpc("check", "transport", *words)
+    assert ran.code == 2
+    assert ran.stderr.strip() == str(caught.value).strip()

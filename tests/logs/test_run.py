@@ -134,11 +134,13 @@ def test_samples_have_a_named_column_for_every_number(tmp_path: Path) -> None:
     log.to_csv(tmp_path / "tables")
     heading, rows = table(tmp_path / "tables" / "samples.csv")
     assert len(heading) == len(set(heading)) == 1 + sum(log[c.path].size // 3 for c in columns("time") if not c.only)
-    assert heading[:2] == ["time [s]", "state/Q/base.x"]
-    assert {"window/instants/d", "balance/momentum/angular", "solver/wall_time [s]", "window/first"} <= set(heading)
+    assert heading[:2] == ["time [s]", "state/Q/base.x [m]"]
+    assert {"window/instants/d [s]", "balance/momentum/angular [N m s]", "solver/wall_time [s]", "window/first"} <= set(
+        heading
+    )
     for name, values in (
-        ("state/Q/arm_1.1", log["state/Q"][:, 2]),
-        ("window/instants/a", log["window/instants"][:, 0]),
+        ("state/Q/arm_1.1 [rad]", log["state/Q"][:, 2]),
+        ("window/instants/a [s]", log["window/instants"][:, 0]),
         ("solver/wall_time [s]", log["solver/wall_time"]),
     ):
         assert [float(line[heading.index(name)]) for line in rows] == values.tolist()
@@ -150,9 +152,15 @@ def test_stages_and_ticks_are_tables_too(tmp_path: Path) -> None:
     assert [path.name for path in files] == ["samples.csv", "stages.csv", "ticks.csv"]
     heading, rows = table(files[1])
     assert [row[heading.index("name")] for row in rows] == list(STAGES)
-    assert heading[-2:] == ["actual_start_by_epsilon/0.001", "actual_start_by_epsilon/0.1"]
+    assert heading[-2:] == ["actual_start_by_epsilon/0.001 [s]", "actual_start_by_epsilon/0.1 [s]"]
     heading, rows = table(files[2])
-    assert heading == ["time [s]", *(f"{name}/{row}" for name in ("Q", "Qdot", "F") for row in COORDINATES)]
+    units = {"Q": ("m", "rad"), "Qdot": ("m/s", "rad/s"), "F": ("N", "N m")}
+    columns_of = [
+        f"{name}/{row} [{of_length if row.endswith(('x', 'y')) else of_angle}]"
+        for name, (of_length, of_angle) in units.items()
+        for row in COORDINATES
+    ]
+    assert heading == ["time [s]", *columns_of]
     assert len(rows) == 3 * TICKS
 
 

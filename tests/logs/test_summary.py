@@ -179,11 +179,11 @@ def test_a_limit_exceeded_where_grippers_close_is_explained_by_their_speed(
     run = changed(drifting, margin_velocity=margin, grasp_closed_at=closed_at, grasp_missed_by=NEAR)
     row = dict(measure_rows(run.summary()))["farthest beyond a limit, any tick"]
     where = drifting.coordinates[1]
-    assert row.startswith(f"{where} velocity: 0.125 at {drifting.time[sample]:.1f} s")
+    assert row.startswith(f"{where} velocity: 0.125 m/s at {drifting.time[sample]:.1f} s")
     assert ("as the grippers close" in row) == explained
     if explained:
         assert "1.0 mm/s, 0.06 deg/s against the object" in row
-        assert f"in other samples: {drifting.coordinates[0]} velocity: 0.02 at" in row
+        assert f"in other samples: {drifting.coordinates[0]} velocity: 0.02 m/s at" in row
 
 
 OBJECT_OUTCOMES = {
@@ -269,7 +269,7 @@ def test_deviations_are_the_largest_of_the_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("planned", "text"), [(0.02, "off the plan"), (-0.0245, "0.0245 of it planned"), (-0.125, "as planned")]
+    ("planned", "text"), [(0.02, "off the plan"), (-0.0245, "0.0245 m of it planned"), (-0.125, "as planned")]
 )
 def test_a_violated_limit_is_the_plans_or_that_of_the_motion_that_left_it(
     tmp_path: Path, planned: float, text: str
@@ -281,7 +281,7 @@ def test_a_violated_limit_is_the_plans_or_that_of_the_motion_that_left_it(
     margin_of_plan[2, 1] = planned
     summary = changed(log, margin_position=margin, margin_planned_position=margin_of_plan).summary()
     row = dict(measure_rows(summary))["farthest beyond a limit, any tick"]
-    assert row == f"{log.coordinates[1]}: 0.125 at {log.time[2]:.1f} s, {text}"
+    assert row == f"{log.coordinates[1]}: 0.125 m at {log.time[2]:.1f} s, {text}"
 
 
 def test_margins_of_plans_are_those_of_the_motion_where_it_follows_them(tmp_path: Path) -> None:
@@ -446,7 +446,9 @@ def by_group(u: np.ndarray) -> np.ndarray:
 def test_the_variation_is_summed_by_group() -> None:
     u = np.zeros((4, 5))
     u[1] = [1, -2, 3, 4, -5]
-    np.testing.assert_array_equal(by_group(u), [6, 6, 18])
+    np.testing.assert_array_equal(by_group(u), [6, 6, 18, 0])
+    changes = np.abs(np.diff(u, axis=0)).sum(axis=0)
+    assert variation(changes, COORDINATES, sliding=["arm_1.2"]) == (6, 6, 8, 10)
 
 
 @given(CONTROLS, st.floats(0.1, 10))

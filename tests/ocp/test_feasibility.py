@@ -6,22 +6,23 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility import ensure_feasible, load_feasible, remarks, review
+from psmpc_cli.ocp.feasibility import ensure_feasible, load_task, remarks, review
 from psmpc_cli.ocp.forecast import forecast_stages
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.robot.reach import furthest_centre
 from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.library import built_ins, find
-from psmpc_cli.specs.load import Task, load_task, parse_task
+from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.specs.load import load_task as load_valid_task
 from psmpc_cli.specs.robot import resolve_limits
 
 from .. import free_flyer
 
-TRANSPORT = load_task("transport")
+TRANSPORT = load_valid_task("transport")
 
 
 def transport(*overrides: str) -> Task:
-    return load_task("transport", overrides)
+    return load_valid_task("transport", overrides)
 
 
 def found(task: Task) -> list[str]:
@@ -34,7 +35,7 @@ def stage(at: str) -> str:
 
 @pytest.mark.parametrize("name", built_ins("task"))
 def test_built_in_tasks_are_feasible_and_without_remarks(name: str) -> None:
-    task = load_task(name)
+    task = load_valid_task(name)
     ensure_feasible(task)
     assert remarks(task, forecast_stages(task)) == []
 
@@ -151,7 +152,7 @@ def wanting_the_base(x: float, *changes: str) -> Task:
         f"stages.fold.target={{base: [{x}, 0, 0], arm_1: [0.3, 0.3, 0.3], arm_2: [-0.3, -0.3, -0.3]}}",
         "stages.fold.ends_when={coordinates: [base.x, base.y], tolerance: 5e-3}",
     )
-    return load_task("float_and_reach", (*stages, *changes))
+    return load_valid_task("float_and_reach", (*stages, *changes))
 
 
 def test_a_floating_base_is_no_farther_from_the_common_centre_of_mass_than_stretched_arms_have_it() -> None:
@@ -228,7 +229,7 @@ def test_every_row_of_a_trajectory_must_lie_within_limits() -> None:
 def test_every_pose_of_a_trajectory_must_be_within_reach() -> None:
     far = "stages.trace.target.arm_1[5]=[1.5, 1.5, 90 deg]"
     turned = "stages.trace.target.arm_2[7]=[-0.54, 1.222, 90 deg]"
-    assert found(load_task("tracking", [far, turned])) == [
+    assert found(load_valid_task("tracking", [far, turned])) == [
         "stages[1].target.arm_1[5]: found a pose 1.648 m from the shoulder of arm_1 with the base at [0.178, 0.207, "
         "0 deg], expected at most its reach of 1.2 m",
         "stages[1].target.arm_2[7]: found a pose that puts the last joint 1.265 m from the shoulder of arm_2 with the "
@@ -270,14 +271,14 @@ def test_a_priority_that_may_open_grippers_while_they_carry_is_remarked(changes:
 
 
 def test_priorities_of_an_object_with_a_mass_are_not_remarked_since_hands_keep_hold_of_it() -> None:
-    task = load_task("transport_grasp", ["stages.release.priority=1"])
+    task = load_valid_task("transport_grasp", ["stages.release.priority=1"])
     assert remarks(task, forecast_stages(task)) == []
 
 
 def test_base_that_follows_a_path_is_compared_with_where_it_is_left_at_its_first_row() -> None:
-    task = load_task("tracking")
+    task = load_valid_task("tracking")
     assert remarks(task, forecast_stages(task)) == []
-    shifted = load_task("tracking", ["stages.unfold.target.base=[1.5, 0, 0]"])
+    shifted = load_valid_task("tracking", ["stages.unfold.target.base=[1.5, 0, 0]"])
     (remark,) = remarks(shifted, forecast_stages(shifted))
     assert dotted(remark.path) == "stages[1].target.base[0]"
     assert remark.message.startswith('found the base 1.5 m from where "unfold" leaves it')
@@ -357,14 +358,14 @@ def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -
 )
 def test_grippers_that_cannot_close_on_an_object(change: str, path: str, words: str) -> None:
     with pytest.raises(SpecError) as error:
-        load_feasible("transport_grasp", [change])
+        load_task("transport_grasp", [change])
     assert f"{path}: found" in str(error.value) and words in str(error.value)
     assert str(error.value).count(f"{path}: found") == 1
 
 
 def unknown_load(task: str, changes: dict[str, object]) -> list[tuple[str, str]]:
     """Remarks on a built-in task whose low-level law does not know the load."""
-    unknown = load_task(task, {"object.grasp.known": False, **changes})
+    unknown = load_valid_task(task, {"object.grasp.known": False, **changes})
     return [(dotted(remark.path), remark.message) for remark in remarks(unknown, forecast_stages(unknown))]
 
 
@@ -404,3 +405,15 @@ def test_armatures_count_in_what_a_load_is_compared_with(
     found = " ".join(message for _, message in unknown_load("transport_grasp", changes))
     assert bool(found) == bool(words) and all(word in found for word in words)
     assert ("armature" in found) == ("armatures" in words)
+
+
+def test_loading_a_task_raises_all_that_stands_against_it() -> None:
+    """Not only the first of it; without these checks the task is loaded as it is."""
+    beyond = {"initial.base": [-50, 2, 0], "stages.approach.target.base": [40, 2, 0]}
+    with pytest.raises(SpecError) as caught:
+        load_task("transport", beyond)
+    assert "initial.base[0]: found base.x at -50 m, expected within its limits" in str(caught.value)
+    assert "stages[0].target.base[0]: found base.x at 40 m, expected within its limits" in str(caught.value)
+    task = load_task("transport", beyond, feasibility=False)
+    assert task.spec.initial["base"] == (-50, 2, 0)
+    assert str(caught.value) == task.source.report(review(task))

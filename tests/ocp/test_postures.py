@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.feasibility import load_feasible
+from psmpc_cli.ocp.feasibility import load_task
 from psmpc_cli.ocp.forecast import forecast_stages
 from psmpc_cli.ocp.postures import arm_postures, configurations, largest_load_ratio
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.load import load_task
 
 
 @pytest.mark.parametrize("name", ["transport", "catch_tumbling"])
 def test_joints_and_pose_of_every_arm_belong_together(name: str) -> None:
-    task = load_feasible(name)
+    task = load_task(name)
     model = RobotModel(task.robot)
     forecasts = forecast_stages(task)
     stages = [forecast.stage for forecast in forecasts]
@@ -31,7 +30,7 @@ def test_joints_and_pose_of_every_arm_belong_together(name: str) -> None:
 
 
 def test_an_arm_that_cannot_reach_has_no_joints() -> None:
-    task = load_task("transport", ["stages.release.target.arm_1=[1.2, 0, 180 deg]"])
+    task = load_task("transport", ["stages.release.target.arm_1=[1.2, 0, 180 deg]"], feasibility=False)
     model = RobotModel(task.robot)
     stages = [forecast.stage for forecast in forecast_stages(task)]
     *_, first, second = arm_postures(model, stages, configurations(task, model, stages))
@@ -58,12 +57,12 @@ def test_an_arm_takes_a_pose_on_the_branch_on_which_it_was(elbow: float) -> None
 def test_the_ratio_of_a_load_is_proportional_to_it(mass: float) -> None:
     """20 kg have 2.308 times the inertia of the robot where they are the largest load: docs/capture.md."""
     changes = [f"object.mass={mass}", f"object.inertia={2.67 * mass / 20}"]
-    task = load_feasible("transport_grasp", changes)
+    task = load_task("transport_grasp", changes)
     model = RobotModel(task.robot)
     stages = [forecast.stage for forecast in forecast_stages(task)]
     found = largest_load_ratio(task, model, configurations(task, model, stages))
     assert found is not None
     assert found.ratio == pytest.approx(2.308 * mass / 20, rel=1e-3)
     assert found.stage == "transport"
-    no_body = load_feasible("transport")
+    no_body = load_task("transport")
     assert largest_load_ratio(no_body, model, []) is None

@@ -1,5 +1,6 @@
 """Covers of bodies by capsules: what they hold, and how far they reach beyond."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import coal
@@ -193,3 +194,45 @@ def test_a_mesh_of_many_vertices_is_too_many(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(covers, "MOST_VERTICES", 161)
     with pytest.raises(SpecError, match=r"162 vertices.*at most 161"):
         read_mesh(tmp_path / "a.stl")
+
+
+TETRAHEDRON = "v 0 0 0\nv {0} 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n"
+
+
+@pytest.mark.parametrize("far", ["1e300", "1e999", "-1e999", "nan", "1.1e12"])
+def test_vertices_that_are_no_lengths_are_an_error(tmp_path: Path, far: str) -> None:
+    """The reader of meshes would drop those that are not finite, and say nothing."""
+    (tmp_path / "far.obj").write_text(TETRAHEDRON.format(far) + "v 1 1 1\nf 2 3 5\n")
+    with pytest.raises(SpecError, match=r'found a vertex at .* in "far.obj", .* of at most 1e\+12'):
+        read_mesh(tmp_path / "far.obj")
+
+
+def test_vertices_at_the_largest_length_are_apart(tmp_path: Path) -> None:
+    (tmp_path / "far.obj").write_text(TETRAHEDRON.format("1e12"))
+    mesh = read_mesh(tmp_path / "far.obj")
+    assert len(mesh.vertices) == 4
+    assert mesh.is_closed
+
+
+@pytest.mark.parametrize("shape", ["box", "plate", "ball"])
+@pytest.mark.parametrize("scale", [(1e-9, 1, 1e6), (1e-3, 1e-9, 1), (2e11, 2e11, 2e11), (2e11, 1e-3, 1e6)])
+def test_covers_of_any_scale_cover(shape: str, scale: tuple[float, ...]) -> None:
+    meshes = {"box": (1, 1, 1), "plate": (1, 1, 1e-7)}
+    mesh = trimesh.creation.box(meshes[shape]) if shape in meshes else trimesh.creation.icosphere(2, 0.5)
+    vertices = np.asarray(mesh.vertices) * scale
+    cover = cover_mesh(vertices)
+    size = np.abs(vertices).max()
+    assert depth_in(replace(cover, ends=cover.ends / size, radius=cover.radius / size), vertices / size).min() > -1e-6
+    assert 0 <= cover.excess < size
+
+
+def test_a_mesh_of_many_vertices_is_said_to_take_a_while_and_is_covered(caplog: pytest.LogCaptureFixture) -> None:
+    """Not all of its vertices count where distances to its hull are looked for: excesses are upper bounds."""
+    ball = trimesh.creation.icosphere(subdivisions=6)
+    with caplog.at_level("INFO", logger="psmpc_cli"):
+        cover = cover_mesh(np.asarray(ball.vertices))
+    assert [record.message for record in caplog.records] == [
+        f"covering the convex hull of {len(ball.vertices)} vertices by capsules"
+    ]
+    assert depth_in(cover, np.asarray(ball.vertices)).min() > -1e-6
+    assert cover.excess < 0.01

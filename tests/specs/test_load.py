@@ -172,3 +172,11 @@ def test_kind_is_recognized_by_its_keys(tmp_path: Path) -> None:
     assert kind_of_reference(write(tmp_path, "a.yaml", ROBOT)) == "robot"
     assert kind_of_reference(write(tmp_path, "b.yaml", "seed: 1")) == "task"
     assert kind_of_reference(write(tmp_path, "c.yaml", "a: [")) == "task"
+
+
+@pytest.mark.parametrize("text", ["urdf: r.urdf\n", "name: r\nspace: spatial\n", "name: r\narmature: {arms: [1]}\n"])
+def test_a_robot_file_needs_neither_base_nor_arms_to_be_one(tmp_path: Path, text: str) -> None:
+    """Any key that tasks do not have tells a robot."""
+    assert kind_of_reference(write(tmp_path, "mine.yaml", text)) == "robot"
+    for task in ("seed: 3\n", "time_limit: 5\n", "limits: {}\n"):
+        assert kind_of_reference(write(tmp_path, "mine.yaml", task)) == "task"

@@ -1,6 +1,7 @@
 """Names of coordinates, numbers by part as vectors, trajectories and limits."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
 from psmpc_cli.specs.parts import POINT_AXES, SPACES, Space, SpaceTraits, axes_of, keys_of, names, part_faults
-from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits, labels, resolve_limits, rows, stack
+from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits, labels, resolve_limits, rows, stack, units
 from psmpc_cli.specs.task import EndCondition, TrajectorySpec
+
+from ..sliding_arm import ROBOT as SLIDING_ARM
+from ..sliding_arm import sliding_task
 
 DUAL = load_robot("planar_dual_arm")
 LINK = Link(mass=1, inertia=1, a=0.1, b=0.1)
@@ -151,3 +156,72 @@ def test_numbers_of_parts_that_a_skill_does_not_have_are_faults() -> None:
 def test_every_skill_has_a_pose_of_the_base_first(space: Space) -> None:
     assert labels(DUAL, space)[:3] == ("base.x", "base.y", "base.theta")
     assert keys_of(axes_of(DUAL.parts, space)) == ("base", "arm_1", "arm_2", "arms")
+
+
+PLACES = {
+    "initial": ("initial.arm", ["{of}", "{at}"]),
+    "target": ("stages[0].target.arm", ["{of}", "{at}"]),
+    "trajectory": ("stages[0].target", {"times": [0, 1], "arm": [["{of}", "{at}"], ["{of}", "{at}"]]}),
+    "rate": ("initial_velocity", {"arm": ["{of}", "{at}"]}),
+    "tolerance": ("stages[0].ends_when.tolerance", {"arm": ["{of}", "{at}"]}),
+    "at rest": ("stages[0].ends_when.velocity", {"arm": ["{of}", "{at}"]}),
+    "limit": ("limits", {"arm": {"position": [[-0.1, "{of}"], [0, "{at}"]]}}),
+    "limit of every arm": ("limits", {"arms": {"velocity": ["{of}", "{at}"]}}),
+}
+
+
+def filled(value: Any, of: Any, at: Any) -> Any:
+    """A value of `PLACES` with what is written of the joint that turns and of the one that slides."""
+    if isinstance(value, dict):
+        return {key: filled(each, of, at) for key, each in value.items()}
+    if isinstance(value, list):
+        return [filled(each, of, at) for each in value]
+    return {"{of}": of, "{at}": at}.get(value, value)
+
+
+@pytest.mark.parametrize("place", [*PLACES])
+def test_units_are_those_of_the_coordinate(tmp_path: Path, place: str) -> None:
+    """Wherever numbers of coordinates stand: lengths of joints that slide, angles of those that turn."""
+    (tmp_path / "slider.yaml").write_text(SLIDING_ARM)
+    path, value = PLACES[place]
+    task = sliding_task(str(tmp_path / "slider.yaml"))
+    for of, at in ((0.2, 0.3), ("0.2 rad", "0.3 m"), ("1 deg", "0.3 m")):
+        load_task(task, set={path: filled(value, of, at)})
+    for of, at, wanted in (("0.2 m", 0.3, "an angle"), (0.2, "0.3 rad", "a length"), (0.2, "1 deg", "a length")):
+        with pytest.raises(SpecError, match=f"expected {wanted}"):
+            load_task(task, set={path: filled(value, of, at)})
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "wanted"),
+    [
+        ("stages[0].ends_when.tolerance", "1 deg", "expected a length"),
+        ("stages[0].ends_when.tolerance", "0.1 m", "expected an angle"),
+        ("initial.base", ["30 deg", 0, 0, 1, 0, 0, 0], "expected a length"),
+        ("initial.base", [0, 0, 0, 1, "30 deg", 0, 0], "expected a number alone"),
+        ("stages[0].target.arm", [8, 0.1], "8 rad .*did you mean"),
+        ("skills.move.weights.arm", ["1 deg", 1], "expected a number"),
+        (
+            "obstacles",
+            [{"name": "o", "shape": {"sphere": 0.1}, "pose": ["3 deg", 0, 0, 1, 0, 0, 0]}],
+            "expected a length",
+        ),
+    ],
+)
+def test_a_unit_of_another_kind_of_coordinate_is_rejected(tmp_path: Path, path: str, value: Any, wanted: str) -> None:
+    (tmp_path / "slider.yaml").write_text(SLIDING_ARM)
+    with pytest.raises(SpecError, match=wanted):
+        load_task(sliding_task(str(tmp_path / "slider.yaml")), set={path: value})
+
+
+def test_joints_that_slide_are_in_metres(tmp_path: Path) -> None:
+    """Also where a limit is beyond what would be a turn."""
+    (tmp_path / "slider.yaml").write_text(SLIDING_ARM)
+    task = load_task(sliding_task(str(tmp_path / "slider.yaml")))
+    assert task.spec.initial["arm"] == (0.1, 7.0)
+    tolerance = task.spec.stages[0].ends_when
+    assert tolerance is not None
+    np.testing.assert_allclose(tolerance.tolerances(task.robot, "joint"), [np.radians(2), 0.02])
+    assert [each.position for each in units(task.robot)[6:]] == ["rad", "m"]
+    assert [each.force for each in units(task.robot)[6:]] == ["N m", "N"]
+    assert resolve_limits(task.robot).position_high[6:].tolist() == [np.pi / 2, 8]

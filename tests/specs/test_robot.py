@@ -1,13 +1,16 @@
 """Spatial robots from files: through a URDF, in our own keys, and what is wrong with either."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.geometry import PlacedShape, ShapeSpec
 from psmpc_cli.specs.load import load_robot
-from psmpc_cli.specs.robot import SpatialRobot
+from psmpc_cli.specs.parts import QUANTITIES
+from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, resolve_limits
 
 SERVICER = (Path(__file__).parents[2] / "robots" / "dual_arm_servicer.urdf").read_text()
 
@@ -71,6 +74,102 @@ def test_armatures_go_to_the_joints_they_are_given_for(tmp_path: Path) -> None:
     assert [joint.armature for joint in robot.joints] == [0] * 6 + [0.1, 1, 2, 3, 4, 5, 6, 7]
     planar = load_robot("planar_dual_arm")
     assert {joint.armature for joint in planar.joints} == {0}
+
+
+LIMIT = '<limit lower="-2" upper="2" velocity="0.5" effort="20"/>'
+
+
+def one_joint(folder: Path, more: str = "", limit: str = LIMIT, kind: str = "revolute") -> Path:
+    """A robot file of a base and an arm of one joint, from a URDF beside it."""
+    inertial = '<inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'
+    joint = f'<joint name="j" type="{kind}"><parent link="b"/><child link="l"/><axis xyz="0 0 1"/>{limit}</joint>'
+    links = "".join(f'<link name="{name}">{inertial}</link>' for name in ("b", "l"))
+    (folder / "r.urdf").write_text(f'<robot name="r">{links}{joint}</robot>')
+    (folder / "r.yaml").write_text(f"urdf: r.urdf\narms: {{arm: {{tip: l}}}}\n{more}")
+    return folder / "r.yaml"
+
+
+def bounds(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> dict[str, tuple[float, float]]:
+    """The limits in force of the joint of `one_joint`, by quantity."""
+    found = resolve_limits(robot, *more)
+    return {each: (getattr(found, f"{each}_low")[6], getattr(found, f"{each}_high")[6]) for each in QUANTITIES}
+
+
+OF_URDF = {"position": (-2, 2), "velocity": (-0.5, 0.5), "acceleration": (-np.inf, np.inf), "force": (-20, 20)}
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("key", ["arm", "arms"])
+@pytest.mark.parametrize("high", [0.25, 40.0])
+def test_a_limit_of_the_file_replaces_the_urdf_s_and_a_task_tightens_both(
+    tmp_path: Path, quantity: str, key: str, high: float
+) -> None:
+    """Whichever quantity it is, by an arm's name or for every arm, tighter or wider; the others stay the URDF's."""
+    given = f"{{{key}: {{{quantity}: [[-0.1, {high}{' rad' * (quantity != 'force')}]]}}}}"
+    robot = load_robot(one_joint(tmp_path, f"limits: {given}\n"))
+    assert bounds(robot) == {**OF_URDF, quantity: (-0.1, high)}
+    for name in ("arm", "arms"):
+        of_task = {name: PartLimits.model_validate({quantity: [[-0.01, 0.02]]})}
+        assert bounds(robot, of_task) == {**OF_URDF, quantity: (-0.01, 0.02)}
+        assert bounds(load_robot(one_joint(tmp_path)), of_task)[quantity] == (-0.01, 0.02)
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_an_arm_s_own_limit_comes_before_that_of_every_arm(tmp_path: Path, quantity: str) -> None:
+    text = f"limits: {{arms: {{{quantity}: [[-0.1, 0.1]]}}, arm: {{{quantity}: [[-0.2, 0.3]]}}}}\n"
+    assert bounds(load_robot(one_joint(tmp_path, text)))[quantity] == (-0.2, 0.3)
+    none = f"limits: {{arms: {{{quantity}: [null]}}}}\n"
+    assert bounds(load_robot(one_joint(tmp_path, none)))[quantity] == (-np.inf, np.inf)
+    left_out = f"limits: {{arms: {{{quantity}: null}}}}\n"
+    assert bounds(load_robot(one_joint(tmp_path, left_out))) == OF_URDF
+
+
+@pytest.mark.parametrize(
+    ("limit", "more"),
+    [
+        (
+            '<limit lower="2" upper="-2" velocity="-1" effort="-3"/>',
+            "limits: {arms: {position: [[-1, 1]], velocity: [1], force: [1]}}\n",
+        ),
+        (
+            '<limit lower="x" upper="y"/><axis xyz="0 0 0"/>',
+            "limits: {arm: {position: [[-1, 1]], velocity: [1], force: [1]}}\n",
+        ),
+        ('<limit lower="2" upper="-2"/>', "locked: {j: 0.5}\n"),
+        ('<limit lower="-90" upper="90" velocity="200"/>', "locked: {j: 0.5}\n"),
+    ],
+)
+def test_what_a_robot_does_not_use_of_its_urdf_is_not_checked(tmp_path: Path, limit: str, more: str) -> None:
+    """Limits that the file replaces, and those of joints that do not move."""
+    path = one_joint(tmp_path, more, limit.partition("<axis")[0])
+    if "locked" in more:
+        path.write_text(f"urdf: r.urdf\n{more}")
+    robot = load_robot(path)
+    assert isinstance(robot, SpatialRobot)
+    assert not any("limit" in note or "degrees" in note for note in robot.assumed), robot.assumed
+
+
+@pytest.mark.parametrize("kind", ["continuous"])
+def test_limits_of_a_joint_without_end_are_among_what_is_assumed(tmp_path: Path, kind: str) -> None:
+    robot = load_robot(one_joint(tmp_path, kind=kind))
+    assert bounds(robot) == {**OF_URDF, "position": (-np.inf, np.inf)}
+    assert isinstance(robot, SpatialRobot)
+    (note,) = robot.assumed
+    assert all(word in note for word in ('lower="-2"', 'upper="2"', 'joint "j"', "continuous", "without limits")), note
+
+
+def test_what_else_a_joint_of_a_urdf_says_is_noted_once(tmp_path: Path) -> None:
+    """Friction is a task's, soft limits are nobody's."""
+    more = '<dynamics damping="0.5" friction="0"/><safety_controller k_velocity="1" soft_lower_limit="-1"/>'
+    robot = load_robot(one_joint(tmp_path, limit=LIMIT + more))
+    assert isinstance(robot, SpatialRobot)
+    friction, soft = robot.assumed
+    assert "1 joint (j)" in friction and "uncertainty.friction" in friction
+    assert "1 joint (j)" in soft and "soft limits" in soft
+    without = LIMIT + '<dynamics damping="0.0" friction="0"/>'
+    robot = load_robot(one_joint(tmp_path, limit=without))
+    assert isinstance(robot, SpatialRobot)
+    assert robot.assumed == ()
 
 
 SPHERE = "geometry: {left.3: [{shape: {sphere: 0.1}, pose: {position: [1, 2, 3]}}]}\n"
@@ -188,3 +287,26 @@ def test_a_urdf_that_does_not_have_what_the_file_names(
     with pytest.raises(SpecError) as caught:
         load_robot(saved(tmp_path, FILE.replace(right, wrong, 1)))
     assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "at", "wanted"),
+    [
+        ("revolute", "0.1 m", "expected an angle"),
+        ("revolute", "8", "did you mean"),
+        ("prismatic", "30 deg", "expected a length"),
+        ("prismatic", "8 m", ""),
+        ("prismatic", "8", ""),
+        ("revolute", "30 deg", ""),
+    ],
+)
+def test_locked_joints_are_in_their_own_units(tmp_path: Path, kind: str, at: str, wanted: str) -> None:
+    path = one_joint(tmp_path, kind=kind)
+    path.write_text(f"urdf: r.urdf\nlocked: {{j: {at}}}\n")
+    if wanted:
+        with pytest.raises(SpecError, match=wanted):
+            load_robot(path)
+        return
+    robot = load_robot(path)
+    assert isinstance(robot, SpatialRobot)
+    assert any(f"locked at {'8 m' if kind == 'prismatic' else '0.523599 rad'}" in note for note in robot.assumed)

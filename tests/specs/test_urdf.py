@@ -1,5 +1,6 @@
 """Files of URDF: what is wrong with them, and what is assumed of them."""
 
+from importlib.metadata import distribution
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.covers import cover_box, cover_mesh
-from psmpc_cli.specs.load import load_robot
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.covers import Mesh, cover_box, cover_mesh
+from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task
+from psmpc_cli.specs.parts import MOBILITIES
+from psmpc_cli.specs.robot import RobotSpec, SpatialRobot
 from psmpc_cli.specs.urdf import read_urdf
 
 Array = NDArray[np.float64]
@@ -97,7 +99,6 @@ def written(folder: Path, **changed: str) -> Path:
             ("limits -1, 1e+16", '"j"', "within 1e+12"),
         ),
         (part("joint", 'upper="1"', 'upper="inf"'), 4, ("limit upper", "inf", "number")),
-        (part("joint", "<limit", '<limit effort="0"'), 4, ("effort 0", '"j"', "positive")),
         (part("joint", "<limit", '<limit effort="-4"'), 4, ("effort -4", '"j"', "positive")),
         (part("joint", "<limit", '<limit effort="4 N m"'), 4, ("limit effort", "4 N m", "number")),
         # what only the robot as a whole shows
@@ -112,12 +113,12 @@ def written(folder: Path, **changed: str) -> Path:
         (
             {key: part.replace('"arm"', '"arm.0"') for key, part in PARTS.items()},
             3,
-            ('link "arm.0"', "expected a name"),
+            ('leaf "arm.0"', "no arm may have", "arms: {NAME: {tip: arm.0}}"),
         ),
         (
             {key: part.replace('"arm"', '"arms"') for key, part in PARTS.items()},
             3,
-            ('link "arms"', "reserved name"),
+            ('leaf "arms"', "no arm may have", "arms: {NAME: {tip: arms}}"),
         ),
     ],
 )
@@ -170,6 +171,103 @@ def test_a_file_that_is_no_robot_is_one_error(tmp_path: Path, text: str, words: 
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500
     assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+SRDF = "<robot name='r'><group name='arm'><chain base_link='a' tip_link='b'/></group></robot>"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "found"),
+    [
+        ("r.sdf", "<sdf version='1.7'/>", "an SDF file (<sdf>)"),
+        ("r.srdf", SRDF, "an SRDF file (<robot> without links)"),
+        ("r.mjcf", "<mujoco model='r'/>", "a MuJoCo model (<mujoco>)"),
+        ("r.xml", "<mujoco model='r'/>", "a MuJoCo model (<mujoco>)"),
+        ("r.XML", "<COLLADA/>", "the element <COLLADA>"),
+        ("r.urdf", SRDF, "an SRDF file (<robot> without links)"),
+        ("r", "\ufeff<?xml version='1.0'?>\n<sdf/>", "an SDF file (<sdf>)"),
+        ("r.yaml", "<sdf/>", "an SDF file (<sdf>)"),
+    ],
+)
+def test_other_xml_files_are_called_what_they_are(tmp_path: Path, name: str, text: str, found: str) -> None:
+    """Wherever a robot or a task is expected: the outermost element says it, not the ending."""
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    assert kind_of_reference(path) == "robot"
+    (tmp_path / "mine.yaml").write_text(f"urdf: {name}\n")
+    for reference in (path, tmp_path / "mine.yaml"):
+        with pytest.raises(
+            SpecError, match=r"found .*, expected a URDF file \(<robot> with links and joints\)"
+        ) as caught:
+            load_robot(reference)
+        assert f"found {found}, expected" in str(caught.value)
+    with pytest.raises(SpecError, match="expected a task: a YAML file with the keys robot, ") as caught:
+        load_task(path)
+    assert f"found {found}, expected" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["robot.URDF", "robot.xml", "robot"])
+def test_a_urdf_is_one_whatever_its_name(tmp_path: Path, name: str) -> None:
+    path = written(tmp_path).rename(tmp_path / name)
+    assert kind_of_reference(path) == "robot"
+    assert load_robot(path).parts == {"base": 6, "arm": 1}
+
+
+@pytest.mark.parametrize(
+    ("encoding", "declared"),
+    [("iso-8859-1", "ISO-8859-1"), ("utf-16", "UTF-16"), ("utf-8-sig", "UTF-8"), ("cp1252", "windows-1252")],
+)
+def test_a_urdf_is_read_in_the_encoding_that_it_declares(tmp_path: Path, encoding: str, declared: str) -> None:
+    path = written(tmp_path, **{key: text.replace('"arm"', '"bras_plié"') for key, text in PARTS.items()})
+    text = path.read_text(encoding="utf-8")
+    path.write_bytes(f'<?xml version="1.0" encoding="{declared}"?>\n{text}'.encode(encoding))
+    assert load_robot(path).parts == {"base": 6, "bras_plié": 1}
+
+
+@pytest.mark.parametrize("mobility", [*MOBILITIES])
+@pytest.mark.parametrize("in_task", [False, True])
+def test_only_a_fixed_base_may_have_no_mass(tmp_path: Path, mobility: str, in_task: bool) -> None:
+    written(tmp_path, base='<link name="base"/>')
+    own = "" if in_task else f"mobility: {mobility}\n"
+    (tmp_path / "robot.yaml").write_text(f"urdf: robot.urdf\n{own}")
+    task = {
+        "robot": str(tmp_path / "robot.yaml"),
+        **({"mobility": mobility} if in_task else {}),
+        "initial": {"base": [0, 0, 0, 1, 0, 0, 0], "arm": [0.1]},
+        "skills": {"move": {"space": "joint", "weights": {"arm": [1], "base": [1] * 6, "control": 1}}},
+        "stages": [
+            {
+                "name": "go",
+                "skill": "move",
+                "target": {"base": [0, 0, 0, 1, 0, 0, 0], "arm": [0.2]},
+                "ends_when": {"coordinates": "arm"},
+            }
+        ],
+    }
+    if mobility == "fixed":
+        robot = load_task(task).robot
+        assert (robot.base.mass, robot.mobility) == (0, "fixed")
+        assert isinstance(robot, SpatialRobot) and any("has no mass" in note for note in robot.assumed)
+        return
+    with pytest.raises(SpecError, match=f'link "base": base.mass: found 0.0, .* a {mobility} base moves'):
+        load_task(task)
+
+
+def test_the_link_whose_inertia_is_impossible_is_blamed(tmp_path: Path) -> None:
+    """Not the one that carries it."""
+    fixed = '<joint name="k" type="fixed"><parent link="arm"/><child link="tip"/></joint>'
+    for wrong, words in (('ixx="9"', "sum of the others"), ('ixx="-9"', "found principal moments")):
+        tip = PARTS["link"].replace('"arm"', '"tip"').replace('ixx="1"', wrong)
+        with pytest.raises(SpecError, match=words) as caught:
+            load_robot(written(tmp_path, tip=tip, k=fixed))
+        assert "robot.urdf:5: " in str(caught.value)
+        assert '"tip"' in str(caught.value)
+
+
+def test_efforts_of_0_are_assumed_to_be_none(tmp_path: Path) -> None:
+    robot = load_robot(written(tmp_path, **part("joint", "<limit", '<limit effort="0"')))
+    assert robot.limits["arm"].force is None
+    assert any('the effort of joint "j" is 0' in note for note in robot.assumed)
 
 
 def test_a_file_with_many_errors_names_the_first(tmp_path: Path) -> None:
@@ -229,12 +327,11 @@ def test_what_is_assumed_is_noted(tmp_path: Path) -> None:
     joint = PARTS["joint"].replace('<limit lower="-1" upper="1"/>', "").replace("0 0 1", "0 0 2")
     fixed = '<joint name="k" type="fixed"><parent link="arm"/><child link="tip"/></joint>'
     tip = '<link name="tip"><odd/><visual><geometry><mesh filename="no.stl"/></geometry></visual></link>'
-    urdf = read_urdf(written(tmp_path, joint=joint, tip=tip, k=fixed))
-    notes = "\n".join(urdf.notes)
+    notes = "\n".join(load_robot(written(tmp_path, joint=joint, tip=tip, k=fixed)).assumed)
     for word in ("no <limit>", "length 2", "no <inertial>", "<odd>", "visual mesh"):
         assert word in notes
     fast = PARTS["joint"].replace("<limit", '<origin rpy="90 0 0"/><limit velocity="120"')
-    notes = "\n".join(read_urdf(written(tmp_path, joint=fast)).notes)
+    notes = "\n".join(load_robot(written(tmp_path, joint=fast)).assumed)
     assert "120 rad/s" in notes
     assert 'rpy="90 0 0"' in notes
     floating = load_robot(written(tmp_path, joint=PARTS["joint"].replace("revolute", "floating")))
@@ -350,9 +447,13 @@ def test_meshes_of_visuals_are_not_read_and_an_open_one_is_noted(tmp_path: Path)
         ('<box size="0.1 -0.1 0.1"/>', ("a box", "size of -0.1", "left out")),
         ("<torus/>", ("<torus>", '"arm"', "left out")),
         ("", ("nothing", '"arm"', "left out")),
+        ('<mesh filename="ball.obj" scale="1e12 1e12 1e12"/>', ("reaches to 1e+12 m", "at most 2.5e+11 m", "left out")),
+        ('<mesh filename="far.obj"/>', ("a vertex at inf", "far.obj", "left out")),
     ],
 )
 def test_shapes_that_cannot_be_taken_are_left_out_and_noted(tmp_path: Path, shape: str, words: tuple[str, ...]) -> None:
+    trimesh.creation.icosphere(1).export(tmp_path / "ball.obj")
+    (tmp_path / "far.obj").write_text("v 0 0 0\nv 1e999 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 4\nf 1 2 3\n")
     robot = load_robot(written(tmp_path, link=colliding(shape)))
     (note,) = [note for note in robot.assumed if "left out" in note]
     assert note.startswith("robot.urdf, line 3: ") and all(word in note for word in words), note
@@ -393,3 +494,38 @@ def test_the_file_says_more_than_the_urdf_of_a_body(tmp_path: Path) -> None:
 def test_a_urdf_without_collision_shapes_has_no_geometry(tmp_path: Path) -> None:
     assert load_robot(written(tmp_path)).geometry == {}
     assert "geometry" not in load_robot("dual_arm_servicer").model_dump(mode="json")
+
+
+REJECTED = {
+    "allegro_hand_description/urdf/allegro_left_hand.urdf": "whose name no arm may have",
+    "allegro_hand_description/urdf/allegro_right_hand.urdf": "whose name no arm may have",
+    "human_description/robots/human.urdf": "found no mass of",
+    "icub_description/robots/icub.urdf": "expected positive ones",
+    "icub_description/robots/icub_reduced.urdf": "expected positive ones",
+    "romeo_description/urdf/romeo.urdf": "found no mass of",
+    "romeo_description/urdf/romeo_laas_small.urdf": "expected positive ones",
+    "romeo_description/urdf/romeo_small.urdf": "no principal moment above the sum of the others",
+    "ur_description/urdf/ur3.urdf": "a robot without links",
+}
+"""Files whose links cannot move on their own, or cannot be told apart by names."""
+
+
+@pytest.mark.slow
+def test_published_robots_are_read_or_rejected_for_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every URDF of a collection of robots, without their meshes."""
+    monkeypatch.setattr("psmpc_cli.specs.urdf.read_mesh", _no_mesh)
+    package = distribution("example-robot-data")
+    found = [file for file in package.files or () if file.suffix == ".urdf"]
+    reasons = {}
+    for file in found:
+        try:
+            load_robot(Path(str(file.locate())))
+        except SpecError as error:
+            reasons[str(file).partition("/robots/")[2]] = str(error)
+    assert len(found) > 60
+    assert reasons.keys() == REJECTED.keys()
+    assert all(REJECTED[file] in reason for file, reason in reasons.items()), reasons
+
+
+def _no_mesh(path: Path) -> Mesh:
+    raise SpecError(f"found {path.name}, which this test does not read")

@@ -23,6 +23,10 @@ def check(
     """Report every problem of robots and tasks by file, line and column; print valid ones as a table."""
     problems = []
     agree = True
+    if figure is not None:
+        from psmpc_cli.figures.registry import check_figure
+
+        check_figure(figure, force, "--figure", files)
     for reference in files:
         try:
             agree &= _check_one(reference, changes or [], gradients, figure, force)
@@ -70,9 +74,15 @@ def init(
     force: options.Force = False,
 ) -> None:
     """Copy the built-in robots and tasks, to edit them."""
-    from psmpc_cli.specs.library import write_starter
+    from psmpc_cli.logs.files import STARTER, check_output, write_new
+    from psmpc_cli.specs.library import starter_files, starter_sources
 
-    for path in write_starter(directory, overwrite=force):
+    files = starter_files(directory)
+    for path in files:
+        check_output(path, force, STARTER, "DIR", starter_sources())
+    for path, text in files.items():
+        write_new(path, text.encode(), force, STARTER, "DIR", starter_sources())
+    for path in sorted(files):
         typer.echo(str(path))
 
 

@@ -1,7 +1,7 @@
 """Runs and their logs: `psmpc simulate`, `rerun`, `replay`, `verify`, `show`, `plot`, `view` and `report`."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -53,11 +53,12 @@ def simulate(
     overrides += [
         (f"--{name} {chosen}", f"{name}.kind={chosen}") for name, chosen in short.items() if chosen is not None
     ]
-    drawing = figures or render
+    films = ("render",) if render else ()
     if task is not None and unfinished is None:
         common.validate(task, overrides)
     from psmpc_cli.cli.contents import present
     from psmpc_cli.figures.animation import offscreen_driver
+    from psmpc_cli.logs.schema import RUN
     from psmpc_cli.ocp.feasibility import load_feasible
     from psmpc_cli.simulation.run import simulate as run_task
     from psmpc_cli.solvers import Outcome
@@ -66,13 +67,16 @@ def simulate(
         if task or overrides:
             wanted = "expected no task, --set, --controller or --plant beside it"
             raise InputError(f"--continue repeats the task in the log: {wanted}")
-        path = unfinished if output is None else common.output_file(output, "", force, drawing)
+        path = unfinished
+        if output is not None:
+            path = common.output_file(output, "", RUN, force, figures, films=films, inputs=[unfinished])
     elif task is not None:
         loaded = load_feasible(task, overrides)
         name = "-".join(filter(None, (loaded.spec.name, controller, plant)))
-        path = common.output_file(output, name, force, drawing)
+        path = common.output_file(output, name, RUN, force, figures, films=films, inputs=[task])
     else:
         raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
+    page = _page_path([path], "view", force) if view else None
     if render:
         offscreen_driver()
     with watched_run(quiet) as (watch, interruption):
@@ -80,11 +84,11 @@ def simulate(
             _continue(unfinished, output, watch)
         else:
             run_task(loaded, path, watch, force)
-    log = present(path, figures, force or path == unfinished, quiet, verbose, ("render",) if render else ())
+    log = present(path, figures, force or path == unfinished, quiet, verbose, films)
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        _save(lambda: show(log), None, path, "view", force)
+        _save(lambda: show(log), page, [path], "view", force)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:
@@ -285,7 +289,7 @@ def view(
                 runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = found
         return show(runs)
 
-    _save(page, output, logs[0], "view", force, open_it)
+    _save(page, output, logs, "view", force, open_it)
 
 
 def report(
@@ -298,19 +302,30 @@ def report(
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.report.pages import report_run
 
-    _save(lambda: report_run(read_run(log)), output, log, "report", force, open_it)
+    _save(lambda: report_run(read_run(log)), output, [log], "report", force, open_it)
+
+
+def _page_path(logs: Sequence[Path], kind: str, force: bool, output: Path | None = None) -> Path:
+    """Choose the file of a page of logs, by default LOG-kind.html of the first or one with a number, and check it."""
+    from psmpc_cli.logs.files import PAGE, check_output
+
+    path = output or common.free_path(logs[0].with_name(f"{logs[0].stem}-{kind}.html"), force)
+    check_output(path, force, PAGE, inputs=logs)
+    return path
 
 
 def _save(
-    page: "Callable[[], Page]", output: Path | None, log: Path, kind: str, force: bool, open_it: bool = False
+    page: "Callable[[], Page]",
+    output: Path | None,
+    logs: Sequence[Path],
+    kind: str,
+    force: bool,
+    open_it: bool = False,
 ) -> None:
-    """Make and write a page, by default to LOG-kind.html or with a number, say where, and open it if asked to."""
+    """Make and write a page of logs, say where, and open it if asked to."""
     import webbrowser
 
-    from psmpc_cli.logs.files import check_output
-
-    path = output or common.free_path(log.with_name(f"{log.stem}-{kind}.html"), force)
-    check_output(path, force, hdf5=False)
+    path = _page_path(logs, kind, force, output)
     typer.echo(f"page: {page().save(path, force)}")
     if open_it and not webbrowser.open(path.resolve().as_uri()):
         typer.echo("psmpc: no browser was opened: found none; set BROWSER, or open the page yourself", err=True)

@@ -13,7 +13,16 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
-from psmpc_cli.logs.files import check_output, kind_of, new_image, read_array, read_attributes, read_file, write_new
+from psmpc_cli.logs.files import (
+    TABLE,
+    check_output,
+    kind_of,
+    new_image,
+    read_array,
+    read_attributes,
+    read_file,
+    write_new,
+)
 from psmpc_cli.logs.schema import COMPARISON, Q_COORDINATE, RUN, Column, columns, layout
 from psmpc_cli.logs.summary import Summary, early_starts
 from psmpc_cli.logs.walk import RUNS, misfit
@@ -365,11 +374,11 @@ class Run:
             tables["ticks.csv"] = self._table("ticks/tick", "ticks/")
         paths = [directory / name for name in tables]
         for path in paths:
-            check_output(path, force, "--csv", hdf5=False)
+            check_output(path, force, TABLE, "--csv")
         for path, table in zip(paths, tables.values(), strict=True):
             text = StringIO(newline="")
             csv.writer(text).writerows([table, *zip(*table.values(), strict=True)])
-            write_new(path, text.getvalue().encode(), force, hdf5=False)
+            write_new(path, text.getvalue().encode(), force, TABLE, "--csv")
         return paths
 
     def to_xarray(self) -> "xarray.Dataset":

@@ -270,4 +270,9 @@ def save_ablation(ablation: Ablation, folder: Path) -> Path:
         InputError: It cannot be written.
     """
     draw = partial(ABLATIONS[ablation.name], ablation.panels)
-    return save_figure(draw, folder / f"ablation_{ablation.name}.png", force=True)
+    return save_figure(draw, folder / figure_of(ablation.name), force=True)
+
+
+def figure_of(ablation: str) -> str:
+    """Return the name of the file with the figure of an ablation."""
+    return f"ablation_{ablation}.png"

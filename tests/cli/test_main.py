@@ -29,10 +29,10 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("simulate task.yaml --quiet --verbose", ("--quiet", "--verbose")),
     ("simulate task.yaml --speed", ("--speed",)),
     ("simulate task.yaml -o part.h5", ("part.h5 exists", "-o", "--force")),
-    ("simulate task.yaml -o task.yaml --force", ("task.yaml is no log",)),
+    ("simulate task.yaml -o task.yaml --force", ("task.yaml is read by this command",)),
     ("simulate task.yaml -o .", ("is a directory",)),
     ("simulate task.yaml --no-figures -o /dev/full", ("/dev/full exists",)),
-    ("simulate task.yaml --no-figures -o /dev/full --force", ("/dev/full is no log",)),
+    ("simulate task.yaml --no-figures -o /dev/full --force", ("/dev/full: found no regular file",)),
     ("simulate task.yaml -o taken.h5", ("taken holds files", "-o", "--force", "--no-figures")),
     ("simulate task.yaml -o blocked.h5", ("blocked is no directory", "-o")),
     ("simulate task.yaml -o task.yaml/log.h5 --no-figures", ("task.yaml", "directory")),
@@ -72,7 +72,7 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("monte-carlo task.yaml", ("--runs",)),
     ("monte-carlo task.yaml --runs 2", ("task.yaml", "nothing random")),
     (f"monte-carlo {NOISY} --runs 2 --resume", ("--resume", "runs/task-monte-carlo.h5")),
-    (f"monte-carlo {NOISY} --runs 2 -o task.yaml", ("task.yaml exists",)),
+    (f"monte-carlo {NOISY} --runs 2 -o task.yaml", ("task.yaml is read by this command",)),
     ("pareto task.yaml --at soon", ("--at", "'soon'")),
     ("pareto task.yaml --method guess", ("--method", "'guess'", "weighted-sum")),
     ("pareto task.yaml --stages 2,1", ("--stages", "'2,1'", "1 go, 2 back")),
@@ -138,11 +138,11 @@ def test_problems_of_all_files_come_together_after_the_tables(psmpc: Psmpc, tmp_
     ]
 
 
-def test_a_read_only_folder_is_named_with_the_option_that_helps(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("os.access", lambda *arguments: False)
-    ran = psmpc("simulate", "task.yaml")
-    assert ran.code == 2
-    assert "read-only" in ran.stderr
+@pytest.mark.parametrize("line", ["simulate task.yaml", "simulate task.yaml --no-figures", "compare task.yaml"])
+def test_a_folder_that_takes_no_files_is_named_before_anything_is_compiled(psmpc: Psmpc, line: str) -> None:
+    ran = psmpc(*line.split(), "-o", "/proc/log.h5")
+    assert (ran.code, len(ran.stderr.splitlines())) == (2, 1)
+    assert "/proc cannot be written" in ran.stderr
     assert "-o" in ran.stderr
 
 

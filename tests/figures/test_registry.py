@@ -56,6 +56,9 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path, run: Run) -> None:
         draw("run", run, tmp_path, only=["states", "errors"])
     assert [path.name for path in tmp_path.iterdir()] == ["errors.png"]
     assert (tmp_path / "errors.png").read_text() == "mine"
+    with pytest.raises(InputError, match="found a text file, expected a PNG image"):
+        draw("run", run, tmp_path, only=["errors"], force=True)
+    (tmp_path / "errors.png").write_bytes(b"\x89PNG\r\n\x1a\n of an earlier command")
     draw("run", run, tmp_path, only=["errors"], force=True)
     assert (tmp_path / "errors.png").read_bytes().startswith(BEGINNINGS["png"])
 
@@ -65,7 +68,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path, run: Run) -> No
     with pytest.raises(InputError, match="file is no directory"):
         draw("run", run, tmp_path / "file")
     (tmp_path / "states.png").mkdir()
-    with pytest.raises(InputError, match=r"states\.png cannot be written"):
+    with pytest.raises(InputError, match=r"states\.png is a directory"):
         draw("run", run, tmp_path, only=["states"], force=True)
 
 
@@ -78,7 +81,7 @@ def test_a_figure_is_written_whole_or_not_at_all(tmp_path: Path, run: Run) -> No
 def test_a_scenario_is_drawn_into_the_file_that_is_named(transport: Task, tmp_path: Path) -> None:
     path = draw_file("scenario", transport, tmp_path / "new" / "mine.svg")
     assert path.read_bytes().startswith(BEGINNINGS["svg"])
-    with pytest.raises(InputError, match="overwrite with --force"):
+    with pytest.raises(InputError, match="overwrite it with --force"):
         draw_file("scenario", transport, path)
 
 

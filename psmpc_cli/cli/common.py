@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from psmpc_cli.errors import InputError, Interruption, deferred_signals
+from psmpc_cli.specs.document import printable
 
 if TYPE_CHECKING:
     from psmpc_cli.logs.schema import Sample
@@ -19,6 +20,16 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 """Folder of the default outputs."""
+
+
+def echo(text: str = "", err: bool = False) -> None:
+    """Print a text, as everything that commands print, with escapes for characters that could control a terminal."""
+    typer.echo(escaped(text), err=err)
+
+
+def escaped(text: str) -> str:
+    """Write escapes for the characters of a text that are not printable, but for the ends of its lines and tabs."""
+    return "\n".join("\t".join(map(printable, line.split("\t"))) for line in text.split("\n"))
 
 
 def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
@@ -102,7 +113,7 @@ def ending_on_signals(outcome: str) -> Iterator[Interruption]:
         try:
             yield interruption
         except KeyboardInterrupt as reason:
-            typer.echo(f"psmpc: {reason}; {outcome}", err=True)
+            echo(f"psmpc: {reason}; {outcome}", err=True)
             raise typer.Exit(interruption.exit_code) from None
 
 
@@ -116,9 +127,9 @@ def live_line(quiet: bool) -> Iterator[Callable[..., None]]:
     console = Console(stderr=True, quiet=quiet)
     if console.is_terminal:
         with Live(console=console, refresh_per_second=8, transient=True) as live:
-            yield lambda text, due=True: live.update(Text(text, overflow="ellipsis", no_wrap=True))
+            yield lambda text, due=True: live.update(Text(escaped(text), overflow="ellipsis", no_wrap=True))
     else:
-        yield lambda text, due=True: typer.echo(text, err=True) if due and not quiet else None
+        yield lambda text, due=True: echo(text, err=True) if due and not quiet else None
 
 
 @contextmanager
@@ -155,6 +166,8 @@ def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interr
 
 def describe_progress(progress: "Progress") -> str:
     """Write how many runs of a study have ended, and the estimated time to its end."""
+    if not progress.runs:
+        return "no run is left: the file holds them all"
     text = f"{progress.ended} of {progress.runs} runs"
     text += f", {progress.failed} failed" if progress.failed else ""
     if 0 < progress.ended < progress.runs:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from psmpc_cli.cli import options
-from psmpc_cli.cli.common import ending_on_signals, live_line, validate
+from psmpc_cli.cli.common import echo, ending_on_signals, live_line, validate
 from psmpc_cli.errors import PsmpcError, SpecError
 
 
@@ -60,12 +60,12 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
         forecasts = forecast_stages(subject)
         print_task(subject, forecasts)
         if doubtful := remarks(subject, forecasts):
-            typer.echo(f"probably not meant:\n{subject.source.report(doubtful)}\n")
+            echo(f"probably not meant:\n{subject.source.report(doubtful)}\n")
         agree = not gradients or print_gradients(subject)
     if figure is not None:
         from psmpc_cli.figures.registry import draw_file
 
-        typer.echo(f"{drawn}: {draw_file(drawn, subject, figure, force)}")
+        echo(f"{drawn}: {draw_file(drawn, subject, figure, force)}")
     return agree
 
 
@@ -83,7 +83,7 @@ def init(
     for path, text in files.items():
         write_new(path, text.encode(), force, STARTER, "DIR", starter_sources())
     for path in sorted(files):
-        typer.echo(str(path))
+        echo(str(path))
 
 
 def schema(
@@ -95,7 +95,7 @@ def schema(
     from psmpc_cli.specs.library import KINDS, json_schema
 
     found = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind)
-    typer.echo(json.dumps(found, indent=2))
+    echo(json.dumps(found, indent=2))
 
 
 def bench(
@@ -123,4 +123,4 @@ def bench(
     with ending_on_signals("no table was made") as interruption, live_line(quiet) as show:
         found = study.run_bench(tasks, solvers, repeat, appends, show, interruption.check)
     print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
-    typer.echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")
+    echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from psmpc_cli.cli import common, options
-from psmpc_cli.cli.common import watched_run
+from psmpc_cli.cli.common import echo, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]"
         return
     print_differences(comparison, log)
     if output is None:
-        typer.echo(
+        echo(
             f"{path} was not continued and is unchanged, since its run differs from it when it is repeated; "
             "with -o FILE the whole run goes to another file",
             err=True,
@@ -154,12 +154,12 @@ def replay(
     window = found.logged.window
     kind = solver or run.task.spec.solver.kind
     stages = ", ".join(stage.name for stage in window.stages)
-    typer.echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
+    echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
     for remark in found.remarks:
-        typer.echo(f"note: {remark}")
-    typer.echo("\n".join(found.iterations))
+        echo(f"note: {remark}")
+    echo("\n".join(found.iterations))
     if (largest := max(window.omega)) != 1:
-        typer.echo(f"objective in the lines above: J over the largest priority, {largest:g}")
+        echo(f"objective in the lines above: J over the largest priority, {largest:g}")
     rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
     rows.append(("largest of a control in the plan", "", "", f"{found.largest_of_controls:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
@@ -167,7 +167,7 @@ def replay(
     differs = f"differs from the log by up to {found.largest:.1e}"
     result = (equal if found.largest <= EQUAL else differs) + ("" if found.same_solver else ", by another solver")
     was, now = (f"{each.outcome.name.lower()} after {each.iterations}" for each in (found.logged, found.solution))
-    typer.echo(f"{result}: {was} iterations, again {now}")
+    echo(f"{result}: {was} iterations, again {now}")
 
 
 def verify(
@@ -182,15 +182,15 @@ def verify(
 
     began = time.perf_counter()
     found = Verification(read_run(log), every)
-    typer.echo(f"{found.count} horizons, the low-level law acting at every instant")
+    echo(f"{found.count} horizons, the low-level law acting at every instant")
     if found.count:
         _print_peaks(found.horizons)
     if found.samples:
-        typer.echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
+        echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
         _print_peaks(found.loop)
     for remark in found.remarks:
-        typer.echo(f"note: {remark}")
-    typer.echo(f"integrated in {time.perf_counter() - began:.1f} s")
+        echo(f"note: {remark}")
+    echo(f"integrated in {time.perf_counter() - began:.1f} s")
 
 
 def _print_peaks(peaks: "Peaks") -> None:
@@ -222,7 +222,7 @@ def show(
         return
     for name, run in contents.logs().items():
         for path in run.to_csv(csv / name, force):
-            typer.echo(str(path))
+            echo(str(path))
 
 
 def plot(
@@ -265,9 +265,9 @@ def plot(
     elif films:
         contents.ensure_filmable("animate" if animate else "render")
     for path in draw(kind, subject, directory, formats or ("png",), only or None, force, films):
-        typer.echo(str(path))
+        echo(str(path))
     if films and not mp4_possible():
-        typer.echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)
+        echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)
 
 
 def view(
@@ -326,6 +326,6 @@ def _save(
     import webbrowser
 
     path = _page_path(logs, kind, force, output)
-    typer.echo(f"page: {page().save(path, force)}")
+    echo(f"page: {page().save(path, force)}")
     if open_it and not webbrowser.open(path.resolve().as_uri()):
-        typer.echo("psmpc: no browser was opened: found none; set BROWSER, or open the page yourself", err=True)
+        echo("psmpc: no browser was opened: found none; set BROWSER, or open the page yourself", err=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from psmpc_cli.cli import common, options
-from psmpc_cli.cli.common import describe_progress, ending_on_signals, live_line, watched_run
+from psmpc_cli.cli.common import describe_progress, echo, ending_on_signals, live_line, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -242,6 +242,6 @@ def reproduce(
         write_new(json, study.claims_json(made, created), force, CLAIMS, "--json")
     if not quiet:
         print_claims(made)
-        typer.echo(f"report: {page}")
+        echo(f"report: {page}")
     if strict and made.failing:
         raise typer.Exit(1)

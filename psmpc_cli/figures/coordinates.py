@@ -194,7 +194,7 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
             motion = run.motion
             look = style.line_look(number)
             values = _in_vectors(run, motion.Q)[:, row]
-            axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.title_of(name)}", **look)
+            axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.literal(style.title_of(name))}", **look)
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             at = np.interp(switches, motion.time, values)
             axes.plot(switches, at, "o", markersize=3, color=look["color"])

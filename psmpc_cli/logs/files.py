@@ -1,5 +1,6 @@
 """The files that psmpc writes: how they are opened, and how new ones come to be without loss of old ones."""
 
+import fcntl
 import os
 import re
 import secrets
@@ -8,7 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, TypeVar
+from types import TracebackType
+from typing import Any, BinaryIO, Self, TypeVar
 
 import h5py
 import numpy as np
@@ -260,8 +262,11 @@ def write_new(
     kind: FileKind = LOG,
     option: str = "-o",
     inputs: Iterable[Path | str] = (),
+    replace: Callable[[bytes], None] | None = None,
 ) -> None:
-    """Write a new file, whole or not at all; its folder is created if necessary. Arguments: see `check_output`.
+    """Write a new file, whole or not at all; its folder is created if necessary.
+
+    Arguments: see `check_output`; `replace` writes the file, as `FileLock.replace` does.
 
     Raises:
         InputError: The path is taken, see `check_output`, or the file cannot be written.
@@ -269,7 +274,10 @@ def write_new(
     with writing(path):
         check_output(path, force, kind, option, inputs)
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, image)
+        if replace is None:
+            replace_file(path, image)
+        else:
+            replace(image)
 
 
 @contextmanager
@@ -314,3 +322,71 @@ def replacing(path: Path) -> Iterator[Path]:
         os.replace(part, target)
     finally:
         part.unlink(missing_ok=True)
+
+
+class FileLock:
+    """The sole right to fill in a file, which ends with its process, however that ends.
+
+    The lock is on the file itself. Each file that takes its place is locked beforehand, so that whoever locks the one
+    at the path has the right. It is a record lock: HDF5 and programs that read the file use others.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._locked: BinaryIO | None = None
+
+    def __enter__(self) -> Self:
+        """Lock the file, if there is one.
+
+        Raises:
+            InputError: Another process has the lock, or the file cannot be opened for writing.
+        """
+        with writing(self.path):
+            while self._locked is None and self.path.exists():
+                file = self.path.open("rb+")
+                if not _lock(file):
+                    file.close()
+                    raise InputError(
+                        f"{self.path} is being filled in by another process: wait for its end, or choose another file "
+                        "with -o"
+                    )
+                if _is_at(file, self.path):
+                    self._locked = file
+                else:
+                    file.close()  # another one took its place meanwhile
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._unlock()
+
+    def replace(self, image: bytes) -> None:
+        """Put a file, locked, in the place of the one at the path, in one step.
+
+        Raises:
+            OSError: It cannot be written; the one that was there stays.
+        """
+        with replacing(self.path) as part:
+            file = part.open("rb+")
+            _lock(file)
+            file.write(image)
+            file.flush()
+        self._unlock()
+        self._locked = file
+
+    def _unlock(self) -> None:
+        if self._locked is not None:
+            self._locked.close()
+
+
+def _lock(file: BinaryIO) -> bool:
+    """Lock an open file; tell whether no other process had locked it."""
+    try:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True
+
+
+def _is_at(file: BinaryIO, path: Path) -> bool:
+    """Tell whether an open file is the one at a path."""
+    return path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat())

@@ -420,9 +420,11 @@ class Run:
             values = self[column.path]
             if values.ndim == 1:
                 table[name if column.units == "1" else f"{name} [{column.units}]"] = values
-            else:
-                labels = (label if isinstance(label, str) else f"{label:g}" for label in self[column.dims[1]])
-                table |= {f"{name}/{label}": each for label, each in zip(labels, values.T, strict=True)}
+                continue
+            for index in np.ndindex(values.shape[1:]):
+                labels = [self[scale][i] for scale, i in zip(column.dims[1:], index, strict=True)]
+                heading = "/".join([name, *(each if isinstance(each, str) else f"{each:g}" for each in labels)])
+                table[heading] = values[:, *index]
         return table
 
 

@@ -127,7 +127,7 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
         published: Published ends by method and stage [s].
     """
     figure, (axes,) = style.stack([""], [0.5 * len(runs)], "Time (s)")
-    _draw_schedule(axes, {style.title_of(name): run.spans for name, run in runs.items()})
+    _draw_schedule(axes, {style.literal(style.title_of(name)): run.spans for name, run in runs.items()})
     for name, y in zip(runs, axes.get_yticks(), strict=True):
         for time in published.get(name, {}).values():
             axes.plot(time, y - 1.3, **style.look("published end"))

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from psmpc_cli import __version__
 from psmpc_cli.figures.registry import FIGURES, figures_of
-from psmpc_cli.figures.style import in_style, readable, title_of
+from psmpc_cli.figures.style import in_style, title_of, words_of
 from psmpc_cli.logs.files import PAGE, write_new
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import RUN
@@ -119,7 +119,7 @@ def report_run(run: Run) -> Page:
     summary = run.summary()
     return render(
         "run.html.j2",
-        title=readable(str(run.attributes["task_name"])),
+        title=words_of(str(run.attributes["task_name"])),
         run=run,
         summary=summary,
         stages=stage_rows(summary),
@@ -127,7 +127,7 @@ def report_run(run: Run) -> Page:
         measures=list(measure_rows(summary, verbose=True)),
         no_limits=NO_LIMITS,
         figures={
-            FIGURES[RUN][name].caption or f"{readable(name)}.": partial(make, run)
+            FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(make, run)
             for name, make in figures_of(RUN, run).items()
         },
         versions=versions_of(run.attributes),

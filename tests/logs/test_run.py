@@ -14,7 +14,7 @@ from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import FORMAT_VERSION, columns
 from psmpc_cli.logs.write import Header, LogWriter
 
-from ..synthetic_logs import Story, write_story
+from ..synthetic_logs import Story, story_among_obstacles, write_story
 from .synthetic_samples import COORDINATES, HEADER, LEAN, STAGES, TICKS, record
 
 SAMPLES = 3
@@ -161,6 +161,18 @@ def test_no_table_of_ticks_without_ticks(tmp_path: Path) -> None:
         "samples.csv",
         "stages.csv",
     ]
+
+
+def test_a_table_has_a_column_for_each_element_of_an_array_of_three_dimensions(tmp_path: Path) -> None:
+    story = Story(**story_among_obstacles(), last=0.8)
+    run = read_run(write_story(tmp_path / "log.h5", story))
+    run.to_csv(tmp_path)
+    headings, rows = table(tmp_path / "samples.csv")
+    for pair, axis in ((0, 3), (7, 5)):
+        name = f"clearance/points/{run['clearance/pair'][pair]}/{run['clearance/point'][axis]}"
+        column = [float(row[headings.index(name)]) for row in rows]
+        assert column == run["clearance/points"][:, pair, axis].tolist()
+    assert len(headings) == len(set(headings)) == len(rows[0])
 
 
 def test_tables_are_overwritten_with_force_only(tmp_path: Path) -> None:

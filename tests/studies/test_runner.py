@@ -21,6 +21,7 @@ import pytest
 
 import psmpc_cli
 from psmpc_cli.errors import InputError
+from psmpc_cli.logs.files import FileLock
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import SWEEP, Column
@@ -237,6 +238,36 @@ def test_a_study_whose_file_lacks_quantities_is_not_resumed(tmp_path: Path, task
         del file["reference_status"]
     with pytest.raises(InputError, match="earlier version, whose studies had no reference_status: start anew"):
         run_study(study_of(task), tmp_path / "study.h5", resume=True)
+
+
+def test_a_file_that_another_process_fills_in_is_not_touched_until_that_ends(tmp_path: Path, task: Task) -> None:
+    path = tmp_path / "study.h5"
+    study_of(task).results(path).create()
+    holding = """
+import sys
+from pathlib import Path
+from psmpc_cli.logs.files import FileLock
+with FileLock(Path(sys.argv[1])) as lock:
+    lock.replace(Path(sys.argv[1]).read_bytes())
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+    before = path.stat().st_ino
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    environment = {**os.environ, "PYTHONPATH": str(Path(psmpc_cli.__file__).parents[1])}
+    with subprocess.Popen([sys.executable, "-c", holding, path], env=environment, text=True, **pipes) as other:
+        assert other.stdout is not None and other.stdout.readline() == "locked\n"
+        held = path.stat().st_ino
+        assert held != before
+        read_results(path, SWEEP)
+        for resume in (True, False):
+            with pytest.raises(InputError, match=r"study\.h5 is being filled in by another process"):
+                run_study(study_of(task), path, force=not resume, resume=resume)
+        assert path.stat().st_ino == held
+        other.kill()
+    with FileLock(path) as lock:
+        lock.replace(path.read_bytes())
+    assert path.stat().st_ino != held
 
 
 @contextmanager

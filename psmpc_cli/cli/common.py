@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from psmpc_cli.errors import InputError, Interruption, deferred_signals
-from psmpc_cli.specs.document import printable
 
 if TYPE_CHECKING:
     from psmpc_cli.logs.schema import Sample
@@ -29,6 +28,8 @@ def echo(text: str = "", err: bool = False) -> None:
 
 def escaped(text: str) -> str:
     """Write escapes for the characters of a text that are not printable, but for the ends of its lines and tabs."""
+    from psmpc_cli.specs.document import printable
+
     return "\n".join("\t".join(map(printable, line.split("\t"))) for line in text.split("\n"))
 
 

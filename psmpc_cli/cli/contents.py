@@ -160,6 +160,11 @@ class Compared(SeveralRuns):
         """Print the runs side by side."""
         tables.print_comparison(self.value, self.path)
 
+    @property
+    def drawable(self) -> bool:
+        """Whether all runs have samples."""
+        return all(len(run.time) for run in self.value.values())
+
     def logs(self) -> Mapping[str, Run]:
         """Return the runs by controller."""
         return self.value

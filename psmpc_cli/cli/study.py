@@ -166,9 +166,10 @@ def pareto(
     quiet: options.Quiet = False,
 ) -> None:
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
-    from psmpc_cli.logs.files import is_log_file
+    from h5py import is_hdf5
 
-    is_log = is_log_file(Path(task))
+    file = Path(task)
+    is_log = file.is_file() and file.stat().st_size > 0 and is_hdf5(file)  # files of the kernel have no size
     if not is_log:
         common.validate(task, changes)
     from psmpc_cli.cli.contents import present

@@ -181,7 +181,7 @@ def print_differences(comparison: Comparison, log: Run) -> None:
 
 def print_sweep(cells: SweepCells) -> None:
     """Print a sweep over weights, complete or not: a row for each run, the cells by status, the recommended ratio."""
-    if len(cells.runs):
+    if len(cells.rows):
         _print_runs(cells)
     solves = cells.count("solves")
     failed = cells.count("solves_failed")
@@ -200,9 +200,9 @@ def _by_status(results: Results) -> str:
 
 
 def _print_runs(cells: SweepCells) -> None:
-    """Print a row for each run of a sweep, or for some of many."""
+    """Print a row for each run of a sweep, failed or not, or for some of many."""
     first, second = cells.names
-    runs = cells.runs
+    runs = cells.rows
     apart = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), MOST_ROWS)).round().astype(int))]
     ends = [cells.instant, cells.of("completion_time")]
@@ -212,9 +212,9 @@ def _print_runs(cells: SweepCells) -> None:
             *(number(start, 1 if start < cells.instant[run] else 2) for start in cells.of("actual_start")[run]),
             *(number(float(values[run]), 2) for values in ends),
             number(float(cells.mission_end[run]), 2) if cells.succeeded[run] else "failed",
-            f"{cells.of('control_effort')[run]:.4g}",
-            f"{cells.of('peak_base_force')[run]:.4g}",
+            *(_shortest(cells.of(name)[run]) for name in ("control_effort", "peak_base_force")),
             number(float(cells.end_error[run]), 2),
+            cells.why(run),
         )
         for run in kept
     ]
@@ -222,9 +222,14 @@ def _print_runs(cells: SweepCells) -> None:
     over = ("omega_1", "omega_2") if apart else ("omega_2/omega_1",)
     epsilons = (f"{epsilon:g}" for epsilon in cells.epsilons)
     times = (f"{first} ends [s]", f"{second} ends [s]", "mission ends [s]")
-    print_table((*over, *epsilons, *times, "effort", "peak base force [N]", "end error"), rows, left=0)
+    print_table((*over, *epsilons, *times, "effort", "peak base force [N]", "end error", "why"), rows, left=0)
     if len(kept) < len(runs):
         echo(f"{len(kept)} of {len(runs)} {'runs' if apart else 'ratios'}")
+
+
+def _shortest(value: float) -> str:
+    """Write a number with four digits, a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:.4g}"
 
 
 def print_monte_carlo(runs: MonteCarloRuns) -> None:
@@ -239,7 +244,7 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
         rows = []
         for run in worst:
             seed = str(runs["seed"][run])
-            outcome = "failed" if runs.failed[run] else "succeeded"
+            outcome = "failed" if runs.failed[run] else "succeeded" if runs.succeeded[run] else "not judged"
             end = number(float(runs["end_time"][run]), 2)
             error = number(float(runs["final_error"][run]), 3)
             rows.append((seed, outcome, end, error, runs.why(run)))

@@ -209,11 +209,6 @@ def check_output(
         ensure_creatable(path.resolve().parent, option)
 
 
-def is_log_file(path: Path) -> bool:
-    """Return whether a file begins as logs and results do."""
-    return path.is_file() and bool(LOG.beginning.match(read_regular(path, HEAD, cut=True)))
-
-
 def _describe_other(path: Path, kind: FileKind) -> str:
     """Say what a file is that is neither empty nor of a kind; nothing of any other file."""
     if not path.is_file():

@@ -4,6 +4,7 @@ What is called is defined inside the tests, so that it is sent to the processes 
 """
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -20,7 +21,7 @@ import numpy as np
 import pytest
 
 import psmpc_cli
-from psmpc_cli.errors import InputError
+from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.files import FileLock
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.run import Run
@@ -311,6 +312,28 @@ def test_a_cluster_computes_what_this_machine_does_and_survives_killed_workers(
         with pytest.raises(ArithmeticError, match="no such luck"):
             list(compute(lambda item: (_ for _ in ()).throw(ArithmeticError("no such luck")), {1: 1}, dask=address))
     assert tuple(capfd.readouterr()) == ("", "")
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_is_one_error_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("psmpc_cli.studies.runner.CONNECTING", 3)
+    with dask_cluster(tmp_path, "--nthreads", "1", "--no-nanny") as address:
+        with pytest.importorskip("distributed").Client(address, set_as_default=False) as client:
+            scheduler = client.run_on_scheduler(os.getpid)
+        caplog.clear()
+
+        def call(item: int) -> int:
+            if item:
+                os.kill(scheduler, signal.SIGKILL)
+                time.sleep(6)
+            return item
+
+        with pytest.raises(RunError, match=r"connection to the Dask scheduler at .* was lost"):
+            list(compute(call, ITEMS, dask=address))
+    assert tuple(capfd.readouterr()) == ("", "")
+    assert [each for each in caplog.records if each.levelno >= logging.WARNING] == []
 
 
 @pytest.mark.slow

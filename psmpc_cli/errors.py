@@ -3,6 +3,7 @@
 What a signal does to a program and to the processes that it started is here as well.
 """
 
+import logging
 import os
 import signal
 import time
@@ -105,6 +106,22 @@ def deferred_signals() -> Iterator[Interruption]:
         interruption.restore()
         if interruption.number and not interruption.handled:
             signal.raise_signal(interruption.number)
+
+
+def silence_libraries() -> None:
+    """Keep warnings and log messages of libraries from standard error; handlers of loggers of their own stay."""
+    logging.captureWarnings(True)
+    logging.getLogger().addHandler(logging.NullHandler())  # without any handler Python writes warnings itself
+
+
+def begin_worker(parent: int) -> None:
+    """Prepare a process that was started for calls: its libraries are silent, and it ends with its parent.
+
+    Args:
+        parent: Process id of the parent.
+    """
+    silence_libraries()
+    end_with_parent(parent)
 
 
 def end_with_parent(parent: int) -> None:

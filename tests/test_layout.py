@@ -13,7 +13,6 @@ APART = ("acceptance", "documentation")
 
 REACHED_THROUGH = {
     "cli/common.py": "cli/test_run.py",
-    "cli/contents.py": "cli/test_tables.py",
     "cli/options.py": "cli/test_run.py",
     "ocp/constraints/base.py": "ocp/test_constraints.py",
     "ocp/constraints/end.py": "ocp/test_constraints.py",

@@ -8,6 +8,7 @@ import typer
 
 from psmpc_cli import __version__
 from psmpc_cli.cli import inspect, run, study
+from psmpc_cli.cli.common import escaped
 
 ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
 
@@ -50,7 +51,7 @@ class EchoHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Write one message as one line."""
         level = f"{record.levelname.lower()}: " if record.levelno > logging.INFO else ""
-        sys.stderr.write(f"{level}{record.getMessage()}\n")
+        sys.stderr.write(f"{level}{escaped(record.getMessage())}\n")
 
 
 def print_version(wanted: bool) -> None:

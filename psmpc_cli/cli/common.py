@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count, pairwise
 from pathlib import Path
@@ -21,6 +21,18 @@ RUNS = Path("runs")
 """Folder of the default outputs."""
 
 
+def echo(text: str = "", err: bool = False) -> None:
+    """Print a text, as everything that commands print, with escapes for characters that could control a terminal."""
+    typer.echo(escaped(text), err=err)
+
+
+def escaped(text: str) -> str:
+    """Write escapes for the characters of a text that are not printable, but for the ends of its lines and tabs."""
+    from psmpc_cli.specs.document import printable
+
+    return "\n".join("\t".join(map(printable, line.split("\t"))) for line in text.split("\n"))
+
+
 def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
     """Reject an invalid task before a command imports what is heavy.
 
@@ -32,31 +44,53 @@ def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
     load_task(reference, changes or ())
 
 
-def output_file(given: Path | None, name: str, force: bool, figures: bool, resume: bool = False) -> Path:
+def output_file(
+    given: Path | None,
+    name: str,
+    kind: str,
+    force: bool,
+    figures: bool,
+    resume: bool = False,
+    films: Collection[str] = (),
+    inputs: Iterable[Path | str] = (),
+) -> Path:
     """Choose the file that a command writes and make sure that nothing is overwritten unasked.
 
     That is the one given after -o; else of runs/NAME.h5, runs/NAME-2.h5, ... the one that `free_path` chooses, or to
-    resume the last one. If figures are drawn, their folder beside the file counts as well.
+    resume the last one. If figures or films are drawn, their folder beside the file counts as well.
+
+    Args:
+        given: The file given after -o.
+        name: NAME.
+        kind: What the file will hold, by which its figures have their names.
+        force: Replace files of an earlier command.
+        figures: Whether figures are drawn.
+        resume: Whether a study is resumed.
+        films: Names of the films that are drawn.
+        inputs: Files that the command reads, or names of built-in ones.
 
     Raises:
         InputError: The file or its folder of figures exists and is not to be overwritten, or cannot be written.
     """
-    from psmpc_cli.figures.registry import default_directory
+    from psmpc_cli.figures.registry import check_replaceable, default_directory
     from psmpc_cli.logs.files import check_output
 
     default = RUNS / f"{name}.h5"
     if resume:
         return given or next(path for path, later in pairwise(_numbered(default)) if not later.exists())
     path = given or free_path(default, force)
-    check_output(path, force)
-    if figures:
-        ensure_fillable(default_directory(path), force, "with --force, or leave the figures out with --no-figures")
+    check_output(path, force, inputs=inputs)
+    if figures or films:
+        directory = default_directory(path)
+        ensure_fillable(directory, force, "with --force, or leave the figures out with --no-figures")
+        check_replaceable(directory, kind, films)
     return path
 
 
 def free_path(default: Path, force: bool) -> Path:
     """Choose the first of NAME, NAME-2, ... that neither exists nor has a folder of figures; NAME itself if forced."""
-    return default if force else next(p for p in _numbered(default) if not (p.exists() or p.with_suffix("").exists()))
+    free = (path for path in _numbered(default) if not any(map(os.path.lexists, (path, path.with_suffix("")))))
+    return default if force else next(free)
 
 
 def _numbered(path: Path) -> Iterator[Path]:
@@ -65,12 +99,10 @@ def _numbered(path: Path) -> Iterator[Path]:
 
 
 def ensure_fillable(folder: Path, force: bool, overwrite: str = "with --force") -> None:
-    """Raise InputError if a folder is no folder, is read-only, or has files that are not to be overwritten."""
-    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    if not existing.is_dir():
-        raise InputError(f"{existing} is no directory, but files go there: choose another place with -o")
-    if not os.access(existing, os.W_OK):
-        raise InputError(f"{folder} cannot be written: {existing.resolve()} is read-only; choose another with -o")
+    """Raise InputError if a folder is no folder, cannot be written, or has files that are not to be overwritten."""
+    from psmpc_cli.logs.files import ensure_creatable
+
+    ensure_creatable(folder)
     if folder.exists() and any(folder.iterdir()) and not force:
         raise InputError(f"{folder} holds files already: choose another place with -o, overwrite {overwrite}")
 
@@ -82,7 +114,7 @@ def ending_on_signals(outcome: str) -> Iterator[Interruption]:
         try:
             yield interruption
         except KeyboardInterrupt as reason:
-            typer.echo(f"psmpc: {reason}; {outcome}", err=True)
+            echo(f"psmpc: {reason}; {outcome}", err=True)
             raise typer.Exit(interruption.exit_code) from None
 
 
@@ -96,9 +128,9 @@ def live_line(quiet: bool) -> Iterator[Callable[..., None]]:
     console = Console(stderr=True, quiet=quiet)
     if console.is_terminal:
         with Live(console=console, refresh_per_second=8, transient=True) as live:
-            yield lambda text, due=True: live.update(Text(text, overflow="ellipsis", no_wrap=True))
+            yield lambda text, due=True: live.update(Text(escaped(text), overflow="ellipsis", no_wrap=True))
     else:
-        yield lambda text, due=True: typer.echo(text, err=True) if due and not quiet else None
+        yield lambda text, due=True: echo(text, err=True) if due and not quiet else None
 
 
 @contextmanager
@@ -135,6 +167,8 @@ def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interr
 
 def describe_progress(progress: "Progress") -> str:
     """Write how many runs of a study have ended, and the estimated time to its end."""
+    if not progress.runs:
+        return "no run is left: the file holds them all"
     text = f"{progress.ended} of {progress.runs} runs"
     text += f", {progress.failed} failed" if progress.failed else ""
     if 0 < progress.ended < progress.runs:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import typer
 
 from psmpc_cli.cli import tables
-from psmpc_cli.cli.common import watched_run
+from psmpc_cli.cli.common import echo, watched_run
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.files import kind_of
 from psmpc_cli.logs.results import Results, read_results
@@ -160,6 +160,11 @@ class Compared(SeveralRuns):
         """Print the runs side by side."""
         tables.print_comparison(self.value, self.path)
 
+    @property
+    def drawable(self) -> bool:
+        """Whether all runs have samples."""
+        return all(len(run.time) for run in self.value.values())
+
     def logs(self) -> Mapping[str, Run]:
         """Return the runs by controller."""
         return self.value
@@ -276,5 +281,5 @@ def present(
         directory = default_directory(path)
         drawn = draw(contents.kind, contents.value, directory, only=only, force=force, films=films)
         if not quiet:
-            typer.echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
+            echo(f"{len(drawn)} figures in {directory}" if figures else f"film in {directory}")
     return contents.value

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from psmpc_cli.cli import options
-from psmpc_cli.cli.common import ending_on_signals, live_line, validate
+from psmpc_cli.cli.common import echo, ending_on_signals, live_line, validate
 from psmpc_cli.errors import PsmpcError, SpecError
 
 
@@ -23,6 +23,10 @@ def check(
     """Report every problem of robots and tasks by file, line and column; print valid ones as a table."""
     problems = []
     agree = True
+    if figure is not None:
+        from psmpc_cli.figures.registry import check_figure
+
+        check_figure(figure, force, "--figure", files)
     for reference in files:
         try:
             agree &= _check_one(reference, changes or [], gradients, figure, force)
@@ -56,12 +60,12 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
         forecasts = forecast_stages(subject)
         print_task(subject, forecasts)
         if doubtful := remarks(subject, forecasts):
-            typer.echo(f"probably not meant:\n{subject.source.report(doubtful)}\n")
+            echo(f"probably not meant:\n{subject.source.report(doubtful)}\n")
         agree = not gradients or print_gradients(subject)
     if figure is not None:
         from psmpc_cli.figures.registry import draw_file
 
-        typer.echo(f"{drawn}: {draw_file(drawn, subject, figure, force)}")
+        echo(f"{drawn}: {draw_file(drawn, subject, figure, force)}")
     return agree
 
 
@@ -70,10 +74,16 @@ def init(
     force: options.Force = False,
 ) -> None:
     """Copy the built-in robots and tasks, to edit them."""
-    from psmpc_cli.specs.library import write_starter
+    from psmpc_cli.logs.files import STARTER, check_output, write_new
+    from psmpc_cli.specs.library import starter_files, starter_sources
 
-    for path in write_starter(directory, overwrite=force):
-        typer.echo(str(path))
+    files = starter_files(directory)
+    for path in files:
+        check_output(path, force, STARTER, "DIR", starter_sources())
+    for path, text in files.items():
+        write_new(path, text.encode(), force, STARTER, "DIR", starter_sources())
+    for path in sorted(files):
+        echo(str(path))
 
 
 def schema(
@@ -85,7 +95,7 @@ def schema(
     from psmpc_cli.specs.library import KINDS, json_schema
 
     found = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind)
-    typer.echo(json.dumps(found, indent=2))
+    echo(json.dumps(found, indent=2))
 
 
 def bench(
@@ -113,4 +123,4 @@ def bench(
     with ending_on_signals("no table was made") as interruption, live_line(quiet) as show:
         found = study.run_bench(tasks, solvers, repeat, appends, show, interruption.check)
     print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
-    typer.echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")
+    echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")

@@ -4,23 +4,57 @@ import errno
 import os
 import signal
 import sys
-from io import TextIOWrapper
+from contextlib import suppress
+from io import FileIO, TextIOWrapper
 from types import FrameType
 
-from psmpc_cli.errors import SIGNALS, PsmpcError, RunError, SpecError
+from psmpc_cli.errors import SIGNALS, PsmpcError, RunError, SpecError, silence_libraries
 
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 """Errors of writing; files that cannot be written are reported by name, so without a name it is standard output."""
 
 
+class LossyText(TextIOWrapper):
+    """A stream of which is lost what cannot be written: what shows progress stops nothing."""
+
+    def write(self, text: str, /) -> int:
+        """Write a text, or lose it."""
+        with suppress(OSError):
+            return super().write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Write what waits, or lose it."""
+        with suppress(OSError):
+            super().flush()
+
+
+def open_standard_streams() -> None:
+    """Make standard output and standard error usable, whatever the caller made of them.
+
+    One that is closed is opened so that nothing can be written to it: otherwise the next file would take its number.
+    What cannot be written to standard error is lost.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDONLY)  # takes the lowest number that is free: this one
+    if sys.stdout is None:
+        sys.stdout = TextIOWrapper(FileIO(1, "w", closefd=False), "utf-8")
+    if sys.stderr is None or sys.stderr is sys.__stderr__:
+        encoding = getattr(sys.stderr, "encoding", "utf-8")
+        file = FileIO(2, "w", closefd=False)
+        sys.stderr = LossyText(file, encoding, "backslashreplace", line_buffering=True, write_through=True)
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
+
+
 def print_error(message: str) -> None:
-    """Write a message to standard error, with escapes for characters that could control the terminal."""
-    import typer
+    """Write a message to standard error."""
+    from psmpc_cli.cli.common import echo
 
-    from psmpc_cli.specs.document import printable
-
-    shown = "\n".join("\t".join(map(printable, line.split("\t"))) for line in message.split("\n"))
-    typer.echo(shown, err=True)
+    echo(message, err=True)
 
 
 def exit_at_once(number: int, frame: FrameType | None) -> None:
@@ -29,22 +63,24 @@ def exit_at_once(number: int, frame: FrameType | None) -> None:
     An exception would be raised in any code, also in a destructor, where Python prints and drops it. What writes logs
     and results or starts processes defers signals, so that nothing is lost.
     """
-    os.write(2, f"psmpc: {SIGNALS[signal.Signals(number)]}\n".encode())
+    with suppress(OSError):
+        os.write(2, f"psmpc: {SIGNALS[signal.Signals(number)]}\n".encode())
     os._exit(128 + number)
 
 
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
+    open_standard_streams()
     for number in SIGNALS:
         signal.signal(number, exit_at_once)
     import logging
 
     from psmpc_cli.cli.app import EchoHandler, app
 
-    logging.basicConfig(handlers=[EchoHandler()], level=logging.WARNING)
+    silence_libraries()
+    ours = logging.getLogger("psmpc_cli")
+    ours.handlers = [EchoHandler()]
     logging.getLogger("psmpc_cli.specs.covers").setLevel(logging.INFO)  # what takes seconds is said as it begins
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names of files need not be text
     try:
         try:
             app(prog_name="psmpc")
@@ -61,5 +97,6 @@ def main() -> None:
         if error.errno not in NO_ROOM:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python still writes when it ends
-        print_error(f"psmpc: standard output cannot be written: {error.strerror}")
+        reason = "it is closed" if error.errno == errno.EBADF else error.strerror
+        print_error(f"psmpc: standard output cannot be written: {reason}")
         sys.exit(RunError.exit_code)

@@ -1,14 +1,14 @@
 """Runs and their logs: `psmpc simulate`, `rerun`, `replay`, `verify`, `show`, `plot`, `view` and `report`."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from psmpc_cli.cli import common, options
-from psmpc_cli.cli.common import watched_run
+from psmpc_cli.cli.common import echo, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -53,11 +53,12 @@ def simulate(
     overrides += [
         (f"--{name} {chosen}", f"{name}.kind={chosen}") for name, chosen in short.items() if chosen is not None
     ]
-    drawing = figures or render
+    films = ("render",) if render else ()
     if task is not None and unfinished is None:
         common.validate(task, overrides)
     from psmpc_cli.cli.contents import present
     from psmpc_cli.figures.animation import offscreen_driver
+    from psmpc_cli.logs.schema import RUN
     from psmpc_cli.ocp.feasibility import load_task
     from psmpc_cli.simulation.run import simulate as run_task
     from psmpc_cli.solvers import Outcome
@@ -66,13 +67,16 @@ def simulate(
         if task or overrides:
             wanted = "expected no task, --set, --controller or --plant beside it"
             raise InputError(f"--continue repeats the task in the log: {wanted}")
-        path = unfinished if output is None else common.output_file(output, "", force, drawing)
+        path = unfinished
+        if output is not None:
+            path = common.output_file(output, "", RUN, force, figures, films=films, inputs=[unfinished])
     elif task is not None:
         loaded = load_task(task, overrides)
         name = "-".join(filter(None, (loaded.spec.name, controller, plant)))
-        path = common.output_file(output, name, force, drawing)
+        path = common.output_file(output, name, RUN, force, figures, films=films, inputs=[task])
     else:
         raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
+    page = _page_path([path], "view", force) if view else None
     if render:
         offscreen_driver()
     with watched_run(quiet) as (watch, interruption):
@@ -80,11 +84,11 @@ def simulate(
             _continue(unfinished, output, watch)
         else:
             run_task(loaded, path, watch, force)
-    log = present(path, figures, force or path == unfinished, quiet, verbose, ("render",) if render else ())
+    log = present(path, figures, force or path == unfinished, quiet, verbose, films)
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        _save(lambda: show(log), None, path, "view", force)
+        _save(lambda: show(log), page, [path], "view", force)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:
@@ -105,7 +109,7 @@ def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]"
         return
     print_differences(comparison, log)
     if output is None:
-        typer.echo(
+        echo(
             f"{path} was not continued and is unchanged, since its run differs from it when it is repeated; "
             "with -o FILE the whole run goes to another file",
             err=True,
@@ -150,12 +154,12 @@ def replay(
     window = found.logged.window
     kind = solver or run.task.spec.solver.kind
     stages = ", ".join(stage.name for stage in window.stages)
-    typer.echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
+    echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
     for remark in found.remarks:
-        typer.echo(f"note: {remark}")
-    typer.echo("\n".join(found.iterations))
+        echo(f"note: {remark}")
+    echo("\n".join(found.iterations))
     if (largest := max(window.omega)) != 1:
-        typer.echo(f"objective in the lines above: J over the largest priority, {largest:g}")
+        echo(f"objective in the lines above: J over the largest priority, {largest:g}")
     rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
     rows.append(("largest of a control in the plan", "", "", f"{found.largest_of_controls:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
@@ -163,7 +167,7 @@ def replay(
     differs = f"differs from the log by up to {found.largest:.1e}"
     result = (equal if found.largest <= EQUAL else differs) + ("" if found.same_solver else ", by another solver")
     was, now = (f"{each.outcome.name.lower()} after {each.iterations}" for each in (found.logged, found.solution))
-    typer.echo(f"{result}: {was} iterations, again {now}")
+    echo(f"{result}: {was} iterations, again {now}")
 
 
 def verify(
@@ -178,15 +182,15 @@ def verify(
 
     began = time.perf_counter()
     found = Verification(read_run(log), every)
-    typer.echo(f"{found.count} horizons, the low-level law acting at every instant")
+    echo(f"{found.count} horizons, the low-level law acting at every instant")
     if found.count:
         _print_peaks(found.horizons)
     if found.samples:
-        typer.echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
+        echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
         _print_peaks(found.loop)
     for remark in found.remarks:
-        typer.echo(f"note: {remark}")
-    typer.echo(f"integrated in {time.perf_counter() - began:.1f} s")
+        echo(f"note: {remark}")
+    echo(f"integrated in {time.perf_counter() - began:.1f} s")
 
 
 def _print_peaks(peaks: "Peaks") -> None:
@@ -218,7 +222,7 @@ def show(
         return
     for name, run in contents.logs().items():
         for path in run.to_csv(csv / name, force):
-            typer.echo(str(path))
+            echo(str(path))
 
 
 def plot(
@@ -261,9 +265,9 @@ def plot(
     elif films:
         contents.ensure_filmable("animate" if animate else "render")
     for path in draw(kind, subject, directory, formats or ("png",), only or None, force, films):
-        typer.echo(str(path))
+        echo(str(path))
     if films and not mp4_possible():
-        typer.echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)
+        echo("psmpc: no MP4 was written: found no ffmpeg on the PATH", err=True)
 
 
 def view(
@@ -285,7 +289,7 @@ def view(
                 runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = found
         return show(runs)
 
-    _save(page, output, logs[0], "view", force, open_it)
+    _save(page, output, logs, "view", force, open_it)
 
 
 def report(
@@ -298,19 +302,30 @@ def report(
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.report.pages import report_run
 
-    _save(lambda: report_run(read_run(log)), output, log, "report", force, open_it)
+    _save(lambda: report_run(read_run(log)), output, [log], "report", force, open_it)
+
+
+def _page_path(logs: Sequence[Path], kind: str, force: bool, output: Path | None = None) -> Path:
+    """Choose the file of a page of logs, by default LOG-kind.html of the first or one with a number, and check it."""
+    from psmpc_cli.logs.files import PAGE, check_output
+
+    path = output or common.free_path(logs[0].with_name(f"{logs[0].stem}-{kind}.html"), force)
+    check_output(path, force, PAGE, inputs=logs)
+    return path
 
 
 def _save(
-    page: "Callable[[], Page]", output: Path | None, log: Path, kind: str, force: bool, open_it: bool = False
+    page: "Callable[[], Page]",
+    output: Path | None,
+    logs: Sequence[Path],
+    kind: str,
+    force: bool,
+    open_it: bool = False,
 ) -> None:
-    """Make and write a page, by default to LOG-kind.html or with a number, say where, and open it if asked to."""
+    """Make and write a page of logs, say where, and open it if asked to."""
     import webbrowser
 
-    from psmpc_cli.logs.files import check_output
-
-    path = output or common.free_path(log.with_name(f"{log.stem}-{kind}.html"), force)
-    check_output(path, force, hdf5=False)
-    typer.echo(f"page: {page().save(path, force)}")
+    path = _page_path(logs, kind, force, output)
+    echo(f"page: {page().save(path, force)}")
     if open_it and not webbrowser.open(path.resolve().as_uri()):
-        typer.echo("psmpc: no browser was opened: found none; set BROWSER, or open the page yourself", err=True)
+        echo("psmpc: no browser was opened: found none; set BROWSER, or open the page yourself", err=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from psmpc_cli.cli import common, options
-from psmpc_cli.cli.common import describe_progress, ending_on_signals, live_line, watched_run
+from psmpc_cli.cli.common import describe_progress, echo, ending_on_signals, live_line, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -34,10 +34,13 @@ def compare(
     """Run several controllers on one task: one table, one file of logs, and figures side by side."""
     common.validate(task, changes)
     from psmpc_cli.cli.contents import present
+    from psmpc_cli.logs.schema import COMPARISON
     from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
     tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [])
-    path = common.output_file(output, f"{next(iter(tasks.values())).spec.name}-comparison", force, figures)
+    path = common.output_file(
+        output, f"{next(iter(tasks.values())).spec.name}-comparison", COMPARISON, force, figures, inputs=[task]
+    )
     with ending_on_signals("no comparison was written"), live_line(quiet) as show:
         show(f"0 of {len(tasks)} runs done", due=False)
         ended = count(1)
@@ -87,7 +90,7 @@ def sweep_weights(
     limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
     cells = parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
     study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
-    _run_study(study, output, force, resume, jobs, dask, figures, quiet)
+    _run_study(study, task or sweep.DEFAULT_TASK, output, force, resume, jobs, dask, figures, quiet)
 
 
 def _is_grid(text: str) -> bool:
@@ -111,11 +114,13 @@ def monte_carlo(
     common.validate(task, changes)
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
-    _run_study(monte_carlo_study(task, runs, tuple(changes or ())), output, force, resume, jobs, dask, figures, quiet)
+    study = monte_carlo_study(task, runs, tuple(changes or ()))
+    _run_study(study, task, output, force, resume, jobs, dask, figures, quiet)
 
 
 def _run_study(
     study: "Study",
+    task: str,
     output: Path | None,
     force: bool,
     resume: bool,
@@ -132,7 +137,8 @@ def _run_study(
         raise InputError("found both --resume and --force, expected at most one of them")
     if jobs is not None and dask is not None:
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
-    path = common.output_file(output, f"{study.task.spec.name}-{study.kind}", force, figures, resume)
+    name = f"{study.task.spec.name}-{study.kind}"
+    path = common.output_file(output, name, study.kind, force, figures, resume, inputs=[task])
     with ending_on_signals(f"{path} holds what was done: continue with --resume"), live_line(quiet) as show:
         run_study(study, path, jobs, dask, force, resume, lambda progress: show(describe_progress(progress)))
     present(path, figures, force or resume, quiet)
@@ -162,12 +168,14 @@ def pareto(
     """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
     from h5py import is_hdf5
 
-    is_log = Path(task).is_file() and is_hdf5(task)
+    file = Path(task)
+    is_log = file.is_file() and file.stat().st_size > 0 and is_hdf5(file)  # files of the kernel have no size
     if not is_log:
         common.validate(task, changes)
     from psmpc_cli.cli.contents import present
     from psmpc_cli.logs.files import check_output
     from psmpc_cli.logs.run import read_run
+    from psmpc_cli.logs.schema import PARETO
     from psmpc_cli.ocp.feasibility import load_task
     from psmpc_cli.simulation.run import simulate
     from psmpc_cli.studies.pareto import ParetoSettings, solve_pareto
@@ -181,9 +189,11 @@ def pareto(
         raise InputError(f"{task} is the log of a run: it is studied as it ran, without --set and --log")
     loaded = load_task(task, [*(changes or []), *WITH_WINDOWS]) if run is None else run.task
     parse_stages(stages, loaded)
-    path = common.output_file(output, f"{loaded.spec.name}-pareto", force, figures)
+    path = common.output_file(output, f"{loaded.spec.name}-pareto", PARETO, force, figures, inputs=[task])
     if log is not None:
-        check_output(log, force, "--log")
+        check_output(log, force, option="--log", inputs=[task])
+        if log.resolve() == path.resolve():
+            raise InputError(f"found {log} after both -o and --log, expected different files")
 
     with ending_on_signals("no results were written"):
         if run is None:
@@ -211,25 +221,28 @@ def reproduce(
 ) -> None:
     """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
     from psmpc_cli.cli.tables import print_claims
-    from psmpc_cli.logs.files import check_output, write_new
+    from psmpc_cli.logs.files import BY_ENDING, CLAIMS, check_output, write_new
     from psmpc_cli.paper import reproduce as study
-    from psmpc_cli.paper.figures import save_ablation
+    from psmpc_cli.paper.figures import ABLATIONS, figure_of, save_ablation
     from psmpc_cli.paper.page import report_reproduction
 
     folder = output or common.free_path(common.RUNS / "reproduce", force)
     common.ensure_fillable(folder, force)
+    of_ablations = dict.fromkeys(map(figure_of, ABLATIONS), BY_ENDING["png"])
+    for name, kind in {**study.OUTPUTS, **of_ablations}.items():
+        check_output(folder / name, force, kind)
     if json is not None:
-        check_output(json, force, "--json", hdf5=False)
+        check_output(json, force, CLAIMS, "--json")
     with ending_on_signals("no report was written"), live_line(quiet) as show:
         made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    page = report_reproduction(made, created).save(folder / "report.html", force=True)
+    page = report_reproduction(made, created).save(folder / study.REPORT, force=True)
     for ablation in made.ablations:
         save_ablation(ablation, folder)
     if json is not None:
-        write_new(json, study.claims_json(made, created), force, hdf5=False)
+        write_new(json, study.claims_json(made, created), force, CLAIMS, "--json")
     if not quiet:
         print_claims(made)
-        typer.echo(f"report: {page}")
+        echo(f"report: {page}")
     if strict and made.failing:
         raise typer.Exit(1)

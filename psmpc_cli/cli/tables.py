@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from psmpc_cli.cli.common import echo, escaped
 from psmpc_cli.logs.comparison import Comparison
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
@@ -73,25 +74,25 @@ def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
     for i, heading in enumerate(headings):
         table.add_column(Text(heading), justify="right" if i >= left else "left", overflow="fold")
     for row in rows:
-        table.add_row(*map(Text, row))
+        table.add_row(*(Text(escaped(cell)) for cell in row))
     terminal = Console()
     console = terminal if terminal.is_terminal else Console(width=160)
     with console.capture() as capture:
         console.print(table)
-    typer.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))
+    typer.echo("\n".join(line.rstrip() for line in capture.get().splitlines()))  # may have the style of headings
 
 
 def print_summary(run: Run, verbose: bool) -> None:
     """Print a run: how the mission went, its stages, what was measured; all of it if `verbose`."""
     summary = run.summary()
-    typer.echo(describe_mission(summary))
+    echo(describe_mission(summary))
     print_table(*stage_rows(summary))
     if brief := describe_brief_stages(summary):
-        typer.echo(brief)
+        echo(brief)
     print_table(("", ""), list(measure_rows(summary, verbose)))
     if not summary.limits_dynamics:
-        typer.echo(NO_LIMITS)
-    typer.echo(f"log: {run.path}")
+        echo(NO_LIMITS)
+    echo(f"log: {run.path}")
 
 
 def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
@@ -107,20 +108,20 @@ def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
     summaries = {name: run.summary() for name, run in runs.items()}
     first, *others = summaries
     for name, summary in summaries.items():
-        typer.echo(f"{name}: {describe_mission(summary)}")
+        echo(f"{name}: {describe_mission(summary)}")
         if brief := describe_brief_stages(summary):
-            typer.echo(f"{name}: {brief}")
+            echo(f"{name}: {brief}")
     rows = [row for row in _compared(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
     print_table(("", *summaries), rows, left=1)
     if not any(summary.limits_dynamics for summary in summaries.values()):
-        typer.echo(NO_LIMITS)
+        echo(NO_LIMITS)
     if others:
-        typer.echo(f"in parentheses: difference to {first}")
+        echo(f"in parentheses: difference to {first}")
     if any("[" in cell for row in rows for cell in row[1:]):
-        typer.echo("in brackets: published")
+        echo("in brackets: published")
     if {"psmpc", "smpc"} <= set(summaries) and len({stage.priority for stage in summaries["psmpc"].stages}) == 1:
-        typer.echo("psmpc and smpc are the same controller for this task: all its priorities are equal")
-    typer.echo(f"logs: {path}")
+        echo("psmpc and smpc are the same controller for this task: all its priorities are equal")
+    echo(f"logs: {path}")
 
 
 def _compared(runs: Sequence[Summary]) -> Iterator[Row]:
@@ -157,7 +158,7 @@ def _differences(values: Sequence[float], digits: int, published: Sequence[float
 def print_differences(comparison: Comparison, log: Run) -> None:
     """Print how a repeated run differs from its log, and the conditions under which that is to be expected."""
     if not comparison.differences:
-        typer.echo(f"equal: all {comparison.compared} datasets but the wall times")
+        echo(f"equal: all {comparison.compared} datasets but the wall times")
         return
     rows = []
     for each in comparison.differences:
@@ -165,22 +166,22 @@ def print_differences(comparison: Comparison, log: Run) -> None:
         text = f"{largest} ({each.what})" if largest and each.what else each.what or largest
         rows.append((each.path, each.units, text, "" if each.row < 0 else str(each.row)))
     print_table(("dataset", "units", "largest difference", "first in row"), rows)
-    typer.echo(f"differs: {len(rows)} of {comparison.compared} datasets; wall times were not compared")
+    echo(f"differs: {len(rows)} of {comparison.compared} datasets; wall times were not compared")
     for condition in unequal_conditions(log):
-        typer.echo(f"note: {condition}")
+        echo(f"note: {condition}")
 
 
 def print_sweep(cells: SweepCells) -> None:
     """Print a sweep over weights, complete or not: a row for each run, the cells by status, the recommended ratio."""
-    if len(cells.runs):
+    if len(cells.rows):
         _print_runs(cells)
     solves = cells.count("solves")
     failed = cells.count("solves_failed")
-    typer.echo(f"{len(cells.ratio)} cells: {_by_status(cells.results)}; {solves} solves, {failed} of them failed")
+    echo(f"{len(cells.ratio)} cells: {_by_status(cells.results)}; {solves} solves, {failed} of them failed")
     for reason, times in Counter(cells.of("reason")[cells.failed]).most_common():
-        typer.echo(f"  {times} failed: {reason}")
-    typer.echo(recommend(cells).sentence)
-    typer.echo(f"sweep: {cells.results.path}")
+        echo(f"  {times} failed: {reason}")
+    echo(recommend(cells).sentence)
+    echo(f"sweep: {cells.results.path}")
 
 
 def _by_status(results: Results) -> str:
@@ -191,9 +192,9 @@ def _by_status(results: Results) -> str:
 
 
 def _print_runs(cells: SweepCells) -> None:
-    """Print a row for each run of a sweep, or for some of many."""
+    """Print a row for each run of a sweep, failed or not, or for some of many."""
     first, second = cells.names
-    runs = cells.runs
+    runs = cells.rows
     apart = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), MOST_ROWS)).round().astype(int))]
     ends = [cells.instant, cells.of("completion_time")]
@@ -203,40 +204,45 @@ def _print_runs(cells: SweepCells) -> None:
             *(number(start, 1 if start < cells.instant[run] else 2) for start in cells.of("actual_start")[run]),
             *(number(float(values[run]), 2) for values in ends),
             number(float(cells.mission_end[run]), 2) if cells.succeeded[run] else "failed",
-            f"{cells.of('control_effort')[run]:.4g}",
-            f"{cells.of('peak_base_force')[run]:.4g}",
+            *(_shortest(cells.of(name)[run]) for name in ("control_effort", "peak_base_force")),
             number(float(cells.end_error[run]), 2),
+            cells.why(run),
         )
         for run in kept
     ]
-    typer.echo(f"actual start of {second} [s] by threshold epsilon")
+    echo(f"actual start of {second} [s] by threshold epsilon")
     over = ("omega_1", "omega_2") if apart else ("omega_2/omega_1",)
     epsilons = (f"{epsilon:g}" for epsilon in cells.epsilons)
     times = (f"{first} ends [s]", f"{second} ends [s]", "mission ends [s]")
-    print_table((*over, *epsilons, *times, "effort", "peak base force [N]", "end error"), rows, left=0)
+    print_table((*over, *epsilons, *times, "effort", "peak base force [N]", "end error", "why"), rows, left=0)
     if len(kept) < len(runs):
-        typer.echo(f"{len(kept)} of {len(runs)} {'runs' if apart else 'ratios'}")
+        echo(f"{len(kept)} of {len(runs)} {'runs' if apart else 'ratios'}")
+
+
+def _shortest(value: float) -> str:
+    """Write a number with four digits, a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:.4g}"
 
 
 def print_monte_carlo(runs: MonteCarloRuns) -> None:
     """Print a Monte Carlo study, complete or not: the success rate, the spread of the runs, and the worst of them."""
-    typer.echo(_success(runs))
+    echo(_success(runs))
     rows = [(name, str(count), *(number(value, 3) for value in at)) for name, count, at in runs.quantiles()]
     print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), rows, left=1)
     if runs.is_without_limits:
-        typer.echo(NO_LIMITS)
+        echo(NO_LIMITS)
     if worst := [int(run) for run in runs.worst(count=5)]:
-        typer.echo("worst runs: failed, latest, largest error")
+        echo("worst runs: failed, latest, largest error")
         rows = []
         for run in worst:
             seed = str(runs["seed"][run])
-            outcome = "failed" if runs.failed[run] else "succeeded"
+            outcome = "failed" if runs.failed[run] else "succeeded" if runs.succeeded[run] else "not judged"
             end = number(float(runs["end_time"][run]), 2)
             error = number(float(runs["final_error"][run]), 3)
             rows.append((seed, outcome, end, error, runs.why(run)))
         print_table(("seed", "", "ends [s]", "final error", "why"), rows)
-        typer.echo(f"repeat one: {runs.command(worst[0])}")
-    typer.echo(f"study: {runs.results.path}")
+        echo(f"repeat one: {runs.command(worst[0])}")
+    echo(f"study: {runs.results.path}")
 
 
 def _success(runs: MonteCarloRuns) -> str:
@@ -261,65 +267,65 @@ def _success(runs: MonteCarloRuns) -> str:
 def print_fronts(results: Results) -> None:
     """Print a Pareto study: a row for each sample, and how the fronts move."""
     print_table(fronts.HEADINGS, fronts.front_texts(results), left=0)
-    typer.echo(fronts.NOTE)
+    echo(fronts.NOTE)
     if "weighted_J_1" in results.quantities:
         movement = FrontMovement(results)
-        typer.echo("\n".join((movement.over_ratio, *movement.over_time)))
-    typer.echo(f"results: {results.path}")
+        echo("\n".join((movement.over_ratio, *movement.over_time)))
+    echo(f"results: {results.path}")
 
 
 def print_claims(made: Reproduction) -> None:
     """Print every claim, those that are not counted apart, and why some do not hold or are earlier than published."""
     print_table(HEADINGS, [finding.row for finding in made.part(None)], left=1)
     for kind, reason in APART.items():
-        typer.echo(f"\n{reason}:")
+        echo(f"\n{reason}:")
         print_table(HEADINGS, [finding.row for finding in made.part(kind)], left=1)
     for finding in made.findings:
         if finding.earlier or not finding.holds:
             holds = "holds" if finding.holds else "does not hold"
-            typer.echo(f"\n{finding.claim.id} {holds}: {finding.claim.statement}")
+            echo(f"\n{finding.claim.id} {holds}: {finding.claim.statement}")
             for point in finding.cause:
-                typer.echo(f"  - {point}")
-    typer.echo(f"\nweights: {recommend(made.weights).sentence}")
+                echo(f"  - {point}")
+    echo(f"\nweights: {recommend(made.weights).sentence}")
     for ablation in made.ablations:
-        typer.echo()
+        echo()
         rows = [(name, f"{value:.4g}") for name, value in ablation.numbers.items()]
         print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left=1)
-    typer.echo(f"\n{made.outcome}")
+    echo(f"\n{made.outcome}")
 
 
 def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     """Print a task: what runs it, its stages part by part, and its object."""
     spec = task.spec
     controller = task.spec.controller
-    typer.echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
-    typer.echo(
+    echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
+    echo(
         f"robot {task.robot.name}{_mobility(task.robot)}; "
         f"controller {controller.kind}, horizon {controller.horizon:g} s, {controller.nodes} nodes a stage, "
         f"sample time {controller.sample_time:g} s; "
         f"solver {spec.solver.kind}; plant {spec.plant.kind}"
     )
     if spec.priorities is not None:
-        typer.echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
+        echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
     if spec.uncertainty.in_force:
-        typer.echo(f"uncertain, seed {spec.seed}, known delay {spec.controller.known_delay}:")
-        typer.echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
+        echo(f"uncertain, seed {spec.seed}, known delay {spec.controller.known_delay}:")
+        echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
     print_table(headings, [row for forecast in forecasts for row in _stage(task, forecast)], left=len(headings))
     model = forecasts[0].model
     stages = [forecast.stage for forecast in forecasts]
     stops = forecast_configurations(task, forecasts)
     if rows := [_posture(task.robot, each) for each in arm_postures(model, stages, stops)]:
-        typer.echo()
+        echo()
         print_table(("at the target of", "arm", "joints", "end-effector"), rows, left=4)
     if limits := [(coordinate, force) for coordinate, *_, force in _limits(task.robot, spec.limits) if force]:
-        typer.echo()
+        echo()
         print_table(("coordinate", "limit of force, of robot and task"), limits, left=2)
     if rows := [*_obstacles(spec), *_clearance(task)]:
-        typer.echo()
+        echo()
         print_table(("clearance", ""), rows)
     if spec.object is not None:
-        typer.echo()
+        echo()
         print_table(("object", ""), [*_object(spec.object), *_unknown_load(task, model, stops)])
 
 
@@ -392,12 +398,12 @@ def _mobility(robot: RobotSpec) -> str:
 
 def print_robot(robot: RobotSpec) -> None:
     """Print a robot: its bodies, and the limits of its coordinates."""
-    typer.echo(f"{robot.name}: {robot.description}" if robot.description else robot.name)
+    echo(f"{robot.name}: {robot.description}" if robot.description else robot.name)
     d = robot.dimension
     bodies = robot.bodies
     total = sum(body.mass for body in bodies)
     kind = "planar" if d == 2 else "spatial"
-    typer.echo(f"{kind}{_mobility(robot)}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
+    echo(f"{kind}{_mobility(robot)}, {sum(robot.parts.values())} degrees of freedom, {total:.6g} kg")
     rows: list[Row] = []
     carried = [("", "", "")]
     for each in robot.joints:
@@ -413,13 +419,13 @@ def print_robot(robot: RobotSpec) -> None:
         rows.append(row)
     headings = ("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]", "armature")
     print_table(headings, rows, left=len(headings))
-    typer.echo()
+    echo()
     print_table(("coordinate", *QUANTITIES), _limits(robot), left=1 + len(QUANTITIES))
-    typer.echo()
-    typer.echo(f"shape: {_geometry(robot)}")
+    echo()
+    echo(f"shape: {_geometry(robot)}")
     if isinstance(robot, SpatialRobot) and robot.assumed:
-        typer.echo("assumed:")
-        typer.echo("\n".join(f"  {note}" for note in robot.assumed))
+        echo("assumed:")
+        echo("\n".join(f"  {note}" for note in robot.assumed))
 
 
 def _listed(numbers: Sequence[float]) -> str:
@@ -580,14 +586,14 @@ def print_gradients(task: Task) -> bool:
     """Audit the gradient at every switch of a task, print it, and tell whether it agrees with both references."""
     audits = audit_gradients(build_experiment(converging(task)))
     nodes = task.spec.controller.uniform_nodes
-    typer.echo("Gradient of the cost by the switching instant")
+    echo("Gradient of the cost by the switching instant")
     rows = []
     for audit in audits:
         gaps = (f"{gap:.1e}" for gap in (audit.to_differentiation, audit.to_differences, *audit.costate_gaps))
         rows.append((" to ".join(audit.switch), f"{audit.gradient:.4f}", *gaps, "yes" if audit.holds else "NO"))
     headings = ("switch", "dJ/dt_s [1/s]", "adjoint - AD", "adjoint - differences")
     print_table((*headings, f"costate gap, N_s = {nodes}", f"N_s = {2 * nodes}", "agrees"), rows, left=1)
-    typer.echo(
+    echo(
         f"Differences are relative; expected: at most {AD_TOLERANCE:g} and {DIFFERENCE_TOLERANCE:g}. The costate "
         "formula's gap, taken at an optimum without limits and end conditions, halves with twice the nodes."
     )

@@ -18,7 +18,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.errors import InputError, RunError, end_with_parent
+from psmpc_cli.errors import InputError, RunError, begin_worker
 from psmpc_cli.figures import style
 from psmpc_cli.figures.scene import Camera, Scene, capsule_ends, half_edges, obstacle_frame, scene_of
 from psmpc_cli.figures.snapshots import describe, draw_scene, show
@@ -288,7 +288,7 @@ def _in_process(driver: str, call: Callable[..., Any], *arguments: object) -> An
         RunError: The call failed; the message has the last line of what MuJoCo or the driver said.
     """
     environment = {"MUJOCO_GL": driver}
-    with ProcessPoolExecutor(1, env=environment, initializer=end_with_parent, initargs=(os.getpid(),)) as pool:
+    with ProcessPoolExecutor(1, env=environment, initializer=begin_worker, initargs=(os.getpid(),)) as pool:
         try:
             return pool.submit(call, *arguments).result()
         except Exception as error:

@@ -12,6 +12,7 @@ from matplotlib.ticker import NullFormatter
 from psmpc_cli.figures import style
 from psmpc_cli.figures.timeline import label_row, runs_of, timeline
 from psmpc_cli.logs.run import Run, Span
+from psmpc_cli.logs.summary import FAR_BEYOND
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
@@ -141,7 +142,8 @@ def _tightest_force(run: Run) -> str:
     part, _, axis = force.where.rpartition(".")
     of = "its limit" if run.task.spec.uncertainty.force_share == 1 else "what is there"
     largest = f"{style.readable(part)}.{axis} commanded up to {100 * force.value:.1f} % of {of}, at {force.time:.1f} s"
-    return f"{largest}\nforces cut {100 * summary.saturated:.1f} % of the time"
+    far = f"beyond {100 * FAR_BEYOND:g} % of a limit {100 * summary.far_beyond:.1f} %"
+    return f"{largest}\nforces cut {100 * summary.saturated:.1f} % of the time, {far}"
 
 
 def limits_base_force(run: Run) -> bool:
@@ -197,7 +199,7 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
             motion = run.motion
             look = style.line_look(number)
             values = _in_vectors(run, motion.Q)[:, row]
-            axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.title_of(name)}", **look)
+            axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.literal(style.title_of(name))}", **look)
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
             at = np.interp(switches, motion.time, values)
             axes.plot(switches, at, "o", markersize=3, color=look["color"])

@@ -234,8 +234,8 @@ def nearest_pairs(run: Run) -> NearestPairs:
 
 
 def name_of_pair(names: Sequence[str]) -> str:
-    """Return the names of two parts as figures write them."""
-    return " \N{EN DASH} ".join(map(style.readable, names))
+    """Return the names of two parts as pages write them, and figures as a `literal`."""
+    return " \N{EN DASH} ".join(map(style.words_of, names))
 
 
 def plot_clearance(run: Run) -> Figure:
@@ -260,7 +260,7 @@ def plot_clearance(run: Run) -> Figure:
         axes.plot(edges, np.r_[values, values[-1]], drawstyle="steps-post", **look)
 
     for place, names in enumerate(pairs.names):
-        draw(distances[:, place], label=f"_{name_of_pair(names)}", **style.line_look(place))
+        draw(distances[:, place], label=f"_{style.literal(name_of_pair(names))}", **style.line_look(place))
     if smallest_other < top:
         draw(others, **style.look("other pairs", label=f"_nearest of {pairs.n_others} others"))
     kept = ", ".join(f"{each:g} mm" for each in np.unique(margin[np.isfinite(margin)]))

@@ -14,7 +14,7 @@ from psmpc_cli.figures import coordinates, instants, monte_carlo, pareto, snapsh
 from psmpc_cli.figures.animation import mp4_possible, offscreen_driver, write_animation, write_film
 from psmpc_cli.figures.processes import make_calls
 from psmpc_cli.figures.style import in_style
-from psmpc_cli.logs.files import replacing, writing
+from psmpc_cli.logs.files import BY_ENDING, check_output, replacing, writing
 from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.specs.arguments import require
@@ -183,11 +183,10 @@ def draw(
     names = _select("figure", known if only is None else only, known)
     endings = _select("format", formats, FORMATS)
 
-    figures = {name: [directory / f"{name}.{ending}" for ending in endings] for name in names}
+    figures = figure_files(directory, names, endings)
     if films and only is None and not force and any(path.exists() for paths in figures.values() for path in paths):
         figures = {}
-    film_endings = ("gif", "mp4") if mp4_possible() else ("gif",)
-    film_files = {name: [directory / f"{name}.{ending}" for ending in film_endings] for name in FILMS if name in films}
+    film_files = figure_files(directory, [name for name in FILMS if name in films], _film_endings())
     files = [path for paths in (*figures.values(), *film_files.values()) for path in paths]
     if "render" in films:
         offscreen_driver()
@@ -197,6 +196,38 @@ def draw(
         for name, paths in film_files.items():
             FILMS[name](subject, paths)
     return files
+
+
+def figure_files(directory: Path, names: Iterable[str], endings: Sequence[str]) -> dict[str, list[Path]]:
+    """Return the files of figures or films in a directory, one for each ending, by their names."""
+    return {name: [directory / f"{name}.{ending}" for ending in endings] for name in names}
+
+
+def _film_endings() -> tuple[str, ...]:
+    """Return the endings of the files of a film that can be encoded here."""
+    return ("gif", "mp4") if mp4_possible() else ("gif",)
+
+
+def check_replaceable(directory: Path, kind: str, films: Iterable[str] = ()) -> None:
+    """Make sure that figures and films can take the places of those of the same names in a directory.
+
+    Raises:
+        InputError: A file of one of these names is none that psmpc writes.
+    """
+    files = figure_files(directory, FIGURES[kind], ("png",)) | figure_files(directory, films, _film_endings())
+    for path in (path for paths in files.values() for path in paths):
+        check_output(path, True, BY_ENDING[path.suffix[1:]])
+
+
+def check_figure(path: Path, force: bool, option: str = "-o", inputs: Iterable[Path | str] = ()) -> None:
+    """Make sure that a figure can be written into a file, as `check_output` does.
+
+    Raises:
+        InputError: It cannot, or the ending of the file is unknown.
+    """
+    ending = path.suffix[1:]
+    _select("format", [ending], FORMATS)
+    check_output(path, force, BY_ENDING[ending], option, inputs)
 
 
 def draw_file(kind: str, subject: Any, path: Path, force: bool = False) -> Path:
@@ -215,7 +246,7 @@ def save_figure(make: Callable[[], Figure], path: Path, force: bool = False) -> 
     Raises:
         InputError: The ending is unknown, the file exists or cannot be written.
     """
-    _select("format", [path.suffix[1:]], FORMATS)
+    check_figure(path, force)
     _prepare_files([path], force)
     with in_style():
         _save(make(), [path])
@@ -235,13 +266,13 @@ def _save(figure: Figure, paths: Iterable[Path]) -> None:
 
 
 def _prepare_files(files: Iterable[Path], force: bool) -> None:
-    """Make the directories of files; InputError if one cannot be made, or without `force` if a file exists."""
+    """Make the directories of files; InputError if one cannot be made, or a file is not to be replaced."""
+    files = list(files)
+    for path in files:
+        check_output(path, force, BY_ENDING[path.suffix[1:]])
     for path in files:
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            taken = path.exists() and not force
-        if taken:
-            raise InputError(f"{path} exists already: choose another directory with -o, or overwrite with --force")
 
 
 def default_directory(log: Path) -> Path:

@@ -113,7 +113,7 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     of the base, and the paths of the end-effectors since the panel before.
     """
     one = isinstance(runs, Run)
-    names = [""] if isinstance(runs, Run) else [f"{style.title_of(name)}\n" for name in runs]
+    names = [""] if isinstance(runs, Run) else [f"{style.literal(style.title_of(name))}\n" for name in runs]
     scenes = [scene_of(run) for run in runs_of(runs)]
     instants = [scene.key_instants() if one else scene.switches() for scene in scenes]
     most = max(1, *map(len, instants))
@@ -374,7 +374,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
     camera, axes = next(iter(panels.items()))
     _number_joints(axes, camera, model, Q)
     mass = sum(body.mass for body in spec.bodies)
-    figure.suptitle(f"{spec.name.replace('_', ' ')}: {mass:.4g} kg, {model.n} coordinates")
+    figure.suptitle(f"{style.literal(spec.name.replace('_', ' '))}: {mass:.4g} kg, {model.n} coordinates")
     return style.finish(figure, describe(camera))
 
 

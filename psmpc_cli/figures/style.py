@@ -84,6 +84,15 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
     "waiting": {"color": EDGE, "marker": "o", "markerfacecolor": "white", "linestyle": "none"},
     "ring around a failed run": {"color": "black", "marker": "o", "linestyle": "none", "zorder": 1.8, **RING},
     "weights of the run": {"color": "black", "marker": "*", "linestyle": "none", "zorder": 5, **STAR},
+    "recommended": {
+        "color": PALETTE[1],
+        "marker": "o",
+        "linestyle": "none",
+        "zorder": 5,
+        "markersize": 9.0,
+        "markeredgewidth": 1.2,
+        "markerfacecolor": "none",
+    },
     "dominated": {"color": "#A0A0A0", "marker": "x", "linestyle": "none", "zorder": 4},
     "published start": PUBLISHED,
     "published end": PUBLISHED,
@@ -173,11 +182,21 @@ def look(name: str, **more: Any) -> dict[str, Any]:
     return {"label": f"_{name}", **LOOKS[name], **more}
 
 
-def readable(name: str) -> str:
+def words_of(name: str) -> str:
     """Return a name from a specification as words, such as arm 1 for arm_1; a very long one without its middle."""
     words = name.replace("_", " ")
     half = LONGEST_NAME // 2
     return words if len(words) <= LONGEST_NAME else f"{words[:half].rstrip()}…{words[1 - half :].lstrip()}"
+
+
+def literal(text: str) -> str:
+    """Write a text for a figure, in which it is no formula: Matplotlib reads what stands between dollars as one."""
+    return text.replace("$", r"\$")
+
+
+def readable(name: str) -> str:
+    """Return a name from a specification as words for a figure."""
+    return literal(words_of(name))
 
 
 def text_width(text: str) -> float:
@@ -195,8 +214,8 @@ def shortened(text: str, width: float) -> str:
 
 
 def title_of(controller: str) -> str:
-    """Return the name of a controller as figures write it."""
-    return TITLES.get(controller, readable(controller))
+    """Return the name of a controller as pages write it, and figures as a `literal`."""
+    return TITLES.get(controller, words_of(controller))
 
 
 def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:

@@ -8,12 +8,21 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from psmpc_cli.figures import style
 from psmpc_cli.studies.sweep import ALLOWED_ERROR, AlongRatio, SweepCells, recommend
 
 EARLIEST_START = "$t_s - T_h$"
+
+FAILED_MISSION: Mapping[str, Any] = {
+    "name": "ring around a failed run",
+    "label": "_mission failed",
+    "zorder": 4,
+    "path_effects": [withStroke(linewidth=1.8, foreground="white")],
+}
+"""Look of a cell that ended the second stage, but not the mission with success; visible on every colour."""
 
 
 def plot_heat_map(cells: SweepCells) -> Figure:
@@ -40,16 +49,22 @@ def plot_draws(cells: SweepCells) -> Figure:
     starts, scale, label = _starts_of_threshold(cells)
     edge: dict[str, Any] = {"edgecolors": style.EDGE, "linewidths": 0.3}
     x, y = np.log10(cells.omega)[cells.ended].T
-    axes.scatter(x, y, 16, starts[cells.ended], norm=scale, **edge)
+    axes.scatter(x, y, 16, starts[cells.ended], norm=scale, zorder=3, **edge)  # above the marks of failed ones
     _mark_cells(axes, cells, {"failed": cells.failed, "waiting": cells.waiting})
     return _finish_plane(figure, axes, cells, scale, label)
 
 
 def _mark_cells(axes: Axes, cells: SweepCells, marks: Mapping[str, np.ndarray]) -> None:
-    """Mark cells in the plane of both priorities by what became of them (cells,)."""
+    """Mark cells in the plane of both priorities by what became of them (cells,), and the recommended run."""
     for name, which in marks.items():
         if which.any():
             axes.plot(*np.log10(cells.omega)[which].T, **style.look(name))
+    if (failed := cells.ended & ~cells.succeeded).any():
+        axes.plot(*np.log10(cells.omega)[failed].T, **style.look(**FAILED_MISSION))
+    best = recommend(cells).omega
+    if best is not None:
+        label = f"_recommended, ω₂/ω₁ = {best[1] / best[0]:.4g}"
+        axes.plot(*np.log10(best), **style.look("recommended", label=label, clip_on=False))
 
 
 def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normalize, label: str) -> Figure:
@@ -75,14 +90,21 @@ def plot_surface(cells: SweepCells) -> Figure:
     failed = cells.failed
     x, y = (omega.reshape(shape) for omega in np.log10(cells.omega.T))
     corners = [x.min(), x.max(), x.max(), x.min(), x.min()], [y.min(), y.min(), y.max(), y.max(), y.min()]
+    if failed.any():
+        axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.look("failed"))
     if cells.ended.any():  # from the lowest to the highest, as they cover each other
         axes.plot(*corners, [scale.vmin] * 5, linestyle=style.DASHED, label=f"_{EARLIEST_START}", **style.LEVEL)
         colors = ScalarMappable(scale).to_rgba(starts.reshape(shape))
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, starts.reshape(shape), facecolors=colors, **look)
         axes.plot(*corners, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
-    if failed.any():
-        axes.plot(x.flat[failed], y.flat[failed], np.full(failed.sum(), scale.vmin), **style.look("failed"))
+    if (lost := cells.ended & ~cells.succeeded).any():
+        axes.plot(x.flat[lost], y.flat[lost], starts[lost], **style.look(**FAILED_MISSION))
+    best = recommend(cells).omega
+    chosen = cells.ended & (best is not None) & np.isclose(cells.omega, best or np.nan).all(axis=1)
+    if chosen.any():
+        name = f"_recommended, ω₂/ω₁ = {cells.ratio[chosen][0]:.4g}"
+        axes.plot(x.flat[chosen], y.flat[chosen], starts[chosen], **style.look("recommended", label=name))
     if cells.waiting.any():
         axes.plot([], [], linestyle="none", label="_blank: waiting")
     axes.view_init(24.0, -128.0)
@@ -146,6 +168,8 @@ def plot_starts(cells: SweepCells) -> Figure:
         axes.plot(floor.ratio, floor.middle, linestyle=style.DOTTED, label=EARLIEST_START, **style.LEVEL)
         axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)  # in no window
         axes.set_ylim(low, high)
+        if (best := recommend(cells).ratio) is not None:
+            axes.axvline(best, color="black", linewidth=0.9, label=f"recommended {best:.4g}", zorder=1.8)
         starts = cells.of("actual_start")
         for i in map(int, np.argsort(cells.epsilons)):
             label = f"ε = {cells.epsilons[i]:g}"

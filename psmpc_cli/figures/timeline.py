@@ -58,7 +58,7 @@ def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bo
             _shade(panel, run.spans)
         column[-1].set_xlabel("Time (s)")
     for column, name in zip(axes[0], () if isinstance(runs, Run) else runs, strict=False):
-        column.set_title(style.title_of(name), loc="center", fontsize=8.0)
+        column.set_title(style.literal(style.title_of(name)), loc="center", fontsize=8.0)
     return figure, axes[1:]
 
 
@@ -116,7 +116,7 @@ def place_bars(spans: Sequence[Span], view: tuple[float, float], width: float) -
         left = span.start if span.early is None else span.early
         gap = NAME_GAP * second
         room = max(span.end - left, last - span.end, left - first) - 2 * gap
-        name = style.shortened(style.readable(span.name), room / second)
+        name = style.literal(style.shortened(style.words_of(span.name), room / second))
         wide = style.text_width(name) * second + 2 * gap
 
         taken = (left, span.end)

@@ -1,11 +1,16 @@
 """The files that psmpc writes: how they are opened, and how new ones come to be without loss of old ones."""
 
+import fcntl
 import os
+import re
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from tempfile import TemporaryFile
+from types import TracebackType
+from typing import Any, BinaryIO, Self, TypeVar
 
 import h5py
 import numpy as np
@@ -13,7 +18,7 @@ import numpy as np
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.schema import FORMAT_VERSION, RUN
 from psmpc_cli.logs.walk import OF_SCALES, check_attributes, misfit, walk
-from psmpc_cli.specs.document import printable, shortened
+from psmpc_cli.specs.document import printable, read_regular, shortened
 
 T = TypeVar("T")
 
@@ -22,6 +27,52 @@ DAMAGE = (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeEr
 
 LARGEST_TEXTS = 2**28
 """Most memory for the texts of a dataset, which all take as much as the longest one [bytes]."""
+
+HEAD = 4096
+"""Bytes at the beginning of a file that tell its kind."""
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """A kind of file that commands write, and with `--force` replace.
+
+    Attributes:
+        name: What messages call it.
+        beginning: What the first bytes of such a file match.
+    """
+
+    name: str
+    beginning: re.Pattern[bytes]
+
+
+def _kind(name: str, beginning: bytes) -> FileKind:
+    return FileKind(name, re.compile(beginning, re.DOTALL))
+
+
+_XML = rb"\s*(?:<\?xml[^>]*\?>\s*)?(?:<!--.*?-->\s*)*"
+
+LOG = _kind("an HDF5 file", rb"\x89HDF\r\n\x1a\n")
+PAGE = _kind("an HTML page of psmpc", rb'<!DOCTYPE html>.{0,500}<meta name="generator" content="psmpc')
+TABLE = _kind("a CSV table of psmpc", rb"time \[s\],(?:state/)?Q/|name,priority,")
+CLAIMS = _kind("the claims of psmpc reproduce as JSON", rb'\{\s*"format":\s*\d+,\s*"psmpc_version"')
+STARTER = _kind(
+    "a robot, task or schema of psmpc init",
+    rb"# yaml-language-server: \$schema=\S*(?:robot|task)\.json|" + _XML + rb'<robot\b|\{\s*"\$schema".{0,200}"psmpc ',
+)
+BY_ENDING: Mapping[str, FileKind] = {
+    "png": _kind("a PNG image", rb"\x89PNG\r\n\x1a\n"),
+    "pdf": _kind("a PDF file", rb"%PDF-"),
+    "svg": _kind("an SVG image", _XML + rb"(?:<!DOCTYPE svg[^>]*>\s*)?(?:<!--.*?-->\s*)*<svg\b"),
+    "gif": _kind("a GIF image", rb"GIF8[79]a"),
+    "mp4": _kind("an MP4 film", rb".{4}ftyp"),
+}
+"""Figures and films, by the endings of their files."""
+
+_KINDS = (
+    *(LOG, PAGE, CLAIMS, STARTER, *BY_ENDING.values()),
+    _kind("an HTML page of another program", rb"\s*<(?:!DOCTYPE\s+html|html\b|!doctype html)"),
+)
+"""Kinds by which a file that stands in the way is called."""
 
 
 def read_file(
@@ -116,20 +167,73 @@ def _check_version(path: Path, file: h5py.File) -> None:
         )
 
 
-def check_output(path: Path, force: bool, option: str = "-o", hdf5: bool = True) -> None:
-    """Make sure that a new file may be written at a path, which an option of the command line names.
+def check_output(
+    path: Path,
+    force: bool,
+    kind: FileKind = LOG,
+    option: str = "-o",
+    inputs: Iterable[Path | str] = (),
+) -> None:
+    """Make sure that a new file may be written at a path.
+
+    Args:
+        path: The path.
+        force: Replace a file of the same kind that is there.
+        kind: What is to be written.
+        option: Of the command line, which names the path.
+        inputs: Files that the command reads, which it never writes over, or names of built-in ones.
 
     Raises:
-        InputError: The path is taken; with `force`, that of an HDF5 file by a file that psmpc did not write.
+        InputError: The path is taken, leads to an input or nowhere, or no file can be made there.
     """
-    if path.is_dir():
-        raise InputError(f"{path} is a directory: name a file in it with {option}")
-    if not path.exists():
-        return
-    if not force:
-        raise InputError(f"{path} exists already: choose another file with {option}, or overwrite it with --force")
-    if hdf5 and not (path.is_file() and (path.stat().st_size == 0 or h5py.is_hdf5(path))):
-        raise InputError(f"{path} is no log: --force overwrites logs only; choose another file with -o")
+    with writing(path):
+        if path.is_dir():
+            raise InputError(f"{path} is a directory: name a file in it with {option}")
+        if path.is_symlink() and not path.exists():
+            raise InputError(
+                f"{path} is a symbolic link to {os.readlink(path)}, where no file is: choose another file with {option}"
+            )
+        if not path.exists():
+            ensure_creatable(path.parent, option)
+            return
+        if any(os.path.exists(each) and os.path.samefile(each, path) for each in inputs):
+            raise InputError(f"{path} is read by this command: choose another file with {option}")
+        if not force:
+            raise InputError(f"{path} exists already: choose another file with {option}, or overwrite it with --force")
+        found = _describe_other(path, kind)
+        if found:
+            raise InputError(
+                f"{path}: found {found}, expected {kind.name}, which --force replaces; "
+                f"choose another file with {option}"
+            )
+        ensure_creatable(path.resolve().parent, option)
+
+
+def _describe_other(path: Path, kind: FileKind) -> str:
+    """Say what a file is that is neither empty nor of a kind; nothing of any other file."""
+    if not path.is_file():
+        return "no regular file"
+    if not path.stat().st_size:
+        return ""
+    head = read_regular(path, HEAD, cut=True)
+    if kind.beginning.match(head):
+        return ""
+    names = (each.name for each in _KINDS if each.beginning.match(head))
+    return next(names, "a text file" if head.isascii() and b"\0" not in head else "a file of another kind")
+
+
+def ensure_creatable(folder: Path, option: str = "-o") -> None:
+    """Raise InputError if no file can be made in a folder, or where that is to be made itself."""
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not existing.is_dir():
+        raise InputError(f"{existing} is no directory, but files go there: choose another place with {option}")
+    try:
+        TemporaryFile(dir=existing).close()
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(
+            f"{existing.resolve()} cannot be written: {reason}; choose another place with {option}"
+        ) from None
 
 
 def image_of(file: h5py.File) -> bytes:
@@ -146,16 +250,29 @@ def new_image(fill: Callable[[h5py.File], None]) -> bytes:
         return image_of(file)
 
 
-def write_new(path: Path, image: bytes, force: bool = False, hdf5: bool = True) -> None:
+def write_new(
+    path: Path,
+    image: bytes,
+    force: bool = False,
+    kind: FileKind = LOG,
+    option: str = "-o",
+    inputs: Iterable[Path | str] = (),
+    replace: Callable[[bytes], None] | None = None,
+) -> None:
     """Write a new file, whole or not at all; its folder is created if necessary.
+
+    Arguments: see `check_output`; `replace` writes the file, as `FileLock.replace` does.
 
     Raises:
         InputError: The path is taken, see `check_output`, or the file cannot be written.
     """
     with writing(path):
+        check_output(path, force, kind, option, inputs)
         path.parent.mkdir(parents=True, exist_ok=True)
-        check_output(path, force, hdf5=hdf5)
-        replace_file(path, image)
+        if replace is None:
+            replace_file(path, image)
+        else:
+            replace(image)
 
 
 @contextmanager
@@ -200,3 +317,71 @@ def replacing(path: Path) -> Iterator[Path]:
         os.replace(part, target)
     finally:
         part.unlink(missing_ok=True)
+
+
+class FileLock:
+    """The sole right to fill in a file, which ends with its process, however that ends.
+
+    The lock is on the file itself. Each file that takes its place is locked beforehand, so that whoever locks the one
+    at the path has the right. It is a record lock: HDF5 and programs that read the file use others.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._locked: BinaryIO | None = None
+
+    def __enter__(self) -> Self:
+        """Lock the file, if there is one.
+
+        Raises:
+            InputError: Another process has the lock, or the file cannot be opened for writing.
+        """
+        with writing(self.path):
+            while self._locked is None and self.path.exists():
+                file = self.path.open("rb+")
+                if not _lock(file):
+                    file.close()
+                    raise InputError(
+                        f"{self.path} is being filled in by another process: wait for its end, or choose another file "
+                        "with -o"
+                    )
+                if _is_at(file, self.path):
+                    self._locked = file
+                else:
+                    file.close()  # another one took its place meanwhile
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._unlock()
+
+    def replace(self, image: bytes) -> None:
+        """Put a file, locked, in the place of the one at the path, in one step.
+
+        Raises:
+            OSError: It cannot be written; the one that was there stays.
+        """
+        with replacing(self.path) as part:
+            file = part.open("rb+")
+            _lock(file)
+            file.write(image)
+            file.flush()
+        self._unlock()
+        self._locked = file
+
+    def _unlock(self) -> None:
+        if self._locked is not None:
+            self._locked.close()
+
+
+def _lock(file: BinaryIO) -> bool:
+    """Lock an open file; tell whether no other process had locked it."""
+    try:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True
+
+
+def _is_at(file: BinaryIO, path: Path) -> bool:
+    """Tell whether an open file is the one at a path."""
+    return path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat())

@@ -13,7 +13,7 @@ import numpy as np
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import LogError, RunError
-from psmpc_cli.logs.files import new_image, read_array, read_attributes, read_file, replace_file, write_new
+from psmpc_cli.logs.files import FileLock, new_image, read_array, read_attributes, read_file, write_new
 from psmpc_cli.logs.schema import FORMAT_VERSION
 from psmpc_cli.logs.walk import misfit
 
@@ -68,22 +68,22 @@ class Results:
             raise LogError(f"{self.path}: found no {name}, expected results as psmpc writes them")
         return self.quantities[name].values
 
-    def create(self, force: bool = False) -> None:
-        """Write a new file.
+    def create(self, force: bool = False, lock: FileLock | None = None) -> None:
+        """Write a new file, locked if a lock of its path is given.
 
         Raises:
             InputError: The file exists already or cannot be written; with `force`, it exists and is no HDF5 file.
         """
-        write_new(self.path, new_image(self._write), force)
+        write_new(self.path, new_image(self._write), force, replace=None if lock is None else lock.replace)
 
-    def save(self) -> None:
-        """Write the whole file in the place of the one before.
+    def save(self, lock: FileLock) -> None:
+        """Write the whole file in the place of the one before, of which the lock is held.
 
         Raises:
             RunError: The file cannot be written.
         """
         try:
-            replace_file(self.path, new_image(self._write))
+            lock.replace(new_image(self._write))
         except OSError as error:
             raise RunError(f"{self.path} cannot be written any further: {error.strerror or error}") from None
 

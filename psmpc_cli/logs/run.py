@@ -13,7 +13,16 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
-from psmpc_cli.logs.files import check_output, kind_of, new_image, read_array, read_attributes, read_file, write_new
+from psmpc_cli.logs.files import (
+    TABLE,
+    check_output,
+    kind_of,
+    new_image,
+    read_array,
+    read_attributes,
+    read_file,
+    write_new,
+)
 from psmpc_cli.logs.schema import (
     COLUMN_UNITS,
     COMPARISON,
@@ -375,11 +384,11 @@ class Run:
             tables["ticks.csv"] = self._table("ticks/tick", "ticks/")
         paths = [directory / name for name in tables]
         for path in paths:
-            check_output(path, force, "--csv", hdf5=False)
+            check_output(path, force, TABLE, "--csv")
         for path, table in zip(paths, tables.values(), strict=True):
             text = StringIO(newline="")
             csv.writer(text).writerows([table, *zip(*table.values(), strict=True)])
-            write_new(path, text.getvalue().encode(), force, hdf5=False)
+            write_new(path, text.getvalue().encode(), force, TABLE, "--csv")
         return paths
 
     def to_xarray(self) -> "xarray.Dataset":
@@ -428,16 +437,20 @@ class Run:
         for column in self._columns_along(dim):
             name = column.path.removeprefix(without)
             values = self[column.path]
-            headings = {name: column.units}
-            if values.ndim > 1:
-                labels = (label if isinstance(label, str) else f"{label:g}" for label in self[column.dims[1]])
-                headings = {
-                    f"{name}/{label}": unit for label, unit in zip(labels, self._units_of_columns(column), strict=True)
-                }
-            of_headings = values.T if values.ndim > 1 else [values]
-            for (heading, unit), each in zip(headings.items(), of_headings, strict=True):
-                table[heading if unit == "1" else f"{heading} [{unit}]"] = each
+            if values.ndim == 1:
+                table[_with_unit(name, column.units)] = values
+                continue
+            units = self._units_of_columns(column) if values.ndim == 2 else [column.units] * values.shape[1]
+            for index in np.ndindex(values.shape[1:]):
+                labels = [self[scale][i] for scale, i in zip(column.dims[1:], index, strict=True)]
+                heading = "/".join([name, *(each if isinstance(each, str) else f"{each:g}" for each in labels)])
+                table[_with_unit(heading, units[index[0]])] = values[:, *index]
         return table
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """Return the heading of a column of a CSV table."""
+    return name if unit == "1" else f"{name} [{unit}]"
 
 
 def read_run(path: Path | str) -> Run:

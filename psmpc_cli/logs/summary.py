@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS, sliding_of
-from psmpc_cli.logs.verdicts import Arrays, position_of, summarize_clearance, verdicts, when_let_go
+from psmpc_cli.logs.verdicts import Arrays, Verdict, position_of, summarize_clearance, verdicts, when_let_go
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
@@ -18,6 +18,10 @@ from psmpc_cli.specs.task import PublishedRun, TaskSpec
 
 NO_SHARE = 0.01
 """A stage with no larger share in the control than this does not visibly act on it [1]."""
+
+
+FAR_BEYOND = 1.05
+"""Commanded force over its limit beyond which more is cut than small peaks at the limit [1]."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,8 @@ class Summary:
     Attributes:
         ended: The run came to an end; it was neither killed nor interrupted.
         completed: The last stage met its end condition.
-        succeeded: It did, and every monitor held.
+        succeeded: It did, and every monitor held; None where it is not judged: it did, no monitor was broken, and of
+            one at least it is not known whether it held.
         reason: Why the run stopped.
         duration: Simulated time [s].
         stages: By stage.
@@ -160,6 +165,8 @@ class Summary:
         tightest_force: The largest force that the law commanded over its limit [1], which coordinate it is of, and the
             sample in which it was; None where forces have no limits, or are not known.
         saturated: Share of the time in which a force was cut at its limit [1]; NaN where forces have no limits.
+        far_beyond: Share of the samples in which a force was commanded beyond `FAR_BEYOND` of its limit [1]; NaN where
+            forces have no limits.
         limits_dynamics: Some stage has a limit of forces or accelerations.
         variation_base_position, variation_base_angle, variation_joints, variation_sliding: Total variation of the
             control at the samples, sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2], of
@@ -188,7 +195,7 @@ class Summary:
         self.ended = bool(np.isfinite(end))
         self.completed = bool(attributes["finished"])
         self.monitors = verdicts(spec, arrays)
-        self.succeeded = self.completed and all(verdict.held for verdict in self.monitors)
+        self.succeeded = _succeeded(self.completed, self.monitors)
         self.reason = str(attributes["end_reason"]) or "the run was killed, or goes on"
         self.duration = end if self.ended else float(time[-1]) if len(time) else 0.0
         published = spec.published.get(str(attributes["controller"]), PublishedRun())
@@ -217,6 +224,7 @@ class Summary:
         saturated = arrays.get("force/saturated", np.zeros(0))
         self.tightest_force = largest(utilization, coordinates, time)
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
+        self.far_beyond = float(np.mean((utilization > FAR_BEYOND).any(axis=1))) if len(saturated) else np.nan
         self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
         varied = variation(
             np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates, sliding_of(attributes)
@@ -251,8 +259,16 @@ class Summary:
         self.clearance = summarize_clearance(arrays)
 
     def __repr__(self) -> str:
-        outcome = f"{'succeeded' if self.succeeded else 'did not succeed'}: {self.reason}"
+        outcomes = {True: "succeeded", False: "did not succeed", None: "not judged"}
+        outcome = f"{outcomes[self.succeeded]}: {self.reason}"
         return f"<Summary of {len(self.stages)} stages over {self.duration:g} s, {outcome}>"
+
+
+def _succeeded(completed: bool, monitors: Sequence[Verdict]) -> bool | None:
+    """Tell whether a mission succeeded; None where that depends on monitors that are not judged."""
+    if not completed or any(not verdict.held and verdict.is_judged for verdict in monitors):
+        return False
+    return True if all(verdict.held for verdict in monitors) else None
 
 
 def variation(

@@ -37,6 +37,11 @@ class Verdict:
     instead: str = ""
     details: str = ""
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether it is known that it held or did not."""
+        return self.held or bool(np.isfinite(self.broken_at))
+
 
 @dataclass(frozen=True)
 class NearestParts:

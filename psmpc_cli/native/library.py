@@ -21,6 +21,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from time import time
 
+from psmpc_cli.specs.document import printable
+
 logger = logging.getLogger(__name__)
 
 CACHE_VARIABLE = "PSMPC_CACHE"
@@ -127,8 +129,11 @@ def find_compiler() -> tuple[str, ...]:
         CompilationError: There is none.
     """
     chosen = os.environ.get("CC", "").strip()
-    commands = [shlex.split(chosen)] if chosen else [[name] for name in COMPILERS]
-    for command in commands:
+    try:
+        commands = [shlex.split(chosen)] if chosen else [[name] for name in COMPILERS]
+    except ValueError as error:
+        raise CompilationError(f"no C compiler: CC is {chosen!r}, which is no command ({error})") from None
+    for command in filter(None, commands):
         if program := shutil.which(command[0]):
             return (program, *command[1:])
     if not chosen and find_spec("ziglang") is not None:
@@ -147,7 +152,7 @@ def describe_compiler() -> str:
 
 @cache
 def _version(compiler: tuple[str, ...]) -> str:
-    return _run([*compiler, "--version"], None).partition("\n")[0].strip()
+    return printable(_run([*compiler, "--version"], None).partition("\n")[0].strip())
 
 
 def describe_processor() -> str:
@@ -240,7 +245,7 @@ def _remove_unused(directory: Path) -> None:
 def _run(command: Sequence[str], folder: Path | None) -> str:
     """Run a compiler and return its standard output."""
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8", errors="replace", check=False)
     except OSError as error:
         raise CompilationError(f"{command[0]} did not run: {error}") from None
     if done.returncode:

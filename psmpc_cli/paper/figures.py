@@ -127,7 +127,7 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
         published: Published ends by method and stage [s].
     """
     figure, (axes,) = style.stack([""], [0.5 * len(runs)], "Time (s)")
-    _draw_schedule(axes, {style.title_of(name): run.spans for name, run in runs.items()})
+    _draw_schedule(axes, {style.literal(style.title_of(name)): run.spans for name, run in runs.items()})
     for name, y in zip(runs, axes.get_yticks(), strict=True):
         for time in published.get(name, {}).values():
             axes.plot(time, y - 1.3, **style.look("published end"))
@@ -270,4 +270,9 @@ def save_ablation(ablation: Ablation, folder: Path) -> Path:
         InputError: It cannot be written.
     """
     draw = partial(ABLATIONS[ablation.name], ablation.panels)
-    return save_figure(draw, folder / f"ablation_{ablation.name}.png", force=True)
+    return save_figure(draw, folder / figure_of(ablation.name), force=True)
+
+
+def figure_of(ablation: str) -> str:
+    """Return the name of the file with the figure of an ablation."""
+    return f"ablation_{ablation}.png"

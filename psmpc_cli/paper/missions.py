@@ -66,7 +66,7 @@ def mission_of(summary: Summary, horizon: float) -> Mission:
         stages=tuple(stage.name for stage in summary.stages),
         starts=tuple(stage.actual_start for stage in summary.stages),
         ends=tuple(stage.switch_time for stage in summary.stages),
-        succeeded=summary.succeeded,
+        succeeded=summary.succeeded is True,
         broken_at=float(np.fmin.reduce([verdict.broken_at for verdict in summary.monitors], initial=np.nan)),
         horizon=horizon,
         sample_time=summary.sample_time,

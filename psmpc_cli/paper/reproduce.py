@@ -1,12 +1,13 @@
 """Runs what the paper's claims on its simulations need. Documented in docs/reproduce.md."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pydantic_core import to_json
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
+from psmpc_cli.logs.files import LOG, PAGE, FileKind, check_output
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.paper.ablations import Ablation, run_ablations
 from psmpc_cli.paper.claims import Finding
@@ -49,6 +50,14 @@ WEIGHTS = "weights.h5"
 FRONTS = "fronts.h5"
 GRASPS = "grasps.h5"
 """Files of the runs, the sweep over the weights, the Pareto fronts and the grasps, for psmpc plot and psmpc show."""
+
+REPORT = "report.html"
+
+OUTPUTS: Mapping[str, FileKind] = {
+    **dict.fromkeys((LOGS, WEIGHTS, FRONTS, GRASPS), LOG),
+    REPORT: PAGE,
+}
+"""The files that are written into the directory, each with its kind; those of ablations come besides."""
 
 SHARED_KEYS = ("controller", "solver", "plant")
 """Changes of these keys also apply to the swept task, the first two to `GRASP`; stages and skills are their own."""
@@ -98,7 +107,8 @@ def reproduce(
     )
     fronts = None
     path = directory / FRONTS
-    if force:
+    if force:  # those of an earlier reproduction, which this one may not have
+        check_output(path, force)
         path.unlink(missing_ok=True)
     if len(possible_samples(runs["psmpc"], (0, 1))):
         settings = ParetoSettings("1,2", (), points, "weighted-sum", free=False)

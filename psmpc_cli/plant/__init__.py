@@ -3,6 +3,7 @@
 A plant is the module here that its `kind` names, with a function `build`.
 """
 
+from collections.abc import Callable
 from pkgutil import resolve_name
 
 from psmpc_cli.errors import InputError
@@ -11,7 +12,17 @@ from psmpc_cli.plant.grasp import Capture, PlantSetup
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import PlantSpec
 
-__all__ = ["Disturbance", "ForceLimits", "Plant", "PlantSetup", "Resistance", "Ticks", "build_plant", "ticks_of"]
+__all__ = [
+    "Disturbance",
+    "ForceLimits",
+    "Plant",
+    "PlantSetup",
+    "Resistance",
+    "Ticks",
+    "build_plant",
+    "require_plant",
+    "ticks_of",
+]
 
 
 def build_plant(
@@ -36,15 +47,26 @@ def build_plant(
         InputError: A package that the plant needs is not installed.
     """
     tick, substeps = ticks_of(spec)
+    plant: Plant = require_plant(spec)(PlantSetup(model, tick, substeps, native, resistance, capture, force_limits))
+    return plant
+
+
+def require_plant(spec: PlantSpec) -> Callable[[PlantSetup], Plant]:
+    """Return the function that builds a plant of this kind.
+
+    Raises:
+        InputError: A package that the plant needs is not installed, or does not work.
+    """
     try:
-        build = resolve_name(f"{__name__}.{spec.kind}:build")
-    except ImportError as error:
+        build: Callable[[PlantSetup], Plant] = resolve_name(f"{__name__}.{spec.kind}:build")
+    except Exception as error:  # a package that is installed may fail in any way, such as by a library it cannot load
+        package = (error.name if isinstance(error, ImportError) else None) or spec.kind
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"plant {spec.kind}: found no working package {error.name} ({error}); "
+            f"plant {spec.kind}: found no working package {package} ({reason}); "
             f"install it with pip install 'psmpc[{spec.kind}]', or choose plant rk4"
         ) from None
-    plant: Plant = build(PlantSetup(model, tick, substeps, native, resistance, capture, force_limits))
-    return plant
+    return build
 
 
 def ticks_of(spec: PlantSpec) -> tuple[float, int]:

@@ -14,9 +14,10 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from psmpc_cli import __version__
 from psmpc_cli.figures.registry import FIGURES, figures_of
-from psmpc_cli.figures.style import in_style, readable, title_of
-from psmpc_cli.logs.files import write_new
+from psmpc_cli.figures.style import in_style, title_of, words_of
+from psmpc_cli.logs.files import PAGE, write_new
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import RUN
 from psmpc_cli.report.texts import (
@@ -57,11 +58,12 @@ class Page:
         """Write the page into a file, whole or not at all, and return its path.
 
         Raises:
-            InputError: The path is none, the file exists and `force` is not set, or it cannot be written.
+            InputError: The path is none, the file exists and `force` is not set or it is no page of psmpc, or it cannot
+                be written.
         """
         path = as_path("path", path)
         require("force", force, bool, "True or False")
-        write_new(path, self.html.encode(errors="backslashreplace"), force, hdf5=False)
+        write_new(path, self.html.encode(errors="backslashreplace"), force, PAGE)
         return path
 
 
@@ -84,6 +86,7 @@ def _environment(room: str) -> Environment:
     environment.globals |= {
         "source": lambda name: Markup(loader.get_source(environment, name)[0]),
         "filled_columns": filled_columns,
+        "version": __version__,
     }
     environment.filters["unbroken"] = partial(re.sub, r"(?<=\d) (?=s\b)", "\N{NO-BREAK SPACE}")
     environment.filters |= {"title": title_of, "png": _png, "mission": describe_mission}
@@ -116,7 +119,7 @@ def report_run(run: Run) -> Page:
     summary = run.summary()
     return render(
         "run.html.j2",
-        title=readable(str(run.attributes["task_name"])),
+        title=words_of(str(run.attributes["task_name"])),
         run=run,
         summary=summary,
         stages=stage_rows(summary),
@@ -124,7 +127,7 @@ def report_run(run: Run) -> Page:
         measures=list(measure_rows(summary, verbose=True)),
         no_limits=NO_LIMITS,
         figures={
-            FIGURES[RUN][name].caption or f"{readable(name)}.": partial(make, run)
+            FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(make, run)
             for name, make in figures_of(RUN, run).items()
         },
         versions=versions_of(run.attributes),

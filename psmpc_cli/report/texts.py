@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS
-from psmpc_cli.logs.summary import CaptureSummary, Largest, SolveSummary, Summary
+from psmpc_cli.logs.summary import FAR_BEYOND, CaptureSummary, Largest, SolveSummary, Summary
 from psmpc_cli.logs.verdicts import NearestParts, Verdict
 from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.task import NOTHING_TOUCHED
@@ -175,6 +175,7 @@ MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
     ("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity"), 0, ""),
     ("largest commanded force, of its limit", describe_tightest_force, 0, ""),
     ("forces cut at their limits [% of the time]", lambda run: 100 * run.saturated, 1, ""),
+    (f"forces beyond {100 * FAR_BEYOND:g} % of a limit [% of the time]", lambda run: 100 * run.far_beyond, 1, ""),
     ("smallest distance of parts, any tick", _smallest_distance, 0, ""),
     ("smallest margin of clearance, any tick", _smallest_margin, 0, ""),
     ("farthest beyond a limit, any tick", _beyond_limits, 0, ALONE),
@@ -246,12 +247,9 @@ def measure_rows(summary: Summary, verbose: bool = False) -> Iterator[Row]:
 
 def describe_mission(summary: Summary) -> str:
     """Write whether the mission succeeded, what touched, why the run ended, and which monitors did not hold."""
-    broken = {each.name: each.instead for each in summary.monitors if not (each.held or math.isnan(each.broken_at))}
-    outcome = "succeeded" if summary.succeeded else "failed"
-    if summary.completed and not summary.succeeded and not broken:
-        outcome = "not judged"
-    if not summary.ended:
-        outcome = "not finished"
+    broken = {each.name: each.instead for each in summary.monitors if each.is_judged and not each.held}
+    outcomes = {True: "succeeded", False: "failed", None: "not judged"}
+    outcome = outcomes[summary.succeeded] if summary.ended else "not finished"
     touch = broken.pop(NOTHING_TOUCHED) if summary.clearance is not None and summary.clearance.touched else ""
     first = f"{touch}; " if touch else ""
     monitors = f"; monitor did not hold: {', '.join(broken)}" if broken else ""
@@ -269,7 +267,9 @@ def describe_forces(summary: Summary) -> str:
     """Write how near forces come to their limits, or what a run without limits asks for; empty if it is not known."""
     if force := describe_tightest_force(summary):
         cut = number(100 * summary.saturated, 1)
-        return f"largest commanded force, of its limit: {force}; forces cut {cut} % of the time"
+        far = number(100 * summary.far_beyond, 1)
+        beyond = f"beyond {100 * FAR_BEYOND:g} % of a limit {far} % of the time"
+        return f"largest commanded force, of its limit: {force}; forces cut {cut} % of the time, {beyond}"
     peaks = {name: peak for name, peak in summary.peaks.items() if math.isfinite(peak) and peak > 0}
     if summary.limits_dynamics or not peaks:
         return ""
@@ -280,7 +280,7 @@ def describe_forces(summary: Summary) -> str:
 
 def describe_verdict(verdict: Verdict) -> str:
     """Write whether a monitor held, what happened instead where it did not, and its smallest margin."""
-    if not verdict.held and math.isnan(verdict.broken_at):
+    if not verdict.is_judged:
         return "not judged"
     outcome = "held"
     if not verdict.held:

@@ -68,7 +68,7 @@ def view(runs: RunOrPath | Mapping[str, RunOrPath]) -> Page:
     """
     found = resolve_runs(runs)
     by_name = {style.title_of(str(found.attributes["controller"])): found} if isinstance(found, Run) else found
-    tasks = dict.fromkeys(style.readable(str(run.attributes["task_name"])) for run in by_name.values())
+    tasks = dict.fromkeys(style.words_of(str(run.attributes["task_name"])) for run in by_name.values())
     shown = [_run_data(style.title_of(name), run) for name, run in by_name.items()]
     return render("view.html.j2", title=", ".join(tasks), runs=shown)
 
@@ -90,7 +90,7 @@ def _run_data(name: str, run: Run) -> Json:
         "time": _pack(time, "f8"),
         "Q": _pack(motion.Q[frames], "f8"),
         "stages": [
-            {"name": style.readable(stage), "color": STAGE_COLORS[number % len(STAGE_COLORS)], **spans.get(number, {})}
+            {"name": style.words_of(stage), "color": STAGE_COLORS[number % len(STAGE_COLORS)], **spans.get(number, {})}
             for number, stage in enumerate(run.stage_names)
         ],
         "samples": _pack(run.time[samples], "f8"),
@@ -147,7 +147,7 @@ def _robot(model: RobotModel, pieces: Sequence[Piece]) -> Json:
         "bodies": bodies,
         "tools": [{**_frame(at), "gripper": shape.grippers[arm].tolist()} for arm, at in spec.tools.items()],
         "box": {"half": shape.box.tolist(), "position": shape.box_frame[:3, 3].tolist(), "quaternion": turn.tolist()},
-        "parts": [style.readable(part) for part in parts],
+        "parts": [style.words_of(part) for part in parts],
         "colors": [style.BODY, *(style.line_look(number)["color"] for number in range(len(spec.arms)))],
         "objectColor": style.OBJECT,
         "obstacleColor": style.OBSTACLE,
@@ -237,7 +237,7 @@ def _obstacles(scene: Scene, time: np.ndarray) -> Iterator[Json]:
             shape = Shape("box", (depth, wide) if planar else (depth, wide, wide))
             opacity = 1.0 if planar else WALL_OPACITY
         yield {
-            "name": style.readable(obstacle.name),
+            "name": style.words_of(obstacle.name),
             "position": frame[:3, 3].tolist(),
             "quaternion": Rotation.from_matrix(frame[:3, :3]).as_quat().tolist(),
             "velocity": [*obstacle.velocity, 0.0, 0.0, 0.0][:3],
@@ -334,7 +334,7 @@ def _panels(
             found = [row for row in range(own.start, own.stop) if model.units[row] == units]
             if found:
                 joints = [f"joint {row - own.start + 1}" for row in found]
-                panels.append((f"{style.readable(name)} ({unit})", found, joints))
+                panels.append((f"{style.words_of(name)} ({unit})", found, joints))
     for label, rows, names in panels:
         drawn = distinct_limits([each[:, rows] for each in limits], values[:, rows]).T if limits else ()
         curves = zip(names, values[:, rows].T, strict=True)
@@ -368,7 +368,7 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
         error[place] = np.interp(time[inside], curve.time, curve.error)
         tolerance[place] = curve.tolerance
     error = np.where(error > SMALLEST_ERROR, error, np.nan)
-    names = [style.readable(part) for part in parts]
+    names = [style.words_of(part) for part in parts]
     for angular, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
         limits = [("tolerance", np.fmin.reduce(tolerance[angular]))]
         yield _panel(label, time, zip(names, error[angular], strict=True), limits, log=True)
@@ -377,7 +377,7 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
 def _stage_panels(run: Run) -> Iterator[Json]:
     """Yield planned switch times, shares of the stages in the control if logged, and the wall times of the solves."""
     samples = _evenly_chosen(len(run.time), MAX_FRAMES)
-    names = [style.readable(name) for name in run.stage_names]
+    names = [style.words_of(name) for name in run.stage_names]
     time = run.time[samples]
     for label, path in (("planned switch time (s)", "window/instants"), ("share in control (1)", "window/share")):
         yield _panel(label, time, zip(names, run[path][samples].T, strict=True))
@@ -387,7 +387,7 @@ def _stage_panels(run: Run) -> Iterator[Json]:
 def _grasp_panels(run: Run) -> Iterator[Json]:
     """Yield the filtered loads on each grasp, with the strength at which it is lost, and the object's velocities."""
     samples = _evenly_chosen(len(run.time), MAX_FRAMES)
-    names = [style.readable(name) for name in run["gripper"].tolist()]
+    names = [style.words_of(name) for name in run["gripper"].tolist()]
     time = run.time[samples]
     capture = run.task.spec.capture
     strengths = capture.grasp.largest_loads if capture else np.full(len(GRASP_LOADS), np.inf)

@@ -66,6 +66,7 @@ class Meter:
         self._force_limits = force_limits_of(problem.spec, problem.model.spec)
         self._clearance = ClearanceMeter(problem) if problem.spec.keeps_clear else None
         self._base = problem.model.parts["base"]
+        self._slides = np.array([joint.prismatic for joint in problem.model.spec.joints], bool)
         self._number = 0
         self._tick = 1 / problem.spec.plant.low_level_rate
         self._waiting = list[_Waiting]()
@@ -204,10 +205,9 @@ class Meter:
         d = self._problem.model.dimension
         of_base = values[..., self._base]
         joints = np.abs(np.delete(values, self._base, axis=-1))
-        slide = np.array([joint.prismatic for joint in self._problem.model.spec.joints], bool)
         linear = np.linalg.norm(of_base[..., :d], axis=-1)
         angular = np.linalg.norm(of_base[..., d:], axis=-1)
-        turning, sliding = (joints[..., chosen].max(axis=-1, initial=0.0) for chosen in (~slide, slide))
+        turning, sliding = (joints[..., chosen].max(axis=-1, initial=0.0) for chosen in (~self._slides, self._slides))
         return linear, angular, turning, sliding
 
     def _kept(self, stage: int, x: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from psmpc_cli import __version__
 from psmpc_cli.control.placement import end_is_planned
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.comparison import Comparison, compare_runs
+from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.library import describe_compiler, describe_processor
@@ -174,6 +175,8 @@ def rerun(
     samples = len(log.time)
     if not samples:
         raise LogError(f"{log.path}: holds no samples, so there is nothing to compare a run with")
+    if path is not None:
+        check_output(path, force, inputs=[log.path])
 
     def watch_samples(sample: Sample) -> None:
         watch(sample)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import LARGEST, quoted
+from psmpc_cli.specs.document import LARGEST, quoted, read_regular
 
 logger = logging.getLogger(__name__)
 
@@ -125,12 +125,7 @@ def read_mesh(path: Path) -> Mesh:
     try:
         if path.suffix.lower() not in MESH_ENDINGS:
             raise SpecError(f"found {quoted(path.name)}, {wanted}")
-        size = path.stat().st_size
-        if not path.is_file():
-            raise SpecError(f"found no regular file {quoted(path.name)}, {wanted}")
-        if size > LARGEST_MESH:
-            raise SpecError(f"found {size} bytes in {quoted(path.name)}, {wanted} of at most {LARGEST_MESH}")
-        content = path.read_bytes()
+        content = read_regular(path, LARGEST_MESH, f"a mesh file {quoted(path.name)}")
     except OSError as error:
         raise SpecError(f"found no readable file {quoted(path.name)} ({error.strerror}), {wanted}") from None
     try:

@@ -6,14 +6,17 @@ PyYAML parses; scalars are resolved here by the core schema of YAML 1.2.
 import copy
 import json
 import math
+import os
 import re
 import reprlib
+import stat
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import lru_cache, reduce
 from operator import getitem
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
@@ -376,6 +379,29 @@ def dotted(path: Location) -> str:
     """Write a path as in messages and `--set`: `stages[1].target.base`."""
     steps = [f"[{step}]" if isinstance(step, int) else f".{printable(shortened(step))}" for step in path]
     return "".join(steps).removeprefix(".")
+
+
+def read_regular(path: Path, most: int, wanted: str = "a file", cut: bool = False) -> bytes:
+    """Read a regular file, never more than its size says: other files, and those of the kernel, may never end.
+
+    Args:
+        path: The file.
+        most: Bytes that it may have.
+        wanted: What was expected, for messages.
+        cut: Whether of a larger file the beginning is returned.
+
+    Raises:
+        SpecError: It is no regular file, or too large.
+        OSError: There is none, or it cannot be read.
+    """
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a directory" if stat.S_ISDIR(status.st_mode) else "no regular file"
+        raise SpecError(f"found {kind}, expected {wanted}")
+    if status.st_size > most and not cut:
+        raise SpecError(f"found {status.st_size} bytes, expected {wanted} of at most {most}")
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        return file.read(min(status.st_size, most))
 
 
 def quoted(text: str) -> str:

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
-from psmpc_cli.errors import InputError, SpecError
-from psmpc_cli.specs.document import choice, quoted
+from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.document import choice, quoted, read_regular
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 
@@ -40,7 +40,7 @@ def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
     """
     path = Path(reference) if beside is None else beside / reference
     known = built_ins(kind)
-    if os.path.exists(path) and not (os.path.isdir(path) and str(reference) in known):
+    if os.path.lexists(path) and not (os.path.isdir(path) and str(reference) in known):
         return path
     if str(reference) in known:
         return known[str(reference)]
@@ -63,11 +63,9 @@ def read_bytes(path: Path) -> bytes:
     """
     wanted = f"a {'URDF' if path.suffix.casefold() == '.urdf' else 'YAML'} file"
     try:
-        if path.exists() and not path.is_file():
-            raise SpecError(f"{path}: found {'a directory' if path.is_dir() else 'no regular file'}, expected {wanted}")
-        if (size := path.stat().st_size) > LARGEST_FILE:
-            raise SpecError(f"{path}: found {size} bytes, expected {wanted} of at most {LARGEST_FILE}")
-        return path.read_bytes()
+        return read_regular(path, LARGEST_FILE, wanted)
+    except SpecError as error:
+        raise SpecError(f"{path}: {error}") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise SpecError(f"{path}: found no readable file ({reason}), expected {wanted}") from None
@@ -97,28 +95,21 @@ def json_schema(kind: Kind) -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"psmpc {kind}", **schema}
 
 
-def write_starter(folder: Path, overwrite: bool) -> list[Path]:
-    """Write all built-in robots and tasks and their schemas into a folder and return the files' paths.
+def starter_files(folder: Path) -> dict[Path, str]:
+    """Return the texts of all built-in robots and tasks and their schemas, by the path that each has in a folder.
 
     Tasks refer to the copied robots, so that editing those has an effect; editors find the copied schemas.
-
-    Raises:
-        InputError: A file exists and may not be overwritten (nothing is written then), or cannot be written.
     """
     files = {folder / "schema" / f"{kind}.json": json.dumps(json_schema(kind), indent=2) + "\n" for kind in KINDS}
-    robots = built_ins("robot")
-    urdfs = next(iter(robots.values())).parent.glob("*.urdf")
-    for path in (*urdfs, *robots.values(), *built_ins("task").values()):
+    for path in starter_sources():
         text = _MODE_LINE.sub("../schema/", read_text(path), count=1)
         text = _ROBOT_LINE.sub(lambda found: f"robot: ../robots/{found[1]}.yaml", text, count=1)
         files[folder / path.parent.name / path.name] = text
-    try:
-        existing = [str(path) for path in files if path.exists() or path.is_symlink()]
-        if existing and not overwrite:
-            raise InputError(f"found {', '.join(existing)}, expected no such file (--force overwrites)")
-        for path, text in files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise InputError(f"{error.filename or folder}: found no place to write to ({error.strerror})") from None
-    return sorted(files)
+    return files
+
+
+def starter_sources() -> list[Path]:
+    """Return the files of the built-in robots, with their URDFs, and tasks."""
+    robots = built_ins("robot")
+    urdfs = next(iter(robots.values())).parent.glob("*.urdf")
+    return [*urdfs, *robots.values(), *built_ins("task").values()]

@@ -23,6 +23,7 @@ from psmpc_cli.specs.document import (
     origins_of,
     override,
     printable,
+    quoted,
     read,
     with_controller,
     write,
@@ -228,7 +229,11 @@ def _read_robot(path: Path) -> Document:
         document = read(shown(path), read_text(path))
     if (reference := document.value(("urdf",))) is None:
         return document
-    urdf = read_urdf(path.parent / reference) if isinstance(reference, str) and reference else None
+    is_named = isinstance(reference, str) and bool(reference)
+    if is_named and (path.parent / str(reference)).is_dir():
+        wrong = Fault(("urdf",), f"found the directory {quoted(str(reference))}, expected a URDF file")
+        raise SpecError(document.report([wrong]))
+    urdf = read_urdf(path.parent / str(reference)) if is_named else None
     file, faults = _validate(document, "robot", UrdfRobot, urdf)
     if file is None or urdf is None:
         raise SpecError(document.report(faults))

@@ -7,7 +7,7 @@ from typing import get_args
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import save_comparison
-from psmpc_cli.logs.files import check_output, writing
+from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import rejected, require, require_options
@@ -94,9 +94,7 @@ def run_tasks(
         RunError: A process was killed each time.
     """
     if path is not None:
-        with writing(path):
-            check_output(path, force)
-            path.parent.mkdir(parents=True, exist_ok=True)
+        check_output(path, force)
     runs = compute_all(_run, tasks, jobs, watch)
     if path is not None:
         save_comparison(runs, path, force)

@@ -94,6 +94,12 @@ def _nearest(name: str, unknown: Any = np.nan) -> Callable[[Run], Any]:
     return read
 
 
+def _succeeded(run: Run) -> int:
+    """Tell whether a mission succeeded: 1, 0, or -1 where it is not judged."""
+    succeeded = run.summary().succeeded
+    return -1 if succeeded is None else int(succeeded)
+
+
 def _touched(run: Run) -> float:
     """Tell whether parts touched that keep clear: 1, 0, or NaN where nothing does."""
     found = run.summary().clearance
@@ -135,7 +141,7 @@ _BASINS = "windows in which another guess of the instants than the last plan's w
 
 OUTCOME = (
     _whole("completed", "1 if the last stage met its end condition, 0 if not"),
-    _whole("succeeded", "1 if it did and every monitor held on the true state, 0 if not"),
+    _whole("succeeded", "1 if it did and every monitor held on the true state, 0 if not, -1 if not judged", _succeeded),
     _number("end_time", "s", "end of the run, whatever ended it", "duration"),
     _ENDS,
     _number("actual_start", "s", _STARTS, lambda run: run.stages["actual_start"], dims=("stage",)),
@@ -185,6 +191,12 @@ EFFORT = (
 
 WHOLE_RUN = (*OUTCOME, *EFFORT)
 """Everything that is known of a run to the end of its task."""
+
+
+def why_ended(reason: str, monitors: Iterable[str], margins: Iterable[float]) -> str:
+    """Describe why a run ended, and which monitors did not hold, by their margins."""
+    broken = [name for name, margin in zip(monitors, margins, strict=True) if margin < 0]
+    return reason + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
 
 
 def over_weights(second: int) -> tuple[Column, ...]:

@@ -15,7 +15,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import require_callable, require_options, require_whole
 from psmpc_cli.specs.document import printable
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.measures import WHOLE_RUN, check_columns
+from psmpc_cli.studies.measures import WHOLE_RUN, check_columns, why_ended
 from psmpc_cli.studies.runner import (
     CELL_COLUMNS,
     FAILED,
@@ -127,7 +127,7 @@ class MonteCarloRuns:
     Attributes:
         results: The content of its file.
         made: Which runs were made, those that crashed among them (runs,).
-        succeeded, failed: Which of these succeeded, and which did not (runs,).
+        succeeded, failed: Which of these succeeded, and which did not; neither where it is not judged (runs,).
         stages: Their names.
         monitors: Units of their margins by name.
         end_time: End of the mission (runs,) [s]; NaN where it did not succeed.
@@ -142,7 +142,8 @@ class MonteCarloRuns:
         self.results = results
         self.made = self["status"] != WAITING
         self.succeeded = self["succeeded"] == 1
-        self.failed = self.made & ~self.succeeded
+        not_judged = (self["succeeded"] == -1) & (self["status"] != FAILED)
+        self.failed = self.made & ~self.succeeded & ~not_judged
         self.stages: list[str] = self["stage"].tolist()
         self.monitors: dict[str, str] = {}
         if "monitor" in results.quantities:
@@ -219,8 +220,8 @@ class MonteCarloRuns:
         """Describe why a run ended, and which monitors did not hold."""
         if self["status"][number] == FAILED:
             return f"crashed: {self['reason'][number]}"
-        broken = [name for k, name in enumerate(self.monitors) if self["monitor_margin"][number, k] < 0]
-        return str(self["reason"][number]) + (f"; monitor did not hold: {', '.join(broken)}" if broken else "")
+        margins = self["monitor_margin"][number] if self.monitors else ()
+        return why_ended(str(self["reason"][number]), self.monitors, margins)
 
     def repeat(self, number: int, watch: Callable[[Sample], None] = lambda sample: None) -> Run:
         """Repeat a run from its seed, in memory, with its plans."""

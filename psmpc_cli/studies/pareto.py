@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.results import Quantity, Results, new_results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import PARETO
@@ -99,6 +100,7 @@ def solve_pareto(
     """
     if not run.has_plans:
         raise LogError(f"{run.path}: holds no plans; expected a log of a task with log: {{plans: true}}")
+    check_output(path, force, inputs=[run.path])
     stages = parse_stages(settings.stages, run.task)
     first = run.task.spec.stages[stages[0]]
     if settings.free and first.at is not None:

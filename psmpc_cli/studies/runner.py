@@ -32,10 +32,12 @@ from joblib.externals.loky.backend.process import LokyProcess
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
-from psmpc_cli.errors import InputError, LogError, RunError, SpecError, deferred_signals, end_with_parent
+from psmpc_cli.errors import InputError, LogError, RunError, SpecError, begin_worker, deferred_signals
+from psmpc_cli.logs.files import FileLock, check_output
 from psmpc_cli.logs.results import Quantity, Results, new_results, read_results
 from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import ensure_feasible, load_task
+from psmpc_cli.plant import require_plant
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.document import quoted
 from psmpc_cli.specs.load import Task, TaskDocuments, parse_task, read_documents
@@ -184,14 +186,31 @@ def run_study(
         watch: Called with the progress at the beginning and after every run.
 
     Raises:
-        InputError: The file exists, cannot be written, or holds another study; or there is no such cluster.
+        InputError: The file exists, cannot be written, is being filled in by another process or holds another study;
+            or there is no such cluster, or a package that the plant needs. Then no file was touched.
         RunError: The file cannot be written any further, or the cluster is gone.
     """
-    results = study.results(path)
-    if path is not None and resume:
-        results = _resumed(study, results)
-    elif path is not None:
-        results.create(force)
+    require_plant(study.task.spec.plant)
+    if dask is not None:
+        with _on_cluster(dask):
+            pass  # refused, if at all, before a file is touched
+    if path is None:
+        return _compute_cells(study, study.results(), jobs, dask, None, watch)
+    if not resume:
+        check_output(path, force)
+    with FileLock(path) as lock:
+        results = study.results(path)
+        if resume:
+            results = _resumed(study, results)
+        else:
+            results.create(force, lock)
+        return _compute_cells(study, results, jobs, dask, lock, watch)
+
+
+def _compute_cells(
+    study: Study, results: Results, jobs: int | None, dask: str | None, lock: FileLock | None, watch: Watch
+) -> Results:
+    """Compute the cells that wait in results, and write them into the file of which the lock is held, if any."""
     shape = results["status"].shape
     status = [*results["status"].flat, *([results[f"{REFERENCE}status"]] if study.reference else [])]
     spent = float(results["wall_time"])
@@ -214,8 +233,8 @@ def run_study(
                     results[name if of_cell else REFERENCE + name][place] = value
             elapsed = time.monotonic() - began
             results["wall_time"][()] = spent + elapsed
-            if path is not None:
-                results.save()
+            if lock is not None:
+                results.save(lock)
             progress = Progress(len(needed), progress.ended + 1, progress.failed + failed, elapsed)
             watch(progress)
     return results
@@ -440,7 +459,7 @@ def _on_this_machine(jobs: int) -> Iterator[Workers]:
     with TemporaryDirectory(prefix="psmpc-") as folder:
         with _interrupts_blocked():
             executor = get_reusable_executor(
-                jobs, timeout=IDLE, env=ONE_THREAD, initializer=end_with_parent, initargs=(os.getpid(),)
+                jobs, timeout=IDLE, env=ONE_THREAD, initializer=begin_worker, initargs=(os.getpid(),)
             )
         try:
             yield Workers(partial(executor.submit, _pickled, folder), _unpickled, TerminatedWorkerError)
@@ -475,8 +494,9 @@ def _on_cluster(address: str) -> Iterator[Workers]:
         from distributed import Client, KilledWorker
     except ImportError:
         raise InputError("--dask: Dask is not installed, expected the extra: pip install 'psmpc[dask]'") from None
-    for name in ("distributed", "tornado", "asyncio"):  # what they report is in a message of ours, or is a repetition
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    for name in [*logging.root.manager.loggerDict]:
+        if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what they report is in a message of ours
     try:
         if not re.search(r":\d+$", address):
             raise ValueError("expected HOST:PORT")

@@ -15,7 +15,7 @@ from psmpc_cli.logs.schema import SWEEP, Column
 from psmpc_cli.specs.arguments import rejected, require, require_callable, require_options
 from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.load import Task
-from psmpc_cli.studies.measures import WHOLE_RUN, check_columns, over_weights
+from psmpc_cli.studies.measures import WHOLE_RUN, check_columns, over_weights, why_ended
 from psmpc_cli.studies.runner import (
     CELL_COLUMNS,
     FAILED,
@@ -115,6 +115,7 @@ class SweepCells:
         end_error: Largest error of any end condition at the end of its stage (cells,) [tolerances].
         tried: The cells that ended or failed and share no other one's run (tried,).
         runs: Those of them that ended, from the smallest ratio to the largest (runs,).
+        rows: The tried ones, failed or not, in the same order (tried,).
         instant: t_s, which ended the first studied stage (cells,) [s].
         floor: t_s - T_h, before which the second stage is in no window (cells,) [s].
 
@@ -160,8 +161,9 @@ class SweepCells:
         self.mission_end = self.of("switch_time")[:, -1]
         self.end_error = largest_end_errors(self.of("end_error"), self.of("final_error"))
         self.tried = np.flatnonzero(~self.waiting & (self.of("origin") == np.arange(len(self.ratio))))
-        ended = self.tried[self.ended[self.tried]]
-        self.runs = ended[np.argsort(np.round(np.log10(self.ratio[ended]), RATIO_DECIMALS), kind="stable")]
+        rising = np.argsort(np.round(np.log10(self.ratio[self.tried]), RATIO_DECIMALS), kind="stable")
+        self.rows = self.tried[rising]
+        self.runs = self.rows[self.ended[self.rows]]
         self.instant = self.of("switch_time")[:, first]
         self.floor = self.instant - self.task.spec.controller.horizon
 
@@ -169,6 +171,14 @@ class SweepCells:
         """Return a quantity of the cells (cells, ...)."""
         values = self.results[name]
         return values.reshape(-1, *values.shape[self.results["status"].ndim :])
+
+    def why(self, cell: int) -> str:
+        """Say why a cell or its mission failed; empty where it succeeded or has not been run."""
+        if self.waiting[cell] or self.succeeded[cell]:
+            return ""
+        margins = self.of("monitor_margin")[cell] if "monitor_margin" in self.results.quantities else ()
+        names = self.results["monitor"].tolist() if len(margins) else ()
+        return why_ended(str(self.of("reason")[cell]), names, margins)
 
     def reference(self, name: str) -> Array:
         """Return a quantity of the run with the task's own priorities (...)."""
@@ -204,10 +214,14 @@ class AlongRatio:
 
 
 class Recommendation(NamedTuple):
-    """The recommended omega_2 / omega_1, if any, and a sentence: what speaks for it, or why there is none."""
+    """The recommended omega_2 / omega_1, if any, and a sentence: what speaks for it, or why there is none.
+
+    `omega` are the two priorities of the recommended run.
+    """
 
     ratio: float | None
     sentence: str
+    omega: tuple[float, float] | None = None
 
 
 def recommend(cells: SweepCells) -> Recommendation:
@@ -253,16 +267,20 @@ def recommend(cells: SweepCells) -> Recommendation:
     if best == 0:
         chosen = f"recommended omega_2/omega_1{so_far}: {ratio[0]:.4g}, the task's own: the mission {of_own}"
         why = f"; of the {len(others)} other runs {counts}" if counts else ""
-        return Recommendation(float(ratio[0]), f"{chosen}, and no other run is faster at no more effort and force{why}")
-    pairs = [
-        f"{omega[1] / omega[0]:.4g} (omega_1 = {omega[0]:.4g}, omega_2 = {omega[1]:.4g})"
-        for omega in (cells.omega[others[best - 1]], cells.own_omega)
-    ]
+        sentence = f"{chosen}, and no other run is faster at no more effort and force{why}"
+        return Recommendation(float(ratio[0]), sentence, _pair(cells.own_omega))
+    omegas = [cells.omega[others[best - 1]], cells.own_omega]
+    pairs = [f"{omega[1] / omega[0]:.4g} (omega_1 = {omega[0]:.4g}, omega_2 = {omega[1]:.4g})" for omega in omegas]
     return Recommendation(
         float(ratio[best]),
         f"recommended omega_2/omega_1{so_far}: {pairs[0]}, the fastest mission at no more effort and force than with "
         f"the task's own {pairs[1]}: it {of_best}; with the task's own it {of_own}",
+        _pair(omegas[0]),
     )
+
+
+def _pair(omega: Array) -> tuple[float, float]:
+    return float(omega[0]), float(omega[1])
 
 
 def _outcome(end: float, effort: float, force: float, error: float) -> str:

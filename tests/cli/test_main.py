@@ -10,10 +10,14 @@ import h5py
 import pytest
 
 from psmpc_cli.figures.animation import offscreen_driver
+from psmpc_cli.logs.run import read_run
 
+from ..short_runs import TASK
 from .command import PROGRAM, Psmpc
 
-NOISY = "task.yaml --jobs 1 --set uncertainty.noise.position=1e-3"
+ANYWHERE = "task.yaml --set uncertainty.noise.position=1e-3"
+NOISY = f"{ANYWHERE} --jobs 1"
+"""A task of which a study can be made."""
 
 BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("simulate", ("no task", "transport", "--continue LOG")),
@@ -29,10 +33,10 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("simulate task.yaml --quiet --verbose", ("--quiet", "--verbose")),
     ("simulate task.yaml --speed", ("--speed",)),
     ("simulate task.yaml -o part.h5", ("part.h5 exists", "-o", "--force")),
-    ("simulate task.yaml -o task.yaml --force", ("task.yaml is no log",)),
+    ("simulate task.yaml -o task.yaml --force", ("task.yaml is read by this command",)),
     ("simulate task.yaml -o .", ("is a directory",)),
     ("simulate task.yaml --no-figures -o /dev/full", ("/dev/full exists",)),
-    ("simulate task.yaml --no-figures -o /dev/full --force", ("/dev/full is no log",)),
+    ("simulate task.yaml --no-figures -o /dev/full --force", ("/dev/full: found no regular file",)),
     ("simulate task.yaml -o taken.h5", ("taken holds files", "-o", "--force", "--no-figures")),
     ("simulate task.yaml -o blocked.h5", ("blocked is no directory", "-o")),
     ("simulate task.yaml -o task.yaml/log.h5 --no-figures", ("task.yaml", "directory")),
@@ -72,7 +76,10 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("monte-carlo task.yaml", ("--runs",)),
     ("monte-carlo task.yaml --runs 2", ("task.yaml", "nothing random")),
     (f"monte-carlo {NOISY} --runs 2 --resume", ("--resume", "runs/task-monte-carlo.h5")),
-    (f"monte-carlo {NOISY} --runs 2 -o task.yaml", ("task.yaml exists",)),
+    (f"monte-carlo {NOISY} --runs 2 -o task.yaml", ("task.yaml is read by this command",)),
+    (f"monte-carlo {ANYWHERE} --runs 2 --dask garbage -o part.h5 --force --no-figures", ("--dask", "'garbage'")),
+    (f"monte-carlo {ANYWHERE} --runs 2 --dask garbage -o new.h5", ("--dask", "'garbage'")),
+    ("sweep-weights 2x2 task.yaml --dask garbage -o part.h5 --force --no-figures", ("--dask", "'garbage'")),
     ("pareto task.yaml --at soon", ("--at", "'soon'")),
     ("pareto task.yaml --method guess", ("--method", "'guess'", "weighted-sum")),
     ("pareto task.yaml --stages 2,1", ("--stages", "'2,1'", "1 go, 2 back")),
@@ -138,11 +145,11 @@ def test_problems_of_all_files_come_together_after_the_tables(psmpc: Psmpc, tmp_
     ]
 
 
-def test_a_read_only_folder_is_named_with_the_option_that_helps(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("os.access", lambda *arguments: False)
-    ran = psmpc("simulate", "task.yaml")
-    assert ran.code == 2
-    assert "read-only" in ran.stderr
+@pytest.mark.parametrize("line", ["simulate task.yaml", "simulate task.yaml --no-figures", "compare task.yaml"])
+def test_a_folder_that_takes_no_files_is_named_before_anything_is_compiled(psmpc: Psmpc, line: str) -> None:
+    ran = psmpc(*line.split(), "-o", "/proc/log.h5")
+    assert (ran.code, len(ran.stderr.splitlines())) == (2, 1)
+    assert "/proc cannot be written" in ran.stderr
     assert "-o" in ran.stderr
 
 
@@ -152,6 +159,64 @@ def test_a_standard_output_that_is_full_is_named(folder: Path, line: str) -> Non
         ran = subprocess.run([*PROGRAM, *line.split()], stdout=full, stderr=subprocess.PIPE, text=True, cwd=folder)
     assert (ran.returncode, len(ran.stderr.splitlines())) == (3, 1)
     assert "standard output cannot be written" in ran.stderr
+
+
+def test_progress_that_cannot_be_shown_stops_nothing(folder: Path) -> None:
+    (folder / "task.yaml").write_text(TASK)
+    line = "simulate task.yaml --no-figures -o log.h5"
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run([*PROGRAM, *line.split()], stdout=subprocess.PIPE, stderr=full, text=True, cwd=folder)
+    assert (ran.returncode, ran.stdout.splitlines()[-1]) == (0, "log: log.h5")
+
+
+def test_a_standard_output_that_is_closed_is_named_and_the_log_is_whole(folder: Path) -> None:
+    (folder / "task.yaml").write_text(TASK)
+    closing = "import os, sys; os.close(1); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    line = [PROGRAM[0], "-c", closing, *PROGRAM[1:], "simulate", "task.yaml", "--no-figures", "-o"]
+    ran = subprocess.run([*line, "log.h5"], stderr=subprocess.PIPE, text=True, cwd=folder)
+    assert ran.returncode == 3
+    assert ran.stderr.splitlines()[-1] == "psmpc: standard output cannot be written: it is closed"
+    assert "Traceback" not in ran.stderr
+    assert read_run(folder / "log.h5").attributes["finished"]
+    quiet = subprocess.run([*line, "other.h5", "-q"], stderr=subprocess.PIPE, text=True, cwd=folder)
+    assert (quiet.returncode, quiet.stderr) == (0, "")
+
+
+def test_no_name_controls_the_terminal(psmpc: Psmpc, folder: Path, part: Path) -> None:
+    """Texts of a log, of tables and of messages have no directional or control characters."""
+    evil = "\u202egnp\x1b[2J\x9b\r\x07"
+    with h5py.File(part, "r+") as file:
+        file.attrs["end_reason"] = f"ended{evil}"
+        file.attrs["compiler"] = evil
+    (folder / f"{evil}.h5").write_bytes(part.read_bytes())
+    for line in (
+        ("show", "part.h5"),
+        ("show", "part.h5", "-v"),
+        ("show", f"{evil}.h5"),
+        ("show", evil),
+        ("check", evil),
+    ):
+        ran = psmpc(*line)
+        shown = ran.stdout + ran.stderr
+        assert shown
+        assert [c for c in shown if not c.isprintable() and c not in "\n\t"] == [], line
+
+
+def test_warnings_of_libraries_do_not_reach_the_terminal(folder: Path) -> None:
+    script = """
+import logging, warnings
+from psmpc_cli.cli.main import main
+from psmpc_cli.cli import tables
+def noisy(*arguments):
+    warnings.warn("raw")
+    logging.getLogger("matplotlib").warning("raw")
+    logging.getLogger("psmpc_cli.cli").warning("ours")
+tables.print_summary = noisy
+main()
+"""
+    command = [*PROGRAM[:1], "-c", script, "show", "ended.h5"]
+    ran = subprocess.run(command, capture_output=True, text=True, cwd=folder)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "warning: ours\n")
 
 
 def test_a_file_whose_name_is_no_text_is_shown_with_escapes(folder: Path, ended: Path) -> None:

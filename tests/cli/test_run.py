@@ -119,11 +119,30 @@ def test_a_missing_package_is_found_before_a_log_is_touched(
 ) -> None:
     monkeypatch.delitem(sys.modules, "psmpc_cli.plant.mujoco", raising=False)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    before = part.read_bytes()
-    ran = psmpc("simulate", "task.yaml", "--plant", "mujoco", "-o", "part.h5", "--force", "--no-figures")
-    assert ran.code == 2
-    assert "pip install 'psmpc[mujoco]'" in ran.stderr
-    assert part.read_bytes() == before
+    assert_refused_without(psmpc, part, "pip install 'psmpc[mujoco]'")
+
+
+@pytest.mark.parametrize("error", ["OSError('libfoo.so: wrong ELF class')", "ImportError('no good')", "AttributeError"])
+def test_a_package_that_does_not_work_is_named(
+    psmpc: Psmpc, part: Path, error: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("mujoco", "psmpc_cli.plant.mujoco"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    (part.parent / "packages").mkdir()
+    (part.parent / "packages" / "mujoco.py").write_text(f"raise {error}")
+    monkeypatch.syspath_prepend(part.parent / "packages")
+    assert_refused_without(psmpc, part, "found no working package mujoco (")
+
+
+def assert_refused_without(psmpc: Psmpc, log: Path, words: str) -> None:
+    """Make sure that a run and a study with MuJoCo are refused in one line with these words, and keep a log."""
+    before = log.read_bytes()
+    study = ("monte-carlo", "task.yaml", "--runs", "1", "--set", "uncertainty.mass=0.1", "--set", "plant.kind=mujoco")
+    for command in (("simulate", "task.yaml", "--plant", "mujoco"), study):
+        ran = psmpc(*command, "-o", log.name, "--force", "--no-figures")
+        assert (ran.code, len(ran.stderr.splitlines())) == (2, 1)
+        assert words in ran.stderr
+        assert log.read_bytes() == before
 
 
 def test_an_interrupted_run_is_finished(psmpc: Psmpc, part: Path) -> None:

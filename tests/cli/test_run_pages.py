@@ -29,11 +29,15 @@ def shown(page: str | Path) -> list[dict[str, Any]]:
 def test_a_page_goes_beside_the_log_numbered_and_replaces_nothing_unasked(psmpc: Psmpc, ended: Path, kind: str) -> None:
     assert psmpc(kind, str(ended)).stdout == f"page: {ended.parent}/ended-{kind}.html\n"
     assert psmpc(kind, str(ended)).stdout == f"page: {ended.parent}/ended-{kind}-2.html\n"
+    first = Path(f"ended-{kind}.html").read_text()
     Path("kept.html").write_text("kept")
     ran = psmpc(kind, str(ended), "-o", "kept.html")
     assert (ran.code, ran.stdout, Path("kept.html").read_text()) == (2, "", "kept")
     assert "--force" in ran.stderr
+    assert psmpc(kind, str(ended), "-o", "kept.html", "--force").code == 2
+    Path("kept.html").write_text(first + "<!-- edited -->")
     assert psmpc(kind, str(ended), "-o", "kept.html", "--force").code == 0
+    assert "edited" not in Path("kept.html").read_text()
     assert "https://" not in Path("kept.html").read_text()
 
 

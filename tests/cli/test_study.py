@@ -70,6 +70,17 @@ def test_a_failed_mission_of_a_comparison_is_a_result(psmpc: Psmpc) -> None:
     assert "same controller" not in ran.stdout
 
 
+def test_missions_that_are_over_at_once_are_compared_without_figures(psmpc: Psmpc, tmp_path: Path) -> None:
+    text = (tmp_path / "task.yaml").read_text()
+    at_home = text.replace("base: [0.1, 0, 0], arm_1: [0.02,", "base: [0, 0, 0], arm_1: [0,")
+    only = at_home[: at_home.index("  - name: back")]
+    (tmp_path / "over.yaml").write_text(f"{only}solver: {{kind: fatrop}}\n")
+    assert psmpc("simulate", "over.yaml").code == 0
+    ran = psmpc("compare", "over.yaml", "--jobs", "1", "--controllers", "psmpc,hard")
+    assert (ran.code, ran.stdout.splitlines()[-1]) == (0, "logs: runs/over-comparison.h5")
+    assert ran.stdout.startswith("psmpc: mission succeeded: go met its end condition, after 0.0 s")
+
+
 @pytest.mark.slow
 def test_a_sweep_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     arguments = ("sweep-weights", "task.yaml", "2x2", "--range", "0.1:10", "--jobs", "1")

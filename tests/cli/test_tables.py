@@ -111,6 +111,15 @@ def test_a_sweep_that_is_not_complete_or_not_small(
     assert all(any(line.strip().startswith(expected.strip()) for line in found) for expected in lines), found
 
 
+def test_a_failed_cell_has_a_row_with_its_reason(tmp_path: Path, shown: Psmpc) -> None:
+    synthetic_sweep(tmp_path / "sweep.h5", "3", failed=(1,))
+    _, names, *rows = shown(tmp_path / "sweep.h5")
+    assert names.split()[-1] == "why"
+    assert [row.split()[0] for row in rows[:3]] == ["1e-06", "1", "1e+06"]
+    assert rows[1].split()[5] == "failed" and rows[1].endswith("  time limit of 30 s reached")
+    assert "reached" not in rows[0] + rows[2]
+
+
 def test_a_run_whose_mission_fails_after_the_second_stage_says_so(tmp_path: Path, shown: Psmpc) -> None:
     synthetic_sweep(tmp_path / "sweep.h5", "2", of=lambda ratio: {**numbers(ratio), "succeeded": float(ratio > 1)})
     _, _, low, high, *_ = shown(tmp_path / "sweep.h5")

@@ -110,9 +110,10 @@ def test_forces_have_their_limits_and_what_was_commanded_where_they_are_cut(tmp_
     assert "commanded, cut" in common_legend(figure)
     largest = cut.time[np.argmax(cut["force/utilization"][:, 0])]
     share = 100 * cut["force/saturated"].mean()
+    beyond = 100 * (cut["force/utilization"] > 1.05).any(axis=1).mean()
     assert figure.get_suptitle().splitlines() == [
         f"base.x commanded up to 125.0 % of what is there, at {largest:.1f} s",
-        f"forces cut {share:.1f} % of the time",
+        f"forces cut {share:.1f} % of the time, beyond 105 % of a limit {beyond:.1f} %",
     ]
     check_figure(figure)
 

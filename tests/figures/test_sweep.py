@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.sweep import plot_heat_map, plot_sensitivity, plot_starts, plot_surface
-from psmpc_cli.studies.sweep import ALLOWED_ERROR, SweepCells
+from psmpc_cli.studies.sweep import ALLOWED_ERROR, SweepCells, recommend
 
 from ..synthetic_sweep import T_H, T_S, numbers, synthetic_sweep
-from .figure_contents import common_legend, curves, legend, points
+from .figure_contents import check_figure, common_legend, curves, legend, points
 
 Sweep = Callable[..., SweepCells]
 
@@ -139,3 +139,35 @@ def test_the_surface_stands_between_the_earliest_start_and_the_switch(sweep: Swe
     assert axes.get_xlabel() == "ω₁ (1)"
     assert axes.get_ylabel() == "ω₂ (1)"
     assert "(s)" in axes.get_zlabel()
+
+
+@pytest.mark.parametrize(("sampling", "name"), [("7x7", "heat_map"), ("7x7", "surface"), ("random:40", "draws")])
+def test_the_recommended_run_and_failed_missions_are_marked_over_the_plane(
+    sweep: Sweep, sampling: str, name: str
+) -> None:
+    def failing(ratio: float) -> dict[str, Any]:
+        return {**numbers(ratio), "succeeded": float(ratio < 200)}
+
+    cells = sweep(sampling, of=failing, failed=(3, 8), own={"control_effort": 3.0})
+    best = recommend(cells)
+    assert best.omega is not None and best.ratio == pytest.approx(best.omega[1] / best.omega[0])
+    figure = figures_of("sweep", cells)[name](cells)
+    lines = {line.get_label(): line for axes in figure.axes for line in axes.lines}
+
+    def marked(label: str) -> np.ndarray:
+        line = lines[label]
+        assert line.get_markerfacecolor() == "none"  # an open ring hides nothing
+        x, y = line.get_data_3d()[:2] if name == "surface" else line.get_data()
+        return 10.0 ** np.column_stack([x, y])
+
+    np.testing.assert_allclose(marked(f"_recommended, ω₂/ω₁ = {best.ratio:.4g}"), [best.omega])
+    np.testing.assert_allclose(marked("_mission failed"), cells.omega[cells.ended & ~cells.succeeded])
+    assert {"failed", "mission failed"} <= set(common_legend(figure))
+    check_figure(figure)
+
+
+def test_the_recommended_ratio_is_marked_over_ratios(sweep: Sweep) -> None:
+    cells = sweep("13", own={"control_effort": 3.0})
+    (axes,) = plot_starts(cells).axes
+    (line,) = (line for line in axes.lines if line.get_label() == f"recommended {recommend(cells).ratio:.4g}")
+    assert line.get_xdata()[0] == recommend(cells).ratio

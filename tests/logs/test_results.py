@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.files import FileLock
 from psmpc_cli.logs.results import Quantity, new_results, read_results
 from psmpc_cli.logs.schema import PARETO, SWEEP
 
@@ -47,7 +48,8 @@ def test_what_is_filled_in_and_saved_is_in_the_file_and_no_more(path: Path) -> N
     results["start"][1, 2], results["status"][1, 2], reason[1, 2] = 6.1, 1, "because of ü" * 100
     results["spent"][()] = 3.5
     about = {**results.quantities, "reason": replace(results.quantities["reason"], values=reason)}
-    replace(results, quantities=about).save()
+    with FileLock(path) as lock:
+        replace(results, quantities=about).save(lock)
     found = read_results(path, SWEEP)
     assert found["start"][1, 2] == 6.1
     assert found["reason"][1, 2] == reason[1, 2]

@@ -14,7 +14,7 @@ from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import FORMAT_VERSION, columns
 from psmpc_cli.logs.write import Header, LogWriter
 
-from ..synthetic_logs import Story, write_story
+from ..synthetic_logs import Story, story_among_obstacles, write_story
 from .synthetic_samples import COORDINATES, HEADER, LEAN, STAGES, TICKS, record
 
 SAMPLES = 3
@@ -171,6 +171,18 @@ def test_no_table_of_ticks_without_ticks(tmp_path: Path) -> None:
     ]
 
 
+def test_a_table_has_a_column_for_each_element_of_an_array_of_three_dimensions(tmp_path: Path) -> None:
+    story = Story(**story_among_obstacles(), last=0.8)
+    run = read_run(write_story(tmp_path / "log.h5", story))
+    run.to_csv(tmp_path)
+    headings, rows = table(tmp_path / "samples.csv")
+    for pair, axis in ((0, 3), (7, 5)):
+        name = f"clearance/points/{run['clearance/pair'][pair]}/{run['clearance/point'][axis]} [m]"
+        column = [float(row[headings.index(name)]) for row in rows]
+        assert column == run["clearance/points"][:, pair, axis].tolist()
+    assert len(headings) == len(set(headings)) == len(rows[0])
+
+
 def test_tables_are_overwritten_with_force_only(tmp_path: Path) -> None:
     log = log_of(tmp_path / "log.h5", LEAN)
     (tmp_path / "stages.csv").write_text("mine")
@@ -180,15 +192,21 @@ def test_tables_are_overwritten_with_force_only(tmp_path: Path) -> None:
     assert "--csv" in str(refused.value) and "--force" in str(refused.value)
     assert (tmp_path / "stages.csv").read_text() == "mine"
     assert not (tmp_path / "samples.csv").exists()
+    with pytest.raises(InputError, match="found a text file, expected a CSV table of psmpc"):
+        log.to_csv(tmp_path, force=True)
+    assert (tmp_path / "stages.csv").read_text() == "mine"
+    (tmp_path / "stages.csv").unlink()
+    log.to_csv(tmp_path)
+    (tmp_path / "stages.csv").write_text("name,priority,edited\n")
     log.to_csv(tmp_path, force=True)
-    assert table(tmp_path / "stages.csv")[0][0] == "name"
+    assert table(tmp_path / "stages.csv")[0][2] == "switch_time [s]"
 
 
 def test_a_file_is_no_directory_for_tables(tmp_path: Path) -> None:
     log = log_of(tmp_path / "log.h5", LEAN)
     with pytest.raises(InputError) as refused:
         log.to_csv(log.path)
-    assert f"{log.path / 'samples.csv'} cannot be written: {log.path} is no directory" in str(refused.value)
+    assert str(refused.value).startswith(f"{log.path} is no directory")
 
 
 def test_samples_are_an_xarray_dataset_with_named_dimensions(tmp_path: Path) -> None:

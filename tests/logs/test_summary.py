@@ -14,7 +14,8 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import variation
 from psmpc_cli.logs.write import LogWriter
-from psmpc_cli.report.texts import describe_mission, describe_verdict, measure_rows
+from psmpc_cli.report.pages import report_run
+from psmpc_cli.report.texts import describe_forces, describe_mission, describe_verdict, measure_rows
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.run import build_experiment, simulate
 from psmpc_cli.solvers.base import FEASIBLE
@@ -131,6 +132,21 @@ def test_a_broken_monitor_fails_the_mission(log: Run) -> None:
         summary = changed(done, window_first=2, pose_xi=xi).summary()
         assert (summary.completed, summary.succeeded) == (True, succeeded)
         assert [verdict.held for verdict in summary.monitors] == [succeeded]
+
+
+def test_a_mission_whose_monitor_is_not_judged_neither_succeeded_nor_failed(log: Run, tmp_path: Path) -> None:
+    short = there_and_back(tmp_path, samples=2, name="short")  # the monitor's stage has no sample
+    done = replace(short, attributes={**short.attributes, "finished": True})
+    run = changed(done, final_end_time=0.2)
+    summary = run.summary()
+    assert [verdict.is_judged for verdict in summary.monitors] == [False]
+    assert summary.succeeded is None
+    assert describe_mission(summary).startswith("mission not judged")
+    assert "not judged" in repr(summary)
+    (column,) = (column for column in WHOLE_RUN if column.path == "succeeded")
+    assert column.value is not None and column.value(run) == -1
+    assert report_run(run).html.count('class="count "') == 1
+    assert column.value(log) == 0
 
 
 def test_grippers_are_measured_when_a_stage_ends(log: Run) -> None:
@@ -306,6 +322,10 @@ def test_the_force_nearest_to_its_limit_is_named_with_when_and_how_long_forces_a
     rows = dict(measure_rows(summary))
     assert rows[LARGEST_FORCE] == "base.theta: 150.0 % at 0.3 s"
     assert rows[TIME_CUT] == f"{100 * log['force/saturated'].mean():.1f}"
+    far = (utilization > 1.05).any(axis=1).mean()
+    assert 0 < far == summary.far_beyond < 1
+    assert rows["forces beyond 105 % of a limit [% of the time]"] == f"{100 * far:.1f}"
+    assert describe_forces(summary).endswith(f"beyond 105 % of a limit {100 * far:.1f} % of the time")
     assert summary.limits_dynamics
 
     in_study = {column.path: column.value(run) for column in WHOLE_RUN if column.value and "force" in column.path}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from psmpc_cli.native.library import CompilationError, cache_directory, find_compiler, library
+from psmpc_cli.native.library import CompilationError, cache_directory, describe_compiler, find_compiler, library
 
 TWICE = "double twice(double x) { return 2 * x; }"
 
@@ -184,6 +184,27 @@ def test_several_processes_at_once_get_the_same_library(directory: Path) -> None
     found = {process.communicate()[0].strip() for process in started}
     assert found == {str(library(TWICE, "numbers"))}
     assert os.listdir(directory) == [Path(*found).name]
+
+
+@pytest.mark.parametrize("command", ['"', "cc '", '""'])
+def test_a_compiler_that_is_no_command_is_named(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CC", command)
+    with pytest.raises(CompilationError, match="no C compiler: CC is "):
+        find_compiler()
+
+
+def test_a_compiler_may_print_anything(
+    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    program = tmp_path / "compiler"
+    program.write_bytes(b"#!/bin/sh\nprintf '\\377\\033[31m 1.2\\n'\nprintf 'error: \\377\\n' >&2\nexit ${FAILS:-0}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("CC", str(program))
+    assert describe_compiler() == "\ufffd\\x1b[31m 1.2"
+    monkeypatch.setenv("FAILS", "1")
+    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+        assert library(TWICE, "numbers") is None
+    assert "compiler failed: error: \ufffd" in caplog.text
 
 
 @pytest.mark.parametrize(

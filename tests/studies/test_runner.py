@@ -4,6 +4,7 @@ What is called is defined inside the tests, so that it is sent to the processes 
 """
 
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -20,7 +21,8 @@ import numpy as np
 import pytest
 
 import psmpc_cli
-from psmpc_cli.errors import InputError
+from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.logs.files import FileLock
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import SWEEP, Column
@@ -239,6 +241,36 @@ def test_a_study_whose_file_lacks_quantities_is_not_resumed(tmp_path: Path, task
         run_study(study_of(task), tmp_path / "study.h5", resume=True)
 
 
+def test_a_file_that_another_process_fills_in_is_not_touched_until_that_ends(tmp_path: Path, task: Task) -> None:
+    path = tmp_path / "study.h5"
+    study_of(task).results(path).create()
+    holding = """
+import sys
+from pathlib import Path
+from psmpc_cli.logs.files import FileLock
+with FileLock(Path(sys.argv[1])) as lock:
+    lock.replace(Path(sys.argv[1]).read_bytes())
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+    before = path.stat().st_ino
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    environment = {**os.environ, "PYTHONPATH": str(Path(psmpc_cli.__file__).parents[1])}
+    with subprocess.Popen([sys.executable, "-c", holding, path], env=environment, text=True, **pipes) as other:
+        assert other.stdout is not None and other.stdout.readline() == "locked\n"
+        held = path.stat().st_ino
+        assert held != before
+        read_results(path, SWEEP)
+        for resume in (True, False):
+            with pytest.raises(InputError, match=r"study\.h5 is being filled in by another process"):
+                run_study(study_of(task), path, force=not resume, resume=resume)
+        assert path.stat().st_ino == held
+        other.kill()
+    with FileLock(path) as lock:
+        lock.replace(path.read_bytes())
+    assert path.stat().st_ino != held
+
+
 @contextmanager
 def dask_cluster(folder: Path, *worker: str) -> Iterator[str]:
     """Start a Dask scheduler and workers on this machine, and give the scheduler's address."""
@@ -280,6 +312,28 @@ def test_a_cluster_computes_what_this_machine_does_and_survives_killed_workers(
         with pytest.raises(ArithmeticError, match="no such luck"):
             list(compute(lambda item: (_ for _ in ()).throw(ArithmeticError("no such luck")), {1: 1}, dask=address))
     assert tuple(capfd.readouterr()) == ("", "")
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_is_one_error_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("psmpc_cli.studies.runner.CONNECTING", 3)
+    with dask_cluster(tmp_path, "--nthreads", "1", "--no-nanny") as address:
+        with pytest.importorskip("distributed").Client(address, set_as_default=False) as client:
+            scheduler = client.run_on_scheduler(os.getpid)
+        caplog.clear()
+
+        def call(item: int) -> int:
+            if item:
+                os.kill(scheduler, signal.SIGKILL)
+                time.sleep(6)
+            return item
+
+        with pytest.raises(RunError, match=r"connection to the Dask scheduler at .* was lost"):
+            list(compute(call, ITEMS, dask=address))
+    assert tuple(capfd.readouterr()) == ("", "")
+    assert [each for each in caplog.records if each.levelno >= logging.WARNING] == []
 
 
 @pytest.mark.slow

@@ -195,7 +195,7 @@ def test_it_is_told_in_one_line_with_what_speaks_for_it(recommended: Recommended
     ],
 )
 def test_why_there_is_none_is_told(recommended: Recommended, given: dict[str, object], why: str) -> None:
-    ratio, line = recommended(**given)
+    ratio, line, _ = recommended(**given)
     assert ratio is None
     assert line.startswith("no ratio is recommended: ")
     assert why in line

@@ -1,0 +1,54 @@
+"""Every command that reads a log, on a log of every built-in task under every controller."""
+
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from psmpc_cli.errors import SpecError
+from psmpc_cli.figures import style
+from psmpc_cli.report import pages
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.library import built_ins
+from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.task import ControllerSpec
+
+from .command import Psmpc
+
+READERS = (
+    "show log.h5",
+    "show log.h5 --verbose",
+    "show log.h5 --csv tables",
+    "view log.h5",
+    "replay log.h5 --step 0",
+    "verify log.h5",
+)
+
+LONGER = {"psmpc": ("plot log.h5", "rerun log.h5 --quiet --strict"), "htmpc": ("report log.h5",)}
+"""What takes longest: both commands draw every figure, and only the logs of htmpc hold other datasets."""
+
+SHORT = ("controller.nodes=2", "time_limit=0.1", "solver.compiled=false", "solver.max_iterations=3", "log.ticks=true")
+"""One sample: what is compiled would take longer than it."""
+
+CONTROLLERS = get_args(ControllerSpec.model_fields["kind"].annotation)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("task", built_ins("task"))
+def test_every_log_is_read_by_every_command(
+    psmpc: Psmpc, tmp_path: Path, task: str, controller: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pages, "DPI", 20)
+    monkeypatch.setitem(style.STYLE, "savefig.dpi", 20)
+    try:
+        loaded = load_task(task, (f"controller.kind={controller}", *SHORT))
+    except SpecError:
+        pytest.skip("this controller does not run this task")
+    assert len(simulate(loaded, tmp_path / "log.h5").time) == 1
+    for line in (*READERS, *LONGER.get(controller, ())):
+        ran = psmpc(*line.split())
+        assert (ran.code, ran.stderr) == (0, ""), line
+        assert ran.stdout, line
+    with pytest.importorskip("xarray").open_dataset(tmp_path / "log.h5", engine="h5netcdf") as dataset:
+        assert dataset.load().sizes["time"] == 1

@@ -78,6 +78,9 @@ ROUNDING = 1e-9
 LATER = 0.9
 """How much of the time that a stage could last longer it is given in a guess for a program without a solution."""
 
+BROKEN_DOWN = (QpStatus.NOT_CONVEX, QpStatus.FAILED)
+"""How programs of the Gauss-Newton model end where their numbers break down: that model is convex but for rounding."""
+
 HEADING = "iter       objective   inf_pr    ||d||    alpha  qp"
 """Columns of the table of iterations, the guess first.
 
@@ -329,10 +332,10 @@ class _Solve:
             if program.qp.status is QpStatus.SOLVED:
                 return program
         program = self._solved(window, model, here)
-        if program.qp.status is QpStatus.FAILED and window.bounds.soft.any():
+        if program.qp.status in BROKEN_DOWN and window.bounds.soft.any():
             hard = replace(window, bounds=replace(window.bounds, soft=np.zeros_like(window.bounds.soft)))
             proof = self._solved(hard, model, here)
-            return program if proof.qp.status is QpStatus.FAILED else proof
+            return program if proof.qp.status in BROKEN_DOWN else proof
         return program
 
     def _solved(self, window: SqpWindow, model: Linearization, here: Evaluation) -> Program:
@@ -365,7 +368,7 @@ class _Solve:
             return Outcome.INFEASIBLE
         if program.is_elastic and brings_nothing:
             return self._unfinished(iterate, Outcome.INFEASIBLE)
-        if program.qp.status is QpStatus.FAILED:
+        if program.qp.status in BROKEN_DOWN:
             return self._unfinished(iterate, Outcome.FAILED)
         if iterate.step <= np.sqrt(self.spec.tolerance) and feasible:
             return Outcome.OPTIMAL

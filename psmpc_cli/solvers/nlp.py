@@ -38,6 +38,7 @@ from psmpc_cli.ocp.window import (
 )
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
+from psmpc_cli.solvers.bounded import LONGEST_CALL, call_bounded
 from psmpc_cli.specs.task import SolverSpec
 
 Report = Callable[[str], None]
@@ -421,29 +422,26 @@ class NlpSolver(Solver):
         nlp, x0, p = self._posed(window, guess)
         solver = self._function(nlp)
         bounds = nlp.bounds(window, guess, within)
-        began = time.perf_counter()
         if nlp.shape in self._clocks:
-            self._clocks[nlp.shape].until = self.stop_time(began)
-        with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
-            result = solver(x0=x0, p=p, **bounds)
-        wall_time = time.perf_counter() - began
+            self._clocks[nlp.shape].until = self.stop_time(time.perf_counter())
+        call = partial(_call, solver, {"x0": x0, "p": p, **bounds}, is_reported=self._report is not None)
+        result, stats, wall_time, written = call_bounded(call, LONGEST_CALL)
         if self._report is not None:
-            for line in filter(ITERATION.match, written.getvalue().splitlines()):
+            for line in filter(ITERATION.match, written.splitlines()):
                 self._report(line)
-        z = _array(result["x"])
-        stats = solver.stats()
+        z = result["x"]
         outcome = Outcome.OPTIMAL if stats["success"] else OUTCOMES.get(stats["return_status"], Outcome.FAILED)
         stepped = outcome is Outcome.DEADLINE and stats["iter_count"] > 0  # else this is the guess
         if not np.isfinite(z).all():
             outcome = Outcome.FAILED
-        elif stepped and _violation(bounds, z, _array(result["g"])) <= FEASIBLE:
+        elif stepped and _violation(bounds, z, result["g"]) <= FEASIBLE:
             outcome = Outcome.FEASIBLE
         costs, terminal = nlp.costs(z, p)
         plan, violations = _unpacked(nlp, window, z)
         return Solution(
             outcome=outcome,
             plan=plan,
-            objective=float(result["f"]),
+            objective=float(result["f"][0]),
             iterations=int(stats["iter_count"]),
             wall_time=wall_time,
             window=window,
@@ -454,6 +452,20 @@ class NlpSolver(Solver):
             violations=violations,
             bound_multiplier=float(result["lam_g"][-1]) if np.isfinite(window.cost_bound) else np.nan,
         )
+
+
+def _call(
+    solver: ca.Function, arguments: Mapping[str, np.ndarray], is_reported: bool
+) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
+    """Call a compiled solver; return its vectors, its statistics, the wall time [s], and what it wrote, if reported."""
+    began = time.perf_counter()
+    with redirect_stdout(io.StringIO()) if is_reported else nullcontext(io.StringIO()) as text:
+        result = solver(**arguments)
+    wall_time = time.perf_counter() - began
+    vectors = {name: _array(result[name]) for name in ("x", "f", "g", "lam_g")}
+    stats = solver.stats()
+    counted = {name: stats[name] for name in ("success", "return_status", "iter_count")}
+    return vectors, counted, wall_time, text.getvalue()
 
 
 def _unpacked(nlp: Nlp, window: Window, z: np.ndarray) -> tuple[Plan, np.ndarray]:

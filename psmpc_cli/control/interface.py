@@ -1,6 +1,6 @@
 """What goes into a controller at a sample and what comes out of it: the measurement, and the command."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from math import isfinite
 from numbers import Real
 
@@ -137,9 +137,20 @@ def _check_quaternion(name: str, quaternion: np.ndarray) -> None:
         raise InputError(f"{name}: found a quaternion of length {norm:.4g}, expected a unit quaternion w, x, y, z")
 
 
+def make_read_only(*values: object) -> None:
+    """Make arrays read-only, also those in tuples, lists and dataclasses: what is handed out is what is recorded."""
+    for value in values:
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        elif isinstance(value, tuple | list):
+            make_read_only(*value)
+        elif is_dataclass(value):
+            make_read_only(*vars(value).values())
+
+
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What the controller decided at one sample.
+    """What the controller decided at one sample. Its arrays are read-only.
 
     Attributes:
         time: When it begins to act [s].
@@ -184,6 +195,12 @@ class Command:
     closed: np.ndarray
     load: HeldLoad | None = field(default=None, repr=False)
     route_progress: float = np.nan
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""
+        make_read_only(self.x, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
+        for solution in (self.solution, *self.levels):
+            make_read_only(solution.plan, solution.guess, solution.costs, solution.violations, solution.duals)
 
     def __repr__(self) -> str:
         ticks, n = self.u.shape

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -59,7 +60,7 @@ class Sample:
         """What was measured of both, by the paths of the log; values by stage are mappings from its index."""
         if not self.measured:
             self.measure()
-        return self.measured
+        return MappingProxyType(self.measured)
 
     @property
     def n(self) -> int:

@@ -236,6 +236,9 @@ class Command:
     def force(self, time: float, state: State) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] that a low-level controller applies over a tick: computed torque.
 
+        That of the base is along the axes of the inertial frame, as Qdot is, in space its moment about the base's axes;
+        limits of the base's force are along its own axes, into which `model.space.along_base_axes(Q, F)` turns it.
+
         While grippers are to be closed on an object of `known` grasps it counts as held by all of them.
 
         Args:

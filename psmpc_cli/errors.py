@@ -15,8 +15,9 @@ from types import FrameType
 SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 """The signals that end a command, and how its log and messages name that."""
 
-LONGEST_DEFERRAL = 1.0
-"""How long after a deferred signal a further one is not deferred any more [s]."""
+LONGEST_REPETITION = 0.2
+"""How long after a signal a further one counts as the same [s]: terminals and `make` send one twice, within some
+milliseconds; a user who presses Ctrl-C again takes longer."""
 
 ORPHAN_POLL = 0.5
 """Time between two looks of a process for its parent [s]."""
@@ -61,8 +62,8 @@ class Interruption:
         self._before = {number: signal.getsignal(number) for number in SIGNALS}
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Handle a signal: store it; one that comes `LONGEST_DEFERRAL` later does what it did before."""
-        if self.number and time.monotonic() > self._came + LONGEST_DEFERRAL:
+        """Handle a signal: store it; one that comes `LONGEST_REPETITION` later does what it did before."""
+        if self.number and time.monotonic() > self._came + LONGEST_REPETITION:
             self.restore()
             signal.raise_signal(number)
         if not self.number:
@@ -79,6 +80,11 @@ class Interruption:
         if self.number:
             self.handled = True
             raise KeyboardInterrupt(SIGNALS[signal.Signals(self.number)])
+
+    def check_after(self, delay: float) -> None:
+        """Raise KeyboardInterrupt if a signal came longer ago than a delay [s]."""
+        if self.number and time.monotonic() > self._came + delay:
+            self.check()
 
     def restore(self) -> None:
         """Let signals do again what they did before."""
@@ -106,6 +112,16 @@ def deferred_signals() -> Iterator[Interruption]:
         interruption.restore()
         if interruption.number and not interruption.handled:
             signal.raise_signal(interruption.number)
+
+
+def check_deferred(delay: float) -> None:
+    """Raise KeyboardInterrupt if a signal was deferred longer ago than a delay [s].
+
+    For code that waits inside a use of `deferred_signals`; elsewhere signals are not deferred, and nothing is raised.
+    """
+    present = signal.getsignal(signal.SIGINT)
+    if isinstance(present, Interruption) and current_thread() is main_thread():
+        present.check_after(delay)
 
 
 def silence_libraries() -> None:

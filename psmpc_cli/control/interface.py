@@ -1,6 +1,6 @@
 """What goes into a controller at a sample and what comes out of it: the measurement, and the command."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from math import isfinite
 from numbers import Real
 
@@ -137,9 +137,20 @@ def _check_quaternion(name: str, quaternion: np.ndarray) -> None:
         raise InputError(f"{name}: found a quaternion of length {norm:.4g}, expected a unit quaternion w, x, y, z")
 
 
+def make_read_only(*values: object) -> None:
+    """Make arrays read-only, also those in tuples, lists and dataclasses: what is handed out is what is recorded."""
+    for value in values:
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        elif isinstance(value, tuple | list):
+            make_read_only(*value)
+        elif is_dataclass(value):
+            make_read_only(*vars(value).values())
+
+
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What the controller decided at one sample.
+    """What the controller decided at one sample. Its arrays are read-only.
 
     Attributes:
         time: When it begins to act [s].
@@ -185,6 +196,12 @@ class Command:
     load: HeldLoad | None = field(default=None, repr=False)
     route_progress: float = np.nan
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""
+        make_read_only(self.x, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
+        for solution in (self.solution, *self.levels):
+            make_read_only(solution.plan, solution.guess, solution.costs, solution.violations, solution.duals)
+
     def __repr__(self) -> str:
         ticks, n = self.u.shape
         stages = ", ".join(stage.name for stage in self.solution.window.stages)
@@ -218,6 +235,9 @@ class Command:
 
     def force(self, time: float, state: State) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] that a low-level controller applies over a tick: computed torque.
+
+        That of the base is along the axes of the inertial frame, as Qdot is, in space its moment about the base's axes;
+        limits of the base's force are along its own axes, into which `model.space.along_base_axes(Q, F)` turns it.
 
         While grippers are to be closed on an object of `known` grasps it counts as held by all of them.
 

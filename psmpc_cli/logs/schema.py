@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ class Sample:
         """What was measured of both, by the paths of the log; values by stage are mappings from its index."""
         if not self.measured:
             self.measure()
-        return self.measured
+        return MappingProxyType(self.measured)
 
     @property
     def n(self) -> int:
@@ -286,6 +287,9 @@ SLIDING = "sliding"
 _sampled = partial(_column, dims=("time",))
 _sampled_count = partial(_column, dims=("time",), dtype="i4")
 _sampled_coordinates = partial(_column, dims=("time", Q_COORDINATE))
+BASE_AXES = ", the base's along the axes of the inertial frame (its limits are along its own)"
+"""What descriptions of generalized forces say of the force on the base."""
+
 _sampled_velocities = partial(_column, dims=("time", "coordinate"))
 _sampled_momentum = partial(_column, dims=("time", "momentum"))
 _sampled_limited = partial(_column, only="force limits")
@@ -342,7 +346,10 @@ SCHEMA = (
     ),
     _sampled_velocities("control/u", ACCELERATION_UNITS, "applied acceleration over the first tick"),
     _sampled_velocities(
-        "force/F", FORCE_UNITS, "generalized force of the low-level controller at the sample", lambda s: s.ticks.F[0]
+        "force/F",
+        FORCE_UNITS,
+        "generalized force of the low-level controller at the sample" + BASE_AXES,
+        lambda s: s.ticks.F[0],
     ),
     _sampled_limited(
         "force/utilization",
@@ -482,11 +489,11 @@ SCHEMA = (
     _ticks_velocities(
         "ticks/Qdot", VELOCITY_UNITS, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, -s.n :]
     ),
-    _ticks_velocities("ticks/F", FORCE_UNITS, "generalized force held from the tick on", "ticks.F"),
+    _ticks_velocities("ticks/F", FORCE_UNITS, "generalized force held from the tick on" + BASE_AXES, "ticks.F"),
     _ticks_velocities(
         "ticks/commanded",
         FORCE_UNITS,
-        "generalized force that the law commands, before it is cut at its limits",
+        "generalized force that the law commands, before it is cut at its limits" + BASE_AXES,
         "commanded",
         only="commanded at ticks",
     ),

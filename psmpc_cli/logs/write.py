@@ -76,6 +76,7 @@ class LogWriter:
             InputError: The path is taken (with `force`, by a file that psmpc did not write), or cannot be written.
         """
         self.path = path
+        self.place = path if path is None else path.absolute()  # also when somebody changes the working folder
         columns = layout(Q_COORDINATE in header.has)
         chosen = [column for column in columns if not column.only or column.only in header.has]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
@@ -152,9 +153,9 @@ class LogWriter:
         """
         self._move_rows()
         began = monotonic()
-        if self.path is not None:
+        if self.place is not None:
             try:
-                replace_file(self.path, image_of(self._file))
+                replace_file(self.place, image_of(self._file))
             except OSError as error:
                 reason = error.strerror or error
                 raise RunError(

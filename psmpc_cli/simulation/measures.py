@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from psmpc_cli.control.controller import Controller
-from psmpc_cli.control.interface import Command
+from psmpc_cli.control.interface import Command, make_read_only
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.plan import Plan, shift, states_of
@@ -169,6 +169,7 @@ class Meter:
             **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),
         }
         for sample, row in zip(samples, zip(*columns.values(), strict=True), strict=True):
+            make_read_only(*row)
             sample.measured.update(zip(columns, row, strict=True))
         return np.asarray(expected[-1])
 

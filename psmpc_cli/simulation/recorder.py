@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli import __version__
 from psmpc_cli.control.controller import Controller
-from psmpc_cli.control.interface import Command
+from psmpc_cli.control.interface import Command, make_read_only
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import InputError, RunError
@@ -120,11 +120,12 @@ def record(
         InputError: The log exists already or cannot be written.
         RunError: The log could not be written any further.
     """
+    place = None if path is None else path.absolute()  # a watcher may change the working folder
     with LogWriter(path, header(loop), force) as writer:
         _write(loop, samples, writer, watch)
-        if path is None:
+        if place is None:
             return run_in(writer.file).with_problem(loop.problem)
-    return read_run(path)
+    return read_run(place)
 
 
 def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch) -> None:
@@ -134,26 +135,35 @@ def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch
     records = (clock,) if loop.capture is None else (clock, GraspRecord(loop.capture))
     try:
         writer.update(clock.tables)
-        while True:
-            sample = next(samples)
+        while isinstance(sample := _next(samples), Sample):
             writer.write(sample)
             for each in records:
                 if each.update(sample):
                     writer.update(each.tables)
             _report(sample, stages)
+            make_read_only(sample.ticks)
             watch(sample)
-    except StopIteration as stop:
-        ending: Ending = stop.value
     except KeyboardInterrupt as interruption:
         writer.finish(False, str(interruption) or "interrupted", {**clock.tables, **_verdicts(loop, writer)})
         return
-    except RunError as error:
+    except Exception as error:
+        reason = str(error) if isinstance(error, RunError) else f"{type(error).__name__}: {error}"
         with suppress(RunError):
-            writer.finish(False, str(error), clock.tables)
+            writer.finish(False, reason, clock.tables)
         raise
+    ending = sample
     clock.end(ending.switches)
     writer.update({**clock.tables, **_final(loop, ending)})
     writer.finish(ending.completed, ending.reason, _verdicts(loop, writer), ending.stuck)
+
+
+def _next(samples: Samples) -> Sample | Ending:
+    """Return the next sample of a closed loop, or how it ended; a StopIteration of a watcher means neither."""
+    try:
+        return next(samples)
+    except StopIteration as stop:
+        ending: Ending = stop.value
+        return ending
 
 
 def _final(loop: RecordedLoop, ending: Ending) -> dict[str, ArrayLike]:
@@ -395,7 +405,8 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
     Forces are commanded as they are applied where nothing else is given.
 
     Raises:
-        InputError: An array is not as large as the ticks of the command make it.
+        InputError: An array is not as large as the ticks of the command make it, or times do not go on from the
+            command's.
     """
     count, n = command.u.shape
     ticks = replace(ticks, commanded=ticks.F if ticks.commanded is None else ticks.commanded)
@@ -403,11 +414,18 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
     for name, shape in shapes.items():
         if shape_of(getattr(ticks, name)) != shape:
             raise rejected(f"ticks.{name}", getattr(ticks, name), f"numbers {shape}")
+    of_base = command.model.parts["base"].stop + 1
+    if shape_of(ticks.gained) not in ((), (of_base,)):
+        raise rejected("ticks.gained", ticks.gained, f"numbers ({of_base},)")
+    time = np.array(ticks.time, dtype=float)
+    if not (np.diff(time) > 0).all() or not abs(time[0] - command.time) <= command.tick:
+        found = f"{time[0]:g} s to {time[-1]:g} s"
+        raise InputError(f"ticks.time: found {found}, expected ascending times from {command.time:g} s on")
     return replace(
         ticks,
-        time=np.array(ticks.time, dtype=float),
+        time=time,
         X=np.array(ticks.X, dtype=float),
         F=np.array(ticks.F, dtype=float),
         commanded=np.array(ticks.commanded, dtype=float),
-        gained=np.broadcast_to(ticks.gained, (command.model.parts["base"].stop + 1,)),
+        gained=np.array(np.broadcast_to(ticks.gained, (of_base,)), dtype=float),
     )

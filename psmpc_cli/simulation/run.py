@@ -216,7 +216,8 @@ def simulate(
     """Run a task in closed loop and return the run.
 
     An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: it holds
-    everything up to then, is not `finished`, and has no final time.
+    everything up to then, is not `finished`, and has no final time. Any other error of the watcher is raised; the log
+    holds everything up to then as well, and names it. The arrays of samples are read-only.
 
     Args:
         task: The task.

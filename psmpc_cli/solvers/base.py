@@ -35,6 +35,10 @@ class Outcome(Enum):
         "controller.nodes"
     )
     FAILED = "the solver broke down numerically: look for weights or priorities many orders of magnitude apart"
+    TIMEOUT = (
+        "the solver did not return, and was ended after a minute of processor time: choose another solver.kind, or "
+        "look for weights or priorities many orders of magnitude apart"
+    )
 
     @property
     def usable(self) -> bool:
@@ -124,8 +128,8 @@ class Solver(ABC):
     def solve(self, window: Window, guess: Plan, previous: Solution | None = None, within: float = np.inf) -> Solution:
         """Solve a window, started from a guessed plan, which is read at the nodes of the window.
 
-        A solve that raises, or whose plan is not finite, has failed: the robot moves meanwhile, and the plan in force
-        remains. The exception is logged.
+        A solve that raises, that does not return, or whose plan is not finite, has failed: the robot moves meanwhile,
+        and the plan in force remains. The exception is logged.
 
         Args:
             window: The window.
@@ -139,9 +143,10 @@ class Solver(ABC):
         began = time.perf_counter()
         try:
             solution = self._solve(window, guess, previous, within)
-        except (ArithmeticError, RuntimeError, ValueError) as error:
+        except (ArithmeticError, RuntimeError, ValueError, TimeoutError) as error:
             logger.warning("the solver raised %s: %s", type(error).__name__, str(error).partition("\n")[0])
-            return Solution(Outcome.FAILED, guess, np.nan, 0, time.perf_counter() - began, window, guess)
+            outcome = Outcome.TIMEOUT if isinstance(error, TimeoutError) else Outcome.FAILED
+            return Solution(outcome, guess, np.nan, 0, time.perf_counter() - began, window, guess)
         X = solution.plan.X
         u = solution.plan.u
         finite = isfinite(np.vdot(X, X) + np.vdot(u, u))

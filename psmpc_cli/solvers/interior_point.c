@@ -27,9 +27,10 @@
 #define FINAL_CENTERING 0.1        /* part of the tolerance that the complementarity is steered to at the end */
 #define MIN_STEP_LENGTH 1e-9       /* a step of which no part is longer gets nowhere */
 #define UNBOUNDED_STEP 1e3         /* longest step of an unbounded unknown in a proof of infeasibility */
+#define PIVOT_ROUNDING 1e-13       /* size of a pivot that may be rounding alone, by the entry that it is left of */
 
 /* How a program ended, in the order of `QpStatus` in quadratic.py. */
-enum { SOLVED, INFEASIBLE, FAILED };
+enum { SOLVED, INFEASIBLE, NOT_CONVEX, FAILED };
 
 /* Functions of inequalities take them by value, since compilers take the arrays of a struct behind a pointer for
  * scattered ones, and `soft` as a constant, so that each is compiled once for hard and once for soft ones. */
@@ -233,32 +234,52 @@ NOINLINE void form_hessian(InteriorPoint *ip) {
         }
 }
 
-/* Solve U x = -u, U (S, S), for the steps of the durations, by Gauss-Jordan elimination with row pivots. Returns 0
- * where U is singular. */
-static int solve_schur(const double *U, const double *u, double *x) {
-    double T[S + 1][S + 1];
-    for (int i = 0; i < S; i++) {
-        memcpy(T[i], U + i * S, S * sizeof(double));
-        T[i][S] = -u[i];
-    }
-    for (int l = 0; l < S; l++) {
-        int pivot = l;
-        for (int i = l + 1; i < S; i++)
-            if (fabs(T[i][l]) > fabs(T[pivot][l])) pivot = i;
-        if (!(fabs(T[pivot][l]) > DBL_MIN)) return 0;
-        for (int j = 0; j <= S; j++) {
-            double swapped = T[l][j];
-            T[l][j] = T[pivot][j];
-            T[pivot][j] = swapped;
+/* Factorize the Hessian by the durations after all states are eliminated, U = L D L' (S, S), and tell by the signs of D
+ * whether it is positive definite: Sylvester's law of inertia, Golub, Van Loan: Matrix Computations (2013), section 8.1.5.
+ *
+ * What eliminations leave of a direction without curvature is rounding, of either sign: a pivot that is smaller than the
+ * rounding of the entry by the durations that it is left of takes that size, which `solve_schur` refines.
+ *
+ * Out: L below the diagonal of schur_factor, D on it. Returns 0 where a pivot is negative, or no number. */
+static int factorize_schur(InteriorPoint *ip) {
+    double *L = ip->schur_factor;
+    for (int c = 0; c < S; c++) {
+        double rounding = PIVOT_ROUNDING * fmax(fabs(ip->durations[c * S + c]), fabs(ip->schur[c * S + c]));
+        for (int e = 0; e <= c; e++) {
+            double sum = ip->schur[c * S + e];
+            for (int l = 0; l < e; l++) sum -= L[c * S + l] * L[l * S + l] * L[e * S + l];
+            L[c * S + e] = e < c ? sum / L[e * S + e] : sum;
         }
-        for (int i = 0; i < S; i++) {
-            double factor = i == l ? 0.0 : T[i][l] / T[l][l];
-            if (factor != 0.0)
-                for (int j = l; j <= S; j++) T[i][j] -= factor * T[l][j];
-        }
+        double *pivot = L + c * S + c;
+        if (!(*pivot >= -rounding)) return 0;
+        *pivot = fmax(*pivot, fmax(rounding, DBL_MIN));
     }
-    for (int i = 0; i < S; i++) x[i] = T[i][S] / T[i][i];
     return 1;
+}
+
+/* Add the solution of L D L'x = -r to x. In: r (S,), which is overwritten. */
+static void add_schur_solution(const double *L, double *r, double *x) {
+    for (int c = 0; c < S; c++)
+        for (int e = 0; e < c; e++) r[c] -= L[c * S + e] * r[e];
+    for (int c = S - 1; c >= 0; c--) {
+        r[c] /= L[c * S + c];
+        for (int e = c + 1; e < S; e++) r[c] -= L[e * S + c] * r[e];
+        x[c] -= r[c];
+    }
+}
+
+/* Solve U x = -u for the steps of the durations, with one step of iterative refinement: Golub, Van Loan (2013), section
+ * 3.5.3. */
+static void solve_schur(const InteriorPoint *ip, const double *u, double *x) {
+    double residual[S + 1]; /* one to spare, for S = 0 */
+    memcpy(residual, u, S * sizeof(double));
+    memset(x, 0, S * sizeof(double));
+    add_schur_solution(ip->schur_factor, residual, x);
+    for (int c = 0; c < S; c++) {
+        residual[c] = u[c];
+        for (int e = 0; e < S; e++) residual[c] += ip->schur[c * S + e] * x[e];
+    }
+    add_schur_solution(ip->schur_factor, residual, x);
 }
 
 /* Compute the gradient of the Lagrangian without the gaps, H x + g + C'y, with the multipliers y in row_multipliers. */
@@ -273,12 +294,11 @@ static void compute_gradient(InteriorPoint *ip) {
  *     min  1/2 dx'(H + C'W C) dx + (H x + g + C'y)'dx   over the steps dx that keep the gaps closed,
  *
  * where y has -sign (z + dz at C dx = 0) of the inequalities and y + residual / delta of the equations. Then recover
- * the steps of slacks and multipliers. `form_hessian` and `riccati_factorize` come before. Returns 0 where the steps of
- * the durations are not determined. Nocedal, Wright (2006), section 16.6.
+ * the steps of slacks and multipliers. `form_hessian` and `factorize` come before. Nocedal, Wright (2006), section 16.6.
  *
  * In: mu, corrected. Out: row_steps = C dx, the first 2NK of which are the steps of X; tau_step; those of slacks and
  * multipliers; the ratio test. */
-static int newton_direction(InteriorPoint *ip, double mu, double corrected, RatioTest *test) {
+static void newton_direction(InteriorPoint *ip, double mu, double corrected, RatioTest *test) {
     const QuadraticProgram *program = ip->program;
     Equations *equations = &ip->equations;
     double delta = 1.0 / ip->max_row_weight;
@@ -294,7 +314,7 @@ static int newton_direction(InteriorPoint *ip, double mu, double corrected, Rati
     int is_dense = program->interval_row_count > 0;
     if (is_dense) dense_backward(&ip->riccati, ip->dense, ip->gradient, ip->gradient_tau, ip->control_gradients);
     else riccati_backward(&ip->riccati, ip->intervals, ip->gradient, ip->gradient_tau, ip->control_gradients);
-    if (!solve_schur(ip->schur, ip->gradient_tau, ip->tau_step)) return 0;
+    solve_schur(ip, ip->gradient_tau, ip->tau_step);
     if (is_dense) dense_forward(&ip->riccati, ip->dense, ip->tau_step, ip->control_gradients, ip->row_steps);
     else riccati_forward(&ip->riccati, ip->intervals, ip->tau_step, ip->control_gradients, ip->row_steps);
     apply_rows(program, ip->tau_step, ip->row_steps);
@@ -305,7 +325,6 @@ static int newton_direction(InteriorPoint *ip, double mu, double corrected, Rati
         double next_residual = equations->residual[j] + ip->row_steps[equations->row[j]];
         equations->multiplier_step[j] = next_residual * ip->max_row_weight;
     }
-    return 1;
 }
 
 /* Take a step of the lengths alpha_p (X, tau, slacks, violations) and alpha_d (multipliers); update the largest
@@ -450,6 +469,7 @@ static int64_t allocate_all(InteriorPoint *ip, const QuadraticProgram *program, 
     ip->gradient_tau = allocate(&workspace, S);
     ip->tau_step = allocate(&workspace, S);
     ip->schur = allocate(&workspace, S * S);
+    ip->schur_factor = allocate(&workspace, S * S);
     ip->durations = allocate(&workspace, S * S);
     return workspace - begin;
 }
@@ -600,14 +620,17 @@ static void initialize(InteriorPoint *ip) {
     take_step(ip, 0.0, 0.0, program->X, program->tau);
 }
 
-/* Factorize the Newton equations. Returns 0 where a Hessian by a control is not positive definite. */
+/* Factorize the Newton equations, by the controls and then by the durations. Returns 0 where the Hessian H + C'W C is not
+ * positive definite on the steps that keep the gaps closed. */
 static int factorize(InteriorPoint *ip) {
-    if (ip->program->interval_row_count == 0) return riccati_factorize(&ip->riccati, ip->intervals, ip->schur);
-    return dense_factorize(&ip->riccati, &ip->dense_rows, ip->reduced_rows, ip->dense, ip->schur);
+    int is_dense = ip->program->interval_row_count > 0;
+    int is_definite = is_dense ? dense_factorize(&ip->riccati, &ip->dense_rows, ip->reduced_rows, ip->dense, ip->schur)
+                               : riccati_factorize(&ip->riccati, ip->intervals, ip->schur);
+    return is_definite && factorize_schur(ip);
 }
 
-/* Factorize the Newton equations, with smaller largest weights of rows, to a tenth each time, while rounding has made a
- * Hessian by a control indefinite. Returns 0 where none works. */
+/* Factorize the Newton equations, with smaller largest weights of rows, to a tenth each time, while the Hessian is not
+ * positive definite: rounding may have made it so. Returns 0 where none works, since it has negative curvature. */
 static int factorize_regularized(InteriorPoint *ip) {
     for (; ip->max_row_weight > MIN_ROW_WEIGHT; ip->max_row_weight /= 10.0) {
         form_hessian(ip);
@@ -638,19 +661,18 @@ static double step_length(double largest_decrease) {
  *     sigma = (mu_affine / mu)^3,   mu = complementarity / number of products s z and e w,
  *
  * where the corrected direction steers to, sigma mu, no less than the tolerance needs. Steps have lengths of their own
- * for primal and dual, or one length where `equal_lengths`. Returns 0 where rounding has left no direction or the step
- * gets nowhere. Nocedal, Wright (2006), algorithm 16.4. */
+ * for primal and dual, or one length where `equal_lengths`. `factorize_regularized` comes before. Returns 0 where the
+ * step gets nowhere. Nocedal, Wright (2006), algorithm 16.4. */
 static int predictor_corrector_step(InteriorPoint *ip, double product_count, int equal_lengths) {
     const QuadraticProgram *program = ip->program;
     RatioTest test;
-    if (!factorize_regularized(ip)) return 0;
-    if (!newton_direction(ip, 0.0, 0.0, &test)) return 0;
+    newton_direction(ip, 0.0, 0.0, &test);
     double affine = affine_complementarity(ip->complementarity, test, 1.0 / test.primal, 1.0 / test.dual);
     double ratio = ip->complementarity > 0.0 ? affine / ip->complementarity : 0.0;
     double mu = ip->complementarity / product_count;
     double final_mu = FINAL_CENTERING * program->tolerance / product_count;
     double target_mu = fmax(ratio * ratio * ratio * mu, final_mu);
-    if (!newton_direction(ip, target_mu, 1.0, &test)) return 0;
+    newton_direction(ip, target_mu, 1.0, &test);
     double alpha_p = step_length(test.primal);
     double alpha_d = step_length(test.dual);
     if (equal_lengths) {
@@ -672,11 +694,16 @@ int64_t SIZED(psmpc_qp_workspace_size)(const QuadraticProgram *program) {
     return allocate_all(&ip, program, NULL);
 }
 
-/* Solve a program. Writes X, tau, gap_multipliers, row_multipliers and report; returns SOLVED, INFEASIBLE or FAILED.
+/* Solve a program. Writes X, tau, gap_multipliers, row_multipliers and report; returns SOLVED, INFEASIBLE, NOT_CONVEX or
+ * FAILED.
  *
  * It is solved where primal residual, dual residual and complementarity are at most `tolerance`, or at most
  * `acceptable_tolerance` where half of the iterations or the digits have run out: programs whose digits do not suffice
- * for `tolerance` come near it and move away again. */
+ * for `tolerance` come near it and move away again.
+ *
+ * Every iteration factorizes H + C'W C. Near the solution the weights W are large of rows that are active there, and
+ * vanish of others: a program that is solved has no negative curvature that these rows leave room for, so that its
+ * solution is a minimum. Nocedal, Wright (2006), theorem 12.6. Without inequalities that holds where it is convex. */
 int64_t SIZED(psmpc_qp_solve)(const QuadraticProgram *program) {
     InteriorPoint ip;
     allocate_all(&ip, program, program->workspace);
@@ -697,12 +724,15 @@ int64_t SIZED(psmpc_qp_solve)(const QuadraticProgram *program) {
         memcpy(program->row_multipliers, ip.row_multipliers, row_count(program) * sizeof(double));
         if (!isfinite(largest)) return FAILED;
         int is_late = 2 * iteration >= program->max_iterations;
-        if (largest <= (is_late ? program->acceptable_tolerance : program->tolerance)) return SOLVED;
+        double sufficient = is_late ? program->acceptable_tolerance : program->tolerance;
+        if (iteration > 0 && largest <= sufficient) return SOLVED; /* at the first iterate nothing is factorized yet */
         if (primal > program->tolerance && proves_infeasible(&ip)) return INFEASIBLE;
         /* Two lengths may increase the dual residual; equal lengths decrease every residual. */
         if (primal <= program->acceptable_tolerance && dual_or_complementarity > previous) equal_lengths = 1;
         previous = dual_or_complementarity;
-        if (iteration == program->max_iterations || !predictor_corrector_step(&ip, product_count, equal_lengths))
+        int is_last = iteration == program->max_iterations;
+        if (!is_last && !factorize_regularized(&ip)) return NOT_CONVEX;
+        if (is_last || !predictor_corrector_step(&ip, product_count, equal_lengths))
             return largest <= program->acceptable_tolerance ? SOLVED : FAILED;
     }
 }

@@ -39,6 +39,7 @@ from psmpc_cli.ocp.window import (
 )
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
+from psmpc_cli.solvers.bounded import LONGEST_CALL, BoundedCalls
 from psmpc_cli.specs.task import SolverSpec
 
 Report = Callable[[str], None]
@@ -89,6 +90,7 @@ class Nlp:
 
     Attributes:
         shape: The windows' shape.
+        has_all_rows: As given.
         grid: Intervals of the stages.
         problem: Decision variables x, parameters p, objective f and constraints g, as CasADi's solvers take them.
         sizes: N, and by node nx, nu and ng: sizes of state, of input with violations of soft limits, of path rows.
@@ -104,6 +106,7 @@ class Nlp:
         self._node_rows = node_rows(model, shape)
         self._interval_rows = [rows for rows in interval_rows(model, shape) if has_all_rows or not rows.rarely_active]
         self.has_interval_rows = bool(self._interval_rows)
+        self.has_all_rows = has_all_rows
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
         self.shape = shape
         self.grid = Grid(model.n, shape.nodes)
@@ -371,8 +374,9 @@ class NlpSolver(Solver):
             settings["mu_init"] = BARRIER_START
         self._settings = settings if options is None else dict(options)
         self._nlps: dict[tuple[WindowShape, bool], Nlp] = {}
-        self._compiled: dict[Nlp, ca.Function] = {}
-        self._clocks: dict[Nlp, _Clock] = {}
+        self._compiled: dict[tuple[WindowShape, bool], ca.Function] = {}
+        self._clocks: dict[tuple[WindowShape, bool], _Clock] = {}
+        self._calls = BoundedCalls(self._call)
 
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
@@ -406,21 +410,45 @@ class NlpSolver(Solver):
         z = nlp.pack(plan.X.T, tau, 0.0, violations, row_violations, *inputs)
         return nlp, _array(z), np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
 
-    def _function(self, nlp: Nlp) -> ca.Function:
-        """Return the compiled solver of a program."""
-        if nlp not in self._compiled:
-            options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
-            settings = self._settings
-            if self._plugin == "fatrop":
-                options |= {"structure_detection": "manual", **nlp.sizes}
-                if nlp.has_interval_rows:
-                    settings = {**settings, "tol": max(settings.get("tol", 0.0), INTERVAL_TOLERANCE)}
-            if np.isfinite(self.deadline):
-                self._clocks[nlp] = options["iteration_callback"] = _Clock(nlp.problem)
-            loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
-            options[self._plugin] = {**settings, **loud}
-            self._compiled[nlp] = ca.nlpsol("window", self._plugin, nlp.problem, options)
-        return self._compiled[nlp]
+    def _prepared(self, nlp: Nlp) -> tuple[WindowShape, bool]:
+        """Compile the solver of a program, unless it is there, and return the key of the program."""
+        key = nlp.shape, nlp.has_all_rows
+        if key in self._compiled:
+            return key
+        options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
+        settings = self._settings
+        if self._plugin == "fatrop":
+            options |= {"structure_detection": "manual", **nlp.sizes}
+            if nlp.has_interval_rows:
+                settings = {**settings, "tol": max(settings.get("tol", 0.0), INTERVAL_TOLERANCE)}
+        if np.isfinite(self.deadline):
+            self._clocks[key] = options["iteration_callback"] = _Clock(nlp.problem)
+        loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
+        options[self._plugin] = {**settings, **loud}
+        self._compiled[key] = ca.nlpsol("window", self._plugin, nlp.problem, options)
+        self._calls.renew()
+        return key
+
+    def _call(
+        self, key: tuple[WindowShape, bool], arguments: Mapping[str, np.ndarray], until: float
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
+        """Call a compiled solver; return vectors, statistics, the wall time [s], and what it wrote, if that is reported.
+
+        Args:
+            key: Of its program.
+            arguments: Its arguments.
+            until: When it has to stop, if it can, an instant of `time.perf_counter` [s].
+        """
+        if key in self._clocks:
+            self._clocks[key].until = until
+        began = time.perf_counter()
+        with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as text:
+            result = self._compiled[key](**arguments)
+        wall_time = time.perf_counter() - began
+        vectors = {name: _array(result[name]) for name in ("x", "f", "g", "lam_g")}
+        stats = self._compiled[key].stats()
+        counted = {name: stats[name] for name in ("success", "return_status", "iter_count")}
+        return vectors, counted, wall_time, text.getvalue()
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         found = self._solved(window, guess, guess, within, has_all_rows=False)
@@ -434,31 +462,26 @@ class NlpSolver(Solver):
     def _solved(self, window: Window, guess: Plan, start: Plan, within: float, has_all_rows: bool) -> Solution:
         """Return the solution of a window's NLP, started from a plan, its bounds about the guess."""
         nlp, x0, p = self._posed(window, start, has_all_rows)
-        solver = self._function(nlp)
+        key = self._prepared(nlp)
         bounds = nlp.bounds(window, guess, within)
-        began = time.perf_counter()
-        if nlp in self._clocks:
-            self._clocks[nlp].until = self.stop_time(began)
-        with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as written:
-            result = solver(x0=x0, p=p, **bounds)
-        wall_time = time.perf_counter() - began
+        until = self.stop_time(time.perf_counter())
+        result, stats, wall_time, written = self._calls(LONGEST_CALL, key, {"x0": x0, "p": p, **bounds}, until)
         if self._report is not None:
-            for line in filter(ITERATION.match, written.getvalue().splitlines()):
+            for line in filter(ITERATION.match, written.splitlines()):
                 self._report(line)
-        z = _array(result["x"])
-        stats = solver.stats()
+        z = result["x"]
         outcome = Outcome.OPTIMAL if stats["success"] else OUTCOMES.get(stats["return_status"], Outcome.FAILED)
         stepped = outcome is Outcome.DEADLINE and stats["iter_count"] > 0  # else this is the guess
         if not np.isfinite(z).all():
             outcome = Outcome.FAILED
-        elif stepped and _violation(bounds, z, _array(result["g"])) <= FEASIBLE:
+        elif stepped and _violation(bounds, z, result["g"]) <= FEASIBLE:
             outcome = Outcome.FEASIBLE
         costs, terminal = nlp.costs(z, p)
         plan, violations = _unpacked(nlp, window, z)
         return Solution(
             outcome=outcome,
             plan=plan,
-            objective=float(result["f"]),
+            objective=float(result["f"][0]),
             iterations=int(stats["iter_count"]),
             wall_time=wall_time,
             window=window,

@@ -132,6 +132,7 @@ typedef struct {
     double *reduced_gradient;  /* by the velocities, (K, N) */
     double *tau_step;          /* (S,) */
     double *schur;             /* Hessian by tau after all states are eliminated, (S, S) */
+    double *schur_factor;      /* its factors L and D, (S, S) */
     double *arrow;             /* of H + C'W C, (K, 2N, S) */
     double *R;                 /* (K, N) */
     double *durations;         /* (S, S) */

@@ -61,6 +61,7 @@ class QpStatus(Enum):
 
     SOLVED = "solved"
     INFEASIBLE = "no step meets the linearized constraints"
+    NOT_CONVEX = "not convex, or so by rounding"
     FAILED = "not solved"
 
 
@@ -344,7 +345,7 @@ class RiccatiQp(QpMethod):
 class PiqpQp(QpMethod):
     """Programs by PIQP's back-end for multistage problems.
 
-    A program that is solved where it is not convex has failed. Unknowns are ordered node by node, the durations last:
+    Unknowns are ordered node by node, the durations last:
     they couple all nodes, which PIQP knows as an arrow. A soft bound has an unknown of its own for its violation.
     """
 
@@ -363,7 +364,7 @@ class PiqpQp(QpMethod):
         _write_solution(result, arrays, unknowns, kinds)
         status = _status(piqp_status, result.info)
         if status is QpStatus.SOLVED and _curvature(hessian, np.array(result.x)) < -ACCEPTABLE:
-            status = QpStatus.FAILED
+            status = QpStatus.NOT_CONVEX
         return status, int(result.info.iter)
 
     def _set_up(

@@ -25,6 +25,7 @@ from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
 from psmpc_cli.ocp.window import Window, WindowShape, durations, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
+from psmpc_cli.solvers.bounded import LONGEST_CALL
 from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, kernel_library, load_kernel
 from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow, WindowBounds, fixed_bounds, window_bounds
@@ -77,6 +78,9 @@ ROUNDING = 1e-9
 
 LATER = 0.9
 """How much of the time that a stage could last longer it is given in a guess for a program without a solution."""
+
+BROKEN_DOWN = (QpStatus.NOT_CONVEX, QpStatus.FAILED)
+"""How programs of the Gauss-Newton model end where their numbers break down: that model is convex but for rounding."""
 
 HEADING = "iter       objective   inf_pr    ||d||    alpha  qp"
 """Columns of the table of iterations, the guess first.
@@ -184,6 +188,7 @@ class SqpSolver(Solver):
             method=method,
             report=self._report,
             until=self.stop_time(began),
+            longest_until=time.process_time() + LONGEST_CALL,
             is_warm=is_warm,
             restores=not is_warm and not self._model.spec.moved_by.actuated,
         )
@@ -246,6 +251,7 @@ class _Solve:
         method: Method for its programs.
         report: Takes the lines of the table of iterations.
         until: When the solve has to stop, an instant of `time.perf_counter` [s].
+        longest_until: The same of `time.process_time`, far beyond what windows take [s].
         is_warm: The guess is the last solution, shifted.
         restores: Elastic programs stand in for those without a solution, see `_restored`.
     """
@@ -255,6 +261,7 @@ class _Solve:
     method: QpMethod
     report: Report | None
     until: float
+    longest_until: float
     is_warm: bool
     restores: bool
 
@@ -336,10 +343,10 @@ class _Solve:
             if program.qp.status is QpStatus.SOLVED:
                 return program
         program = self._solved(window, model, here)
-        if program.qp.status is QpStatus.FAILED and window.bounds.soft.any():
+        if program.qp.status in BROKEN_DOWN and window.bounds.soft.any():
             hard = replace(window, bounds=replace(window.bounds, soft=np.zeros_like(window.bounds.soft)))
             proof = self._solved(hard, model, here)
-            return program if proof.qp.status is QpStatus.FAILED else proof
+            return program if proof.qp.status in BROKEN_DOWN else proof
         return program
 
     def _solved(self, window: SqpWindow, model: Linearization, here: Evaluation) -> Program:
@@ -372,7 +379,7 @@ class _Solve:
             return Outcome.INFEASIBLE
         if program.is_elastic and brings_nothing:
             return self._unfinished(iterate, Outcome.INFEASIBLE)
-        if program.qp.status is QpStatus.FAILED:
+        if program.qp.status in BROKEN_DOWN:
             return self._unfinished(iterate, Outcome.FAILED)
         if iterate.step <= np.sqrt(self.spec.tolerance) and feasible:
             return Outcome.OPTIMAL
@@ -383,6 +390,8 @@ class _Solve:
             return Outcome.FEASIBLE
         if time.perf_counter() >= self.until:
             return self._unfinished(iterate, Outcome.DEADLINE)
+        if time.process_time() >= self.longest_until:
+            return self._unfinished(iterate, Outcome.TIMEOUT)
         return None
 
     def _tell(self, count: int, iterate: Iterate, program: Program | None) -> None:

@@ -6,6 +6,7 @@ They stand where a value enters from Python; what the rooms hand to each other i
 import os
 from collections.abc import Mapping
 from math import inf
+from multiprocessing import current_process
 from numbers import Integral, Real
 from pathlib import Path
 
@@ -73,13 +74,19 @@ def require_options(
     """Make sure that what every study is given besides its cells is right, and return the path of its file.
 
     Raises:
-        InputError: An option is of another type, or there are fewer processes than one.
+        InputError: An option is of another type, there are fewer processes than one, or more than one where none can be
+            started.
     """
     if jobs is not None:
         require_whole("jobs", jobs, least=1)
     require("force", force, bool, "True or False")
     require("resume", resume, bool, "True or False")
     require("dask", dask, (str, type(None)), "the address of a Dask scheduler")
+    if current_process().daemon and dask is None and jobs != 1:
+        raise InputError(
+            f"jobs: found {jobs or 'one for each core'} in a process that may start no other, such as a worker of Dask "
+            "or of a multiprocessing pool, expected jobs=1, which computes in this process"
+        )
     return None if path is None else as_path("path", path)
 
 

@@ -12,13 +12,13 @@ import signal
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future
-from contextlib import closing, contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from difflib import unified_diff
 from functools import partial
 from itertools import islice
-from multiprocessing import active_children
+from multiprocessing import active_children, current_process
 from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from pkgutil import resolve_name
@@ -364,9 +364,9 @@ def compute(
 ) -> Generator[tuple[Key, Result | None], None, None]:
     """Call a function on many items in parallel, and yield the key and the result of each as they come.
 
-    The calls are made in processes with one thread each, never in this one: a call may kill its process. If one is
-    killed, the first call without a result is repeated alone, and is lost if that is killed as well; then the others go
-    on. Signals are deferred from the first result until the iterator is closed.
+    The calls are made in processes with one thread each, never in this one, unless it may start none: a call may kill
+    its process. If one is killed, the first call without a result is repeated alone, and is lost if that is killed as
+    well; then the others go on. Signals are deferred from the first result until the iterator is closed.
 
     Args:
         function: Pickles, as its items and results do. What it raises is raised here.
@@ -384,11 +384,12 @@ def compute(
     """
     waiting = dict(items)
     alone = False
+    in_this_process = dask is None and current_process().daemon
     with deferred_signals() as interruption:
         while waiting:
-            called = dict(islice(waiting.items(), 1 if alone else None))
+            called = dict(islice(waiting.items(), 1 if alone or in_this_process else None))
             ended = SimpleQueue[Future[Any]]()
-            place = _on_this_machine(jobs or os.cpu_count() or 1) if dask is None else _on_cluster(dask)
+            place = _place(jobs, dask, in_this_process)
             with place as workers, suppress(workers.killed):  # raised by a submission if a process was killed before
                 with _interrupts_blocked():
                     calls = {workers.submit(function, item): key for key, item in called.items()}
@@ -450,6 +451,25 @@ def _unpickled(call: Future[Path]) -> Any:
     result = pickle.loads(path.read_bytes())
     path.unlink()
     return result
+
+
+def _place(jobs: int | None, dask: str | None, in_this_process: bool) -> AbstractContextManager[Workers]:
+    """Return where calls are made."""
+    if dask is not None:
+        return _on_cluster(dask)
+    if in_this_process:
+        return nullcontext(Workers(_called, Future.result, TerminatedWorkerError))
+    return _on_this_machine(jobs or os.cpu_count() or 1)
+
+
+def _called(function: Callable[[Item], Result], item: Item) -> Future[Result]:
+    """Call a function at once, and return the call that has ended."""
+    call = Future[Result]()
+    try:
+        call.set_result(function(item))
+    except Exception as error:
+        call.set_exception(error)
+    return call
 
 
 @contextmanager

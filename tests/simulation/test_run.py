@@ -1,4 +1,5 @@
 import logging
+import os
 import pickle
 import re
 import subprocess
@@ -254,3 +255,53 @@ def test_one_sample_passes_the_files_that_the_page_on_the_architecture_lists() -
     steps = page.partition("## One sample")[2].partition("What a task does not ask for")[0]
     assert set(re.findall(r"`([\w/]+\.py)`", steps)) == passed
     assert len(passed) <= 30
+
+
+def failing(error: Exception) -> Callable[[Sample], None]:
+    """A watcher that fails at the third sample."""
+
+    def watch(sample: Sample) -> None:
+        if sample.number == 2:
+            raise error
+
+    return watch
+
+
+@pytest.mark.parametrize("error", [StopIteration("enough"), ValueError("found 3"), LookupError("no key")])
+def test_an_error_of_the_watcher_is_raised_and_the_log_names_it(error: Exception, tmp_path: Path) -> None:
+    path = tmp_path / "log.h5"
+    with pytest.raises(type(error)) as raised:
+        simulate(coarse("time_limit=0.5"), path, failing(error))
+    assert raised.value is error
+    log = read_run(path)
+    assert len(log.time) == 3
+    assert (bool(log.attributes["finished"]), log.attributes["end_reason"]) == (
+        False,
+        f"{type(error).__name__}: {error}",
+    )
+
+
+def test_a_watcher_may_change_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    monkeypatch.chdir(tmp_path)
+    run = simulate(coarse("time_limit=0.5"), "log.h5", lambda sample: os.chdir(other))
+    assert run.attributes["end_reason"] == "time limit of 0.5 s reached"
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["log.h5"]
+    assert list(other.iterdir()) == []
+
+
+def test_a_watcher_cannot_write_into_what_is_recorded() -> None:
+    def scribble(sample: Sample) -> None:
+        command = sample.command
+        ticks = sample.ticks
+        metrics = [each for each in sample.metrics.values() if isinstance(each, np.ndarray) and each.ndim]
+        for array in (command.x, command.u, command.plan.X, command.plan.u, ticks.X, ticks.F, ticks.time, *metrics):
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0.0
+
+    task = coarse("time_limit=0.5", "plant.kind=rk4", "log.ticks=true")
+    scribbled = simulate(task, watch=scribble)
+    alone = simulate(task)
+    for path in ("state/Q", "control/u", "force/F", "final/Q"):
+        np.testing.assert_array_equal(scribbled[path], alone[path])

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import eigvalsh, null_space
 
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
 from psmpc_cli.solvers.quadratic import QpSolution
@@ -59,10 +60,8 @@ class Optimality:
 def optimality(task: Task, found: QpSolution) -> Optimality:
     """Karush, Kuhn and Tucker's conditions, row by row: gaps, rows with bounds."""
     model, bounds, x = task.model, task.window.bounds, flat(found.step)
-    steps = [_step(task.point, column) for column in np.eye(len(x))]
     rows = rows_after(task, found.step.moved(found.step, -1.0))
-    G = np.column_stack([rows_after(task, step) - rows for step in steps])
-    gaps = np.column_stack([_change_of_gaps(model, step).ravel() for step in steps])
+    G, gaps = jacobians(task)
     low, high, value, z = bounds.low - rows, bounds.high - rows, G @ x, found.rows
     gradient = hessian(model) @ x + np.r_[model.gradient[1:].ravel(), model.gradient_tau]
     gradient += gaps.T @ found.gaps.ravel() + G.T @ z
@@ -73,6 +72,22 @@ def optimality(task: Task, found: QpSolution) -> Optimality:
         gradient=float(np.abs(gradient).max()),
         complementarity=float(np.where(np.abs(z) > 1e-12, np.abs(z) * np.minimum(room, 1e9), 0.0).max()),
     )
+
+
+def jacobians(task: Task) -> tuple[np.ndarray, np.ndarray]:
+    """The derivatives of the rows with bounds and of the gaps, by x_1 .. x_K and the durations."""
+    size = task.point.X[1:].size + len(task.point.tau)
+    none, *steps = (_step(task.point, column) for column in np.vstack([np.zeros(size), np.eye(size)]))
+    rows = rows_after(task, none)
+    G = np.column_stack([rows_after(task, step) - rows for step in steps])
+    return G, np.column_stack([_change_of_gaps(task.model, step).ravel() for step in steps])
+
+
+def curvatures(task: Task, held: np.ndarray) -> np.ndarray:
+    """The eigenvalues of the Hessian, ascending, on the steps that close the gaps and change none of the rows held."""
+    G, gaps = jacobians(task)
+    Z = null_space(np.vstack([gaps, G[held]]))
+    return np.asarray(eigvalsh(Z.T @ hessian(task.model) @ Z)) if Z.shape[1] else np.zeros(1)  # no such step
 
 
 def _step(point: Point, x: np.ndarray) -> Point:

@@ -10,7 +10,7 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.solvers import NlpSolver
+from psmpc_cli.solvers import NlpSolver, Outcome
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
@@ -55,6 +55,19 @@ def test_the_objective_is_the_sum_of_the_stages_costs_at_the_nodes(
     plan = coasting(window, first, first + second)
     plan = replace(plan, u=np.random.default_rng(seed).standard_normal(plan.u.shape))
     np.testing.assert_allclose(solver.costs(window, plan), by_hand(window, plan, costs), rtol=1e-9)
+
+
+def test_a_solve_that_does_not_return_has_failed(
+    solver: NlpSolver, stages: tuple[Stage, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where an iterate is not a number, fatrop raises its regularization without end."""
+    monkeypatch.setattr("psmpc_cli.solvers.nlp.LONGEST_CALL", 0.3)
+    window = window_over(stages[:2])
+    plan = coasting(window, 2.0)
+    nowhere = replace(plan, X=np.full_like(plan.X, np.nan))
+    found = solver.solve(window, nowhere)
+    assert found.outcome is Outcome.TIMEOUT
+    assert found.plan.X.shape == plan.X.shape
 
 
 def test_a_plan_violates_what_it_breaks(solver: NlpSolver, stages: tuple[Stage, ...]) -> None:

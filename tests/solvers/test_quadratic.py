@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.native.library import CompilationError, find_compiler
@@ -13,10 +13,10 @@ from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.solvers.quadratic import PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
+from psmpc_cli.solvers.quadratic import EQUALITY_WIDTH, PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, window_bounds
 
-from .optimality import energy, objective, optimality, rows_after
+from .optimality import curvatures, energy, objective, optimality, rows_after
 from .random_programs import Task, random_task, soft_rows, unattainable
 from .recorded import RecordedSolve, windows_over
 from .solving import middle_window_over
@@ -112,6 +112,85 @@ def test_a_program_without_a_solution_is_proved_to_have_none(seed: int, what: se
     found = ours(task)
     assert found.status is QpStatus.INFEASIBLE
     assert found.iterations < 30
+
+
+def less_convex(rng: np.random.Generator, task: Task) -> Task:
+    """The same program with less curvature by durations or positions, none of it or far too little."""
+    model = task.model
+    of_durations, of_positions = 10 ** rng.uniform(-3, 4, 2) * (rng.random(2) < 1 / 2)
+    durations = model.durations - of_durations * np.eye(len(model.durations))
+    positions = model.positions - of_positions * np.eye(model.positions.shape[1])
+    return replace(task, model=replace(model, durations=durations, positions=positions))
+
+
+def is_equation(task: Task) -> np.ndarray:
+    """Which rows of a program are equations."""
+    bounds = task.window.bounds
+    return np.asarray(bounds.high - bounds.low <= EQUALITY_WIDTH)
+
+
+ROUNDING = 1e-7
+"""Eigenvalue, by the largest one, below which rounding decides its sign: a row that is an equation has a weight of 1e9
+in the Hessian, and a double has 16 digits."""
+
+
+@settings(max_examples=80)
+@given(seed=SEEDS, nodes=NODES, what=st.sets(st.sampled_from(("equal", "fixed", "inputs", "tied"))))
+def test_a_program_of_equations_is_solved_exactly_where_it_is_convex(
+    seed: int, nodes: tuple[int, ...], what: set[str]
+) -> None:
+    rng = np.random.default_rng(seed)
+    task = less_convex(rng, random_task(rng, nodes, what))
+    equation = is_equation(task)
+    bounds = task.window.bounds
+    task = task.with_bounds(low=np.where(equation, bounds.low, -np.inf), high=np.where(equation, bounds.high, np.inf))
+    curvature = curvatures(task, equation)
+    assume(abs(curvature[0]) > ROUNDING * abs(curvature).max())
+    found = ours(task)
+    assert found.status is (QpStatus.SOLVED if curvature[0] > 0 else QpStatus.NOT_CONVEX)
+
+
+@settings(max_examples=80)
+@given(seed=SEEDS, nodes=NODES, what=FEATURES)
+def test_only_minima_are_solutions_and_no_convex_program_is_called_another(
+    seed: int, nodes: tuple[int, ...], what: set[str]
+) -> None:
+    rng = np.random.default_rng(seed)
+    task = less_convex(rng, random_task(rng, nodes, what))
+    found = ours(task)
+    if found.status is QpStatus.SOLVED:
+        active = np.abs(found.rows) > 1e-6
+        curvature = curvatures(task, is_equation(task) | active)
+        assert curvature[0] >= -ROUNDING * abs(curvature).max()
+    if found.status is QpStatus.NOT_CONVEX:
+        assert curvatures(task, is_equation(task))[0] < 0
+
+
+def test_a_saddle_at_the_first_iterate_is_no_solution() -> None:
+    """Every residual is 0 there, and nothing says which way is down."""
+    task = random_task(np.random.default_rng(3), (3, 2), set())
+    nothing = np.zeros_like
+    model = task.model
+    flat = replace(
+        model,
+        at=replace(model.at, gaps=nothing(model.at.gaps)),
+        gradient=nothing(model.gradient),
+        gradient_tau=nothing(model.gradient_tau),
+        durations=model.durations - 1e4,
+    )
+    rows = np.full(len(task.window.bounds.low), np.inf)
+    saddle = replace(task, model=flat).with_bounds(low=-rows, high=rows)
+    assert ours(saddle).status is QpStatus.NOT_CONVEX
+
+
+def test_durations_that_cost_nothing_are_no_negative_curvature() -> None:
+    """What eliminations leave of them is rounding, of either sign."""
+    for seed in range(40):
+        task = random_task(np.random.default_rng(seed), (2, 3, 2), {"inputs"})
+        model = task.model
+        linear = replace(model, arrow=np.zeros_like(model.arrow), durations=np.zeros_like(model.durations))
+        without_motion = replace(linear, gap_tau=np.zeros_like(model.gap_tau))
+        assert ours(replace(task, model=without_motion)).status in (QpStatus.SOLVED, QpStatus.INFEASIBLE)
 
 
 def test_a_program_with_numbers_that_are_none_fails(tasks: Sequence[Task]) -> None:

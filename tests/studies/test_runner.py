@@ -356,3 +356,34 @@ def test_without_dask_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"pip install 'psmpc\[dask\]'"):
         list(compute(doubling(), ITEMS, dask="tcp://127.0.0.1:8786"))
+
+
+IN_A_WORKER = """
+import multiprocessing
+import psmpc_cli as psmpc
+
+def study(jobs):
+    task = psmpc.load_task("transport", {"controller.nodes": 5, "time_limit": 0.2, "uncertainty.mass": 0.1})
+    try:
+        return psmpc.monte_carlo(task, 2, path=f"{jobs}.h5", jobs=jobs)["status"].tolist()
+    except psmpc.InputError as error:
+        return str(error)
+
+if __name__ == "__main__":
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        for result in pool.map(study, [1, 2, None]):
+            print(result)
+"""
+
+
+@pytest.mark.slow
+def test_a_worker_that_may_start_no_process_computes_itself_or_says_so(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(IN_A_WORKER)
+    ran = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=True)
+    alone, two, default = ran.stdout.splitlines()
+    assert alone == f"{[COMPUTED] * 2}"
+    assert two.startswith("jobs: found 2 in a process that may start no other")
+    assert default.startswith("jobs: found one for each core in a process that may start no other")
+    assert two.endswith("expected jobs=1, which computes in this process")
+    assert [path.name for path in tmp_path.glob("*.h5")] == ["1.h5"]

@@ -1,0 +1,210 @@
+"""Calls that may never return, in a copy of the process, which can be ended.
+
+Code of others runs there: fatrop, for example, raises a regularization without end where an iterate is not a number. No
+signal and no exception ends a loop in C++; the end of a process does.
+"""
+
+import os
+import pickle
+import select
+import signal
+import time
+import warnings
+import weakref
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Generic, ParamSpec, TypeVar, cast
+
+from psmpc_cli.errors import SIGNALS, check_deferred, end_with_parent
+
+P = ParamSpec("P")
+Result = TypeVar("Result")
+
+LONGEST_CALL = 60.0
+"""Processor time after which a call is ended [s].
+
+It is that of the call alone, whatever else the machine does, and many times what the largest windows take: it strikes
+only what hangs, so that runs can be repeated.
+"""
+
+WAITING = 10.0
+"""Longest wall time of a call, for one that waits and computes nothing, in units of its longest processor time."""
+
+POLL = 0.1
+"""Time between two looks for a signal [s]."""
+
+GRACE = 1.0
+"""Time after a signal for which a call may go on [s]: most end by then, with a sample that is whole."""
+
+PIPE_SIZE = 1 << 16
+"""Bytes that are read at a time."""
+
+LENGTH = 8
+"""Bytes of the length of an answer, which stands before it."""
+
+
+class BoundedCalls(Generic[P, Result]):
+    """A function whose calls are answered by a copy of this process, one after the other.
+
+    The copy is made at the first call, and anew after one that did not return. It knows what this process knew when it
+    was made, so whoever changes what the function uses calls `renew`. What calls change stays in the copy.
+
+    Args:
+        function: The function; its arguments and results pickle.
+    """
+
+    def __init__(self, function: Callable[P, Result]) -> None:
+        self._function = function
+        self._copy: _Copy | None = None
+        self._end: Callable[[], Any] = int  # the status of a copy that never was
+
+    def renew(self) -> int:
+        """End the copy, so that the next call makes another one; return the status with which it has ended."""
+        self._copy = None
+        return int(self._end() or 0)
+
+    def __call__(self, longest: float, /, *args: P.args, **kwargs: P.kwargs) -> Result:
+        """Call the function, and return or raise what it does.
+
+        Args:
+            longest: Processor time after which the call is ended [s].
+            args: Its arguments.
+            kwargs: Its named ones.
+
+        Raises:
+            TimeoutError: It did not return in time.
+            RuntimeError: It ended its process.
+            KeyboardInterrupt: A signal has come, and the call goes on nevertheless.
+        """
+        if self._copy is None:
+            self._copy = _start(self._function)
+            self._end = weakref.finalize(self, _Copy.end, self._copy)
+        try:
+            answer = self._copy.ask(pickle.dumps((longest, args, kwargs)), time.monotonic() + WAITING * longest)
+        except EOFError:
+            raise _error_of(self.renew(), longest) from None
+        except BaseException:
+            self.renew()
+            raise
+        found: Answer[Result] = pickle.loads(answer)
+        return found.result()
+
+
+@dataclass(frozen=True)
+class Answer(Generic[Result]):
+    """What a call returned, or raised."""
+
+    returned: Result | None
+    raised: Exception | None = None
+
+    def result(self) -> Result:
+        """Return what the call returned, or raise what it raised."""
+        if self.raised is not None:
+            raise self.raised
+        return cast(Result, self.returned)
+
+
+@dataclass(frozen=True)
+class _Copy:
+    """A copy of this process that answers calls.
+
+    Attributes:
+        process: Its process id.
+        requests, answers: The ends of the pipes to it and from it.
+    """
+
+    process: int
+    requests: int
+    answers: int
+
+    def end(self) -> int:
+        """End it, and return the status with which it has ended."""
+        os.close(self.requests)
+        os.close(self.answers)
+        with suppress(ProcessLookupError):
+            os.kill(self.process, signal.SIGKILL)
+        with suppress(ChildProcessError):
+            return os.waitpid(self.process, 0)[1]
+        return signal.SIGKILL
+
+    def ask(self, request: bytes, until: float) -> bytes:
+        """Return the answer to a request.
+
+        Raises:
+            EOFError: The copy has ended.
+            TimeoutError: The answer did not come by an instant of `time.monotonic` [s].
+            KeyboardInterrupt: As for `BoundedCalls`.
+        """
+        try:
+            sent = 0
+            while sent < len(request):
+                sent += os.write(self.requests, request[sent:])
+        except BrokenPipeError:
+            raise EOFError from None
+        length = int.from_bytes(self._read(LENGTH, until), "little")
+        return self._read(length, until)
+
+    def _read(self, count: int, until: float) -> bytes:
+        """Read so many bytes of an answer; raises as `ask` does."""
+        parts = bytearray()
+        while len(parts) < count:
+            check_deferred(GRACE)
+            if time.monotonic() > until:
+                raise TimeoutError("it waits for something that does not come")
+            if not select.select([self.answers], [], [], POLL)[0]:
+                continue
+            part = os.read(self.answers, min(PIPE_SIZE, count - len(parts)))
+            if not part:
+                raise EOFError
+            parts += part
+        return bytes(parts)
+
+
+def _start(function: Callable[P, Result]) -> _Copy:
+    """Make a copy of this process that answers calls of a function."""
+    requests_there, requests = os.pipe()
+    answers, answers_there = os.pipe()
+    parent = os.getpid()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # other threads may hold locks: the copy needs none of them
+        process = os.fork()
+    if process == 0:
+        os.close(requests)
+        os.close(answers)
+        _serve(function, parent, requests_there, answers_there)
+    os.close(requests_there)
+    os.close(answers_there)
+    return _Copy(process, requests, answers)
+
+
+def _serve(function: Callable[P, Result], parent: int, requests: int, answers: int) -> None:
+    """Answer calls in the copy until there are no more, and end it, at the latest when the time of a call is up."""
+    try:
+        for number in SIGNALS:  # of a terminal they reach both processes: the parent decides
+            signal.signal(number, signal.SIG_IGN)
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        end_with_parent(parent)
+        with open(requests, "rb") as incoming, open(answers, "wb") as outgoing:
+            while True:
+                longest, args, kwargs = pickle.load(incoming)
+                signal.setitimer(signal.ITIMER_PROF, longest)
+                try:
+                    answer = Answer(function(*args, **kwargs))
+                except Exception as error:
+                    answer = Answer(None, error)
+                signal.setitimer(signal.ITIMER_PROF, 0.0)
+                content = pickle.dumps(answer)
+                outgoing.write(len(content).to_bytes(LENGTH, "little") + content)
+                outgoing.flush()
+    except (EOFError, OSError):  # the parent needs it no more
+        pass
+    finally:
+        os.kill(os.getpid(), signal.SIGKILL)  # nothing of the parent's is flushed or removed, as an exit would
+
+
+def _error_of(status: int, longest: float) -> Exception:
+    """Return what the status of a process says that did not answer."""
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGPROF:
+        return TimeoutError(f"it did not return within {longest:g} s of processor time")
+    return RuntimeError(f"its process was ended by signal {os.WTERMSIG(status)}")

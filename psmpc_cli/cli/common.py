@@ -138,23 +138,25 @@ def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interr
     """Provide a watcher that shows the progress of a run and ends it after the sample at which a signal came.
 
     Its line has time, stage, planned switch times, real-time factor since the first sample, and failed solves. Without
-    a terminal there is one at every switch, and otherwise one every 5 s of simulated time.
+    a terminal there is one at every switch, and otherwise one every 5 s of simulated time, or every 20 s of wall time.
     """
     began = 0.0
     due = 0.0
+    told = 0.0
     failed = 0
     with deferred_signals() as interruption, live_line(quiet) as show:
 
         def watch(sample: "Sample") -> None:
-            nonlocal began, due, failed
+            nonlocal began, due, told, failed
             command = sample.command
             now = time.monotonic()
             began = began or now
             failed += "solve_failed" in command.events
             factor = f"{command.time / (now - began):.1f}" if command.time > 0 else "-"
             ahead = ", ".join(f"{instant:.2f}" for instant in command.instants) or "none"
-            is_due = command.time >= due or bool(command.switches)
+            is_due = command.time >= due or now >= told + 20.0 or bool(command.switches)
             due = command.time + 5.0 if is_due else due
+            told = now if is_due else told
             show(
                 f"{command.time:5.1f} s  {command.stage.name:<10} planned switch times: {ahead:<12} "
                 f"{factor:>5} x real time  failed solves: {failed}",

@@ -432,7 +432,7 @@ class NlpSolver(Solver):
     def _call(
         self, key: tuple[WindowShape, bool], arguments: Mapping[str, np.ndarray], until: float
     ) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
-        """Call a compiled solver; return vectors, statistics, the wall time [s], and what it wrote, if that is reported.
+        """Call a compiled solver; return vectors, statistics, the wall time [s], and what it wrote, if it is reported.
 
         Args:
             key: Of its program.

@@ -36,7 +36,7 @@ class Outcome(Enum):
     )
     FAILED = "the solver broke down numerically: look for weights or priorities many orders of magnitude apart"
     TIMEOUT = (
-        "the solver did not return, and was ended after a minute of processor time: choose another solver.kind, or "
+        "the solver did not return, and was ended after 30 s of processor time: choose another solver.kind, or "
         "look for weights or priorities many orders of magnitude apart"
     )
 

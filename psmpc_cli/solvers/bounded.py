@@ -21,7 +21,7 @@ from psmpc_cli.errors import SIGNALS, check_deferred, end_with_parent
 P = ParamSpec("P")
 Result = TypeVar("Result")
 
-LONGEST_CALL = 60.0
+LONGEST_CALL = 30.0
 """Processor time after which a call is ended [s].
 
 It is that of the call alone, whatever else the machine does, and many times what the largest windows take: it strikes

@@ -113,6 +113,7 @@ def test_gradients_are_audited(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch, to
     assert row.split()[-1] == ("yes" if tolerance > 0 else "NO")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", ["task.yaml", "planar_dual_arm", "free_flyer_arm"])
 def test_a_scenario_or_robot_is_drawn(psmpc: Psmpc, file: str) -> None:
     drawn = "scenario" if file == "task.yaml" else "robot"

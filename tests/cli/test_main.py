@@ -169,6 +169,7 @@ def test_progress_that_cannot_be_shown_stops_nothing(folder: Path) -> None:
     assert (ran.returncode, ran.stdout.splitlines()[-1]) == (0, "log: log.h5")
 
 
+@pytest.mark.slow
 def test_a_standard_output_that_is_closed_is_named_and_the_log_is_whole(folder: Path) -> None:
     (folder / "task.yaml").write_text(TASK)
     closing = "import os, sys; os.close(1); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"

@@ -112,6 +112,7 @@ def test_a_log_is_not_replaced_by_what_is_made_of_it(psmpc: Psmpc, folder: Path,
     refused(psmpc, folder, line, named)
 
 
+@pytest.mark.slow
 def test_files_of_the_same_kind_are_replaced_and_others_beside_them_stay(psmpc: Psmpc, folder: Path) -> None:
     (folder / "new").mkdir()
     (folder / "new" / "notes.txt").write_text("mine")

@@ -94,6 +94,7 @@ def test_controller_and_plant_are_those_chosen(simulate: Psmpc) -> None:
     assert log.stages["priority"].tolist() == [1, 50]
 
 
+@pytest.mark.slow
 def test_a_default_output_is_numbered_and_nothing_is_overwritten(psmpc: Psmpc) -> None:
     short = ("simulate", "task.yaml", "--no-figures", "--set", "time_limit=0.1", "-q")
     for expected in ("task.h5", "task-2.h5"):

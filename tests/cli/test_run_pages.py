@@ -98,6 +98,7 @@ def test_an_object_with_a_mass_is_shown_as_logged_with_the_pull_on_its_grasps(ps
     assert "Grasp" in [tab["name"] for tab in run["plots"]]
 
 
+@pytest.mark.slow
 def test_a_report_has_verdict_stages_figures_and_settings(psmpc: Psmpc, ended: Path) -> None:
     assert psmpc("report", str(ended), "-o", "report.html").code == 0
     page, run = ElementTree.parse("report.html").getroot(), read_run(ended)
@@ -108,6 +109,7 @@ def test_a_report_has_verdict_stages_figures_and_settings(psmpc: Psmpc, ended: P
     assert len(list(page.iter("img"))) == 9
 
 
+@pytest.mark.slow
 def test_a_report_leaves_out_what_is_in_no_row_of_a_table_as_the_summary_does(psmpc: Psmpc, ended: Path) -> None:
     assert psmpc("report", str(ended), "-o", "report.html").code == 0
     stages, *_ = ElementTree.parse("report.html").getroot().iter("table")

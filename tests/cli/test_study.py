@@ -60,6 +60,7 @@ def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
         assert word in ran.stderr
 
 
+@pytest.mark.slow
 def test_a_failed_mission_of_a_comparison_is_a_result(psmpc: Psmpc) -> None:
     far = "monitors=[{name: far apart, quantity: distance, of: [arm_1, arm_2], during: back, at_least: 9}]"
     changes = ("--set", far, "--set", "stages.go.priority=50")
@@ -99,6 +100,7 @@ def test_a_sweep_is_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     assert "another sweep" in psmpc("sweep-weights", "3x3", "task.yaml", *arguments[3:], "--resume").stderr
 
 
+@pytest.mark.slow
 def test_draws_and_thresholds_of_a_sweep(psmpc: Psmpc) -> None:
     arguments = ("--jobs", "1", "--no-figures", "-q", "-o", "draws.h5", "--epsilon", "0.5,1e-3")
     assert psmpc("sweep-weights", "task.yaml", "--sampling", "random:2", *arguments) == Ran(0, "", "")

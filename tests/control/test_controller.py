@@ -69,6 +69,7 @@ def assert_decided_as_simulated(task: Task) -> None:
     np.testing.assert_array_equal([time for _, time in switches], simulated.stages["switch_time"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", STEPPED.values(), ids=list(STEPPED))
 def test_stepped_by_hand_it_decides_as_in_a_simulation(changes: dict[str, object]) -> None:
     assert_decided_as_simulated(load_task(yaml.safe_load(TASK), changes))

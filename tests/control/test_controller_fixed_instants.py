@@ -46,6 +46,7 @@ def test_the_optimal_switch_time_does_not_depend_on_the_guess(
     assert solved.plan.instants[0] == pytest.approx(command.instants[0], abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [(2.0, 4.0, 6.0), (1.234, 3.9995, 5.55), (2.0, 2.7, 3.1)])
 def test_stages_end_at_their_fixed_times(experiment_of: Build, times: tuple[float, float, float]) -> None:
     at = dict(zip(("approach", "capture", "transport"), times, strict=True))

@@ -82,6 +82,7 @@ def test_a_robot_sees_further_along_its_route_as_it_flies(guide: Guide) -> None:
     assert back.progress[0] == before.progress[0], "it never moves back"
 
 
+@pytest.mark.slow
 def test_a_mission_round_a_post_succeeds_and_touches_nothing(flown: Run) -> None:
     alone = simulate(past_a_post({"routes": None}))
     assert flown.summary().succeeded

@@ -46,6 +46,7 @@ def test_targets_follow_the_object() -> None:
 BESIDE = {"object": [0, -0.978, 0]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stage", "keys"),
     [(0, {"controller.kind": "hard"}), (0, {"controller.kind": "htmpc"}), (3, {"stages.release.target.base": BESIDE})],

@@ -81,6 +81,7 @@ def test_a_documented_command_is_accepted(page: str, line: str) -> None:
         command.make_context(name, arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", sorted(CHEAP_ONES.values()))
 def test_a_cheap_command_runs(line: str, psmpc: Psmpc, read: Path) -> None:
     for name, source in STANDS_FOR.items():

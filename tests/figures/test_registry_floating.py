@@ -47,6 +47,7 @@ def marks(axes: Axes) -> list[tuple[float, float]]:
     return [tuple(points(line)[0]) for line in axes.lines if line.get_marker() == "+"]
 
 
+@pytest.mark.slow
 def test_every_figure_is_fit_to_print(load: Load) -> None:
     run = floating(load)
     for make in figures_of("run", run).values():

@@ -134,6 +134,7 @@ def test_a_broken_monitor_fails_the_mission(log: Run) -> None:
         assert [verdict.held for verdict in summary.monitors] == [succeeded]
 
 
+@pytest.mark.slow
 def test_a_mission_whose_monitor_is_not_judged_neither_succeeded_nor_failed(log: Run, tmp_path: Path) -> None:
     short = there_and_back(tmp_path, samples=2, name="short")  # the monitor's stage has no sample
     done = replace(short, attributes={**short.attributes, "finished": True})
@@ -310,6 +311,7 @@ LARGEST_FORCE = "largest commanded force, of its limit"
 TIME_CUT = "forces cut at their limits [% of the time]"
 
 
+@pytest.mark.slow
 def test_the_force_nearest_to_its_limit_is_named_with_when_and_how_long_forces_are_cut(tmp_path: Path) -> None:
     log = there_and_back(tmp_path, *CUT, name="cut")
     utilization = log["force/utilization"].copy()
@@ -417,6 +419,7 @@ def test_a_touch_fails_the_mission_and_is_said_first(clear: Run) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_run_that_pushes_through_a_post_says_so(tmp_path: Path) -> None:
     """The post stands in the base at the start; nothing can be done but leave it."""
     inside = there_and_back(tmp_path, *KEEPS_CLEAR, "obstacles.post.pose=[0, 0, 0]", name="inside")

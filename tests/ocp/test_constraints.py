@@ -188,6 +188,7 @@ def test_numbers_that_a_constraint_has_of_a_stage_are_in_windows_and_those_of_th
         np.testing.assert_array_equal(rows.bounds(each), [[0], [np.inf]])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("disc_in_first_stage")
 @pytest.mark.parametrize("solver", ["sqp", "fatrop", "ipopt"])
 def test_every_solver_leads_the_base_round_a_disc(solver: str) -> None:

@@ -242,6 +242,7 @@ def test_a_sweep_that_is_not_as_published_says_where(
     assert all(cause in point for cause, point in zip(causes, finding.cause, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ratio", "unknown"),
     [

@@ -254,6 +254,7 @@ SEEDS = [range(10), pytest.param(range(10, 100), marks=pytest.mark.slow)]
 """100 without gears and 100 with them."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("geared", [False, True])
 @pytest.mark.parametrize("seeds", SEEDS, ids=["few", "many"])
 def test_no_grasp_that_is_accepted_diverges(tmp_path: Path, seeds: range, geared: bool) -> None:

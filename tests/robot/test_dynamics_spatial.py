@@ -137,6 +137,7 @@ def moved(Q: Array, by: Array) -> Array:
     return np.r_[Q[:3] + by[:3], q, Q[7:] + by[6:]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("robot", ["dual_arm_servicer", "free_flyer_arm"])
 def test_momentum_and_generalized_jacobians_are_pinocchios(robot: str, seed: int) -> None:
@@ -191,6 +192,7 @@ def shipped(robot: str) -> Path:
     return Path(str(found.locate()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "robot", ["ur5_robot.urdf", "panda.urdf", "solo12.urdf", "anymal_b_simple_description/robots/anymal.urdf"]
 )

@@ -130,6 +130,7 @@ def test_the_arms_of_the_planar_robot_keep_apart_from_each_other_and_the_base() 
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", built_ins("task"))
 def test_no_pair_overlaps_where_the_built_in_tasks_start(name: str) -> None:
     task = load_task(name)

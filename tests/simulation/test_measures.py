@@ -176,6 +176,7 @@ def test_effort_is_of_the_mean_control_of_a_sample_and_peaks_are_of_its_ticks(tm
     assert log.summary().peaks["joint_torque"] == log["peak/joint_torque"].max()
 
 
+@pytest.mark.slow
 def test_forces_are_measured_against_the_limits_at_which_they_are_cut(tmp_path: Path) -> None:
     log = there_and_back(tmp_path, *CUT, name="cut")
     shape = (len(log.time), -1, len(log.coordinates))

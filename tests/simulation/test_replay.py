@@ -19,6 +19,7 @@ def window_with_a_switch(log: Run) -> int:
     return int(np.argmax(log["window/count"] == 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["fatrop", "ipopt"])
 def test_the_same_solver_repeats_the_log(tmp_path: Path, solver: str) -> None:
     log = there_and_back(tmp_path, f"solver.kind={solver}", samples=6)
@@ -93,6 +94,7 @@ def test_a_window_that_was_postponed_is_explained(tmp_path: Path) -> None:
     assert again.largest <= 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nodes", ["12", "auto"])
 def test_windows_over_a_stage_before_and_after_its_end_are_repeated(tmp_path: Path, nodes: str) -> None:
     changes = ("controller.kind=hard", "controller.one_stage=free_end", f"controller.nodes={nodes}", "solver.kind=sqp")

@@ -28,6 +28,7 @@ VARIANTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("changes", "samples"), VARIANTS.values(), ids=list(VARIANTS))
 def test_an_interrupted_run_is_completed(tmp_path: Path, changes: tuple[str, ...], samples: int) -> None:
     whole = there_and_back(tmp_path, *changes)
@@ -64,6 +65,7 @@ simulate(load_task(sys.argv[1]), Path(sys.argv[2]), watch=watch)
 """
 
 
+@pytest.mark.slow
 def test_a_killed_run_is_completed(tmp_path: Path) -> None:
     whole, path = there_and_back(tmp_path), tmp_path / "killed.h5"
     assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "task.yaml"), str(path)]).returncode == -9
@@ -74,6 +76,7 @@ def test_a_killed_run_is_completed(tmp_path: Path) -> None:
     assert compare_runs(whole, read_run(path)).differences == ()
 
 
+@pytest.mark.slow
 def test_where_rows_differ_the_log_stays_as_it_was(tmp_path: Path) -> None:
     log = there_and_back(tmp_path, samples=5)
     with h5py.File(log.path, "r+") as file:
@@ -107,6 +110,7 @@ def test_a_run_that_has_ended_is_not_continued(tmp_path: Path) -> None:
         continue_run(there_and_back(tmp_path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("controller", "samples"), [("psmpc", None), ("htmpc", 5)])
 def test_a_run_repeated_is_equal_in_every_dataset(tmp_path: Path, controller: str, samples: int | None) -> None:
     log = there_and_back(tmp_path, f"controller.kind={controller}", samples=samples)

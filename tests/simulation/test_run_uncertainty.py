@@ -121,6 +121,7 @@ def test_knowing_the_payload_brings_the_robot_nearer_to_its_plans(logged: Logged
     assert off[0] < 0.1 * off[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["ideal", "rk4"])
 def test_a_delay_shifts_the_controls(logged: Logged, plant: str) -> None:
     """Nothing moves before the first control arrives; then it is the one of so many samples before."""
@@ -132,6 +133,7 @@ def test_a_delay_shifts_the_controls(logged: Logged, plant: str) -> None:
     assert np.abs(late["control/u"][3] - prompt["control/u"][1]).max() > 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset_free", ["false", "true"])
 def test_a_known_delay_is_foreseen_exactly_by_the_plant_of_the_plans(logged: Logged, offset_free: str) -> None:
     changes = ("plant.kind=ideal", "log.shares=false", f"controller.offset_free={offset_free}")

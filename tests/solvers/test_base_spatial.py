@@ -34,6 +34,7 @@ def assert_same_optimum(problem: Problem, one: RecordedSolve, stages: int) -> No
         assert found.violations == pytest.approx(ipopt.violations, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sample", "stages"), [(0, 1), (5, 2), (20, 2), (35, 2), (45, 1), (72, 1)])
 def test_windows_of_a_mission(problem: Problem, sample: int, stages: int) -> None:
     assert_same_optimum(problem, recorded("free flyer")[sample], stages)
@@ -74,6 +75,7 @@ CHANGES: dict[str, Callable[[RecordedSolve], RecordedSolve]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES.values(), ids=list(CHANGES))
 def test_windows_with_other_demands(problem: Problem, change: Callable[[RecordedSolve], RecordedSolve]) -> None:
     assert_same_optimum(problem, change(recorded("free flyer")[12]), 2)

@@ -119,6 +119,7 @@ def recommended(path: Path) -> Recommended:
     return of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "ratio"),
     [

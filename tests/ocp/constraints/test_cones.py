@@ -254,6 +254,7 @@ def test_a_stage_without_cones_has_none_and_its_task_the_digest_of_one_without_t
     assert "cones" not in task.spec.stages[0].model_dump()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hard", [False, True], ids=["soft", "hard"])
 @pytest.mark.parametrize(
     ("side", "angle", "turned"),

@@ -62,6 +62,7 @@ def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_n
     return value(z).reshape(2, -1) / z[-1] * inertia(model)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("states", [moving_robots(), moving_spatial_robots()], ids=["plane", "space"])
 def test_rows_are_the_forces_of_the_law(states: object) -> None:
     """On random trees, h times the force for a constant acceleration; their derivatives by central differences."""

@@ -175,6 +175,7 @@ def drawn(problem: Problem, seed: int) -> Window:
     return window_of(problem, Q, v)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt"])
 @pytest.mark.parametrize(
     ("momentum", "instant", "J"),
@@ -227,6 +228,7 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
         np.testing.assert_allclose(model.momentum(there[0], v[0]), h, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mobility", ["free-flying", "free-floating", "fixed"])
 @pytest.mark.parametrize(("where", "seed"), [("plane", 0), ("space", 1)])
 def test_sqp_and_ipopt_agree(fast_arms: Path, mobility: str, where: str, seed: int) -> None:
@@ -247,6 +249,7 @@ def test_sqp_and_ipopt_agree(fast_arms: Path, mobility: str, where: str, seed: i
     assert own.objective == pytest.approx(other.objective, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mobility", "where", "seed"),
     [
@@ -270,6 +273,7 @@ def test_a_window_without_a_solution_where_it_is_linearized_is_solved(
     assert own.objective == pytest.approx(other.objective, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", [Rk4Plant, MujocoPlant])
 @pytest.mark.parametrize("build", ["plane", "space"])
 def test_a_floating_robot_keeps_its_momentum_and_moves_its_base_as_planned(
@@ -300,6 +304,7 @@ def test_a_floating_robot_keeps_its_momentum_and_moves_its_base_as_planned(
     assert controller.done
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["rk4", "mujoco"])
 @pytest.mark.parametrize("build", ["plane", "space"])
 def test_a_fixed_base_stands_still(fast_arms: Path, build: str, plant: str) -> None:

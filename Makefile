@@ -49,6 +49,8 @@ demo: $(READY)
 	@echo 'The log and the figures:'
 	@ls -1 runs/transport.h5 runs/transport/*.png
 	$(BIN)/psmpc view runs/transport.h5 --force
+	@echo 'Shown: the paper'"'"'s transport task. It bounds neither forces nor accelerations, so the base stops within milliseconds'
+	@echo 'with forces that no thruster has; other tasks have limits (docs/mobility.md). Open the page named above in a browser.'
 
 test: $(READY)
 	$(BIN)/python -m pytest -m 'not slow' --numprocesses auto --dist loadfile

@@ -29,6 +29,7 @@ from psmpc_cli.report.texts import (
     EMPTY,
     MEASURES,
     NO_LIMITS,
+    WHY_RATES_EXCEED,
     describe_brief_stages,
     describe_mission,
     describe_verdict,
@@ -231,6 +232,8 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
     print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), rows, left=1)
     if runs.is_without_limits:
         echo(NO_LIMITS)
+        if runs.exceeded("velocity").any():
+            echo(WHY_RATES_EXCEED)
     if worst := [int(run) for run in runs.worst(count=5)]:
         echo("worst runs: failed, latest, largest error")
         rows = []

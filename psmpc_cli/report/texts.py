@@ -106,6 +106,12 @@ def _loads(capture: CaptureSummary | None) -> str:
 ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_acceleration")
 """The commanded accelerations among the peaks: the base's linear and angular one, and a joint's."""
 
+WHY_RATES_EXCEED = (
+    "cause of the exceeded velocities: where nothing bounds forces or accelerations, velocities jump within a tick, and "
+    "joints of a robot that is not as the controller knows it are dragged along; with limits (docs/mobility.md) less so"
+)
+"""What a study of uncertain runs without limits says of velocities beyond theirs; docs/monte_carlo.md has numbers."""
+
 NO_LIMITS = "limits of forces and accelerations: none declared: nothing bounds the largest values above"
 """Remark on runs of a task that declares none."""
 

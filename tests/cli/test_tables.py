@@ -164,7 +164,9 @@ def test_a_monte_carlo_study_says_that_nothing_limits_forces(
     made = synthetic_monte_carlo(tmp_path / "study.h5", runs=2).results
     made["limits_dynamics"][:] = limited
     made.create(force=True)
-    assert ("limits of forces and accelerations: none declared" in " ".join(shown(tmp_path / "study.h5"))) == says
+    text = " ".join(shown(tmp_path / "study.h5"))
+    assert ("limits of forces and accelerations: none declared" in text) == says
+    assert ("cause of the exceeded velocities: where nothing bounds forces" in text) == says
 
 
 def test_fronts_have_a_row_for_each_sample_and_how_they_move(tmp_path: Path, shown: Psmpc) -> None:

@@ -22,7 +22,10 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, product, rotate, scaled
 
 SLACK = 1e-6
-"""By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s]: solvers stop at a tolerance."""
+SLACK_SHARE = 1e-3
+"""By how much an end condition's tolerances may be exceeded [m, rad, m/s, rad/s], and by what part of them at most.
+
+Solvers stop at a tolerance of their own; but one of 1e-7 means that, not 1e-6."""
 
 
 def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
@@ -420,7 +423,8 @@ class StageFunctions:
         bounded = np.cumsum([0, *counts]).tolist()
         lengths = [ca.norm_2(each) for each in ca.vertsplit(rows, bounded)]
         most = [ca.norm_2(each) for each in ca.vertsplit(tolerance, bounded)]
-        holds = ca.vertcat(*lengths) <= ca.vertcat(*most) * margin + SLACK
+        allowed = ca.vertcat(*most) * margin
+        holds = ca.vertcat(*lengths) <= allowed + ca.fmin(SLACK, SLACK_SHARE * allowed)
         return RowFunction(ca.Function("met", [self._x, numbers, margin], [ca.mmin(holds)]))
 
     def prepare(self) -> tuple[RowFunction | None, ...]:

@@ -107,8 +107,9 @@ ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_accele
 """The commanded accelerations among the peaks: the base's linear and angular one, and a joint's."""
 
 WHY_RATES_EXCEED = (
-    "cause of the exceeded velocities: where nothing bounds forces or accelerations, velocities jump within a tick, and "
-    "joints of a robot that is not as the controller knows it are dragged along; with limits (docs/mobility.md) less so"
+    "cause of the exceeded velocities: where nothing bounds forces or accelerations, velocities jump within a tick, "
+    "and joints of a robot that is not as the controller knows it are dragged along; less so with limits "
+    "(docs/mobility.md)"
 )
 """What a study of uncertain runs without limits says of velocities beyond theirs; docs/monte_carlo.md has numbers."""
 

@@ -98,3 +98,17 @@ def test_an_end_condition_is_met_within_tolerance_and_velocity(stage: Stage, mod
     assert costs.met(replace(here, end_velocity=10.0), X)[0]
     assert not costs.met(replace(here, end_velocity=0.5), X)[0]
     assert not costs.met(replace(here, end_rows=()), X)[0]
+
+
+@pytest.mark.parametrize("tolerance", [1e-7, 1e-3, 0.1])
+def test_an_end_condition_is_met_within_its_tolerance_however_small_it_is(
+    costs: StageCosts, stages: tuple[Stage, ...], tolerance: float
+) -> None:
+    """Solvers stop at a tolerance: 1e-6, but never more than a thousandth of the condition's own, is let through."""
+    stage = replace(stages[0], tolerance=np.full(len(stages[0].end_rows), tolerance))
+    x = np.zeros(18)
+    x[:9] = stage.target
+    slack = min(1e-6, 1e-3 * tolerance)
+    for beyond, met in ((0.9 * slack, True), (1.1 * slack, False)):
+        x[0] = stage.target[0] + tolerance + beyond
+        assert bool(costs.met(stage, x[None])[0]) is met

@@ -182,6 +182,7 @@ def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
         "state/Qdot": Qdot + blur,
         "control/u": u,
         "force/F": model.inverse_dynamics(Q, Qdot, u),
+        "force/own_axes": np.array(model.space.along_base_axes(Q, model.inverse_dynamics(Q, Qdot, u)), dtype=float),
         "pose/xi": _poses(model, Q),
         "window/first": first,
         "window/count": count,

@@ -351,6 +351,7 @@ SCHEMA = (
         "generalized force of the low-level controller at the sample" + BASE_AXES,
         lambda s: s.ticks.F[0],
     ),
+    _sampled_velocities("force/own_axes", FORCE_UNITS, "the same, the base's along its own axes, as its limits are"),
     _sampled_limited(
         "force/utilization",
         "1",

@@ -161,6 +161,7 @@ class Meter:
             "deviation/end_noise": [{stage: error for stage, (_, error) in each.items()} for each in at_ends],
             "balance/momentum": kept[:, :-1],
             "balance/energy": kept[:, -1],
+            "force/own_axes": self._along_base_axes(ticks),
             "state/Q_true": x[:, : model.nq],
             "state/Qdot_true": x[:, model.nq :],
             "payload/held": [held] * len(x),
@@ -172,6 +173,12 @@ class Meter:
             make_read_only(*row)
             sample.measured.update(zip(columns, row, strict=True))
         return np.asarray(expected[-1])
+
+    def _along_base_axes(self, ticks: Sequence[Ticks]) -> np.ndarray:
+        """Return the forces at samples, those of the base along its own axes, (K, n)."""
+        Q = np.array([each.X[0, : self._problem.model.nq] for each in ticks])
+        F = np.array([each.F[0] for each in ticks])
+        return np.column_stack(self._problem.model.space.along_base_axes(Q.T, F.T))
 
     def _force_use(self, limits: ForceLimits, samples: Sequence[Sample]) -> dict[str, np.ndarray]:
         """Return how near commanded forces come to their limits, and how often they are cut, by path in the log."""

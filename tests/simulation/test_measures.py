@@ -196,3 +196,14 @@ def test_forces_are_measured_against_the_limits_at_which_they_are_cut(tmp_path: 
 def test_logs_of_tasks_without_limits_of_forces_say_nothing_of_them(tmp_path: Path) -> None:
     log = there_and_back(tmp_path, "log.ticks=true", "log.shares=false")
     assert not any("commanded" in path or "utilization" in path or "saturated" in path for path in log.arrays)
+
+
+def test_the_force_of_the_base_is_logged_along_its_own_axes_too(tmp_path: Path) -> None:
+    log = there_and_back(tmp_path, "log.shares=false", "plant.kind=rk4", "initial.base=[0, 0, 90 deg]")
+    F = log["force/F"]
+    own = log["force/own_axes"]
+    angle = log["state/Q"][:, 2]
+    np.testing.assert_allclose(own[:, 0], np.cos(angle) * F[:, 0] + np.sin(angle) * F[:, 1], atol=1e-9)
+    np.testing.assert_allclose(own[:, 1], np.cos(angle) * F[:, 1] - np.sin(angle) * F[:, 0], atol=1e-9)
+    np.testing.assert_array_equal(own[:, 2:], F[:, 2:])
+    assert np.abs(own - F).max() > 0.1

@@ -2,9 +2,11 @@
 
 import logging
 import sys
-from typing import Annotated
+from itertools import chain
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from psmpc_cli import __version__
 from psmpc_cli.cli import inspect, run, study
@@ -12,36 +14,47 @@ from psmpc_cli.cli.common import escaped
 
 ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
 
-COMMANDS = (
-    run.simulate,
-    study.compare,
-    study.pareto,
-    study.sweep_weights,
-    study.monte_carlo,
-    inspect.bench,
-    inspect.check,
-    run.plot,
-    run.view,
-    run.report,
-    study.reproduce,
-    run.replay,
-    run.rerun,
-    run.verify,
-    run.show,
-    inspect.init,
-    inspect.schema,
-)
-"""All commands, in the order of the help."""
+GROUPS = {
+    "Run": (run.simulate, run.rerun, run.replay, run.verify),
+    "Study": (study.compare, study.sweep_weights, study.monte_carlo, study.pareto, inspect.bench, study.reproduce),
+    "Look": (run.show, run.plot, run.view, run.report),
+    "Begin": (inspect.tasks, inspect.check, inspect.init, inspect.schema),
+}
+"""All commands by what they are for, in the order of the help."""
+
+EXAMPLES = {
+    "psmpc simulate transport": "run a built-in task; log and figures are below runs/",
+    "psmpc view runs/transport.h5": "write it as a page: the robot in 3-D with its plans",
+    "psmpc tasks": "list the built-in tasks and robots",
+}
+
+
+class GroupedHelp(TyperGroup):
+    """The help of `psmpc`: commands by what they are for, then examples."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands of each group, with the first line of their help."""
+        for title, members in GROUPS.items():
+            with formatter.section(title):
+                names = [each.__name__.replace("_", "-") for each in members]
+                formatter.write_dl([(name, self.commands[name].short_help) for name in names])
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the examples."""
+        with formatter.section("Examples"):
+            formatter.write_dl(list(EXAMPLES.items()))
+
 
 app = typer.Typer(
     name="psmpc",
+    cls=GroupedHelp,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
 )
-for command in COMMANDS:
+for command in chain.from_iterable(GROUPS.values()):
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)  # wrapped, not cut
 
 

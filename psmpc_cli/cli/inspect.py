@@ -33,7 +33,11 @@ def check(
         except PsmpcError as error:
             problems.append(str(error))
     if problems:
-        raise SpecError("\n".join(problems))
+        from psmpc_cli.specs.document import counted
+
+        text = "\n".join(problems)
+        count = sum(not line.startswith(" ") for line in text.splitlines())  # the others say more of the one before
+        raise SpecError(f"{counted(count, 'problem', 'problems')}:\n{text}")
     if not agree:
         raise typer.Exit(1)
 
@@ -49,17 +53,22 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
         drawn = "robot"
         from psmpc_cli.cli.tables import print_robot
 
+        echo(f"OK: robot {subject.name}")
         print_robot(subject)
     else:
         validate(reference, changes)
         from psmpc_cli.cli.tables import print_gradients, print_task
         from psmpc_cli.ocp.feasibility import load_task, remarks
         from psmpc_cli.ocp.forecast import forecast_stages
+        from psmpc_cli.specs.document import counted
 
         subject = load_task(reference, changes)
         forecasts = forecast_stages(subject)
+        doubtful = remarks(subject, forecasts)
+        found = f", but {counted(len(doubtful), 'remark', 'remarks')} below" if doubtful else ""
+        echo(f"OK: task {subject.spec.name}{found}")
         print_task(subject, forecasts)
-        if doubtful := remarks(subject, forecasts):
+        if doubtful:
             echo(f"probably not meant:\n{subject.source.report(doubtful)}\n")
         agree = not gradients or print_gradients(subject)
     if figure is not None:
@@ -67,6 +76,25 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
 
         echo(f"{drawn}: {draw_file(drawn, subject, figure, force)}")
     return agree
+
+
+def tasks() -> None:
+    """List the built-in tasks and robots, with what each shows."""
+    from psmpc_cli.cli.tables import print_table
+    from psmpc_cli.specs.library import built_ins
+    from psmpc_cli.specs.load import load_robot, load_task
+
+    loaded = {name: load_task(name) for name in built_ins("task")}
+    rows = [(name, task.robot.name, task.spec.description or "") for name, task in loaded.items()]
+    print_table(("task", "robot", "what it shows"), rows, left=3)
+    echo()
+    robots = {name: load_robot(name) for name in built_ins("robot")}
+    numbers = [
+        (name, "plane" if robot.dimension == 2 else "space", ", ".join(robot.arms), str(len(robot.joints)))
+        for name, robot in robots.items()
+    ]
+    print_table(("robot", "moves in", "arms", "joints"), numbers, left=3)
+    echo("psmpc check NAME prints one; psmpc simulate TASK runs one; psmpc init DIR copies all")
 
 
 def init(

@@ -23,9 +23,10 @@ def test_a_valid_task_is_a_table(psmpc: Psmpc) -> None:
     ran = psmpc("check", "transport")
     assert (ran.code, ran.stderr) == (0, "")
     lines = words(ran.stdout)
-    assert lines[0].startswith("transport: ")
-    assert lines[2] == "stage part target ends within distance of reach not before"
-    assert lines[3].split()[:2] == ["approach", "base"]
+    assert lines[0].startswith("OK: task transport")
+    assert lines[1].startswith("transport: ")
+    assert lines[3] == "stage part target ends within distance of reach not before"
+    assert lines[4].split()[:2] == ["approach", "base"]
     assert any(line.startswith("reach (task) arm_1 -1.9334, 3.1677 m, 165 deg") for line in lines)
     assert any("1.036 of 1.200 m" in line for line in lines)
 
@@ -66,8 +67,9 @@ def test_armatures_are_in_the_table_of_a_robot(psmpc: Psmpc, tmp_path: Path) -> 
     sliding = sliding.replace("[-100 deg, 100 deg]", "[0, 8 m]")
     (tmp_path / "geared.yaml").write_text(f"{sliding}armature: {{arm: [0.05, 2.5, 0]}}\n")
     lines = words(psmpc("check", "geared.yaml").stdout)
-    assert lines[2].endswith("inertia [kg m^2] armature")
-    for line, end in zip(lines[4:7], ("0.05 kg m^2", "2.5 kg", " 0"), strict=True):
+    assert lines[0].startswith("OK: robot ")
+    assert lines[3].endswith("inertia [kg m^2] armature")
+    for line, end in zip(lines[5:8], ("0.05 kg m^2", "2.5 kg", " 0"), strict=True):
         assert line.endswith(end), line
     assert "arm.2 0 to 8 m -0.3 to 0.3 m/s" in lines
 
@@ -146,10 +148,25 @@ def test_schemas_are_printed(psmpc: Psmpc) -> None:
     assert json.loads(psmpc("schema").stdout) == {"robot": json_schema("robot"), "task": json_schema("task")}
 
 
-def test_no_help_text_is_cut(psmpc: Psmpc) -> None:
-    text = psmpc("--help").stdout.partition("Commands:")[2]
+def test_the_help_has_the_commands_by_what_they_are_for_and_cuts_no_text(psmpc: Psmpc) -> None:
+    whole = psmpc("--help").stdout
+    assert [line for line in whole.splitlines() if line[:1].isalpha()][2:] == [
+        "Run:",
+        "Study:",
+        "Look:",
+        "Begin:",
+        "Examples:",
+    ]
+    text = whole.partition("Run:")[2]
     assert "..." not in text
     assert "Print the JSON Schema of robot and task descriptions" in " ".join(text.split())
+
+
+def test_built_in_tasks_and_robots_are_listed_with_what_they_show(psmpc: Psmpc) -> None:
+    found = words(psmpc("tasks").stdout)
+    assert "transport planar_dual_arm On-orbit transport with four stages" in found
+    assert "dual_arm_servicer space left, right 14" in found
+    assert sum(line.split()[0] in built_ins("task") for line in found if line) == len(built_ins("task"))
 
 
 def test_check_prints_a_urdf_s_bodies_limits_and_what_was_assumed(psmpc: Psmpc) -> None:
@@ -251,4 +268,6 @@ def test_check_and_python_reject_the_same(psmpc: Psmpc, changes: dict[str, Any])
     words = (word for path, value in changes.items() for word in ("--set", f"{path}={json.dumps(value)}"))
     ran = psmpc("check", "transport", *words)
     assert ran.code == 2
-    assert ran.stderr.strip() == str(caught.value).strip()
+    count, _, problems = ran.stderr.strip().partition("\n")
+    assert problems == str(caught.value).strip()
+    assert int(count.split()[0]) == sum(not line.startswith(" ") for line in problems.splitlines())

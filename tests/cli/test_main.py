@@ -136,8 +136,10 @@ def test_problems_of_all_files_come_together_after_the_tables(psmpc: Psmpc, tmp_
     (tmp_path / "far.yaml").write_text(text.replace("base: [0.1, 0, 0]", "base: [9, 0, 0]", 1))
     ran = psmpc("check", "bad.yaml", "task.yaml", "far.yaml", "nowhere")
     assert ran.code == 2
-    assert ran.stdout.startswith("task\n")
-    heads = [line.split(": found")[0] for line in ran.stderr.splitlines() if line[0] != " "]
+    assert ran.stdout.startswith("OK: task task\ntask\n")
+    count, *lines = ran.stderr.splitlines()
+    assert count == "3 problems:"
+    heads = [line.split(": found")[0] for line in lines if line[0] != " "]
     assert [head.rpartition(": ")[2] for head in heads] == [
         "stages[0].ends_when.tolerance",
         "stages[0].target.base[0]",

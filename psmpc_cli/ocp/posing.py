@@ -20,7 +20,7 @@ from psmpc_cli.specs.parts import LENGTH
 from psmpc_cli.specs.robot import units
 
 LEAST_GAIN = 0.5
-"""Least time [s] that posing has to save to be advised: a few samples, by which later stages begin now so, now so."""
+"""Least time [s] that posing has to save to be advised: less is lost in what later stages vary by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def posing_remarks(
         message = (
             f"found {' and '.join(posing.arms)} held, though the end does not ask for that, where {then} has to move "
             f"what it needs for {posing.time:.3g} s at the speed limits{early}; expected the arms posed for {then} "
-            f"meanwhile, at {postures}: saves up to {posing.saved:.2g} s"
+            f"meanwhile, at {postures}: saves some {posing.saved:.2g} s"
         )
         yield Fault(("stages", posing.stage, "target"), message)
 

@@ -45,6 +45,7 @@ from psmpc_cli.figures.solids import (
 )
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.posing import Posing, posings
 from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.ocp.stage import Stage
@@ -404,7 +405,8 @@ def plot_scenario(task: Task) -> Figure:
     """Plot a task before anything has run: a panel for each stage with the robot at its target, and the object.
 
     The robot is faint where the stage begins. A base that the stage wants nowhere is drawn where it was. Obstacles are
-    where they are at the start. Where the task keeps clear the robot at its target has the capsules that cover it.
+    where they are at the start. Where the task keeps clear the robot at its target has the capsules that cover it. Thin
+    arms are where `psmpc check` advises to pose them for the next stage.
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
@@ -414,8 +416,9 @@ def plot_scenario(task: Task) -> Figure:
     half = half_edges(target_object.shape if target_object else (0.0, 0.0))
     objects = object_frames(task, model, stops)
     points = [pointing_targets(model, stage) for stage in stages]
+    advised = {posing.stage: posing for posing in posings(task, model, stages, stops)}
     extent = points_with_shadows(
-        [outline(model, Q) for Q in stops],
+        [outline(model, Q) for Q in [*stops, *(posing.Q for posing in advised.values())]],
         [*(corners(frame, half) for frame in objects), *points],
         task.spec.obstacles,
     )
@@ -431,11 +434,22 @@ def plot_scenario(task: Task) -> Figure:
         draw_robot(axes, camera, model, stops[i], "where the stage begins", FAINT_OPACITY)
         _draw_capsules(axes, camera, model, pieces, stops[i + 1])
         draw_robot(axes, camera, model, stops[i + 1], _base_of_scenario(model, stages[i]))
+        if i in advised:
+            _draw_advised_arms(axes, camera, model, advised[i])
         for arm, point in enumerate(camera.project(points[i])):
             axes.plot(
                 *point, color=_arm_color(arm), **style.look("target", label="_point to look at", zorder=-BELOW_ALL)
             )
     return style.finish(figure, describe(camera, extent))
+
+
+def _draw_advised_arms(axes: Axes, camera: Camera, model: RobotModel, posing: Posing) -> None:
+    """Draw the links of the arms that a stage could pose for the next one, thin, where the next one needs them."""
+    for body, frame, segments in zip(model.spec.bodies, model.body_frames(posing.Q), model.shape.capsules, strict=True):
+        if body.name.rpartition(".")[0] in posing.arms:
+            for points in in_inertial_frame(frame, segments):
+                order = 3.3 + DEPTH_ORDER * camera.depth(points)
+                axes.plot(*camera.project(points).T, **style.look("advised posture of the arms", zorder=order))
 
 
 def _draw_capsules(axes: Axes, camera: Camera, model: RobotModel, pieces: Sequence[Piece], Q: np.ndarray) -> None:

@@ -105,6 +105,7 @@ LOOKS: Mapping[str, Mapping[str, Any]] = {
     "obstacle": {"facecolor": OBSTACLE, "edgecolor": EDGE, "linewidth": 0.6, "hatch": "//////"},
     "path of an obstacle": {"color": EDGE, "linewidth": 0.6, "linestyle": DOTTED},
     "capsules of the bodies": {"color": CAPSULE, "linewidth": 0.5},
+    "advised posture of the arms": {"color": "black", "linewidth": 0.7, "linestyle": (0, (3, 1))},
     "target": {"linestyle": "none", "marker": "+", "markersize": 5.5, "markeredgewidth": 0.9},
     "path of the base": {"color": EDGE, "linewidth": 0.7, "linestyle": (0, (2, 1.5))},
 }

@@ -20,6 +20,7 @@ from psmpc_cli.ocp.forecast import (
     tolerances_of,
 )
 from psmpc_cli.ocp.objective import StageCosts
+from psmpc_cli.ocp.posing import posing_remarks
 from psmpc_cli.ocp.postures import largest_load_ratio, unforeseen
 from psmpc_cli.ocp.problem import in_own_chart
 from psmpc_cli.ocp.stage import Stage
@@ -274,9 +275,11 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
 
     A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
     keep, tolerances below the noise, a load that outweighs a robot which does not know of it, grippers that may open
-    while they carry, parts that are nearer than the task keeps them.
+    while they carry, parts that are nearer than the task keeps them, arms that could be posed for the next stage.
     """
     stages = [forecast.stage for forecast in forecasts]
+    model = forecasts[0].model
+    stops = forecast_configurations(task, forecasts)
     return [
         *(problem for forecast in forecasts for problem in _out_of_reach(task, forecast, certain=False)),
         *(problem for before, forecast in pairwise(forecasts) for problem in _far_base(task, before.stage, forecast)),
@@ -286,8 +289,9 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_unknown_load(task, forecasts),
         *_early_release(task),
         *_not_routed(task, stages),
-        *cone_remarks(task, forecasts[0].model, stages),
-        *clearance_remarks(task, forecasts[0].model, stages, forecast_configurations(task, forecasts)),
+        *cone_remarks(task, model, stages),
+        *clearance_remarks(task, model, stages, stops),
+        *posing_remarks(task, model, stages, stops),
     ]
 
 

@@ -76,20 +76,22 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     found = list[tuple[float, tuple[int, ...]]]()
     end = 0.0
     for stage in stages:
-        most = np.maximum(most, _largest_rates(space, stage))  # up and down, since a coordinate was known
+        most = np.maximum(most, largest_rates(space, stage))  # up and down, since a coordinate was known
         if not task.robot.moved_by.moves:
             most[:, space.base] = 0.0
             most[:, -1] = 0.0
         asked = tolerances_of(space, stage)
         rows = np.array(list(asked), int)
         within = np.array(list(asked.values()))
-        target = np.append(coordinates_of(space, stage, stage.target), _angle(attitude, stage.target[space.attitude]))
+        target = np.append(
+            coordinates_of(space, stage, stage.target), angle_between(attitude, stage.target[space.attitude])
+        )
         way = target[rows] - value[rows]
         distance = np.maximum(np.abs(way) - within - tolerance[rows], 0.0)
         rate, gain = np.where(way > 0, most[::2, rows], most[1::2, rows])
         stuck = (distance > 0) & (rate <= 0)
         begins = np.where(known[rows], rate, np.minimum(np.sign(way) * speed[rows], rate))
-        arrivals = since[rows] + _shortest_time(distance, rate, gain, begins)
+        arrivals = since[rows] + shortest_time(distance, rate, gain, begins)
         end = max(end + max(stage.dwell, stage.hold), *(arrivals[~stuck] + stage.hold), 0.0)
         end = stage.at if stage.at is not None else end
         value[rows] = target[rows]
@@ -111,12 +113,12 @@ def initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:
     return stack(spec.initial, robot, "joint"), stack(spec.initial_velocity, robot, "joint", 0.0, of_error=True)
 
 
-def _angle(one: np.ndarray, other: np.ndarray) -> float:
+def angle_between(one: np.ndarray, other: np.ndarray) -> float:
     """Return the angle between two attitudes [rad], as unit quaternions; 0 in the plane."""
     return float(2 * np.arccos(min(1.0, abs(float(one @ other))))) if len(one) else 0.0
 
 
-def _largest_rates(space: ConfigurationSpace, stage: Stage) -> np.ndarray:
+def largest_rates(space: ConfigurationSpace, stage: Stage) -> np.ndarray:
     """Return the largest velocities and accelerations up and down, the attitude's last, (4, n + 1)."""
     limits = stage.limits
     both = np.array([limits.velocity_high, -limits.velocity_low, limits.acceleration_high, -limits.acceleration_low])
@@ -124,7 +126,7 @@ def _largest_rates(space: ConfigurationSpace, stage: Stage) -> np.ndarray:
     return np.column_stack([both, np.repeat(of_turn, 2)])
 
 
-def _shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, begins: np.ndarray) -> np.ndarray:
+def shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, begins: np.ndarray) -> np.ndarray:
     """Return the time over a distance from a velocity on, that gains at most so much and then stays, (K,) [s] each."""
     with np.errstate(all="ignore"):
         ramp = np.where(np.isfinite(gain), (rate**2 - begins**2) / (2 * gain), 0.0)

@@ -42,7 +42,7 @@ def test_check_prints_how_large_a_load_is_that_the_low_level_law_does_not_know(p
     light = ("--set", "object.mass=5", "--set", "object.inertia=0.67")
     unknown = " ".join(psmpc("check", "transport_grasp", *light, "--set", "object.grasp.known=false").stdout.split())
     assert "load over the robot's inertia 0.577 in a motion mostly of arm_2.2, where transport leads" in unknown
-    assert "probably not meant" not in unknown
+    assert "object.grasp.known: found" not in unknown
     assert "load over the robot's inertia" not in psmpc("check", "transport_grasp").stdout
 
 
@@ -241,6 +241,20 @@ def test_check_prints_how_many_capsules_a_robot_is_made_of(psmpc: Psmpc, tmp_pat
     )
     own.write_text(f"{find('robot', 'planar_dual_arm').read_text()}\n{geometry}\n")
     assert "shape: 3 capsules from its file: base 2, arm_1.2 1" in words(psmpc("check", str(own)).stdout)
+
+
+def test_check_advises_to_pose_arms_for_the_next_stage_and_is_silent_once_it_is_done(
+    psmpc: Psmpc, tmp_path: Path
+) -> None:
+    scenario = tmp_path / "scenario.svg"
+    ran = psmpc("check", "transport", "--figure", str(scenario))
+    assert ran.code == 0
+    remark = ran.stdout.partition("probably not meant:\n")[2]
+    arms = {"arm_1": "[45 deg, 30 deg, 60 deg]", "arm_2": "[-45 deg, -30 deg, -60 deg]"}
+    assert all(f"{arm}: {joints}" in remark for arm, joints in arms.items())
+    changes = (("--set", f"stages.approach.target.{arm}={joints}") for arm, joints in arms.items())
+    followed = psmpc("check", "transport", *(word for each in changes for word in each))
+    assert (followed.code, "probably not meant" in followed.stdout) == (0, False)
 
 
 def test_check_remarks_on_a_target_that_touches(psmpc: Psmpc) -> None:

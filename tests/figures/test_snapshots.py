@@ -120,6 +120,18 @@ def test_a_scenario_has_every_stage_at_its_target(
     assert titles(figure) == [*expected, "4. release, priority 0.01"]
 
 
+def test_a_scenario_has_the_arms_where_they_are_advised_to_be(
+    transport: Task, model: RobotModel, stages: tuple[Stage, ...]
+) -> None:
+    """Those of Approach end where Capture's end-effectors are, as the base is there already."""
+    figure = plot_scenario(transport)
+    advised = [[line for line in axes.lines if "advised" in str(line.get_label())] for axes in figure.axes]
+    assert [bool(lines) for lines in advised] == [True, False, False, False]
+    drawn = np.vstack([line.get_xydata() for line in advised[0]])
+    wanted = stages[1].target.reshape(3, -1)[1:, :2]
+    assert np.linalg.norm(drawn[:, None] - wanted, axis=2).min(axis=0).max() < 0.1
+
+
 def test_obstacles_are_drawn_where_they_are_at_the_time(load: Load, keeping_clear: dict[str, Any]) -> None:
     run = load(**keeping_clear)
     figure = plot_snapshots(run)

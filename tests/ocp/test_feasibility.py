@@ -10,7 +10,7 @@ from psmpc_cli.ocp.feasibility import ensure_feasible, load_task, remarks, revie
 from psmpc_cli.ocp.forecast import forecast_stages
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.robot.reach import furthest_centre
-from psmpc_cli.specs.document import dotted
+from psmpc_cli.specs.document import Fault, dotted
 from psmpc_cli.specs.library import built_ins, find
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.load import load_task as load_valid_task
@@ -33,16 +33,28 @@ def stage(at: str) -> str:
     return f"{{name: s, skill: move, target: {{base: [0, 0, 0], arms: [0, 0, 0]}}, {at}}}"
 
 
+STRETCHED = ("transport", "approach_capture", "transport_grasp")
+"""Built-in tasks whose first stage holds the arms stretched, as the paper's does."""
+
+
 @pytest.mark.parametrize("name", built_ins("task"))
-def test_built_in_tasks_are_feasible_and_without_remarks(name: str) -> None:
+def test_built_in_tasks_are_feasible_and_without_remarks_but_on_stretched_arms(name: str) -> None:
     task = load_valid_task(name)
     ensure_feasible(task)
-    assert remarks(task, forecast_stages(task)) == []
+    found = [dotted(remark.path) for remark in remarks(task, forecast_stages(task))]
+    assert found == (["stages[0].target"] if name in STRETCHED else [])
+
+
+def other_remarks(task: Task) -> list[Fault]:
+    """What is remarked beside the arms that a stage could pose, which these tests are not about."""
+    return [
+        remark for remark in remarks(task, forecast_stages(task)) if "expected the arms posed" not in remark.message
+    ]
 
 
 def noisy(*changes: str) -> list[tuple[str, str]]:
     task = transport("uncertainty.noise={position: 1e-3, angle: 1e-3}", *changes)
-    return [(dotted(remark.path), remark.message) for remark in remarks(task, forecast_stages(task))]
+    return [(dotted(remark.path), remark.message) for remark in other_remarks(task)]
 
 
 def test_a_tolerance_below_three_sigma_of_its_measurement_is_remarked() -> None:
@@ -83,7 +95,7 @@ def test_misprint_of_the_paper_names_arm_distance_and_reach() -> None:
 def test_misprint_in_approach_alone_is_remarked() -> None:
     task = transport("stages.approach.target.base=[-2, -2, 30 deg]")
     assert review(task) == []
-    assert [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, forecast_stages(task))] == [
+    assert [f"{dotted(remark.path)}: {remark.message}" for remark in other_remarks(task)] == [
         'stages[1].target.base: found the base 4 m from where "approach" leaves it, expected it there: '
         "the target of arm_1 is then 5.021 m from its shoulder, its reach is 1.2 m"
     ]
@@ -241,7 +253,7 @@ def test_trajectory_faster_than_the_velocity_limits_is_remarked_where_it_is_wors
     rows = "base: [[-2, 2, 30 deg], [-0.5, 1, 30 deg], [0, 0, 0]], arms: [[0, 0, 0], [0, 0, 0], [0, 0, 0]]"
     task = transport(f"stages.transport.target={{times: [0, 5, 10], {rows}}}")
     assert review(task) == []
-    assert [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, forecast_stages(task))] == [
+    assert [f"{dotted(remark.path)}: {remark.message}" for remark in other_remarks(task)] == [
         "stages[2].target.base[1][0]: found base.x to move at 0.3 m/s from 0 s to 5 s, expected within its velocity "
         "limits [-0.2 m/s, 0.2 m/s]: the robot falls behind"
     ]
@@ -250,7 +262,7 @@ def test_trajectory_faster_than_the_velocity_limits_is_remarked_where_it_is_wors
         "skills.move.weights.base=[0, 100, 10]",
         "stages.transport.ends_when.coordinates=[base.y]",
     )
-    assert remarks(unweighed, forecast_stages(unweighed)) == []
+    assert other_remarks(unweighed) == []
 
 
 @pytest.mark.parametrize(
@@ -267,19 +279,19 @@ def test_trajectory_faster_than_the_velocity_limits_is_remarked_where_it_is_wors
 )
 def test_a_priority_that_may_open_grippers_while_they_carry_is_remarked(changes: list[str], path: str | None) -> None:
     task = transport(*changes)
-    assert [dotted(remark.path) for remark in remarks(task, forecast_stages(task))] == ([path] if path else [])
+    assert [dotted(remark.path) for remark in other_remarks(task)] == ([path] if path else [])
 
 
 def test_priorities_of_an_object_with_a_mass_are_not_remarked_since_hands_keep_hold_of_it() -> None:
     task = load_valid_task("transport_grasp", ["stages.release.priority=1"])
-    assert remarks(task, forecast_stages(task)) == []
+    assert other_remarks(task) == []
 
 
 def test_base_that_follows_a_path_is_compared_with_where_it_is_left_at_its_first_row() -> None:
     task = load_valid_task("tracking")
-    assert remarks(task, forecast_stages(task)) == []
+    assert other_remarks(task) == []
     shifted = load_valid_task("tracking", ["stages.unfold.target.base=[1.5, 0, 0]"])
-    (remark,) = remarks(shifted, forecast_stages(shifted))
+    (remark,) = other_remarks(shifted)
     assert dotted(remark.path) == "stages[1].target.base[0]"
     assert remark.message.startswith('found the base 1.5 m from where "unfold" leaves it')
 
@@ -288,7 +300,7 @@ def test_a_time_limit_no_run_can_keep_is_remarked_on() -> None:
     """It is no error: a run may be meant to stop early."""
     task = transport("time_limit=19.9")
     assert review(task) == []
-    (remark,) = remarks(task, forecast_stages(task))
+    (remark,) = other_remarks(task)
     assert remark.message.endswith('"release" cannot end before under the velocity limits')
 
 
@@ -326,7 +338,7 @@ def test_a_pose_that_no_joints_within_their_limits_take_is_remarked_with_the_nea
     stiff = "limits={arm: {position: [[-10 deg, 10 deg], [-10 deg, 10 deg], [-10 deg, 10 deg]]}}"
     task = free_flyer.reaching(stiff)
     assert review(task) == []
-    (remark,) = remarks(task, forecast_stages(task))
+    (remark,) = other_remarks(task)
     assert dotted(remark.path) == "stages[1].target.arm"
     assert "the nearest misses it by 0.12 m and 13 deg" in remark.message
 
@@ -335,7 +347,7 @@ def test_a_base_that_turns_faster_than_it_may_along_a_trajectory_is_remarked() -
     rows = [{"position": [0.5 * k, 0, 0], "attitude": free_flyer.attitude([0, 0, 1], 60 * k)} for k in range(3)]
     target = {"times": [0, 2, 4], "base": rows, "arm": [[0, 0, 0]] * 3}
     task = free_flyer.turning(0, f"stages.fly.target={json.dumps(target)}")
-    found = [f"{dotted(remark.path)}: {remark.message}" for remark in remarks(task, forecast_stages(task))]
+    found = [f"{dotted(remark.path)}: {remark.message}" for remark in other_remarks(task)]
     assert [line.partition(" from ")[0] for line in found] == [
         "stages[0].target.base[1][0]: found base.x to move at 0.25 m/s",
         "stages[0].target.base[1][5]: found base.rz to move at 30 deg/s",
@@ -366,7 +378,7 @@ def test_grippers_that_cannot_close_on_an_object(change: str, path: str, words: 
 def unknown_load(task: str, changes: dict[str, object]) -> list[tuple[str, str]]:
     """Remarks on a built-in task whose low-level law does not know the load."""
     unknown = load_valid_task(task, {"object.grasp.known": False, **changes})
-    return [(dotted(remark.path), remark.message) for remark in remarks(unknown, forecast_stages(unknown))]
+    return [(dotted(remark.path), remark.message) for remark in other_remarks(unknown)]
 
 
 @pytest.mark.parametrize(

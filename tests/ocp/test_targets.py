@@ -117,7 +117,7 @@ def test_of_a_base_that_reacts_to_its_arms_only_the_robot_itself_is_known() -> N
 
 def test_obstacles_that_nothing_keeps_clear_of_are_remarked() -> None:
     without = 'found no "clearance", expected one: without it nothing keeps clear of obstacles'
-    assert too_close(clearance=None, obstacles=[post(9, 9)]) == {"obstacles": without}
+    assert too_close(clearance=None, obstacles=[post(9, 9)])["obstacles"] == without
 
 
 def test_a_monitor_of_parts_that_are_no_pair_is_a_fault() -> None:

@@ -585,7 +585,7 @@ def cone_excess(robot: Row, task: Row, run: psmpc.Run) -> float:
                     to = np.array(cone["of"]["direction"])
                     off = np.arctan2(np.linalg.norm(np.cross(axis, to)), axis @ to)
                     found.append(off - cone["within"])
-        worst = max(worst, max(found) - max(found[: len(cones)] + [0.0]))
+        worst = max(worst, max(found) - max([*found[: len(cones)], 0.0]))
     return float(worst)
 
 

@@ -1,4 +1,4 @@
-"""The tables of README.md and docs/ are what their commands print, and so is the tutorial; none is by hand."""
+"""The tables of README.md and docs/ are what their commands print, and so are the tutorial and README; none is by hand."""
 
 import re
 import shlex

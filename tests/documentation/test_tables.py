@@ -1,4 +1,4 @@
-"""The tables of README.md and docs/ are what their commands print, and so are the tutorial and README; none is by hand."""
+"""The tables of README.md and docs/ are what their commands print, and so is the tutorial; none is by hand."""
 
 import re
 import shlex
@@ -87,8 +87,9 @@ def test_the_page_on_repeating_a_run_prints_the_run_there_is(tmp_path: Path, psm
             if line not in printed:
                 ran = psmpc(*shlex.split(line)[1:])
                 assert ran.code == 0, line
-                printed[line] = f"$ {line}\n{ran.stdout}"
-        now = f"```\n{''.join(printed[line] for line in command.split(' && '))}```\n"
+                output = f"\n```text\n{ran.stdout}```\n" if ran.stdout else ""
+                printed[line] = f"\n```sh\n{line}\n```\n{output}"
+        now = "".join(printed[line] for line in command.split(" && ")).removeprefix("\n")
         assert outline(now) == outline(text), "python benchmarks/pages.py repeat.md writes the page anew"
         assert results(now) == pytest.approx(results(text), rel=1e-3)
     assert results("".join(shown.values())).keys() >= {"objective J", "approach ends [s]"}

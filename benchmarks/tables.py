@@ -185,6 +185,21 @@ def commands() -> Iterator[str]:
     return markdown(rows, "command", "what it does")
 
 
+def options(name: str) -> Iterator[str]:
+    """Yield the table of a command's arguments and options, as its help has them."""
+    command = vars(get_command(app))["commands"][name]
+    with command.make_context(name, [], resilient_parsing=True) as context:
+        records = (parameter.get_help_record(context) for parameter in command.get_params(context))
+        pairs = [record for record in records if record is not None and record[0] != "--help"]
+    rows = ((f"`{_cell(given)}`", _cell(meaning).replace("<", "&lt;")) for given, meaning in pairs)
+    return markdown(rows, "argument or option", "what it does")
+
+
+def _cell(text: str) -> str:
+    """Return a text of the help as a cell of a table: without bars, one space between words."""
+    return " ".join(text.replace("|", "/").split())
+
+
 def baseline(*names: str) -> Iterator[str]:
     """Yield the table of the transport task at N_s = 100 from benchmarks/baseline.yaml, all of it or some rows."""
     published = psmpc.load_task("transport").spec.published
@@ -248,7 +263,8 @@ def posed() -> Iterator[str]:
 
 
 TABLES: Mapping[str, Callable[..., Iterable[str]]] = {
-    function.__name__: function for function in (keys, datasets, quantities, commands, baseline, transport, posed)
+    function.__name__: function
+    for function in (keys, datasets, quantities, commands, options, baseline, transport, posed)
 }
 
 

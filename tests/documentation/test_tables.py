@@ -8,7 +8,9 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
+from psmpc_cli.cli.app import app
 from psmpc_cli.figures import registry
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.paper.figures import ABLATIONS
@@ -57,6 +59,12 @@ def test_every_key_and_every_dataset_is_in_a_table() -> None:
     datasets = "".join(text for _, command, text in TABLES if f"{QUICK} datasets" in command)
     listed = re.findall(r"^\| `([\w/]+)` \|", datasets, re.MULTILINE)
     assert sorted(listed) == sorted(column.path for column in SCHEMA if not column.is_scale)
+
+
+def test_every_command_is_in_the_reference_of_the_command_line() -> None:
+    commands = [command for page, command, _ in TABLES if page.name == "command_line.md"]
+    names = vars(get_command(app))["commands"]
+    assert sorted(f"{QUICK} options {name}" for name in names) == sorted(c for c in commands if "options" in c)
 
 
 DIGITS = re.compile(r"\d+\.\d+(e[+-]\d+)?|\d+e[+-]\d+|(?<=after )\d+")

@@ -3,6 +3,10 @@
     python benchmarks/missions.py STUDY [MISSIONS]     runs what is missing of a study, prints its tables
     python benchmarks/missions.py figure               draws the study `effort`: end of missions over their effort
     python benchmarks/missions.py optimum              solves windows over whole missions of `reach` by IPOPT as well
+    python benchmarks/missions.py gains                the short tables of the page, from the results: what is gained,
+    python benchmarks/missions.py equal_effort         with at most some efforts,
+    python benchmarks/missions.py deliveries           and how often by what the controller does not know
+    python benchmarks/missions.py files                writes the long tables to benchmarks/results/missions-*.csv
 
     plane       an object that drifts and spins is caught and brought to its destination: 100 missions
     space       the same with two arms of seven joints: 20 missions
@@ -19,12 +23,15 @@ family's task, the same for every controller. Each run adds one line to benchmar
 line is not repeated, and studies share their runs. `PSMPC_DASK=ADDRESS` computes them on a Dask cluster.
 """
 
+import csv
 import json
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -46,6 +53,7 @@ from psmpc_cli.specs.load import Task, load_robot
 from psmpc_cli.studies.runner import compute
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
+LONG_TABLES = Path(__file__).parent / "results"
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "effort_front.png"
 
 Row = dict[str, Any]
@@ -644,6 +652,130 @@ def study(name: str, count: str = "") -> Iterator[str]:
         yield from failed
 
 
+# ------------------------------------------------------------------------------------------------ short and long tables
+
+
+def made_of(name: str) -> Made:
+    """Return the lines of a study that has been run."""
+    family, controllers, seeds = STUDIES[name]
+    return run_missing(family, best_cases() if name == "best" else cases(LEVELS[name], controllers), seeds)
+
+
+def gains() -> Iterator[str]:
+    """Yield what each planned controller gains in each family of missions, against hard switching with a free end."""
+    rows = []
+    for family in ("plane", "space", "reach"):
+        made = made_of(family)
+        for controller in PLANNED:
+            against = compared(made[controller], made[AGAINST]) if controller != AGAINST else {}
+            over_smpc = compared(made["psmpc"], made["smpc"]) if controller == "psmpc" else {}
+            succeeded = [row for row in made[controller].values() if row["succeeded"]]
+            rows.append(
+                {
+                    "missions": family,
+                    "controller": f"`{controller}`",
+                    "succeeded": f"{len(succeeded)} of {len(made[controller])}",
+                    "end [s]": f"{np.median([row['time'] for row in succeeded]):.1f}",
+                    "end, difference [s]": against.get("end, difference [s]", ""),
+                    "end, ratio": _without_interval(against.get("end, ratio", "")),
+                    "effort, ratio": _without_interval(against.get("effort, ratio", "")),
+                    "end less that of `smpc` [s]": over_smpc.get("end, difference [s]", ""),
+                }
+            )
+    yield from markdown(rows)
+
+
+def _without_interval(cell: str) -> str:
+    """Return the median of a cell that has its interval behind it."""
+    return cell.partition(" (")[0]
+
+
+def equal_effort() -> Iterator[str]:
+    """Yield how early missions end with at most some efforts, under the controllers that plan the next stage."""
+    rows = at_equal_effort(made_of("effort"))
+    yield from markdown(row for row in rows if row["controller"] in ("`psmpc`", "`smpc`"))
+
+
+def differences_of(name: str) -> Iterator[str]:
+    """Yield the differences between the controllers of a study."""
+    yield from markdown(differences(made_of(name)))
+
+
+NOT_KNOWN = {
+    "noise": "noise",
+    "masses": "masses wrong by up to",
+    "load": "mass of the object",
+    "drift": "motion of the object",
+    "delay": "delay",
+}
+"""Studies of what the controller does not know, and what that is."""
+
+
+def deliveries() -> Iterator[str]:
+    """Yield how often each planned controller succeeds, by what it does not know."""
+    rows = []
+    for name, title in NOT_KNOWN.items():
+        made = made_of(name)
+        for level in LEVELS[name]:
+            cells = {}
+            for controller in PLANNED:
+                runs = made[f"{controller}; {level}"].values()
+                cells[f"`{controller}`"] = f"{sum(row['succeeded'] for row in runs)} of {len(runs)}"
+            rows.append({"not known": f"{title}: {level}", **cells})
+    yield from markdown(rows)
+
+
+def long_tables() -> dict[str, str]:
+    """Return the long tables of all studies but `priorities` as CSV, by file name."""
+    rows: dict[str, list[Row]] = {"runs": [], "differences": [], "equal-effort": []}
+    for name in STUDIES:
+        if name == "priorities":
+            continue
+        made = made_of(name)
+        rows["runs"] += [{"study": name, **row} for row in successes(made)]
+        rows["differences"] += [{"study": name, **row} for row in differences(made)]
+        if name == "effort":
+            rows["equal-effort"] += at_equal_effort(made)
+    return {f"missions-{kind}.csv": _as_csv([_split(row) for row in each]) for kind, each in rows.items()}
+
+
+def _split(row: Row) -> dict[str, str]:
+    """Return the cells of a row with quantiles, and medians with their intervals, in columns of their own."""
+    cells: dict[str, str] = {}
+    for name, value in row.items():
+        text = str(value).replace("`", "")
+        numbers = re.findall(r"-?\d+(?:\.\d+)?", text)
+        if " / " in text:
+            cells |= {f"{name}, {share} %": number for share, number in zip((5, 50, 95), numbers, strict=True)}
+        elif re.fullmatch(r"-?[\d.]+ \(.* to .*\)", text):
+            cells |= dict(zip((name, f"{name}, low", f"{name}, high"), numbers, strict=True))
+        elif text != "-":
+            cells[name] = text
+    return cells
+
+
+def _as_csv(rows: Sequence[Mapping[str, str]]) -> str:
+    """Return rows as CSV; a row may lack cells."""
+    columns = dict.fromkeys(name for row in rows for name in row)
+    file = StringIO()
+    writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return file.getvalue()
+
+
+def files() -> Iterator[str]:
+    """Write the long tables and yield the table of their files."""
+    LONG_TABLES.mkdir(exist_ok=True)
+    rows = []
+    for name, text in long_tables().items():
+        (LONG_TABLES / name).write_text(text, encoding="utf-8")
+        rows.append(
+            {"file": f"`{LONG_TABLES.relative_to(Path(__file__).parents[1])}/{name}`", "rows": text.count("\n") - 1}
+        )
+    yield from markdown(rows)
+
+
 WHOLE_SAMPLE = 5
 """The sample whose window IPOPT solves as well: by then it has both stages."""
 
@@ -697,7 +829,8 @@ def figure() -> Iterator[str]:
 
 def main(words: Sequence[str]) -> None:
     """Print the lines of what the command line names."""
-    other = {"figure": figure, "optimum": optimum}.get(words[0])
+    others = (figure, optimum, gains, equal_effort, differences_of, deliveries, files)
+    other = {function.__name__: function for function in others}.get(words[0])
     for line in study(*words) if other is None else other(*words[1:]):
         print(line, flush=True)
 

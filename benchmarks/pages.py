@@ -90,9 +90,14 @@ def output(command: str) -> tuple[str, bool]:
     with TemporaryDirectory() as folder:
         for line in command.split(" && "):
             ran = run_psmpc(line, Path(folder))
-            text += f"$ {line}\n{ran.stdout}"
+            text += shown(line, ran.stdout)
             succeeded &= ran.returncode == 0
-    return f"```\n{text}```\n" if succeeded else "", succeeded
+    return text.removeprefix("\n") if succeeded else "", succeeded
+
+
+def shown(line: str, printed: str) -> str:
+    """Return the blocks of a page that show a command, which can be pasted, and what it printed."""
+    return f"\n```sh\n{line}\n```\n" + (f"\n```text\n{printed}```\n" if printed else "")
 
 
 def differs(page: Path, command: str, text: str) -> bool:

@@ -185,6 +185,21 @@ def commands() -> Iterator[str]:
     return markdown(rows, "command", "what it does")
 
 
+def options(name: str) -> Iterator[str]:
+    """Yield the table of a command's arguments and options, as its help has them."""
+    command = vars(get_command(app))["commands"][name]
+    with command.make_context(name, [], resilient_parsing=True) as context:
+        records = (parameter.get_help_record(context) for parameter in command.get_params(context))
+        pairs = [record for record in records if record is not None and record[0] != "--help"]
+    rows = ((f"`{_cell(given)}`", _cell(meaning).replace("<", "&lt;")) for given, meaning in pairs)
+    return markdown(rows, "argument or option", "what it does")
+
+
+def _cell(text: str) -> str:
+    """Return a text of the help as a cell of a table: without bars, one space between words."""
+    return " ".join(text.replace("|", "/").split())
+
+
 def baseline(*names: str) -> Iterator[str]:
     """Yield the table of the transport task at N_s = 100 from benchmarks/baseline.yaml, all of it or some rows."""
     published = psmpc.load_task("transport").spec.published
@@ -220,8 +235,36 @@ def transport() -> Iterator[str]:
     return markdown(rows, "N_s", "controller", *TIMES, "mission")
 
 
+POSED = {
+    "stages.approach.target.arm_1": ["45 deg", "30 deg", "60 deg"],
+    "stages.approach.target.arm_2": ["-45 deg", "-30 deg", "-60 deg"],
+}
+"""Joints with which Approach of the transport task holds the grippers where Capture wants them."""
+
+
+def posed() -> Iterator[str]:
+    """Yield the table of the transport task whose Approach holds the arms stretched, as published, or posed."""
+    controllers: Mapping[str, Mapping[str, Any]] = {
+        "psmpc": {},
+        "smpc": {"controller.kind": "smpc"},
+        "hard": {"controller.kind": "hard"},
+        "hard, free end": {"controller.kind": "hard", "controller.one_stage": "free_end", "by_controller": {}},
+    }
+    rows = []
+    for name, chosen in controllers.items():
+        cells = []
+        for arms in ({}, POSED):
+            changes = {"controller.nodes": 25, "log.shares": False, **chosen, **arms}
+            summary = psmpc.simulate(psmpc.load_task("transport", changes)).summary()
+            failed = "" if summary.succeeded else ", failed"
+            cells += [f"{summary.duration:.1f}{failed}", f"{summary.control_effort:.2f}"]
+        rows.append((f"`{name}`", *cells))
+    return markdown(rows, "controller", "stretched: end [s]", "effort", "posed: end [s]", "effort, posed")
+
+
 TABLES: Mapping[str, Callable[..., Iterable[str]]] = {
-    function.__name__: function for function in (keys, datasets, quantities, commands, baseline, transport)
+    function.__name__: function
+    for function in (keys, datasets, quantities, commands, options, baseline, transport, posed)
 }
 
 

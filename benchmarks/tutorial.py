@@ -1,10 +1,11 @@
-"""Follows docs/tutorial.md to the letter in an empty folder; writes what its commands print, and its figures.
+"""Follows docs/tutorial.md and README.md to the letter, each in an empty folder; writes what their commands print.
 
-    python benchmarks/tutorial.py                  some minutes
-    python benchmarks/tutorial.py --check          prints how the page would change, and writes nothing
+    python benchmarks/tutorial.py                  some minutes; writes the figures of the tutorial too
+    python benchmarks/tutorial.py --check          prints how the pages would change, and writes nothing
 
-A block with a title is a file, or the text of a line of one; a console block is a command and what it prints: standard
-error where the command ends with an error. `...` stands for the rest of an output; the lines above it are kept.
+A block with a title is a file, or the text of a line of one. A block of `sh` with one of `text` below it is a command
+and what it prints: standard error where the command ends with an error. `...` stands for the rest of an output; the
+lines above it are kept. Other blocks of `sh` are not run.
 """
 
 import re
@@ -17,10 +18,12 @@ from tempfile import TemporaryDirectory
 from gallery import FIGURES, shrink
 from pages import ROOT, run_psmpc
 
-PAGE = ROOT / "docs" / "tutorial.md"
+PAGES = (ROOT / "docs" / "tutorial.md", ROOT / "README.md")
 
 BLOCK = re.compile(
-    r'^```(?:yaml title="(?P<file>[\w.]+)(?:, line (?P<line>\d+))?"|console)\n(?P<text>.*?)^```', re.M | re.S
+    r'^```(?:yaml title="(?P<file>[\w.]+)(?:, line (?P<line>\d+))?"\n|sh\n(?P<command>[^\n]+)\n```\n+```text\n)'
+    r"(?P<text>.*?)^```",
+    re.M | re.S,
 )
 
 FIGURE = re.compile(r'\(figures/(tutorial/\w+\.png) "([\w/.-]+)"\)')
@@ -41,37 +44,40 @@ def step(block: re.Match[str], folder: Path) -> str:
             text = "".join(lines)
         path.write_text(text, encoding="utf-8")
         return block[0]
-    command, *shown = block["text"].splitlines()
-    ran = run_psmpc(command.removeprefix("$ "), folder, stderr=subprocess.PIPE)
+    shown = block["text"].splitlines()
+    ran = run_psmpc(block["command"], folder, stderr=subprocess.PIPE)
     printed = (ran.stderr if ran.returncode else ran.stdout).splitlines()
     if "..." in shown:
         printed[shown.index("...") :] = ["..."]
-    return "\n".join(["```console", command, *printed, "```"])
+    return "\n".join(["```sh", block["command"], "```", "", "```text", *printed, "```"])
 
 
 def check() -> int:
-    """Print how the page differs from what following it shows now; return 1 where it does, or lacks a figure.
+    """Print how the pages differ from what following them shows now; return 1 where one does, or lacks a figure.
 
     The widths of columns do not count: they follow from solve times below the lines that are shown.
     """
-    before = PAGE.read_text(encoding="utf-8")
-    with TemporaryDirectory() as name:
-        after = follow(before, Path(name))
-        missing = [source for _, source in FIGURE.findall(after) if not (Path(name) / source).is_file()]
-    lines = [re.sub(" +", " ", page).splitlines(keepends=True) for page in (before, after)]
-    differences = list(unified_diff(*lines, PAGE.name, "now"))
-    sys.stdout.writelines([*differences, *(f"no figure {source}\n" for source in missing)])
-    return int(bool(differences or missing))
+    faults = []
+    for page in PAGES:
+        before = page.read_text(encoding="utf-8")
+        with TemporaryDirectory() as name:
+            after = follow(before, Path(name))
+            missing = [source for _, source in FIGURE.findall(after) if not (Path(name) / source).is_file()]
+        lines = [re.sub(" +", " ", text).splitlines(keepends=True) for text in (before, after)]
+        faults += [*unified_diff(*lines, page.name, "now"), *(f"no figure {source}\n" for source in missing)]
+    sys.stdout.writelines(faults)
+    return int(bool(faults))
 
 
 def main() -> None:
-    """Write the page and its figures anew."""
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        page = follow(PAGE.read_text(encoding="utf-8"), folder)
-        for target, source in FIGURE.findall(page):
-            shrink(folder / source, FIGURES / target)
-    PAGE.write_text(page, encoding="utf-8")
+    """Write the pages and their figures anew."""
+    for page in PAGES:
+        with TemporaryDirectory() as name:
+            folder = Path(name)
+            text = follow(page.read_text(encoding="utf-8"), folder)
+            for target, source in FIGURE.findall(text):
+                shrink(folder / source, FIGURES / target)
+        page.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ HEADINGS = tuple(heading for heading, _ in COLUMNS.values())
 
 NOTE = (
     "t_s, J_1 and J_2: the run's own optimum, the star in the figures, which has the least omega_1 J_1 + omega_2 J_2 + "
-    "pending cost with the run's own weights; it is not the front's knee, which is not looked for"
+    "pending cost with the run's own weights"
 )
 """What the table says of the one point of each front that it singles out; cf. paper eqs. (16), (29)."""
 

@@ -176,9 +176,7 @@ def test_fronts_have_a_row_for_each_sample_and_how_they_move(tmp_path: Path, sho
     assert heading.split()[:4] == ["T0", "[s]", "t_s", "[s]"]
     assert [row.split()[0] for row in rows[:3]] == ["6.50", "7.50", "8.50"]
     assert [row.split()[-1] for row in rows[:3]] == ["0", "7", "0"]
-    assert any(
-        "least omega_1 J_1 + omega_2 J_2 + pending cost" in row and "not the front's knee" in row for row in rows
-    )
+    assert any("least omega_1 J_1 + omega_2 J_2 + pending cost" in row for row in rows)
     assert any("upper left at 2 of 3 instants" in row for row in rows)
     assert any("moves to the unknown (2 of 2)" in row for row in rows)
     assert rows[-1] == f"results: {path}"

@@ -45,7 +45,7 @@ CHEAP = re.compile(
 STANDS_FOR: Mapping[str, str] = {
     r"(my-experiments/robots/dual_arm_servicer|my_robot)\.yaml": "robots/planar_dual_arm.yaml",
     r"my_robot\.urdf": "robots/dual_arm_servicer.urdf",
-    r"(task|my)\.yaml": "task.yaml",
+    r"(task|my|my-experiments/tasks/approach_capture)\.yaml": "task.yaml",
     r"runs/(two|transport-comparison)\.h5": "compared.h5",
     r"LOG|FILE|\S+\.h5": "log.h5",
 }
@@ -63,6 +63,27 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> Path:
     there_and_back(folder, "controller.sample_time=0.02", "stages.back.ends_when.tolerance=1e-3")
     compare(folder / "task.yaml", ("psmpc", "hard"), folder / "compared.h5", jobs=1)
     return folder
+
+
+BLOCK = re.compile(r"^```(?!text|yaml|python|json|xml)\w*\n(.*?)^```|((?:^ {4}[^\n]*\n)+)", re.MULTILINE | re.DOTALL)
+"""Blocks of commands: in fences, or indented."""
+
+
+def blocks_of_commands() -> Iterator[tuple[str, str]]:
+    """Yield page and text of every block whose first line is a command."""
+    for page in PAGES:
+        for groups in BLOCK.findall(page.read_text(encoding="utf-8")):
+            text = "".join(groups)
+            if re.match(r"(?: {4})?(\$|psmpc|make|pip|python3?|source|timeout) ", text):
+                yield page.name, text
+
+
+@pytest.mark.parametrize(("page", "text"), sorted(set(blocks_of_commands())))
+def test_a_block_of_commands_can_be_pasted(page: str, text: str) -> None:
+    for line in text.replace("\\\n", " ").splitlines():
+        words = shlex.split(line, comments=True)
+        assert words[:1] != ["$"], f"{page}: a prompt is pasted too: {line}"
+        assert not re.search(r"[^ #] {2,}[^ #-]", line.partition("#")[0].strip()), f"{page}: prose behind {line}"
 
 
 def test_there_are_command_lines() -> None:

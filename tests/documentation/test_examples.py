@@ -15,7 +15,9 @@ from psmpc_cli.specs.task import StageSpec, TaskSpec
 
 TRANSPORT = load_task("transport")
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = {name: (DOCS / name).read_text(encoding="utf-8") for name in ("tasks.md", "robots.md", "../README.md")}
+PAGES = {
+    name: (DOCS / name).read_text(encoding="utf-8") for name in ("tasks.md", "own_task.md", "robots.md", "../README.md")
+}
 
 
 def examples(page: str) -> Iterator[dict[str, Data]]:
@@ -25,9 +27,11 @@ def examples(page: str) -> Iterator[dict[str, Data]]:
         yield data
 
 
-@pytest.mark.parametrize("number", range(len(list(examples("tasks.md")))))
-def test_examples_of_tasks_load(number: int) -> None:
-    example = list(examples("tasks.md"))[number]
+@pytest.mark.parametrize(
+    ("page", "number"), [(page, k) for page in ("tasks.md", "own_task.md") for k in range(len(list(examples(page))))]
+)
+def test_examples_of_tasks_load(page: str, number: int) -> None:
+    example = list(examples(page))[number]
     task = read("transport", TRANSPORT.task_yaml).data
     assert isinstance(task, dict) and isinstance(task["stages"], list)
     stages = [{key: value for key, value in stage.items() if key != "priority"} for stage in task["stages"]]

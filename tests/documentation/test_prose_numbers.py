@@ -63,7 +63,7 @@ def test_a_number_without_a_source_is_named_with_its_line(faults: Faults, number
 NODES = {"file": "tasks/transport.yaml", "key": "controller.nodes"}
 """100."""
 
-CELL = {"page": "README.md", "table": "tables.py baseline psmpc smpc htmpc hard", "row": "htmpc"}
+CELL = {"page": "docs/reproduce.md", "table": "tables.py baseline", "row": "htmpc"}
 """A row of the table of the transport task, less its column."""
 
 
@@ -108,7 +108,7 @@ def test_a_number_that_differs_is_named_with_its_source(
     [
         (CELL, "0 cells"),
         (CELL | {"row": "psmpc"}, "0 cells"),
-        ({"page": "README.md", "row": "no such row"}, "0 cells"),
+        ({"page": "docs/reproduce.md", "row": "no such row"}, "0 cells"),
         ({"file": "tasks/transport.yaml", "key": "controller.no_such_key"}, "no_such_key"),
         ({"file": "tasks/transport.yaml", "pattern": "no such text"}, "0 matches"),
         ({"file": "tasks/transport.yaml", "pattern": "name: ()"}, "5 matches"),

@@ -8,7 +8,9 @@ from itertools import chain
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
 
+from psmpc_cli.cli.app import app
 from psmpc_cli.figures import registry
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.paper.figures import ABLATIONS
@@ -59,6 +61,12 @@ def test_every_key_and_every_dataset_is_in_a_table() -> None:
     assert sorted(listed) == sorted(column.path for column in SCHEMA if not column.is_scale)
 
 
+def test_every_command_is_in_the_reference_of_the_command_line() -> None:
+    commands = [command for page, command, _ in TABLES if page.name == "command_line.md"]
+    names = vars(get_command(app))["commands"]
+    assert sorted(f"{QUICK} options {name}" for name in names) == sorted(c for c in commands if "options" in c)
+
+
 DIGITS = re.compile(r"\d+\.\d+(e[+-]\d+)?|\d+e[+-]\d+|(?<=after )\d+")
 """Numbers that rounding on another machine may change: decimals, and counts of iterations."""
 
@@ -87,11 +95,19 @@ def test_the_page_on_repeating_a_run_prints_the_run_there_is(tmp_path: Path, psm
             if line not in printed:
                 ran = psmpc(*shlex.split(line)[1:])
                 assert ran.code == 0, line
-                printed[line] = f"$ {line}\n{ran.stdout}"
-        now = f"```\n{''.join(printed[line] for line in command.split(' && '))}```\n"
+                output = f"\n```text\n{ran.stdout}```\n" if ran.stdout else ""
+                printed[line] = f"\n```sh\n{line}\n```\n{output}"
+        now = "".join(printed[line] for line in command.split(" && ")).removeprefix("\n")
         assert outline(now) == outline(text), "python benchmarks/pages.py repeat.md writes the page anew"
         assert results(now) == pytest.approx(results(text), rel=1e-3)
     assert results("".join(shown.values())).keys() >= {"objective J", "approach ends [s]"}
+
+
+@pytest.mark.slow
+def test_the_long_tables_are_those_of_the_results() -> None:
+    differ = "[name for name, text in long_tables().items() if (LONG_TABLES / name).read_text() != text]"
+    ran = run_benchmark("-c", f"from missions import LONG_TABLES, long_tables; print({differ})")
+    assert (ran.returncode, ran.stdout) == (0, "[]\n"), "python benchmarks/missions.py files writes them anew"
 
 
 @pytest.mark.slow

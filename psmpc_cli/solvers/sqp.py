@@ -417,7 +417,8 @@ class _Solve:
     def _step(self, iterate: Iterate, program: Program, filter_: "Filter") -> Iterate:
         """Return the iterate after the longest share of the step that the filter accepts; the point itself, if none.
 
-        Near the constraints a step that leaves them, by their curvature, is corrected first, if that brings it nearer.
+        Near the constraints a step that leaves them, by curvature, is corrected first, if that brings it nearer. Not
+        where it violates soft rows: the nearest point that meets the others would be another balance of them.
         """
         model = program.model
         qp = program.qp
@@ -428,7 +429,9 @@ class _Solve:
         slope += self.window.change_of_penalty(here, foreseen)
         share = min(self._longest_share(here.point, qp.step), share_of_reversed(iterate, qp.step))
         reached = program.reached if share == 1 else self._after(here, qp.step, share)
-        if reached.violation > FEASIBLE and here.violation <= SETTLING and not program.is_elastic:
+        leaves_soft_rows = reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE
+        is_near = reached.violation > FEASIBLE and here.violation <= SETTLING
+        if is_near and not leaves_soft_rows and not program.is_elastic:
             corrected = self._corrected(iterate, program)
             improves = corrected is not None and corrected.reached.violation < reached.violation
             if corrected is not None and improves and filter_.accepts(corrected, iterate, slope, is_elastic=False):

@@ -69,7 +69,7 @@ def test_beside_existing_figures_only_the_animation_is_made(tmp_path: Path, load
 
 def test_an_animation_that_cannot_be_written_is_named(tmp_path: Path, load: Load) -> None:
     (tmp_path / "animation.gif").mkdir()
-    with pytest.raises(RunError, match=r"animation\.gif could not be written"):
+    with pytest.raises(InputError, match=r"animation\.gif is a directory"):
         draw("run", load(last=0.2), tmp_path, only=(), force=True, films=["animation"])
 
 

@@ -228,8 +228,8 @@ def test_a_killed_run_leaves_all_but_the_last_half_second(tmp_path: Path, kill: 
 @pytest.mark.slow
 def test_metrics_are_the_same_whenever_they_are_read() -> None:
     task = load_task("transport", ("controller.nodes=5", "time_limit=12", "log.shares=false"))
-    at_once = [sample.metrics for sample in closed_loop(build_experiment(task))]
-    later = [sample.metrics for sample in list(closed_loop(build_experiment(task)))]
+    at_once = [dict(sample.metrics) for sample in closed_loop(build_experiment(task))]
+    later = [dict(sample.metrics) for sample in list(closed_loop(build_experiment(task)))]
     assert len(at_once) == 120
     np.testing.assert_equal(at_once, later)
 

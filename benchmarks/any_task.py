@@ -676,6 +676,12 @@ def run_task(seed: int, folder: Path) -> Row:
     return row
 
 
+def not_checked(seed: int, error: BaseException) -> Row:
+    """Return the row of a task that could not be drawn or checked."""
+    about: Row = {"what": "", "noise": False, "code": None, "time": 0.0, "silence": 0.0}
+    return {"seed": seed, **about, "said": repr(error)[:300], "faults": ["not checked"]}
+
+
 def check_log(robot: Row, task: Row, log: Path, row: Row) -> list[str]:
     """Add to a row what a log says; return the faults."""
     try:
@@ -757,8 +763,10 @@ def main(words: list[str]) -> int:
             return run_task(seed, Path(name))
 
     with ThreadPoolExecutor(max_workers=2) as both, RESULTS.open("a") as file:
-        for made in as_completed([both.submit(one, seed) for seed in missing]):
-            row = made.result()
+        made = {both.submit(one, seed): seed for seed in missing}
+        for each in as_completed(made):
+            error = each.exception()  # of the drawing or of the checks: a fault to look at, not an end of all
+            row = each.result() if error is None else not_checked(made[each], error)
             file.write(json.dumps(row) + "\n")
             file.flush()
             if row["faults"]:

@@ -435,7 +435,7 @@ class SqpWindow:
         rows = here.rows.copy()
         curved = slice(self._first_node_row, self._first_interval_row + 2 * len(self.form.row_interval))
         rows[curved] += (reached.rows - self.foreseen(here, model, step))[curved]
-        before, after = model.gap_velocity[:, :1], model.gap_velocity[:, 1:]
+        before, after = np.hsplit(model.gap_velocity, 2)
         foreseen_gaps = step.changes[:, :n] + before * step.X[:-1, n:] + after * step.X[1:, n:]
         gaps = reached.at.gaps - foreseen_gaps - model.gap_tau @ step.tau
         gradient = np.zeros_like(model.gradient)

@@ -509,6 +509,19 @@ def end_error(robot: Row, task: Row, run: psmpc.Run, sigmas: float) -> float:
 # Plans
 
 
+def plan(task: Row, run: psmpc.Run, sample: int) -> tuple[Array, Array, Array]:
+    """Return the plan of a sample: lengths (K, 1) [s] of its intervals, states (K+1, 2n) and inputs (K, n)."""
+    n = len(run["coordinate"])
+    nodes = [int(each) for each in run["window/nodes"][sample] if np.isfinite(each) and each > 0]
+    after = "window/nodes_after_end" in run and int(run["window/nodes_after_end"][sample])
+    nodes += [after] if after else []
+    K = sum(nodes)
+    S = len(nodes) - 1
+    instants, X, u = np.split(run.plan("solution", sample), [S, S + 2 * n * (K + 1)])
+    ends = [run.time[sample], *instants, run.time[sample] + task["controller"]["horizon"]]
+    return np.repeat(np.diff(ends) / nodes, nodes)[:, None], X.reshape(K + 1, 2 * n), u.reshape(K, n)
+
+
 def plan_excess(robot: Row, task: Row, run: psmpc.Run) -> tuple[float, float]:
     """Return by how much plans leave limits of positions, and of rates, at worst: in their units."""
     kinematics = Kinematics(robot)
@@ -526,20 +539,10 @@ def plan_excess(robot: Row, task: Row, run: psmpc.Run) -> tuple[float, float]:
     if kinematics.is_spatial:
         low[0, 3:6], high[0, 3:6] = -np.inf, np.inf
     positions = rates = 0.0
-    horizon = task["controller"]["horizon"]
     for sample in range(len(run.time)):
         if run["events/solve_failed"][sample] or run["events/braking"][sample]:
             continue
-        nodes = [int(each) for each in run["window/nodes"][sample] if np.isfinite(each) and each > 0]
-        after = "window/nodes_after_end" in run and int(run["window/nodes_after_end"][sample])
-        nodes += [after] if after else []
-        flat = run.plan("solution", sample)
-        S = len(nodes) - 1
-        K = sum(nodes)
-        instants, X, u = np.split(flat, [S, S + 2 * n * (K + 1)])
-        ends = [run.time[sample], *instants, run.time[sample] + horizon]
-        h = np.repeat(np.diff(ends) / nodes, nodes)[:, None]
-        X, u = X.reshape(K + 1, 2 * n), u.reshape(K, n)
+        h, X, u = plan(task, run, sample)
         q, v = X[:-1, :n], X[:-1, n:]
         turning = np.clip(np.divide(-v, u, out=np.zeros_like(v), where=u != 0), 0, h)
         reached = np.stack([q + t * v + t**2 / 2 * u for t in (0 * h, h, turning)])
@@ -570,17 +573,11 @@ def cone_excess(robot: Row, task: Row, run: psmpc.Run) -> float:
         if not cones or run["events/solve_failed"][sample] or run["events/braking"][sample]:
             continue
         count = int(run["window/nodes"][sample][index])
-        flat = run.plan("solution", sample)
-        S = int(run["window/count"][sample]) - 1
-        K = (len(flat) - S - 2 * n) // (3 * n)
-        instants, X, u = np.split(flat, [S, S + 2 * n * (K + 1)])
-        X, u = X.reshape(K + 1, 2 * n), u.reshape(K, n)
-        end = instants[0] if S else run.time[sample] + task["controller"]["horizon"]
-        h = (end - run.time[sample]) / count
+        h, X, u = plan(task, run, sample)
         Q0 = run["state/Q"][sample]
         found = []
         for k in range(count):
-            for t in np.linspace(0, h, 21):
+            for t in np.linspace(0, h[k, 0], 21):
                 q = X[k, :n] + t * X[k, n:] + t**2 / 2 * u[k]
                 turned = quaternion_from_any(matrix_of(Q0[3:7]) @ rotation(q[3:6]), Q0[3:7])
                 poses = kinematics.poses(np.concatenate([q[:3], turned, q[6:]]))

@@ -3,7 +3,8 @@
     python benchmarks/missions.py STUDY [MISSIONS]     runs what is missing of a study, prints its tables
     python benchmarks/missions.py figure               draws the study `effort`: end of missions over their effort
     python benchmarks/missions.py optimum              solves windows over whole missions of `reach` by IPOPT as well
-    python benchmarks/missions.py gains                the short tables of the page, from the results: what is gained,
+    python benchmarks/missions.py headline             the short tables of the page, from the results: what is gained
+    python benchmarks/missions.py gains                with arms as drawn and held ready, and in larger studies,
     python benchmarks/missions.py equal_effort         with at most some efforts,
     python benchmarks/missions.py deliveries           and how often by what the controller does not know
     python benchmarks/missions.py files                writes the long tables to benchmarks/results/missions-*.csv
@@ -11,6 +12,9 @@
     plane       an object that drifts and spins is caught and brought to its destination: 100 missions
     space       the same with two arms of seven joints: 20 missions
     reach       hands reach poses from a base without thrusters: 30 missions
+    posed       missions of `plane` with the arms as drawn, and held ready for the stage that needs them: 30 missions
+    tour        tours of a planar robot with two unequal arms (tours.py), as drawn and held ready: 30 missions
+    tour_space  tours of a spatial robot with two arms of seven joints, the same: 10 missions
     effort      missions of `plane` by control weight: 10 missions
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
@@ -31,6 +35,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
@@ -39,17 +44,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pages import markdown
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest, bootstrap
+from tours import ahead, as_target, draw_tour, tour
 
 import psmpc_cli as psmpc
 from psmpc_cli.figures.style import in_style, line_look, mark_look, new_figure
 from psmpc_cli.ocp.feasibility import load_task
+from psmpc_cli.ocp.forecast import forecast_configurations, forecast_stages
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_robot
+from psmpc_cli.specs.task import StageSpec
 from psmpc_cli.studies.runner import compute
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
@@ -235,10 +244,12 @@ def floated(model: RobotModel, Q: np.ndarray, way: np.ndarray, steps: int = 200)
     return Q
 
 
-FAMILIES: Mapping[str, tuple[str, Callable[[np.random.Generator], Changes | None]]] = {
+FAMILIES: Mapping[str, tuple[str | Changes, Callable[[np.random.Generator], Changes | None]]] = {
     "plane": ("catch_drifting", draw_plane),
     "space": ("catch_tumbling", draw_space),
     "reach": ("float_and_reach", draw_reach),
+    "tour": (tour("plane"), partial(draw_tour, space="plane")),
+    "tour_space": (tour("space"), partial(draw_tour, space="space")),
     "transport": ("transport", lambda rng: {}),
 }
 """Task of each family of missions, and what draws a mission's changes of it."""
@@ -258,6 +269,56 @@ def draw_mission(family: str, seed: int, changes: Changes) -> Task:
         except psmpc.SpecError:
             continue
         return load_task(task, {**mission, **changes, "seed": seed})
+
+
+def held_ready(task: Task) -> Changes:
+    """Return the changes by which arms that the end of a stage does not ask for are wanted where they work next.
+
+    They work in the next stage whose end asks for them, in the posture to which the motion leads by inverse kinematics.
+    An arm that holds an object, or that points at nothing, stays as it is.
+    """
+    forecasts = forecast_stages(task)
+    stops = forecast_configurations(task, forecasts)
+    model = forecasts[0].model
+    joints_of = {arm: slice(rows.start, rows.stop) for arm, rows in model.parts.items() if arm != "base"}
+    before = model.nq - model.n
+    changes: Changes = {}
+    for index, stage in enumerate(task.spec.stages):
+        for number, arm in enumerate(model.spec.arms, start=1):
+            working = [j for j, each in enumerate(task.spec.stages) if j >= index and asks_for(each, arm)]
+            if index in task.spec.held_stages or not working or working[0] == index:
+                continue
+            work = task.spec.stages[working[0]]
+            where = slice(before + joints_of[arm].start, before + joints_of[arm].stop)
+            joints = stops[working[0] + 1][where]
+            if forecasts[working[0]].stage.space == "point":
+                joints = pointing(model, stops[working[0] + 1], where, number, work.target[arm])
+            space = forecasts[index].stage.space
+            if space == "joint":
+                changes[f"stages.{stage.name}.target.{arm}"] = joints.tolist()
+            elif space == "task":
+                Q = stops[index + 1].copy()
+                Q[where] = joints
+                changes[f"stages.{stage.name}.target.{arm}"] = as_target(model.poses(Q)[number])
+    return changes
+
+
+def pointing(model: RobotModel, Q: np.ndarray, where: slice, number: int, point: ArrayLike) -> np.ndarray:
+    """Return the joints, among `where` of Q, with which an arm points at a point and that are nearest to those of Q."""
+    begin = Q[where]
+
+    def error(joints: np.ndarray) -> np.ndarray:
+        pose = model.poses(np.concatenate([Q[: where.start], joints, Q[where.stop :]]))[number]
+        there = np.asarray(point, float) - pose[: len(np.asarray(point))]
+        return np.concatenate([np.subtract(ahead(pose, float(np.linalg.norm(there))), point), 1e-3 * (joints - begin)])
+
+    low, high = np.transpose(model.spec.limits["arms"].position)
+    return np.asarray(least_squares(error, np.clip(begin, low, high), bounds=(low, high)).x)
+
+
+def asks_for(stage: StageSpec, arm: str) -> bool:
+    """Tell whether the end of a stage asks for an arm."""
+    return stage.ends_when is not None and not {arm, "arms", "all"}.isdisjoint(stage.ends_when.coordinates)
 
 
 # ------------------------------------------------------------------------------------------------ studies
@@ -339,7 +400,11 @@ def horizon(length: float, value: float) -> tuple[str, Changes]:
     return f"{length:g} s, release {value:g}", {"controller.horizon": length, "stages.release.priority": value}
 
 
+READY = "held ready"
+"""Level at which arms are held ready."""
+
 LEVELS: Mapping[str, Mapping[str, Changes]] = {
+    **{name: {"": {}, READY: {}} for name in ("posed", "tour", "tour_space")},
     "plane": {"": {}},
     "space": {"": {}},
     "reach": {"": {}},
@@ -372,6 +437,9 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "plane": ("plane", BY_STATE, range(100)),
     "space": ("space", PLANNED, range(20)),
     "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard", "psmpc, whole mission"), range(30)),
+    "posed": ("plane", PLANNED, range(30)),
+    "tour": ("tour", PLANNED, range(30)),
+    "tour_space": ("tour_space", PLANNED, range(10)),
     "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 10)),
     "best": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),
     "noise": ("plane", PLANNED, range(5)),
@@ -391,7 +459,8 @@ def measure(item: tuple[str, Case, int]) -> Row:
     family, case, seed = item
     line = {"family": family, "case": case.name, "seed": seed}
     times = given_times(family, seed) if case.controller.endswith("timed") else {}
-    run = psmpc.simulate(draw_mission(family, seed, {**case.changes, **times}))
+    ready = held_ready(draw_mission(family, seed, {})) if case.level == READY else {}
+    run = psmpc.simulate(draw_mission(family, seed, {**case.changes, **times, **ready}))
     summary = run.summary()
     ends = np.array([float(stage.switch_time) for stage in summary.stages])
     starts = np.array([float(stage.actual_start) for stage in summary.stages])

@@ -69,6 +69,12 @@ BARRIER_START = 1e-4
 """fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
 
 
+ProgramKey = tuple[WindowShape, bool]
+"""What programs differ in: the shape of the window, and whether they have the rows that are rarely active."""
+
+LONGEST_COMPILATION = 600.0
+"""Processor time after which the compilation of a program is ended [s]."""
+
 Bound = Callable[[Window, np.ndarray, np.ndarray], tuple[ArrayLike, ArrayLike]]
 """Low and high of rows for a window, given those of [Q; Qdot] at its nodes, (K + 1, 2n) each."""
 
@@ -373,10 +379,11 @@ class NlpSolver(Solver):
         else:
             settings["mu_init"] = BARRIER_START
         self._settings = settings if options is None else dict(options)
-        self._nlps: dict[tuple[WindowShape, bool], Nlp] = {}
-        self._compiled: dict[tuple[WindowShape, bool], ca.Function] = {}
-        self._clocks: dict[tuple[WindowShape, bool], _Clock] = {}
-        self._calls = BoundedCalls(self._call)
+        self._nlps: dict[ProgramKey, Nlp] = {}
+        self._compiled: dict[ProgramKey, ca.Function] = {}
+        self._clocks: dict[ProgramKey, _Clock] = {}
+        self._ready = set[ProgramKey]()  # those that the copy of the process has compiled
+        self._calls = BoundedCalls(self._answer)
 
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
@@ -393,12 +400,7 @@ class NlpSolver(Solver):
         """Return the NLP of a window, transcribed on first use, and its x and p of a plan on the window's mesh."""
         shape = window_shape(window)
         numbers = window_numbers(window, plan.instants)
-        key = shape, has_all_rows
-        if key not in self._nlps:
-            if shape.bounded and self._plugin != "ipopt":
-                raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
-            self._nlps[key] = Nlp(self._problem.model, shape, numbers, has_all_rows)
-        nlp = self._nlps[key]
+        nlp = self._nlp((shape, has_all_rows), numbers)
         inputs = list[np.ndarray]()
         for stage, first, last in zip(window.stages, nlp.grid.first_node, nlp.grid.first_node[1:], strict=False):
             X = plan.X[first:last]
@@ -410,11 +412,24 @@ class NlpSolver(Solver):
         z = nlp.pack(plan.X.T, tau, 0.0, violations, row_violations, *inputs)
         return nlp, _array(z), np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
 
-    def _prepared(self, nlp: Nlp) -> tuple[WindowShape, bool]:
-        """Compile the solver of a program, unless it is there, and return the key of the program."""
-        key = nlp.shape, nlp.has_all_rows
+    def _nlp(self, key: ProgramKey, numbers: Parameters[np.ndarray]) -> Nlp:
+        """Return a program, transcribed on first use."""
+        shape, has_all_rows = key
+        if key not in self._nlps:
+            if shape.bounded and self._plugin != "ipopt":
+                raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
+            self._nlps[key] = Nlp(self._problem.model, shape, numbers, has_all_rows)
+        return self._nlps[key]
+
+    def _answer(self, method: str, *arguments: Any) -> Any:
+        """Answer a call in the copy of the process, in which programs are compiled and solved."""
+        return getattr(self, method)(*arguments)
+
+    def _compile(self, key: ProgramKey, numbers: Parameters[np.ndarray]) -> None:
+        """Compile the solver of a program; it may take a minute, during which no signal would be noticed."""
         if key in self._compiled:
-            return key
+            return
+        nlp = self._nlp(key, numbers)
         options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
         settings = self._settings
         if self._plugin == "fatrop":
@@ -426,11 +441,9 @@ class NlpSolver(Solver):
         loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
         options[self._plugin] = {**settings, **loud}
         self._compiled[key] = ca.nlpsol("window", self._plugin, nlp.problem, options)
-        self._calls.renew()
-        return key
 
     def _call(
-        self, key: tuple[WindowShape, bool], arguments: Mapping[str, np.ndarray], until: float
+        self, key: ProgramKey, arguments: Mapping[str, np.ndarray], until: float
     ) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
         """Call a compiled solver; return vectors, statistics, the wall time [s], and what it wrote, if it is reported.
 
@@ -462,10 +475,18 @@ class NlpSolver(Solver):
     def _solved(self, window: Window, guess: Plan, start: Plan, within: float, has_all_rows: bool) -> Solution:
         """Return the solution of a window's NLP, started from a plan, its bounds about the guess."""
         nlp, x0, p = self._posed(window, start, has_all_rows)
-        key = self._prepared(nlp)
+        key = nlp.shape, has_all_rows
         bounds = nlp.bounds(window, guess, within)
-        until = self.stop_time(time.perf_counter())
-        result, stats, wall_time, written = self._calls(LONGEST_CALL, key, {"x0": x0, "p": p, **bounds}, until)
+        try:
+            if key not in self._ready:
+                self._calls(LONGEST_COMPILATION, "_compile", key, window_numbers(window, start.instants))
+                self._ready.add(key)
+            until = self.stop_time(time.perf_counter())
+            arguments = {"x0": x0, "p": p, **bounds}
+            result, stats, wall_time, written = self._calls(LONGEST_CALL, "_call", key, arguments, until)
+        except BaseException:
+            self._ready.clear()  # the copy has ended with what it had compiled
+            raise
         if self._report is not None:
             for line in filter(ITERATION.match, written.splitlines()):
                 self._report(line)

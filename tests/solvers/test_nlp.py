@@ -70,6 +70,22 @@ def test_a_solve_that_does_not_return_has_failed(
     assert found.plan.X.shape == plan.X.shape
 
 
+def test_a_compilation_can_be_ended(
+    problem: Problem, stages: tuple[Stage, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That of a long program takes a minute, in which no signal reaches the process that does it."""
+
+    def compile_for_ever(*arguments: object) -> None:
+        while True:
+            pass
+
+    monkeypatch.setattr("psmpc_cli.solvers.nlp.LONGEST_COMPILATION", 0.3)
+    monkeypatch.setattr("casadi.nlpsol", compile_for_ever)
+    solver = NlpSolver(problem, SolverSpec(kind="fatrop"))
+    window = window_over(stages[:2])
+    assert solver.solve(window, coasting(window, 2.0)).outcome is Outcome.TIMEOUT
+
+
 def test_a_plan_violates_what_it_breaks(solver: NlpSolver, stages: tuple[Stage, ...]) -> None:
     x0 = np.zeros(18)
     x0[9] = 0.15

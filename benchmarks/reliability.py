@@ -112,7 +112,7 @@ def physics(nodes: str = "100") -> Iterator[str]:
     rows = {f"open loop, {name}": f"{replayed_apart(ours, *how):.1e}" for name, how in REPLAYS.items()}
     pose, angles = np.abs(ours.final["xi"] - theirs.final["xi"]), SKILLS["task"].angles(ours.problem.model)
     rows["closed loop: final pose"] = f"{np.delete(pose, angles).max():.1e} m, {pose[angles].max():.1e} rad"
-    for name, key in {"instants that end the stages": "switch_time", "actual starts": "actual_start"}.items():
+    for name, key in {"switch times": "switch_time", "actual starts": "actual_start"}.items():
         rows[f"closed loop: {name}"] = f"{np.abs(ours.stages[key] - theirs.stages[key]).max():.1e} s"
     for name, run in zip(("rk4", "MuJoCo"), runs, strict=True):
         summary = run.summary()

@@ -1,4 +1,4 @@
-"""The tables of docs/capture.md: runs of tasks with an object that has a mass, judged by what becomes of it.
+"""The tables of docs/capture_results.md: runs of tasks with an object that has a mass, judged by what becomes of it.
 
     python benchmarks/capture.py held        the task as it is with 5, 20 and 60 kg, by controller
     python benchmarks/capture.py unknown     the same under PSMPC where the low-level law does not know of the load

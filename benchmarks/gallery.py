@@ -41,16 +41,22 @@ COMMANDS: Mapping[str, str] = {
     "A run": f"psmpc simulate transport {COARSE} -o run.h5",
     "A run in space": "psmpc simulate servicing --set controller.nodes=12 --no-figures -o space.h5"
     " && psmpc plot space.h5 --only states --only snapshots",
-    "A capture": f"psmpc simulate transport_grasp --controller smpc {COARSE} --set object.grasp.strength.pull=8 "
-    "--no-figures -o capture.h5 && psmpc plot capture.h5 --only grasps --only snapshots",
+    "A capture": f"psmpc simulate transport_grasp {COARSE} --no-figures -o capture.h5"
+    " && psmpc plot capture.h5 --only grasps --only snapshots",
     "A capture that keeps clear": f"psmpc simulate catch_drifting {COARSE} --set clearance.margin=0.04 --set "
     f'"obstacles=[{DEBRIS}]" --no-figures -o clear.h5 && psmpc plot clear.h5 --only clearance --only snapshots',
+    "A route round a panel": "psmpc simulate inspect_around --no-figures -o route.h5"
+    " && psmpc plot route.h5 --only clearance --only snapshots",
+    "A base that floats": "psmpc simulate float_and_reach --no-figures -o float.h5"
+    " && psmpc plot float.h5 --only snapshots",
+    "A robot that is not the model": f"psmpc simulate transport {COARSE} --set uncertainty.mass=0.1 "
+    "--set uncertainty.noise.position=1e-3 --no-figures -o uncertain.h5 && psmpc plot uncertain.h5 --only velocities",
     "A comparison": f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
     "A sweep over the priorities": "psmpc sweep-weights 9x9 --set controller.nodes=12 -o sweep.h5",
     "Random priorities": "psmpc sweep-weights --sampling random:30 --set controller.nodes=12 -o draws.h5",
     "Pareto fronts": "psmpc pareto --points 25 --method weighted-sum --set controller.nodes=25 -o pareto.h5",
-    "Pareto fronts with the instant as a criterion": "psmpc pareto --free-instant --points 13 --method weighted-sum "
-    "--set controller.nodes=25 -o free.h5",
+    "Pareto fronts with the switch time as a criterion": "psmpc pareto --free-instant --points 13 "
+    "--method weighted-sum --set controller.nodes=25 -o free.h5",
     "A Monte Carlo study": f'psmpc monte-carlo transport --runs 20 --set controller.nodes=12 --set "{NOISY}" '
     "-o study.h5",
     "The reproduction of the paper": "psmpc reproduce --ablations --weights 5x5 --set controller.nodes=12 -o reproduce",

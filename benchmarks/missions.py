@@ -27,7 +27,6 @@ family's task, the same for every controller. Each run adds one line to benchmar
 line is not repeated, and studies share their runs. `PSMPC_DASK=ADDRESS` computes them on a Dask cluster.
 """
 
-import csv
 import json
 import logging
 import os
@@ -36,14 +35,13 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pages import markdown
+from pages import as_csv, markdown, write_long_tables
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest, bootstrap
@@ -62,7 +60,6 @@ from psmpc_cli.specs.task import StageSpec
 from psmpc_cli.studies.runner import compute
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
-LONG_TABLES = Path(__file__).parent / "results"
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "effort_front.png"
 
 Row = dict[str, Any]
@@ -805,7 +802,7 @@ def long_tables() -> dict[str, str]:
         rows["differences"] += [{"study": name, **row} for row in differences(made)]
         if name == "effort":
             rows["equal-effort"] += at_equal_effort(made)
-    return {f"missions-{kind}.csv": _as_csv([_split(row) for row in each]) for kind, each in rows.items()}
+    return {f"missions-{kind}.csv": as_csv([_split(row) for row in each]) for kind, each in rows.items()}
 
 
 def _split(row: Row) -> dict[str, str]:
@@ -823,26 +820,9 @@ def _split(row: Row) -> dict[str, str]:
     return cells
 
 
-def _as_csv(rows: Sequence[Mapping[str, str]]) -> str:
-    """Return rows as CSV; a row may lack cells."""
-    columns = dict.fromkeys(name for row in rows for name in row)
-    file = StringIO()
-    writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return file.getvalue()
-
-
 def files() -> Iterator[str]:
     """Write the long tables and yield the table of their files."""
-    LONG_TABLES.mkdir(exist_ok=True)
-    rows = []
-    for name, text in long_tables().items():
-        (LONG_TABLES / name).write_text(text, encoding="utf-8")
-        rows.append(
-            {"file": f"`{LONG_TABLES.relative_to(Path(__file__).parents[1])}/{name}`", "rows": text.count("\n") - 1}
-        )
-    yield from markdown(rows)
+    yield from write_long_tables(long_tables())
 
 
 WHOLE_SAMPLE = 5

@@ -10,6 +10,7 @@ its arguments, or commands of psmpc joined by `&&`, which run in a folder of the
 A command that fails and has printed nothing leaves its table as it is; the exit code is 1 if one has failed.
 """
 
+import csv
 import os
 import re
 import shlex
@@ -17,6 +18,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import unified_diff
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -25,6 +27,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # for all processes that are star
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
+
+LONG_TABLES = HERE / "results"
+"""Where tables too long for a page are, as CSV files."""
 
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 
@@ -45,6 +50,27 @@ def markdown(rows: Iterable[Iterable[object]], *headings: str) -> Iterator[str]:
             yield f"| {' | '.join(headings)} |"
             yield "|" + "---|" * len(headings)
         yield f"| {' | '.join(str(cells.get(heading, '')) for heading in headings)} |"
+
+
+def as_csv(rows: Iterable[Mapping[str, object]]) -> str:
+    """Return rows, each with its cells by heading, as CSV; a row may lack cells."""
+    rows = list(rows)
+    columns = dict.fromkeys(name for row in rows for name in row)
+    file = StringIO()
+    writer = csv.DictWriter(file, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return file.getvalue()
+
+
+def write_long_tables(texts: Mapping[str, str]) -> Iterator[str]:
+    """Write CSV files below `LONG_TABLES` and yield the table that names them."""
+    LONG_TABLES.mkdir(exist_ok=True)
+    rows = []
+    for name, text in texts.items():
+        (LONG_TABLES / name).write_text(text, encoding="utf-8")
+        rows.append({"file": f"`{LONG_TABLES.relative_to(ROOT)}/{name}`", "rows": text.count("\n") - 1})
+    yield from markdown(rows)
 
 
 def command_line(*functions: Callable[..., Iterable[str]]) -> None:

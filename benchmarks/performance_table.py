@@ -3,10 +3,10 @@
 python benchmarks/performance_table.py runs [NODES]     whole runs of the transport task; a minute
 python benchmarks/performance_table.py windows          solves of single windows by every back-end; 10 to 15 minutes
 python benchmarks/performance_table.py freedom          how solve times grow with the robot; some minutes
-python benchmarks/performance_table.py space [REPEAT]   a robot in space beside the planar one; two minutes
+python benchmarks/performance_table.py space [REPEAT]   a spatial robot beside the planar one; two minutes
 python benchmarks/performance_table.py forces [REPEAT]  what limits of forces cost; two minutes
 python benchmarks/performance_table.py overhead [NODES] what a sample costs besides its solve
-python benchmarks/performance_table.py parallel         what a second process brings a sweep; docs/sweeps.md
+python benchmarks/performance_table.py parallel         what a second process brings a sweep
 """
 
 import os
@@ -26,7 +26,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
-from pages import command_line, markdown, run_psmpc
+from pages import as_csv, command_line, markdown, run_psmpc, write_long_tables
 
 import psmpc_cli as psmpc
 from psmpc_cli.control import Command
@@ -72,7 +72,11 @@ PATTERN = "planar_dual_arm"
 ROBOTS = tuple(product((1, 2, 3), (3, 5, 7)))
 """Arms of each robot, and joints of each arm."""
 
-GROWTH = ("solver", "start", "stages", "exponent")
+SHOWN = {
+    *product(("25", "100", "auto"), ("sqp", "fatrop", "ipopt"), ("warm",)),
+    *product(("25", "100", "auto"), ("reference",), ("cold",)),
+}
+"""Meshes, back-ends and starts of the solves that a page shows."""
 
 PLANAR, SPATIAL = "transport", "servicing"
 """The tasks whose windows are solved in turn."""
@@ -142,38 +146,49 @@ def _tell(line: str) -> None:
 
 
 def windows() -> Iterator[str]:
-    """Yield the machine, and the tables of solves of single windows: by mesh, by number of stages, growth with N_s."""
+    """Yield the machine, the solves of single windows that a page shows, growth with N_s, and the files with all."""
     bench = run_bench(load_bench("transport", ()), watch=_tell)
     yield f"{describe_machine(bench)}; {datetime.now(UTC).isoformat(timespec='seconds')}."
     if bench.wall_over_busy > QUIET:
         yield "**The machine was busy: times are too long, and those of different meshes cannot be compared.**"
     yield ""
-    yield from markdown(bench_rows(bench), *HEADINGS)
-    yield from ("", "Medians by the number of stages in the window:", "")
-    counts = sorted({solve.stages for solves in bench.solves.values() for solve in solves})
-    medians = ((*way, *(_ms(median_time(each, count)) for count in counts)) for way, each in bench.solves.items())
-    yield from markdown(medians, *HEADINGS[:3], *(f"{count} stage{'s' * (count > 1)} [ms]" for count in counts))
-    yield from ("", "The exponent p of time ~ N_s^p, by least squares of the logarithms of these medians:", "")
-    yield from markdown(growth({nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}, bench), *GROWTH)
+    solves = [dict(zip(HEADINGS, row, strict=True)) for row in bench_rows(bench)]
+    yield from markdown(row for row in solves if (row["nodes"], row["solver"], row["start"]) in SHOWN)
+    yield from ("", "The exponent p of time ~ N_s^p, by least squares of the logarithms of the medians:", "")
+    yield from markdown(growth({nodes: float(nodes) for nodes in NODES.split(",") if nodes != "auto"}, bench))
+    yield from ("", "All back-ends, starts and meshes, and the medians by the number of stages in the window:", "")
+    counts = sorted({solve.stages for each in bench.solves.values() for solve in each})
+    medians = [
+        dict(zip(HEADINGS[:3], way, strict=True))
+        | {f"{_stages(count)} [ms]": _ms(median_time(each, count)) for count in counts}
+        for way, each in bench.solves.items()
+    ]
+    yield from write_long_tables({"speed-windows.csv": as_csv(solves), "speed-windows-by-stages.csv": as_csv(medians)})
+
+
+def _stages(count: int) -> str:
+    return f"{count} stage{'s' * (count > 1)}"
 
 
 def freedom() -> Iterator[str]:
     """Yield the table of how solve times grow with the degrees of freedom."""
     tasks = {f"{arms} x {joints}": [sized_task(arms, joints)] for arms, joints in ROBOTS}
     sizes = {f"{arms} x {joints}": 3.0 + arms * joints for arms, joints in ROBOTS}
-    return markdown(growth(sizes, run_bench(tasks, appends=1, watch=_tell)), *GROWTH)
+    return markdown(growth(sizes, run_bench(tasks, appends=1, watch=_tell)))
 
 
-def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[tuple[object, ...]]:
-    """Yield the exponent p of time ~ size^p for each back-end, start and number of stages, by least squares of logs."""
+def growth(sizes: Mapping[str, float], bench: Bench) -> Iterator[dict[str, str]]:
+    """Yield the exponent p of time ~ size^p for each back-end and start, by number of stages; least squares of logs."""
     for solver, start in dict.fromkeys((solver, start) for _, solver, start in bench.solves):
         mine = {size: bench.solves[nodes, solver, start] for nodes, size in sizes.items()}
+        row = {"solver": solver, "start": start}
         for count in sorted({solve.stages for solves in mine.values() for solve in solves}):
             times = {size: median_time(solves, count) for size, solves in mine.items()}
             known = [(size, time) for size, time in times.items() if np.isfinite(time)]
             x, y = np.log(np.array(known)).reshape(-1, 2).T
             if len(np.unique(x)) > 1:
-                yield solver, start, count, _number(float(np.polyfit(x, y, 1)[0]))
+                row[f"exponent, {_stages(count)}"] = _number(float(np.polyfit(x, y, 1)[0]))
+        yield row
 
 
 def sized_task(arms: int, joints: int) -> Task:

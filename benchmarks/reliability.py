@@ -15,12 +15,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr
 from functools import partial
 from io import StringIO
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -69,33 +68,39 @@ EVER = 1000
 Line = tuple[dict[str, str], bool]
 """A row of a table, and whether what it tells is as it should be."""
 
-FAULTS: dict[str, tuple[Fault, Sequence[str]]] = {
-    "none": (Fault(), SQP),
-    "NaN for the whole state, 1 sample": (unmeasured(during(2, 1)), SQP),
-    "NaN for the whole state, 5 samples": (unmeasured(during(2, 5)), SQP),
-    "NaN for the whole state, 20 samples, across a switch": (unmeasured(during(9, 20)), SQP),
-    "NaN for the whole state, for ever": (unmeasured(during(2, EVER)), SQP),
-    "NaN for one coordinate, 5 samples": (unmeasured(during(2, 5), 0), SQP),
-    "NaN for one coordinate, for ever": (unmeasured(during(2, EVER), 0), SQP),
-    "the solver does not converge, 1 sample": (not_converging(during(2, 1)), SQP),
-    "the solver does not converge, 5 samples": (not_converging(during(2, 5)), SQP),
-    "the solver does not converge, 50 samples": (not_converging(during(2, 50)), SQP),
-    "the solver does not converge, 20 samples, across a switch": (not_converging(during(9, 20)), SQP),
-    "the solver raises, 5 samples": (raising(during(2, 5)), SQP),
-    "the solver raises, for ever": (raising(during(2, EVER)), SQP),
-    "the solver says it converged, to NaN, 5 samples": (meaningless(during(2, 5)), SQP),
-    "a deadline of 10 us, sqp": (Fault(), (*SQP, "solver.deadline=1e-5")),
-    "a deadline of 10 us, ipopt": (Fault(), (*TASK, "solver.kind=ipopt", "solver.deadline=1e-5")),
-    "a blow of (0.3, -0.3) m/s": (pushed(9, x=0.3, y=-0.3), SQP),
-    "the same, base acceleration at most 0.1 m/s^2, so that the end of Approach is out of reach": (
-        pushed(9, x=0.3, y=-0.3),
-        WEAK,
-    ),
-    "the same, fatrop": (pushed(9, x=0.3, y=-0.3), (*WEAK, "solver.kind=fatrop")),
-    "a blow beyond the velocity limit, to 0.4 m/s": (pushed(8, x=-0.2, y=0.2), WEAK),
-    "a blow of 0.5 rad/s": (pushed(8, theta=0.5), WEAK),
+FAULTS: dict[str, dict[str, tuple[Fault, Sequence[str]]]] = {
+    "Measurements": {
+        "none": (Fault(), SQP),
+        "NaN for the whole state, 1 sample": (unmeasured(during(2, 1)), SQP),
+        "NaN for the whole state, 5 samples": (unmeasured(during(2, 5)), SQP),
+        "NaN for the whole state, 20 samples, across a switch": (unmeasured(during(9, 20)), SQP),
+        "NaN for the whole state, for ever": (unmeasured(during(2, EVER)), SQP),
+        "NaN for one coordinate, 5 samples": (unmeasured(during(2, 5), 0), SQP),
+        "NaN for one coordinate, for ever": (unmeasured(during(2, EVER), 0), SQP),
+    },
+    "The solver": {
+        "the solver does not converge, 1 sample": (not_converging(during(2, 1)), SQP),
+        "the solver does not converge, 5 samples": (not_converging(during(2, 5)), SQP),
+        "the solver does not converge, 50 samples": (not_converging(during(2, 50)), SQP),
+        "the solver does not converge, 20 samples, across a switch": (not_converging(during(9, 20)), SQP),
+        "the solver raises, 5 samples": (raising(during(2, 5)), SQP),
+        "the solver raises, for ever": (raising(during(2, EVER)), SQP),
+        "the solver says it converged, to NaN, 5 samples": (meaningless(during(2, 5)), SQP),
+        "a deadline of 10 us, sqp": (Fault(), (*SQP, "solver.deadline=1e-5")),
+        "a deadline of 10 us, ipopt": (Fault(), (*TASK, "solver.kind=ipopt", "solver.deadline=1e-5")),
+    },
+    "Blows to the base": {
+        "a blow of (0.3, -0.3) m/s": (pushed(9, x=0.3, y=-0.3), SQP),
+        "the same, base acceleration at most 0.1 m/s^2, so that the end of Approach is out of reach": (
+            pushed(9, x=0.3, y=-0.3),
+            WEAK,
+        ),
+        "the same, fatrop": (pushed(9, x=0.3, y=-0.3), (*WEAK, "solver.kind=fatrop")),
+        "a blow beyond the velocity limit, to 0.4 m/s": (pushed(8, x=-0.2, y=0.2), WEAK),
+        "a blow of 0.5 rad/s": (pushed(8, theta=0.5), WEAK),
+    },
 }
-"""What goes wrong from which sample on, and the keys that are changed."""
+"""What goes wrong from which sample on, and the keys that are changed, by kind."""
 
 
 def physics(nodes: str = "100") -> Iterator[str]:
@@ -107,7 +112,7 @@ def physics(nodes: str = "100") -> Iterator[str]:
     rows = {f"open loop, {name}": f"{replayed_apart(ours, *how):.1e}" for name, how in REPLAYS.items()}
     pose, angles = np.abs(ours.final["xi"] - theirs.final["xi"]), SKILLS["task"].angles(ours.problem.model)
     rows["closed loop: final pose"] = f"{np.delete(pose, angles).max():.1e} m, {pose[angles].max():.1e} rad"
-    for name, key in {"instants that end the stages": "switch_time", "actual starts": "actual_start"}.items():
+    for name, key in {"switch times": "switch_time", "actual starts": "actual_start"}.items():
         rows[f"closed loop: {name}"] = f"{np.abs(ours.stages[key] - theirs.stages[key]).max():.1e} s"
     for name, run in zip(("rk4", "MuJoCo"), runs, strict=True):
         summary = run.summary()
@@ -292,26 +297,36 @@ def struck(folder: Path, number: signal.Signals, name: str, changes: Sequence[st
 
 def checked(lines: Iterable[Line]) -> Iterator[str]:
     """Yield a table; then exit with 1 if a row is not as it should be."""
+    return checked_by_kind({"": lines})
+
+
+def checked_by_kind(tables: Mapping[str, Iterable[Line]]) -> Iterator[str]:
+    """Yield tables with their titles; then exit with 1 if a row is not as it should be."""
     unsafe = []
 
-    def rows() -> Iterator[dict[str, str]]:
+    def rows(lines: Iterable[Line]) -> Iterator[dict[str, str]]:
         for cells, safe in lines:
             if not safe:
                 unsafe.append(cells)
                 sys.stderr.write(f"NOT AS IT SHOULD BE: {cells}\n")
             yield cells
 
-    yield from markdown(rows())
+    for title, lines in tables.items():
+        yield from ("", f"{title}:", "") if title else ()
+        yield from markdown(rows(lines))
     if unsafe:
         raise SystemExit(1)
 
 
 def faults() -> Iterator[str]:
-    """Yield the table of faults in the loop and in the output."""
+    """Yield the tables of faults in the loop, by kind, and in the output."""
     with TemporaryDirectory() as name:
         folder = Path(name)
-        runs = (in_the_loop(fault, folder / f"{k}.h5", *how) for k, (fault, how) in enumerate(FAULTS.items()))
-        yield from checked(chain(runs, outputs(folder)))
+        tables: dict[str, Iterable[Line]] = {}
+        for kind, named in FAULTS.items():
+            logs = {fault: folder / f"{kind} {number}.h5" for number, fault in enumerate(named)}
+            tables[kind] = [in_the_loop(fault, logs[fault], *how) for fault, how in named.items()]
+        yield from checked_by_kind({**tables, "The output": outputs(folder)})
 
 
 def signals() -> Iterator[str]:

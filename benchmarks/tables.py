@@ -171,11 +171,15 @@ def datasets(along: str, *only: str) -> Iterator[str]:
     return markdown(rows, "dataset", "shape", "units", "what")
 
 
-def quantities(study: str) -> Iterator[str]:
-    """Yield the table of what a study records of each of its runs: a sweep or a monte-carlo study."""
-    found = {"sweep": over_weights(1), "monte-carlo": WHOLE_RUN}[study]
-    rows = ((f"`{each.path}`", each.units, each.long_name) for each in found)
-    return markdown(rows, "array", "units", "what")
+def quantities() -> Iterator[str]:
+    """Yield the table of what a study records of each of its runs, and in which studies."""
+    by_study = {"sweeps": over_weights(1), "draws": WHOLE_RUN}
+    studies: dict[tuple[str, str, str], list[str]] = {}
+    for study, columns in by_study.items():
+        for column in columns:
+            studies.setdefault((f"`{column.path}`", column.units, column.long_name), []).append(study)
+    rows = ((*cells, ", ".join(recorded)) for cells, recorded in studies.items())
+    return markdown(rows, "array", "units", "what", "recorded by")
 
 
 def commands() -> Iterator[str]:

@@ -42,7 +42,7 @@ PEERS = {"acados": ".venv-acados", "rockit": ".venv-rockit", "do_mpc": ".venv-do
 REFERENCE = "psmpc, fatrop"
 OBJECTIVE, INSTANT = 1e-3, 0.02
 HEADINGS = (
-    "| window | N_s | program | build [s] | cold [ms] | warm [ms] | warm over sqp | J apart | instants apart [ms] |"
+    "| window | N_s | program | build [s] | cold [ms] | warm [ms] | warm over sqp | J apart | switch times apart [ms] |"
 )
 
 Result = Mapping[str, Any]

@@ -156,7 +156,7 @@ def pareto(
     method: Annotated[
         Literal["weighted-sum", "epsilon-constraint", "both"], typer.Option(help="How the points are found.")
     ] = "both",
-    free_instant: Annotated[bool, typer.Option("--free-instant", help="The instant is a third criterion.")] = False,
+    free_instant: Annotated[bool, typer.Option("--free-instant", help="The switch time is a third criterion.")] = False,
     output: Annotated[Path | None, options.output("runs/<task>-pareto.h5")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
     force: options.Force = False,

@@ -474,7 +474,7 @@ SCHEMA = (
         "force and moment of each gripper on the object, at the gripper, in the inertial frame",
         lambda s: s.ticks.target_object.wrench[0].ravel(),
     ),
-    _plan("guess", "plan it started from: instants, states, accelerations", "command.solution.guess.flat"),
+    _plan("guess", "plan it started from: switch times, states, accelerations", "command.solution.guess.flat"),
     _plan("guess_multipliers", "multipliers each solve started from; may be empty", "command.solution.guess_duals"),
     _plan(
         "parameters",
@@ -531,7 +531,7 @@ SCHEMA = (
     _of_monitor("monitors/unit", "1", "unit of the signal and its margin", dtype="text"),
     _of_object("object/mass", "kg", "true mass of the object"),
     _of_object("object/inertia", "kg m^2", "its true inertia", dims=("object/moment",)),
-    _of_object("object/left_at", "s", "first instant at which a gripper opened; NaN if none did"),
+    _of_object("object/left_at", "s", "time at which the first gripper opened; NaN if none did"),
     _of_object("object/left_pose", POSITION_UNITS, "pose of the object then", dims=("object_coordinate",)),
     _of_object("object/left_velocity", VELOCITY_UNITS, "velocity of the object then", dims=("object_axis",)),
     _of_object("final/object_pose", POSITION_UNITS, "pose of the object at the end", dims=("object_coordinate",)),

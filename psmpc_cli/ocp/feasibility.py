@@ -307,7 +307,8 @@ LARGEST_UNKNOWN_LOAD = 1.0
 
 The robot does 1 / (1 + rho) of what is commanded, see `HeldLoad.largest_ratio`. Optimal state feedback of a linear
 system is stable down to half of its gain, which is rho = 1: Safonov, Athans: Gain and phase margin for multiloop LQG
-regulators (1977). Beyond, plans count on more than twice the deceleration that there is. docs/capture.md has runs.
+regulators (1977). Beyond, plans count on more than twice the deceleration that there is.
+docs/capture_results.md has runs.
 """
 
 

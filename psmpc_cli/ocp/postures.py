@@ -42,7 +42,7 @@ class LoadRatio:
     """The largest inertia of a held object over that of the robot, over all motions that keep the closed chain.
 
     Attributes:
-        ratio: rho of docs/capture.md [1].
+        ratio: rho of docs/grasp_model.md [1].
         coordinate: The coordinate that has most of the kinetic energy in that motion.
         stage: Name of the stage at whose target that is so.
     """

@@ -1,4 +1,4 @@
-"""The object as a body, and the grasps that hold it: linear bushings between grippers and object. docs/capture.md.
+"""The object as a body, and the grasps that hold it: linear bushings between grippers and object. docs/grasp_model.md.
 
 In the coordinates relative to the pose recorded at closing, displacement r and rotation vector phi, a closed gripper
 bears the force -k r - d rdot and the moment -kappa phi - delta omega, the object the opposite at the same point, the

@@ -1,4 +1,4 @@
-"""The computed torque of a robot that knows its load: an object held by all grippers. Documented in docs/capture.md."""
+"""The computed torque of a robot that knows its load: an object held by all grippers. docs/grasp_model.md."""
 
 from collections.abc import Sequence
 from typing import Any

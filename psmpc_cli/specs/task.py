@@ -106,12 +106,14 @@ class MonitorSpec(Spec):
 class PublishedRun(Spec):
     """A published run to compare with."""
 
-    switch_time: Mapping[_StageKey, fields.Number] = Field({}, description="instants that end the stages, by name [s]")
+    switch_time: Mapping[_StageKey, fields.Number] = Field(
+        {}, description="switch times that end the stages, by name [s]"
+    )
     actual_start: Mapping[_StageKey, fields.Number] = Field({}, description="actual starts of the stages, by name [s]")
 
 
 FREE_END = "free_end"
-"""`one_stage` with which windows over one stage have its end condition at a free instant."""
+"""`one_stage` with which windows over one stage have its end condition at a free switch time."""
 
 
 class HtmpcSpec(Spec):
@@ -198,7 +200,10 @@ class ControllerSpec(Choice):
         10.0, ge=1, description="tolerances within which a stage is predicted to end"
     )
     multistart: fields.Whole | None = Field(
-        None, ge=1, le=100, description="guesses of the instants a window is solved from; default 1, the last plan's"
+        None,
+        ge=1,
+        le=100,
+        description="guesses of the switch times a window is solved from; default 1, the last plan's",
     )
     soft_limits: fields.Flag | None = Field(
         None, description="limits on states give way where they must; default: where measurements are noisy"
@@ -214,7 +219,7 @@ class ControllerSpec(Choice):
     one_stage: Literal["as_published", "free_end"] = Field(
         "as_published",
         exclude_if=lambda value: value == "as_published",
-        description="windows over one stage: without its end, or with its end condition at a free instant",
+        description="windows over one stage: without its end, or with its end condition at a free switch time",
     )
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
 

@@ -124,7 +124,7 @@ def motion_between_hands(run: Run) -> tuple[float, float]:
 
 
 _ENDS = _number(
-    "switch_time", "s", "instant that ended each stage", lambda run: run.stages["switch_time"], dims=("stage",)
+    "switch_time", "s", "switch time that ended each stage", lambda run: run.stages["switch_time"], dims=("stage",)
 )
 _STARTS = "actual start of each stage"
 _CURRENT = "integral of the cost Lbar of each stage while it was the current one"
@@ -137,7 +137,7 @@ _NEAREST = "smallest distance at a tick of parts that keep clear; negative where
 _MARGINS = "smallest distance of each monitor's signal to its bounds, in the unit of the monitor"
 _VARIES = "total variation of the {} acceleration"
 _MOST = "largest number of iterations of a solve"
-_BASINS = "windows in which another guess of the instants than the last plan's won"
+_BASINS = "windows in which another guess of the switch times than the last plan's won"
 
 OUTCOME = (
     _whole("completed", "1 if the last stage met its end condition, 0 if not"),
@@ -213,9 +213,9 @@ def over_weights(second: int) -> tuple[Column, ...]:
 
     by_epsilon = "actual_start_by_epsilon"
     seen = "first sample with the switch in the window"
-    planned = "optimized switching instant at that sample"
+    planned = "optimized switch time at that sample"
     starts = "actual start of the second stage"
-    ends = "instant that ended the second stage"
+    ends = "switch time that ended the second stage"
     before = second - 1
     return (
         _number("detection_time", "s", seen, lambda run: at_detection(run, run.time)),

@@ -1,4 +1,4 @@
-"""Pareto fronts of two stages' costs at several samples of a run: docs/pareto.md. Paper section IV-B, Fig. 7.
+"""Pareto fronts of two stages' costs at several samples of a run: docs/pareto_model.md. Paper section IV-B, Fig. 7.
 
 At each sample the window with both stages is solved for one trade-off between their costs after another: weighted sums
 and epsilon constraints, each from the best point known.

@@ -104,7 +104,7 @@ def test_one_stage_after_another_a_drifting_object_is_caught_too(kind: str) -> N
     [("transport_grasp", "rk4"), ("catch_drifting", "mujoco"), ("servicing", "rk4")],
 )
 def test_built_in_tasks_deliver_at_rest_by_hands_that_keep_where_they_closed(name: str, plant: str) -> None:
-    """Within 2 mm and 0.2 deg of each other; docs/capture.md has the same of all tasks under both plants."""
+    """Within 2 mm and 0.2 deg of each other; docs/capture_results.md has the same of all tasks under both plants."""
     run = psmpc.simulate(psmpc.load_task(name, {**COARSE, "plant.kind": plant}))
     found = run.summary().capture
     assert run.summary().succeeded and found is not None
@@ -155,7 +155,7 @@ def test_tumbling_object_is_caught_with_both_hands_and_brought_to_rest() -> None
 
 
 def test_both_plants_take_a_tumbling_object_alike() -> None:
-    """A second after closing, when the bushings have done what they do; docs/capture.md compares whole runs."""
+    """A second after closing, when the bushings have done what they do; docs/capture_results.md compares whole runs."""
     plants = ({**TUMBLING, "plant.kind": kind, "time_limit": 8.0} for kind in ("rk4", "mujoco"))
     one, other = (psmpc.simulate(psmpc.load_task("catch_tumbling", each)) for each in plants)
     assert one["grasp/closed"].any() and other["grasp/closed"].any()

@@ -19,7 +19,7 @@ DOCS = Path(__file__).parents[2] / "docs"
         ("python.md", "LogError"),
         ("own_robot.md", "(20, 20)"),
         ("view.md", ""),
-        ("real_time.md", "<Run of transport under psmpc: "),
+        ("record.md", "<Run of transport under psmpc: "),
     ],
 )
 def test_the_page_runs(page: str, printed: str, tmp_path: Path) -> None:

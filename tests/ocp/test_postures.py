@@ -55,7 +55,7 @@ def test_an_arm_takes_a_pose_on_the_branch_on_which_it_was(elbow: float) -> None
 
 @pytest.mark.parametrize("mass", [5, 20])
 def test_the_ratio_of_a_load_is_proportional_to_it(mass: float) -> None:
-    """20 kg have 2.308 times the inertia of the robot where they are the largest load: docs/capture.md."""
+    """20 kg have 2.308 times the inertia of the robot where they are the largest load: docs/grasp_model.md."""
     changes = [f"object.mass={mass}", f"object.inertia={2.67 * mass / 20}"]
     task = load_task("transport_grasp", changes)
     model = RobotModel(task.robot)

@@ -21,9 +21,22 @@ RUNS = Path("runs")
 """Folder of the default outputs."""
 
 
-def echo(text: str = "", err: bool = False) -> None:
-    """Print a text, as everything that commands print, with escapes for characters that could control a terminal."""
-    typer.echo(escaped(text), err=err)
+GOOD = "green"
+BAD = "red"
+WARNING = "yellow"
+"""Colours of what commands print."""
+
+
+def echo(text: str = "", err: bool = False, colour: str | None = None) -> None:
+    """Print a text, as everything that commands print, with escapes for characters that could control a terminal.
+
+    Args:
+        text: The text.
+        err: Whether it goes to standard error.
+        colour: Its colour on a terminal, unless the environment variable NO_COLOR forbids it.
+    """
+    shown = escaped(text)
+    typer.echo(shown if colour is None or os.environ.get("NO_COLOR") else typer.style(shown, fg=colour), err=err)
 
 
 def escaped(text: str) -> str:
@@ -42,6 +55,12 @@ def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
     from psmpc_cli.specs.load import load_task
 
     load_task(reference, changes or ())
+
+
+def ensure_not_both(quiet: bool, verbose: bool) -> None:
+    """Raise InputError where a command is to print nothing and everything."""
+    if quiet and verbose:
+        raise InputError("found both --quiet and --verbose, expected at most one of them")
 
 
 def output_file(

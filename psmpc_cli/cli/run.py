@@ -44,8 +44,7 @@ def simulate(
     verbose: options.Verbose = False,
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
-    if quiet and verbose:
-        raise InputError("found both --quiet and --verbose, expected at most one of them")
+    common.ensure_not_both(quiet, verbose)
     if verbose:
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
     overrides: list[Change] = [*(changes or [])]

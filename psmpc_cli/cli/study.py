@@ -30,8 +30,10 @@ def compare(
     jobs: options.Jobs = None,
     figures: options.Figures = True,
     quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Run several controllers on one task: one table, one file of logs, and figures side by side."""
+    common.ensure_not_both(quiet, verbose)
     common.validate(task, changes)
     from psmpc_cli.cli.contents import present
     from psmpc_cli.logs.schema import COMPARISON
@@ -45,7 +47,7 @@ def compare(
         show(f"0 of {len(tasks)} runs done", due=False)
         ended = count(1)
         run_tasks(tasks, path, jobs, force, lambda name: show(f"{name} done, {next(ended)} of {len(tasks)}"))
-    present(path, figures, force, quiet)
+    present(path, figures, force, quiet, verbose)
 
 
 def sweep_weights(
@@ -72,8 +74,10 @@ def sweep_weights(
     dask: options.Dask = None,
     figures: options.Figures = True,
     quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
+    common.ensure_not_both(quiet, verbose)
     if grid is not None and not _is_grid(grid):
         grid, task = task, grid
     if task is not None:
@@ -90,7 +94,7 @@ def sweep_weights(
     limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
     cells = parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
     study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
-    _run_study(study, task or sweep.DEFAULT_TASK, output, force, resume, jobs, dask, figures, quiet)
+    _run_study(study, task or sweep.DEFAULT_TASK, output, force, resume, jobs, dask, figures, quiet, verbose)
 
 
 def _is_grid(text: str) -> bool:
@@ -109,13 +113,15 @@ def monte_carlo(
     dask: options.Dask = None,
     figures: options.Figures = True,
     quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
+    common.ensure_not_both(quiet, verbose)
     common.validate(task, changes)
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
     study = monte_carlo_study(task, runs, tuple(changes or ()))
-    _run_study(study, task, output, force, resume, jobs, dask, figures, quiet)
+    _run_study(study, task, output, force, resume, jobs, dask, figures, quiet, verbose)
 
 
 def _run_study(
@@ -128,6 +134,7 @@ def _run_study(
     dask: str | None,
     figures: bool,
     quiet: bool,
+    verbose: bool,
 ) -> None:
     """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done."""
     from psmpc_cli.cli.contents import present
@@ -141,7 +148,7 @@ def _run_study(
     path = common.output_file(output, name, study.kind, force, figures, resume, inputs=[task])
     with ending_on_signals(f"{path} holds what was done: continue with --resume"), live_line(quiet) as show:
         run_study(study, path, jobs, dask, force, resume, lambda progress: show(describe_progress(progress)))
-    present(path, figures, force or resume, quiet)
+    present(path, figures, force or resume, quiet, verbose)
 
 
 def pareto(

@@ -22,11 +22,11 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import RUN
 from psmpc_cli.report.texts import (
     NO_LIMITS,
-    describe_brief_stages,
     describe_mission,
     filled_columns,
     measure_rows,
     stage_rows,
+    warnings_of,
 )
 from psmpc_cli.specs.arguments import as_path, require
 
@@ -123,8 +123,8 @@ def report_run(run: Run) -> Page:
         run=run,
         summary=summary,
         stages=stage_rows(summary),
-        brief_stages=describe_brief_stages(summary),
-        measures=list(measure_rows(summary, verbose=True)),
+        warnings=list(warnings_of(summary)),
+        measures=list(measure_rows(summary)),
         no_limits=NO_LIMITS,
         figures={
             FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(make, run)

@@ -10,7 +10,8 @@ from typer.core import TyperGroup
 
 from psmpc_cli import __version__
 from psmpc_cli.cli import inspect, run, study
-from psmpc_cli.cli.common import escaped
+from psmpc_cli.cli.common import LoggedProgress, escaped
+from psmpc_cli.progress import Progress
 
 ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
 
@@ -61,10 +62,22 @@ for command in chain.from_iterable(GROUPS.values()):
 class EchoHandler(logging.Handler):
     """Writes messages of the library to the present standard error, which a live display replaces for a while."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._progress = LoggedProgress()
+
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one message as one line."""
+        """Write one message as one line, or show the progress that it is."""
+        if isinstance(record.msg, Progress):
+            self._progress.show(record.msg)
+            return
         level = f"{record.levelname.lower()}: " if record.levelno > logging.INFO else ""
         sys.stderr.write(f"{level}{escaped(record.getMessage())}\n")
+
+    def close(self) -> None:
+        """End what is shown."""
+        self._progress.end()
+        super().close()
 
 
 def print_version(wanted: bool) -> None:

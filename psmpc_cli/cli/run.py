@@ -129,7 +129,7 @@ def rerun(
     from psmpc_cli.simulation.replay import rerun as repeat
 
     loaded = read_run(log)
-    with watched_run(quiet) as (watch, interruption):
+    with watched_run(quiet, loaded.motion.end) as (watch, interruption):
         comparison = repeat(loaded, output, force, watch)
     if comparison is None:
         raise typer.Exit(interruption.exit_code)
@@ -180,7 +180,8 @@ def verify(
     from psmpc_cli.simulation.verify import Verification
 
     began = time.perf_counter()
-    found = Verification(read_run(log), every)
+    with common.live_line(quiet=False) as line:
+        found = Verification(read_run(log), every, line.show)
     echo(f"{found.count} horizons, the low-level law acting at every instant")
     if found.count:
         _print_peaks(found.horizons)

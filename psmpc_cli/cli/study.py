@@ -2,14 +2,13 @@
 
 import re
 from datetime import UTC, datetime
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from psmpc_cli.cli import common, options
-from psmpc_cli.cli.common import describe_progress, echo, ending_on_signals, live_line, watched_run
+from psmpc_cli.cli.common import echo, ending_on_signals, live_line, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -43,10 +42,8 @@ def compare(
     path = common.output_file(
         output, f"{next(iter(tasks.values())).spec.name}-comparison", COMPARISON, force, figures, inputs=[task]
     )
-    with ending_on_signals("no comparison was written"), live_line(quiet) as show:
-        show(f"0 of {len(tasks)} runs done", due=False)
-        ended = count(1)
-        run_tasks(tasks, path, jobs, force, lambda name: show(f"{name} done, {next(ended)} of {len(tasks)}"))
+    with ending_on_signals("no comparison was written"), live_line(quiet) as line:
+        run_tasks(tasks, path, jobs, force, line.show)
     present(path, figures, force, quiet, verbose)
 
 
@@ -146,8 +143,8 @@ def _run_study(
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
     name = f"{study.task.spec.name}-{study.kind}"
     path = common.output_file(output, name, study.kind, force, figures, resume, inputs=[task])
-    with ending_on_signals(f"{path} holds what was done: continue with --resume"), live_line(quiet) as show:
-        run_study(study, path, jobs, dask, force, resume, lambda progress: show(describe_progress(progress)))
+    with ending_on_signals(f"{path} holds what was done: continue with --resume"), live_line(quiet) as line:
+        run_study(study, path, jobs, dask, force, resume, line.show)
     present(path, figures, force or resume, quiet, verbose)
 
 
@@ -209,8 +206,8 @@ def pareto(
             interruption.check()
             if run.attributes["stuck"]:
                 raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
-        with live_line(quiet) as show:
-            solve_pareto(run, settings, path, jobs, force, show)
+        with live_line(quiet) as line:
+            solve_pareto(run, settings, path, jobs, force, line.show)
     present(path, figures, force, quiet)
 
 
@@ -240,8 +237,8 @@ def reproduce(
         check_output(folder / name, force, kind)
     if json is not None:
         check_output(json, force, CLAIMS, "--json")
-    with ending_on_signals("no report was written"), live_line(quiet) as show:
-        made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
+    with ending_on_signals("no report was written"), live_line(quiet) as line:
+        made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, line.show)
     created = datetime.now(UTC).isoformat(timespec="seconds")
     page = report_reproduction(made, created).save(folder / study.REPORT, force=True)
     for ablation in made.ablations:

@@ -20,6 +20,7 @@ from psmpc_cli.figures.style import in_style, title_of, words_of
 from psmpc_cli.logs.files import PAGE, write_new
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import RUN
+from psmpc_cli.progress import Work
 from psmpc_cli.report.texts import (
     NO_LIMITS,
     describe_mission,
@@ -117,6 +118,14 @@ def report_run(run: Run) -> Page:
         LogError: The run has no samples.
     """
     summary = run.summary()
+    known = figures_of(RUN, run)
+    work = Work("figures", len(known), title="drawing", small_parts=True)
+
+    def draw(make: Callable[[Run], Figure]) -> Figure:
+        figure = make(run)
+        work.advance()
+        return figure
+
     return render(
         "run.html.j2",
         title=words_of(str(run.attributes["task_name"])),
@@ -127,8 +136,7 @@ def report_run(run: Run) -> Page:
         measures=list(measure_rows(summary)),
         no_limits=NO_LIMITS,
         figures={
-            FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(make, run)
-            for name, make in figures_of(RUN, run).items()
+            FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(draw, make) for name, make in known.items()
         },
         versions=versions_of(run.attributes),
     )

@@ -1,7 +1,7 @@
 """Comparisons: several controllers on one task, in parallel, with their logs in one file."""
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, get_args
 
@@ -11,6 +11,7 @@ from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.numbers import number
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
+from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import rejected, require, require_options
 from psmpc_cli.specs.load import Task
@@ -83,7 +84,7 @@ def run_tasks(
     path: Path | None = None,
     jobs: int | None = None,
     force: bool = False,
-    watch: Callable[[str], None] = lambda name: None,
+    watch: Watch = lambda progress: None,
 ) -> dict[str, Run]:
     """Run every task in a process of its own, and return the runs by name.
 
@@ -92,7 +93,7 @@ def run_tasks(
         path: File of all logs, written whole or not at all; None for none.
         jobs: Processes; by default one for each core.
         force: Whether an existing file is overwritten.
-        watch: Called with the name of each run that ends.
+        watch: Called with the progress, as by `compute_all`.
 
     Raises:
         InputError: The file exists already or cannot be written.

@@ -12,6 +12,7 @@ from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import MONTE_CARLO, PEAKS, SLIDING_PEAKS, Column, Sample
 from psmpc_cli.logs.summary import EXCEEDED
+from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import require_callable, require_options, require_whole
 from psmpc_cli.specs.document import printable
@@ -23,7 +24,6 @@ from psmpc_cli.studies.runner import (
     REDUCED_LOG,
     WAITING,
     Study,
-    Watch,
     names_along,
     run_study,
     task_in,

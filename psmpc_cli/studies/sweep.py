@@ -12,6 +12,7 @@ from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP, Column
+from psmpc_cli.progress import Watch
 from psmpc_cli.specs.arguments import rejected, require, require_callable, require_options
 from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.load import Task
@@ -23,7 +24,6 @@ from psmpc_cli.studies.runner import (
     REFERENCE,
     WAITING,
     Study,
-    Watch,
     documents_of,
     names_along,
     of_reference,

@@ -61,6 +61,6 @@ def on_terminal(*arguments: str, stream: Literal["stdout", "stderr"], **environm
     return sent.decode()
 
 
-def without_controls(sent: str) -> list[str]:
-    """Return the lines that a terminal is sent, without what controls it."""
-    return [re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", line) for line in sent.splitlines()]
+def plain_text(sent: str) -> str:
+    """Return the text that a terminal is sent, without what controls it."""
+    return re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", sent)

@@ -8,12 +8,13 @@ import h5py
 import pytest
 
 from psmpc_cli import __version__
+from psmpc_cli.cli import common
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 
 from ..short_runs import TASK, there_and_back
-from .command import Psmpc, Ran, on_terminal, without_controls
+from .command import Psmpc, Ran, on_terminal, plain_text
 
 
 @pytest.fixture
@@ -56,6 +57,29 @@ def test_progress_is_plain_lines_without_a_terminal(simulate: Psmpc) -> None:
     form = r" *\d+\.\d s  (go|back) +planned switch times: ([\d., ]+|none +) +(-|[\d.]+) x real time  failed solves: 0"
     assert len(lines) == 2
     assert all(re.fullmatch(form, line) for line in lines)
+
+
+def test_a_repeated_run_says_how_long_it_takes_yet(psmpc: Psmpc, ended: Path) -> None:
+    lines = psmpc("rerun", "ended.h5").stderr.splitlines()
+    assert re.search(r"about \d+ s left$", lines[1])
+
+
+def test_long_work_is_one_line_of_a_terminal_and_few_lines_elsewhere(
+    psmpc: Psmpc, part: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(common, "SHORT", 0.0)
+    plain = psmpc("verify", "part.h5").stderr.splitlines()
+    assert len(plain) == 1  # the next one would come `BETWEEN_LINES` later
+    assert re.fullmatch(r"0 of 6 samples", plain[0])
+    sent = on_terminal("verify", str(part), stream="stderr")
+    assert any(re.match(r"5 of 6 samples, about \d+ s left", line) for line in re.split(r"[\r\n]+", plain_text(sent)))
+
+
+@pytest.mark.parametrize("command", ["plot", "report"])
+def test_drawing_shows_how_far_it_has_come(psmpc: Psmpc, part: Path, command: str) -> None:
+    sent = plain_text(on_terminal(command, str(part), stream="stderr"))
+    assert re.search(r"drawing: 1 of \d figures, about \d+ s left", sent)
+    assert psmpc(command, "part.h5", "--force").code == 0
 
 
 def test_quiet_prints_nothing(simulate: Psmpc) -> None:
@@ -242,6 +266,6 @@ def test_the_version_is_printed(psmpc: Psmpc) -> None:
 def test_a_terminal_shows_one_live_line_and_every_event_above_it(tmp_path: Path) -> None:
     (tmp_path / "task.yaml").write_text(TASK)
     words = (str(tmp_path / "task.yaml"), "--no-figures", "-o", str(tmp_path / "log.h5"), "--verbose")
-    lines = without_controls(on_terminal("simulate", *words, stream="stderr"))
+    lines = plain_text(on_terminal("simulate", *words, stream="stderr")).splitlines()
     assert {"0.10 s: back entered the window", "0.80 s: go ended at 0.74 s"} <= set(lines)
     assert any(re.search(r"\d s  back +planned switch times: none", line) for line in lines)

@@ -8,10 +8,11 @@ import pytest
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.schema import MONTE_CARLO
+from psmpc_cli.progress import Progress
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns, monte_carlo_study
-from psmpc_cli.studies.runner import Progress, Study, run_study
+from psmpc_cli.studies.runner import Study, run_study
 
 from ..short_runs import TASK
 from ..synthetic_monte_carlo import synthetic_monte_carlo
@@ -70,7 +71,7 @@ def test_a_study_is_resumed_with_more_runs_and_not_with_fewer(tmp_path: Path, ru
     run_study(study_of(tmp_path, 2), path, 2)
     first = read_results(path, MONTE_CARLO)["cell_time"]
     found = MonteCarloRuns(run_study(study_of(tmp_path, 3), path, 2, resume=True, watch=seen.append))
-    assert seen[-1].runs == 1
+    assert seen[-1].total == 1
     assert found["cell_time"][:2].tolist() == first.tolist()
     for name, quantity in runs.results.quantities.items():
         if "wall time" not in quantity.long_name:

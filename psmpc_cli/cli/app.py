@@ -19,19 +19,21 @@ GROUPS = {
     "Run": (run.simulate, run.rerun, run.replay, run.verify),
     "Study": (study.compare, study.sweep_weights, study.monte_carlo, study.pareto, inspect.bench, study.reproduce),
     "Look": (run.show, run.plot, run.view, run.report),
-    "Begin": (inspect.tasks, inspect.check, inspect.init, inspect.schema),
+    "Help": (inspect.tasks, inspect.check, inspect.init, inspect.schema),
 }
 """All commands by what they are for, in the order of the help."""
 
 EXAMPLES = {
-    "psmpc simulate transport": "run a built-in task; log and figures are below runs/",
-    "psmpc view runs/transport.h5": "write it as a page: the robot in 3-D with its plans",
-    "psmpc tasks": "list the built-in tasks and robots",
+    "psmpc simulate transport --view": "run a built-in task, and write its page: the robot in 3-D with its plans",
+    "psmpc compare transport": "run it under every controller, and recommend one",
 }
+
+TASKS_HELP = "{names}. `psmpc tasks` says what each shows."
+"""What the help says of the built-in tasks."""
 
 
 class GroupedHelp(TyperGroup):
-    """The help of `psmpc`: commands by what they are for, then examples."""
+    """The help of `psmpc`: commands by what they are for, then examples and the built-in tasks."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands of each group, with the first line of their help."""
@@ -41,9 +43,13 @@ class GroupedHelp(TyperGroup):
                 formatter.write_dl([(name, self.commands[name].short_help) for name in names])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write the examples."""
+        """Write the examples, and the names of the built-in tasks."""
+        from psmpc_cli.specs.library import built_ins
+
         with formatter.section("Examples"):
             formatter.write_dl(list(EXAMPLES.items()))
+        with formatter.section("Built-in tasks"):
+            formatter.write_text(TASKS_HELP.format(names=", ".join(built_ins("task"))))
 
 
 app = typer.Typer(

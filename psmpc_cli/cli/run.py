@@ -37,6 +37,7 @@ def simulate(
     figures: options.Figures = True,
     render: options.Render = False,
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
+    open_it: Annotated[bool, typer.Option("--open", help="Write that page and open it in the browser.")] = False,
     unfinished: Annotated[
         Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
     ] = None,
@@ -45,6 +46,7 @@ def simulate(
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
     common.ensure_not_both(quiet, verbose)
+    view = view or open_it
     if verbose:
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
     overrides: list[Change] = [*(changes or [])]
@@ -87,7 +89,7 @@ def simulate(
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        _save(lambda: show(log), page, [path], "view", force)
+        _save(lambda: show(log), page, [path], "view", force, open_it)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:

@@ -5,7 +5,8 @@
 
 A block with a title is a file, or the text of a line of one. A block of `sh` with one of `text` below it is a command
 and what it prints: standard error where the command ends with an error. `...` stands for the rest of an output; the
-lines above it are kept. Other blocks of `sh` are not run. How many solves came late depends on the machine and is left out.
+lines above it are kept. Other blocks of `sh` are not run. How many solves came late depends on the machine, and is
+left out.
 """
 
 import re

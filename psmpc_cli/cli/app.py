@@ -10,7 +10,8 @@ from typer.core import TyperGroup
 
 from psmpc_cli import __version__
 from psmpc_cli.cli import inspect, run, study
-from psmpc_cli.cli.common import escaped
+from psmpc_cli.cli.common import LoggedProgress, escaped
+from psmpc_cli.progress import Progress
 
 ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
 
@@ -18,19 +19,21 @@ GROUPS = {
     "Run": (run.simulate, run.rerun, run.replay, run.verify),
     "Study": (study.compare, study.sweep_weights, study.monte_carlo, study.pareto, inspect.bench, study.reproduce),
     "Look": (run.show, run.plot, run.view, run.report),
-    "Begin": (inspect.tasks, inspect.check, inspect.init, inspect.schema),
+    "Help": (inspect.tasks, inspect.check, inspect.init, inspect.schema),
 }
 """All commands by what they are for, in the order of the help."""
 
 EXAMPLES = {
-    "psmpc simulate transport": "run a built-in task; log and figures are below runs/",
-    "psmpc view runs/transport.h5": "write it as a page: the robot in 3-D with its plans",
-    "psmpc tasks": "list the built-in tasks and robots",
+    "psmpc simulate transport --view": "run a built-in task, and write its page: the robot in 3-D with its plans",
+    "psmpc compare transport": "run it under every controller, and recommend one",
 }
+
+TASKS_HELP = "{names}. `psmpc tasks` says what each shows."
+"""What the help says of the built-in tasks."""
 
 
 class GroupedHelp(TyperGroup):
-    """The help of `psmpc`: commands by what they are for, then examples."""
+    """The help of `psmpc`: commands by what they are for, then examples and the built-in tasks."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands of each group, with the first line of their help."""
@@ -40,9 +43,13 @@ class GroupedHelp(TyperGroup):
                 formatter.write_dl([(name, self.commands[name].short_help) for name in names])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write the examples."""
+        """Write the examples, and the names of the built-in tasks."""
+        from psmpc_cli.specs.library import built_ins
+
         with formatter.section("Examples"):
             formatter.write_dl(list(EXAMPLES.items()))
+        with formatter.section("Built-in tasks"):
+            formatter.write_text(TASKS_HELP.format(names=", ".join(built_ins("task"))))
 
 
 app = typer.Typer(
@@ -61,10 +68,22 @@ for command in chain.from_iterable(GROUPS.values()):
 class EchoHandler(logging.Handler):
     """Writes messages of the library to the present standard error, which a live display replaces for a while."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._progress = LoggedProgress()
+
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one message as one line."""
+        """Write one message as one line, or show the progress that it is."""
+        if isinstance(record.msg, Progress):
+            self._progress.show(record.msg)
+            return
         level = f"{record.levelname.lower()}: " if record.levelno > logging.INFO else ""
         sys.stderr.write(f"{level}{escaped(record.getMessage())}\n")
+
+    def close(self) -> None:
+        """End what is shown."""
+        self._progress.end()
+        super().close()
 
 
 def print_version(wanted: bool) -> None:

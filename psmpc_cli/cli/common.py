@@ -1,9 +1,11 @@
 """What commands share: the paths of what they write, their progress, and how signals end them."""
 
+import math
 import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from itertools import count, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,19 +13,34 @@ from typing import TYPE_CHECKING
 import typer
 
 from psmpc_cli.errors import InputError, Interruption, deferred_signals
+from psmpc_cli.progress import Progress, duration
 
 if TYPE_CHECKING:
+    from rich.live import Live
+
     from psmpc_cli.logs.schema import Sample
     from psmpc_cli.specs.document import Change
-    from psmpc_cli.studies.runner import Progress
 
 RUNS = Path("runs")
 """Folder of the default outputs."""
 
 
-def echo(text: str = "", err: bool = False) -> None:
-    """Print a text, as everything that commands print, with escapes for characters that could control a terminal."""
-    typer.echo(escaped(text), err=err)
+GOOD = "green"
+BAD = "red"
+WARNING = "yellow"
+"""Colours of what commands print."""
+
+
+def echo(text: str = "", err: bool = False, colour: str | None = None) -> None:
+    """Print a text, as everything that commands print, with escapes for characters that could control a terminal.
+
+    Args:
+        text: The text.
+        err: Whether it goes to standard error.
+        colour: Its colour on a terminal, unless the environment variable NO_COLOR forbids it.
+    """
+    shown = escaped(text)
+    typer.echo(shown if colour is None or os.environ.get("NO_COLOR") else typer.style(shown, fg=colour), err=err)
 
 
 def escaped(text: str) -> str:
@@ -42,6 +59,12 @@ def validate(reference: str, changes: "Sequence[Change] | None" = None) -> None:
     from psmpc_cli.specs.load import load_task
 
     load_task(reference, changes or ())
+
+
+def ensure_not_both(quiet: bool, verbose: bool) -> None:
+    """Raise InputError where a command is to print nothing and everything."""
+    if quiet and verbose:
+        raise InputError("found both --quiet and --verbose, expected at most one of them")
 
 
 def output_file(
@@ -118,62 +141,138 @@ def ending_on_signals(outcome: str) -> Iterator[Interruption]:
             raise typer.Exit(interruption.exit_code) from None
 
 
+class ProgressLine:
+    """Where the progress of long work is shown; by itself nowhere, as after --quiet."""
+
+    def show(self, what: str | Progress, is_due: bool = True) -> None:
+        """Show a line, or how far work has come.
+
+        Args:
+            what: The line, or the progress.
+            is_due: Whether a line is worth one of its own where lines stay; a Progress says that itself.
+        """
+
+
+class PlainLines(ProgressLine):
+    """Lines on standard error that stay: those that are due, and of long work one now and then."""
+
+    def __init__(self) -> None:
+        self._next = time.monotonic() + SHORT
+
+    def show(self, what: str | Progress, is_due: bool = True) -> None:
+        """Print a line if it is due or the last one was long ago."""
+        now = time.monotonic()
+        if (is_due if isinstance(what, str) else what.is_due) or now >= self._next:
+            self._next = now + BETWEEN_LINES
+            echo(str(what), err=True)
+
+
+class TerminalLine(ProgressLine):
+    """One line of a terminal that each shown one replaces.
+
+    It needs no thread: processes that draw figures cannot be forked beside one.
+    """
+
+    def __init__(self, live: "Live") -> None:
+        self._live = live
+
+    def show(self, what: str | Progress, is_due: bool = True) -> None:
+        """Replace the line."""
+        from rich.text import Text
+
+        self._live.update(Text(escaped(str(what)), overflow="ellipsis", no_wrap=True), refresh=True)
+
+
+SHORT = 2.0
+"""Work that ends within this time need not be shown [s]."""
+
+BETWEEN_LINES = 20.0
+"""Longest time between two lines of long work [s]."""
+
+_shown_by: ContextVar[ProgressLine | None] = ContextVar("shown_by", default=None)
+"""What shows progress now, for what logs it."""
+
+
 @contextmanager
-def live_line(quiet: bool) -> Iterator[Callable[..., None]]:
-    """Provide what shows a line: in place of the one before on a terminal; elsewhere as a further line, if `due`."""
+def live_line(quiet: bool) -> Iterator[ProgressLine]:
+    """Provide what shows progress; inside, the progress that the library logs is shown there too."""
     from rich.console import Console
     from rich.live import Live
-    from rich.text import Text
 
-    console = Console(stderr=True, quiet=quiet)
-    if console.is_terminal:
-        with Live(console=console, refresh_per_second=8, transient=True) as live:
-            yield lambda text, due=True: live.update(Text(escaped(text), overflow="ellipsis", no_wrap=True))
-    else:
-        yield lambda text, due=True: echo(text, err=True) if due and not quiet else None
+    console = Console(stderr=True)
+    with ExitStack() as stack:
+        line: ProgressLine
+        if quiet:
+            line = ProgressLine()
+        elif console.is_terminal:
+            live = Live(console=console, auto_refresh=False, transient=True, redirect_stdout=False)
+            line = TerminalLine(stack.enter_context(live))
+            console.show_cursor()  # a signal may end the program at once, and would leave it hidden
+        else:
+            line = PlainLines()
+        before = _shown_by.set(line)
+        try:
+            yield line
+        finally:
+            _shown_by.reset(before)
+
+
+class LoggedProgress:
+    """Shows progress that the library logs: where a command shows its own, else on a line until the work has ended."""
+
+    def __init__(self) -> None:
+        self._own = ExitStack()
+
+    def show(self, progress: Progress) -> None:
+        """Show how far work has come."""
+        line = _shown_by.get()
+        if line is None and progress.total:
+            line = self._own.enter_context(live_line(quiet=False))
+        if line is not None and progress.total:
+            line.show(progress)
+        if progress.ended >= progress.total:
+            self.end()
+
+    def end(self) -> None:
+        """End what is shown, also of work that does not come to its end."""
+        self._own.close()
 
 
 @contextmanager
-def watched_run(quiet: bool) -> "Iterator[tuple[Callable[[Sample], None], Interruption]]":
+def watched_run(quiet: bool, end: float = math.inf) -> "Iterator[tuple[Callable[[Sample], None], Interruption]]":
     """Provide a watcher that shows the progress of a run and ends it after the sample at which a signal came.
 
-    Its line has time, stage, planned switch times, real-time factor since the first sample, and failed solves. Without
-    a terminal there is one at every switch, and otherwise one every 5 s of simulated time, or every 20 s of wall time.
+    Its line has time, stage, planned switch times, real-time factor since the first sample, failed solves, and the
+    estimated time to the end of the run if that is known, as of one that is repeated. Without a terminal there is a
+    line at every switch, and otherwise every 5 s of simulated time, or after `BETWEEN_LINES`.
+
+    Args:
+        quiet: Whether nothing is shown.
+        end: When the run ends, if that is known [s].
     """
     began = 0.0
     due = 0.0
-    told = 0.0
     failed = 0
-    with deferred_signals() as interruption, live_line(quiet) as show:
+    with deferred_signals() as interruption, live_line(quiet) as line:
 
         def watch(sample: "Sample") -> None:
-            nonlocal began, due, told, failed
+            nonlocal began, due, failed
             command = sample.command
             now = time.monotonic()
             began = began or now
             failed += "solve_failed" in command.events
-            factor = f"{command.time / (now - began):.1f}" if command.time > 0 else "-"
+            pace = command.time / (now - began) if command.time > 0 and now > began else math.nan
+            factor = f"{pace:.1f}" if pace > 0 else "-"
+            seconds = (end - command.time) / pace
+            left = f"  about {duration(seconds)} left" if 0 < seconds < math.inf else ""
             ahead = ", ".join(f"{instant:.2f}" for instant in command.instants) or "none"
-            is_due = command.time >= due or now >= told + 20.0 or bool(command.switches)
+            is_due = command.time >= due or bool(command.switches)
             due = command.time + 5.0 if is_due else due
-            told = now if is_due else told
-            show(
+            line.show(
                 f"{command.time:5.1f} s  {command.stage.name:<10} planned switch times: {ahead:<12} "
-                f"{factor:>5} x real time  failed solves: {failed}",
+                f"{factor:>5} x real time  failed solves: {failed}{left}",
                 is_due,
             )
             interruption.check()
 
         yield watch, interruption
-
-
-def describe_progress(progress: "Progress") -> str:
-    """Write how many runs of a study have ended, and the estimated time to its end."""
-    if not progress.runs:
-        return "no run is left: the file holds them all"
-    text = f"{progress.ended} of {progress.runs} runs"
-    text += f", {progress.failed} failed" if progress.failed else ""
-    if 0 < progress.ended < progress.runs:
-        left = progress.elapsed / progress.ended * (progress.runs - progress.ended)
-        text += f", about {left // 60:.0f} min {left % 60:.0f} s left"
-    return text

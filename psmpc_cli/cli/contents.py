@@ -158,7 +158,7 @@ class Compared(SeveralRuns):
 
     def print(self, verbose: bool = False) -> None:
         """Print the runs side by side."""
-        tables.print_comparison(self.value, self.path)
+        tables.print_comparison(self.value, self.path, verbose)
 
     @property
     def drawable(self) -> bool:
@@ -200,7 +200,7 @@ class MonteCarlo(SeveralRuns):
 
     def print(self, verbose: bool = False) -> None:
         """Print the success rate, the spread and the worst runs."""
-        tables.print_monte_carlo(self.value)
+        tables.print_monte_carlo(self.value, verbose)
 
     @property
     def names(self) -> list[str]:
@@ -233,7 +233,7 @@ class Sweep(Contents):
 
     def print(self, verbose: bool = False) -> None:
         """Print a row for each run, and the recommended ratio."""
-        tables.print_sweep(self.value)
+        tables.print_sweep(self.value, verbose)
 
 
 class Fronts(Contents):

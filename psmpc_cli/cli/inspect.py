@@ -148,7 +148,7 @@ def bench(
     tasks = study.load_bench(task, changes or [], nodes or ("25,50" if quick else study.NODES))
     repeat = repeat or (1 if quick else 3)
     appends = 2 if quick else None
-    with ending_on_signals("no table was made") as interruption, live_line(quiet) as show:
-        found = study.run_bench(tasks, solvers, repeat, appends, show, interruption.check)
+    with ending_on_signals("no table was made") as interruption, live_line(quiet) as line:
+        found = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.check)
     print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
     echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")

@@ -64,7 +64,8 @@ def exit_at_once(number: int, frame: FrameType | None) -> None:
     and results or starts processes defers signals, so that nothing is lost.
     """
     with suppress(OSError):
-        os.write(2, f"psmpc: {SIGNALS[signal.Signals(number)]}\n".encode())
+        clears_line = "\r\x1b[K" if os.isatty(2) else ""  # of progress
+        os.write(2, f"{clears_line}psmpc: {SIGNALS[signal.Signals(number)]}\n".encode())
     os._exit(128 + number)
 
 
@@ -76,15 +77,19 @@ def main() -> None:
     import logging
 
     from psmpc_cli.cli.app import EchoHandler, app
+    from psmpc_cli.cli.options import TAKES_LONG
 
     silence_libraries()
     ours = logging.getLogger("psmpc_cli")
-    ours.handlers = [EchoHandler()]
-    logging.getLogger("psmpc_cli.specs.covers").setLevel(logging.INFO)  # what takes seconds is said as it begins
+    handler = EchoHandler()
+    ours.handlers = [handler]
+    for takes_long in TAKES_LONG:
+        logging.getLogger(takes_long).setLevel(logging.INFO)
     try:
         try:
             app(prog_name="psmpc")
         finally:
+            handler.close()
             sys.stdout.flush()
     except PsmpcError as error:
         located = isinstance(error, SpecError)  # begins with file:line:column, which terminals and editors can follow

@@ -11,10 +11,14 @@ TASK = "Task file, or the name of a built-in task such as transport."
 RUN = "This run of a comparison; the number of one of a Monte Carlo"
 
 
+TAKES_LONG = ("psmpc_cli.native", "psmpc_cli.progress", "psmpc_cli.specs.covers")
+"""Loggers whose information is shown too: what takes seconds is said as it begins."""
+
+
 def _set_log_level(quiet: bool) -> bool:
     """Choose which messages of the library are printed: warnings and the compilation, which comes once, or errors."""
     logging.getLogger("psmpc_cli").setLevel(logging.ERROR if quiet else logging.WARNING)
-    for takes_long in ("psmpc_cli.native", "psmpc_cli.specs.covers"):
+    for takes_long in TAKES_LONG:
         logging.getLogger(takes_long).setLevel(logging.ERROR if quiet else logging.INFO)
     return quiet
 

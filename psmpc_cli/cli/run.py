@@ -37,6 +37,7 @@ def simulate(
     figures: options.Figures = True,
     render: options.Render = False,
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
+    open_it: Annotated[bool, typer.Option("--open", help="Write that page and open it in the browser.")] = False,
     unfinished: Annotated[
         Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
     ] = None,
@@ -44,8 +45,8 @@ def simulate(
     verbose: options.Verbose = False,
 ) -> None:
     """Run a task in closed loop and write its log and figures."""
-    if quiet and verbose:
-        raise InputError("found both --quiet and --verbose, expected at most one of them")
+    common.ensure_not_both(quiet, verbose)
+    view = view or open_it
     if verbose:
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
     overrides: list[Change] = [*(changes or [])]
@@ -88,7 +89,7 @@ def simulate(
     if view and len(log.time):
         from psmpc_cli.report.view import view as show
 
-        _save(lambda: show(log), page, [path], "view", force)
+        _save(lambda: show(log), page, [path], "view", force, open_it)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
     if log.attributes["stuck"]:
@@ -130,7 +131,7 @@ def rerun(
     from psmpc_cli.simulation.replay import rerun as repeat
 
     loaded = read_run(log)
-    with watched_run(quiet) as (watch, interruption):
+    with watched_run(quiet, loaded.motion.end) as (watch, interruption):
         comparison = repeat(loaded, output, force, watch)
     if comparison is None:
         raise typer.Exit(interruption.exit_code)
@@ -181,7 +182,8 @@ def verify(
     from psmpc_cli.simulation.verify import Verification
 
     began = time.perf_counter()
-    found = Verification(read_run(log), every)
+    with common.live_line(quiet=False) as line:
+        found = Verification(read_run(log), every, line.show)
     echo(f"{found.count} horizons, the low-level law acting at every instant")
     if found.count:
         _print_peaks(found.horizons)

@@ -2,14 +2,13 @@
 
 import re
 from datetime import UTC, datetime
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from psmpc_cli.cli import common, options
-from psmpc_cli.cli.common import describe_progress, echo, ending_on_signals, live_line, watched_run
+from psmpc_cli.cli.common import echo, ending_on_signals, live_line, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -30,8 +29,10 @@ def compare(
     jobs: options.Jobs = None,
     figures: options.Figures = True,
     quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Run several controllers on one task: one table, one file of logs, and figures side by side."""
+    common.ensure_not_both(quiet, verbose)
     common.validate(task, changes)
     from psmpc_cli.cli.contents import present
     from psmpc_cli.logs.schema import COMPARISON
@@ -41,11 +42,9 @@ def compare(
     path = common.output_file(
         output, f"{next(iter(tasks.values())).spec.name}-comparison", COMPARISON, force, figures, inputs=[task]
     )
-    with ending_on_signals("no comparison was written"), live_line(quiet) as show:
-        show(f"0 of {len(tasks)} runs done", due=False)
-        ended = count(1)
-        run_tasks(tasks, path, jobs, force, lambda name: show(f"{name} done, {next(ended)} of {len(tasks)}"))
-    present(path, figures, force, quiet)
+    with ending_on_signals("no comparison was written"), live_line(quiet) as line:
+        run_tasks(tasks, path, jobs, force, line.show)
+    present(path, figures, force, quiet, verbose)
 
 
 def sweep_weights(
@@ -72,8 +71,10 @@ def sweep_weights(
     dask: options.Dask = None,
     figures: options.Figures = True,
     quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
+    common.ensure_not_both(quiet, verbose)
     if grid is not None and not _is_grid(grid):
         grid, task = task, grid
     if task is not None:
@@ -90,7 +91,7 @@ def sweep_weights(
     limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
     cells = parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
     study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
-    _run_study(study, task or sweep.DEFAULT_TASK, output, force, resume, jobs, dask, figures, quiet)
+    _run_study(study, task or sweep.DEFAULT_TASK, output, force, resume, jobs, dask, figures, quiet, verbose)
 
 
 def _is_grid(text: str) -> bool:
@@ -109,13 +110,15 @@ def monte_carlo(
     dask: options.Dask = None,
     figures: options.Figures = True,
     quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
+    common.ensure_not_both(quiet, verbose)
     common.validate(task, changes)
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
     study = monte_carlo_study(task, runs, tuple(changes or ()))
-    _run_study(study, task, output, force, resume, jobs, dask, figures, quiet)
+    _run_study(study, task, output, force, resume, jobs, dask, figures, quiet, verbose)
 
 
 def _run_study(
@@ -128,6 +131,7 @@ def _run_study(
     dask: str | None,
     figures: bool,
     quiet: bool,
+    verbose: bool,
 ) -> None:
     """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done."""
     from psmpc_cli.cli.contents import present
@@ -139,9 +143,9 @@ def _run_study(
         raise InputError("found both --jobs and --dask, expected at most one: a cluster has as many workers as it has")
     name = f"{study.task.spec.name}-{study.kind}"
     path = common.output_file(output, name, study.kind, force, figures, resume, inputs=[task])
-    with ending_on_signals(f"{path} holds what was done: continue with --resume"), live_line(quiet) as show:
-        run_study(study, path, jobs, dask, force, resume, lambda progress: show(describe_progress(progress)))
-    present(path, figures, force or resume, quiet)
+    with ending_on_signals(f"{path} holds what was done: continue with --resume"), live_line(quiet) as line:
+        run_study(study, path, jobs, dask, force, resume, line.show)
+    present(path, figures, force or resume, quiet, verbose)
 
 
 def pareto(
@@ -202,8 +206,8 @@ def pareto(
             interruption.check()
             if run.attributes["stuck"]:
                 raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
-        with live_line(quiet) as show:
-            solve_pareto(run, settings, path, jobs, force, show)
+        with live_line(quiet) as line:
+            solve_pareto(run, settings, path, jobs, force, line.show)
     present(path, figures, force, quiet)
 
 
@@ -233,8 +237,8 @@ def reproduce(
         check_output(folder / name, force, kind)
     if json is not None:
         check_output(json, force, CLAIMS, "--json")
-    with ending_on_signals("no report was written"), live_line(quiet) as show:
-        made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, show)
+    with ending_on_signals("no report was written"), live_line(quiet) as line:
+        made = study.reproduce(folder, changes or [], weights, fronts, ablations, force, jobs, line.show)
     created = datetime.now(UTC).isoformat(timespec="seconds")
     page = report_reproduction(made, created).save(folder / study.REPORT, force=True)
     for ablation in made.ablations:

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import count, groupby, zip_longest
 from json import dumps
 from pathlib import Path
@@ -13,8 +13,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from psmpc_cli.cli.common import echo, escaped
+from psmpc_cli.cli.common import BAD, GOOD, WARNING, echo, escaped
 from psmpc_cli.logs.comparison import Comparison
+from psmpc_cli.logs.numbers import EMPTY, TIME, last_place, number, quantiles
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
@@ -25,18 +26,18 @@ from psmpc_cli.paper.claims import APART, HEADINGS
 from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.report.texts import (
-    ALONE,
-    EMPTY,
     MEASURES,
     NO_LIMITS,
     WHY_RATES_EXCEED,
-    describe_brief_stages,
+    Measure,
+    Shown,
+    brief_measures,
     describe_mission,
     describe_verdict,
     filled_columns,
     measure_rows,
-    number,
     stage_rows,
+    warnings_of,
 )
 from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.robot.model import RobotModel
@@ -53,13 +54,21 @@ from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits, units
 from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec
 from psmpc_cli.studies import fronts
+from psmpc_cli.studies.compare import recommend_controller
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
 Row = Sequence[str]
 
+ALL_WITH_VERBOSE = " (-v prints all that was measured)"
+"""What a short output says of the rest."""
+
 MOST_ROWS = 49
 """Rows of a sweep's table; of more runs so many are printed, evenly from the smallest to the largest ratio."""
+
+
+MOST_SHORT = 11
+"""Rows of the table of a short output, so that with its headings it has twelve."""
 
 
 def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
@@ -84,45 +93,88 @@ def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
 
 
 def print_summary(run: Run, verbose: bool) -> None:
-    """Print a run: how the mission went, its stages, what was measured; all of it if `verbose`."""
+    """Print a run: how the mission went, warnings, its stages and what matters most; all of it if `verbose`."""
     summary = run.summary()
-    echo(describe_mission(summary))
-    print_table(*stage_rows(summary))
-    if brief := describe_brief_stages(summary):
-        echo(brief)
-    print_table(("", ""), list(measure_rows(summary, verbose)))
+    echo(describe_mission(summary), colour=_colour_of(summary))
+    for warning in warnings_of(summary):
+        echo(f"warning: {warning}", colour=WARNING)
+    headings, rows = stage_rows(summary)
+    shown = rows if verbose else rows[:MOST_SHORT]
+    print_table(headings, shown)
+    if len(shown) < len(rows):
+        echo(f"{counted(len(rows) - len(shown), 'more stage', 'more stages')}: -v shows all")
+    if verbose:
+        print_table(("", ""), list(measure_rows(summary)))
+    else:
+        echo("\n".join(brief_measures(summary)))
     if not summary.limits_dynamics:
         echo(NO_LIMITS)
-    echo(f"log: {run.path}")
+    echo(f"log: {run.path}{'' if verbose else ALL_WITH_VERBOSE}")
 
 
-def print_comparison(runs: Mapping[str, Run], path: Path) -> None:
-    """Print runs of one task side by side, most often one of each controller, with differences to the first one.
+def _colour_of(summary: Summary) -> str:
+    """Return the colour of how a mission went."""
+    return {True: GOOD, False: BAD, None: WARNING}[summary.succeeded if summary.ended else None]
 
-    Brackets are explained only where they occur, parentheses wherever there is a second run. Where all priorities are
-    equal, psmpc is the same controller as smpc.
+
+def print_comparison(runs: Mapping[str, Run], path: Path, verbose: bool) -> None:
+    """Print runs of one task, most often one of each controller: the recommended one, then a row for each.
+
+    With `verbose`, all that was measured follows, with differences to the first run. Brackets are explained only where
+    they occur, parentheses wherever there is a second run. Where all priorities are equal, psmpc is the same controller
+    as smpc.
 
     Args:
         runs: The runs by name.
         path: The one file that holds them all.
+        verbose: Whether all that was measured is printed.
     """
     summaries = {name: run.summary() for name, run in runs.items()}
-    first, *others = summaries
+    recommended = recommend_controller(summaries)
+    echo(recommended.sentence, colour=WARNING if recommended.name is None else GOOD)
     for name, summary in summaries.items():
-        echo(f"{name}: {describe_mission(summary)}")
-        if brief := describe_brief_stages(summary):
-            echo(f"{name}: {brief}")
-    rows = [row for row in _compared(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
-    print_table(("", *summaries), rows, left=1)
+        if summary.succeeded is not True or verbose:
+            echo(f"{name}: {describe_mission(summary)}", colour=_colour_of(summary))
+        for warning in warnings_of(summary) if verbose else ():
+            echo(f"{name}: warning: {warning}", colour=WARNING)
+    rows = [[name, *(of(summary) for _, of in COMPARED)] for name, summary in summaries.items()]
+    print_table(("controller", *(heading for heading, _ in COMPARED)), rows)
+    if verbose:
+        _print_all_compared(summaries)
     if not any(summary.limits_dynamics for summary in summaries.values()):
         echo(NO_LIMITS)
+    if {"psmpc", "smpc"} <= set(summaries) and len({stage.priority for stage in summaries["psmpc"].stages}) == 1:
+        echo("psmpc and smpc are the same controller for this task: all its priorities are equal")
+    echo(f"logs: {path}{'' if verbose else ALL_WITH_VERBOSE}")
+
+
+def _outcome(summary: Summary) -> str:
+    """Write how a mission went in two words at most."""
+    outcomes = {True: "succeeded", False: "failed", None: "not judged"}
+    return outcomes[summary.succeeded] if summary.ended else "not finished"
+
+
+COMPARED: tuple[tuple[str, Callable[[Summary], str]], ...] = (
+    ("mission", _outcome),
+    ("ends\n[s]", lambda run: number(run.duration, TIME) if run.ended else "-"),
+    ("early\nstarts", lambda run: number(sum(stage.early for stage in run.stages))),
+    ("effort [m^2/s^3,\nrad^2/s^3]", lambda run: number(run.control_effort)),
+    ("base force\nat most [N]", lambda run: number(run.peaks["base_force"])),
+    ("solve time,\np99 [ms]", lambda run: number(1e3 * run.solves.p99)),
+    ("warnings", lambda run: number(sum(1 for _ in warnings_of(run)))),
+)
+"""Columns of a short comparison behind the controller: heading, and what is read of a run."""
+
+
+def _print_all_compared(summaries: Mapping[str, Summary]) -> None:
+    """Print all that was measured of runs side by side, with differences to the first one."""
+    first, *others = summaries
+    rows = [row for row in _compared(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
+    print_table(("", *summaries), rows, left=1)
     if others:
         echo(f"in parentheses: difference to {first}")
     if any("[" in cell for row in rows for cell in row[1:]):
         echo("in brackets: published")
-    if {"psmpc", "smpc"} <= set(summaries) and len({stage.priority for stage in summaries["psmpc"].stages}) == 1:
-        echo("psmpc and smpc are the same controller for this task: all its priorities are equal")
-    echo(f"logs: {path}")
 
 
 def _compared(runs: Sequence[Summary]) -> Iterator[Row]:
@@ -130,29 +182,37 @@ def _compared(runs: Sequence[Summary]) -> Iterator[Row]:
     for stages in zip(*(run.stages for run in runs), strict=True):
         name = stages[0].name
         published = [each.published_start for each in stages]
-        starts = _differences([each.actual_start for each in stages], 2, published)
+        starts = _differences([each.actual_start for each in stages], TIME, published)
         early = ("early " if each.early else "" for each in stages)
         yield f"{name} actually starts [s]", *map("".join, zip(early, starts, strict=True))
         published = [each.published_switch for each in stages]
-        yield f"{name} ends [s]", *_differences([each.switch_time for each in stages], 2, published)
-        yield f"{name} lasts [s]", *_differences([each.duration for each in stages], 2)
-    yield "end of the run [s]", *_differences([run.duration for run in runs], 2)
-    for label, of, digits, where in MEASURES:
-        if ALONE not in where:
-            values = [of(run) for run in runs]
-            numbers = [value for value in values if not isinstance(value, str)]
-            yield label, *(_differences(numbers, digits) if numbers else [str(value or "-") for value in values])
+        yield f"{name} ends [s]", *_differences([each.switch_time for each in stages], TIME, published)
+        yield f"{name} lasts [s]", *_differences([each.duration for each in stages], TIME)
+    yield "end of the run [s]", *_differences([run.duration for run in runs], TIME)
+    for measure in MEASURES:
+        if Shown.COMPARED in measure.shown:
+            yield measure.heading, *_measured(measure, runs)
     for verdicts in zip(*(run.monitors for run in runs), strict=True):
         yield f"monitor: {verdicts[0].name}", *map(describe_verdict, verdicts)
 
 
-def _differences(values: Sequence[float], digits: int, published: Sequence[float] = ()) -> list[str]:
+def _measured(measure: Measure, runs: Sequence[Summary]) -> list[str]:
+    """Write a measure of every run, numbers with their differences."""
+    values = [measure.of(run) for run in runs]
+    numbers = [value for value in values if not isinstance(value, str)]
+    return _differences(numbers, measure.resolution) if numbers else [str(value or "-") for value in values]
+
+
+def _differences(values: Sequence[float], resolution: float, published: Sequence[float] = ()) -> list[str]:
     """Write numbers, those after the first with their difference to it, each with what was published of it."""
-    texts = [number(value, digits) for value in values]
+    texts = [number(value, resolution) for value in values]
     for i, value in enumerate(values[1:], start=1):
-        if not math.isnan(value - values[0]):
-            texts[i] += " (=)" if texts[i] == texts[0] else f" ({value - values[0]:+.{digits}f})"
-    marks = ["" if math.isnan(value) else f" [{value:.1f}]" for value in published] or [""] * len(texts)
+        difference = value - values[0]
+        if math.isnan(difference):
+            continue
+        step = 0.0 if isinstance(difference, int) else 10.0 ** last_place(max(values[0], value, key=abs), resolution)
+        texts[i] += " (=)" if texts[i] == texts[0] else f" ({number(difference, step, sign='+')})"
+    marks = ["" if math.isnan(value) else f" [{number(value, 0.1)}]" for value in published] or [""] * len(texts)
     return list(map("".join, zip(texts, marks, strict=True)))
 
 
@@ -172,17 +232,23 @@ def print_differences(comparison: Comparison, log: Run) -> None:
         echo(f"note: {condition}")
 
 
-def print_sweep(cells: SweepCells) -> None:
-    """Print a sweep over weights, complete or not: a row for each run, the cells by status, the recommended ratio."""
+def print_sweep(cells: SweepCells, verbose: bool) -> None:
+    """Print a sweep over weights, complete or not: the recommended ratio, runs, and the cells by status.
+
+    With `verbose` there is a row for each run, up to `MOST_ROWS`, with the starts by every threshold, end errors, and
+    why a mission failed.
+    """
+    recommended = recommend(cells)
+    echo(recommended.headline, colour=WARNING if recommended.ratio is None else GOOD)
+    echo(recommended.reason)
     if len(cells.rows):
-        _print_runs(cells)
+        _print_runs(cells, verbose)
     solves = cells.count("solves")
     failed = cells.count("solves_failed")
     echo(f"{len(cells.ratio)} cells: {_by_status(cells.results)}; {solves} solves, {failed} of them failed")
     for reason, times in Counter(cells.of("reason")[cells.failed]).most_common():
         echo(f"  {times} failed: {reason}")
-    echo(recommend(cells).sentence)
-    echo(f"sweep: {cells.results.path}")
+    echo(f"sweep: {cells.results.path}{'' if verbose else ALL_WITH_VERBOSE}")
 
 
 def _by_status(results: Results) -> str:
@@ -192,44 +258,53 @@ def _by_status(results: Results) -> str:
     return ", ".join(f"{n} {name}" for n, name in zip(counts, meanings, strict=True) if n)
 
 
-def _print_runs(cells: SweepCells) -> None:
+def _print_runs(cells: SweepCells, verbose: bool) -> None:
     """Print a row for each run of a sweep, failed or not, or for some of many."""
     first, second = cells.names
     runs = cells.rows
+    most = MOST_ROWS if verbose else MOST_SHORT
     apart = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
-    kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), MOST_ROWS)).round().astype(int))]
+    kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), most)).round().astype(int))]
     ends = [cells.instant, cells.of("completion_time")]
+    thresholds = range(len(cells.epsilons)) if verbose else [cells.chosen]
     rows = [
         (
             *(f"{each:.4g}" for each in (cells.omega[run] if apart else cells.ratio[run : run + 1])),
-            *(number(start, 1 if start < cells.instant[run] else 2) for start in cells.of("actual_start")[run]),
-            *(number(float(values[run]), 2) for values in ends),
-            number(float(cells.mission_end[run]), 2) if cells.succeeded[run] else "failed",
-            *(_shortest(cells.of(name)[run]) for name in ("control_effort", "peak_base_force")),
-            number(float(cells.end_error[run]), 2),
-            cells.why(run),
+            *(
+                number(start, 0.1 if start < cells.instant[run] else TIME)
+                for start in cells.of("actual_start")[run][thresholds]
+            ),
+            *(number(float(values[run]), TIME) for values in ends),
+            number(float(cells.mission_end[run]), TIME) if cells.succeeded[run] else "failed",
+            *(number(float(cells.of(name)[run])) for name in ("control_effort", "peak_base_force")),
+            *((number(float(cells.end_error[run]), 0.01), cells.why(run)) if verbose else ()),
         )
         for run in kept
     ]
-    echo(f"actual start of {second} [s] by threshold epsilon")
     over = ("omega_1", "omega_2") if apart else ("omega_2/omega_1",)
-    epsilons = (f"{epsilon:g}" for epsilon in cells.epsilons)
-    times = (f"{first} ends [s]", f"{second} ends [s]", "mission ends [s]")
-    print_table((*over, *epsilons, *times, "effort", "peak base force [N]", "end error", "why"), rows, left=0)
+    if verbose:
+        echo(f"actual start of {second} [s] by threshold epsilon")
+        starts = [f"{epsilon:g}" for epsilon in cells.epsilons]
+    else:
+        starts = [f"{second}\nstarts [s]"]
+    measured = (f"{first}\nends [s]", f"{second}\nends [s]", "mission\nends [s]", "effort [m^2/s^3,\nrad^2/s^3]")
+    last = ("end error\n[tolerance]", "why") if verbose else ()
+    print_table((*over, *starts, *measured, "base force\nat most [N]", *last), rows, left=0)
     if len(kept) < len(runs):
         echo(f"{len(kept)} of {len(runs)} {'runs' if apart else 'ratios'}")
 
 
-def _shortest(value: float) -> str:
-    """Write a number with four digits, a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.4g}"
-
-
-def print_monte_carlo(runs: MonteCarloRuns) -> None:
+def print_monte_carlo(runs: MonteCarloRuns, verbose: bool) -> None:
     """Print a Monte Carlo study, complete or not: the success rate, the spread of the runs, and the worst of them."""
-    echo(_success(runs))
-    rows = [(name, str(count), *(number(value, 3) for value in at)) for name, count, at in runs.quantiles()]
-    print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), rows, left=1)
+    rate, *cautions = _success(runs)
+    echo(rate)
+    for caution in cautions:
+        echo(f"warning: {caution}", colour=WARNING)
+    rows = [(name, number(len(values)), *quantiles(values, (0.05, 0.5, 0.95))) for name, values in runs.spread()]
+    shown = rows if verbose else rows[:MOST_SHORT]
+    print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), shown, left=1)
+    if len(shown) < len(rows):
+        echo(f"{counted(len(rows) - len(shown), 'more quantity', 'more quantities')}: -v shows all")
     if runs.is_without_limits:
         echo(NO_LIMITS)
         if runs.exceeded("velocity").any():
@@ -240,21 +315,21 @@ def print_monte_carlo(runs: MonteCarloRuns) -> None:
         for run in worst:
             seed = str(runs["seed"][run])
             outcome = "failed" if runs.failed[run] else "succeeded" if runs.succeeded[run] else "not judged"
-            end = number(float(runs["end_time"][run]), 2)
-            error = number(float(runs["final_error"][run]), 3)
+            end = number(float(runs["end_time"][run]), TIME)
+            error = number(float(runs["final_error"][run]))
             rows.append((seed, outcome, end, error, runs.why(run)))
-        print_table(("seed", "", "ends [s]", "final error", "why"), rows)
+        print_table(("seed", "", "ends [s]", "final error [tolerances]", "why"), rows)
         echo(f"repeat one: {runs.command(worst[0])}")
     echo(f"study: {runs.results.path}")
 
 
-def _success(runs: MonteCarloRuns) -> str:
-    """Write how many runs succeeded, how sure the rate is, the runs by status, and how many exceeded limits."""
+def _success(runs: MonteCarloRuns) -> list[str]:
+    """Write how many runs succeeded, with the rate's interval and the runs by status; then how many exceeded limits."""
     made = int(runs.made.sum())
     succeeded = int(runs.succeeded.sum())
     states = _by_status(runs.results)
     if not made:
-        return f"no run was made yet: {states}"
+        return [f"no run was made yet: {states}"]
     low, high = runs.interval
     rate = f"{100 * succeeded / made:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %"
     parts = [f"{succeeded} of {made} runs succeeded: {rate} ({states})"]
@@ -264,21 +339,24 @@ def _success(runs: MonteCarloRuns) -> str:
             parts.append(f"{count} of {made} exceeded a {kind} limit, by up to {100 * beyond.max():.2g} %")
     if runs.keeps_clear.any() and (count := np.count_nonzero(runs["touched"] == 1)):
         parts.append(f"{count} of {made} touched what they keep clear of")
-    return "; ".join(parts)
+    return parts
 
 
 def print_fronts(results: Results) -> None:
-    """Print a Pareto study: a row for each sample, and how the fronts move."""
+    """Print a Pareto study: how the fronts move, and a row for each sample."""
+    movement = FrontMovement(results) if "weighted_J_1" in results.quantities else None
+    if movement is not None:
+        echo(movement.over_ratio)
     print_table(fronts.HEADINGS, fronts.front_texts(results), left=0)
     echo(fronts.NOTE)
-    if "weighted_J_1" in results.quantities:
-        movement = FrontMovement(results)
-        echo("\n".join((movement.over_ratio, *movement.over_time)))
+    for sentence in movement.over_time if movement is not None else ():
+        echo(sentence)
     echo(f"results: {results.path}")
 
 
 def print_claims(made: Reproduction) -> None:
-    """Print every claim, those that are not counted apart, and why some do not hold or are earlier than published."""
+    """Print how many claims hold, every claim, and why some do not hold or are earlier than published."""
+    echo(f"{made.outcome}\n", colour=WARNING if made.failing else GOOD)
     print_table(HEADINGS, [finding.row for finding in made.part(None)], left=1)
     for kind, reason in APART.items():
         echo(f"\n{reason}:")
@@ -294,7 +372,6 @@ def print_claims(made: Reproduction) -> None:
         echo()
         rows = [(name, f"{value:.4g}") for name, value in ablation.numbers.items()]
         print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left=1)
-    echo(f"\n{made.outcome}")
 
 
 def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:

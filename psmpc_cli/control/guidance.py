@@ -19,6 +19,7 @@ from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays
 from psmpc_cli.ocp.postures import configurations, held_pose, unforeseen
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.progress import Work
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.specs.parts import SPACES
 
@@ -76,11 +77,14 @@ class Guide:
         self._groups = [kept_groups(problem.spec, problem.model, stage) for stage in range(len(problem.stages))]
         stops = configurations(problem.task, problem.model, problem.stages)
         moving = unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
+        planned = len(problem.stages) if problem.spec.routes else 0
+        work = Work("stages", planned, title="planning routes", small_parts=True)
         for stage in range(len(problem.stages)):
             if stage in moving:
                 logger.warning("no route to the target of %s: %s", problem.stages[stage].name, moving[stage])
             else:
                 self._plan(stage, stops[stage], stops[stage + 1])
+            work.advance()
 
     def _plan(self, stage: int, start: np.ndarray, goal: np.ndarray) -> None:
         """Plan the route of a stage between coordinates (nq,)."""

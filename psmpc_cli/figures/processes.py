@@ -2,6 +2,7 @@
 
 import gc
 import os
+import select
 import signal
 import sys
 import threading
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from psmpc_cli.errors import SIGNALS, Interruption, deferred_signals
+from psmpc_cli.progress import Work
 
 MOST_PROCESSES = 4
 """Most processes that share calls, this one among them."""
@@ -26,13 +28,15 @@ def make_calls(calls: Sequence[Callable[[], object]]) -> None:
         Exception: What a call raises.
     """
     helpers = min(len(calls), _usable_processes()) - 1
+    work = Work("figures", len(calls), title="drawing", small_parts=True)
     if helpers < 1:
         for call in calls:
             with uncollected():
                 call()
+            work.advance()
         return
     with deferred_signals() as interruption:
-        _make_shared_calls(calls, helpers, interruption)
+        _make_shared_calls(calls, helpers, interruption, work)
 
 
 def _usable_processes() -> int:
@@ -42,7 +46,9 @@ def _usable_processes() -> int:
     return min(MOST_PROCESSES, len(os.sched_getaffinity(0)))
 
 
-def _make_shared_calls(calls: Sequence[Callable[[], object]], helpers: int, interruption: Interruption) -> None:
+def _make_shared_calls(
+    calls: Sequence[Callable[[], object]], helpers: int, interruption: Interruption, work: Work
+) -> None:
     """Make calls in this process and in so many forked ones. Their numbers go through pipes, a byte each."""
     queue, queue_end = os.pipe()
     os.write(queue_end, bytes(range(len(calls))))
@@ -57,6 +63,10 @@ def _make_shared_calls(calls: Sequence[Callable[[], object]], helpers: int, inte
             with uncollected():
                 calls[number[0]]()
             waiting.remove(number[0])
+            work.advance()
+            while select.select([made_elsewhere], [], [], 0)[0] and (number := os.read(made_elsewhere, 1)):
+                waiting.discard(number[0])
+                work.advance()
     finally:
         os.read(queue, len(calls))  # empty for the others too
         os.close(queue)

@@ -20,6 +20,12 @@ NO_SHARE = 0.01
 """A stage with no larger share in the control than this does not visibly act on it [1]."""
 
 
+EXCEEDED = 1e-6
+"""How far beyond a limit, as a part of it, counts as exceeding it: less is rounding."""
+
+WARNED_OF = 1e-3
+"""How far beyond a limit, as a part of it, is worth a warning: samples and ticks leave a little less."""
+
 FAR_BEYOND = 1.05
 """Commanded force over its limit beyond which more is cut than small peaks at the limit [1]."""
 

@@ -1,15 +1,12 @@
 """CasADi functions as compiled C, and evaluated on NumPy arrays."""
 
-from collections.abc import Callable
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from psmpc_cli.native.library import library
+from psmpc_cli.native.library import Library, paths_of
 
 FLAGS = ("-O1", "-ffp-contract=off")
 """Straight code gains little from more; without contraction the results equal those of the interpreter to the bit."""
@@ -31,14 +28,14 @@ def source_of(function: ca.Function) -> str:
 
 def compiled(function: ca.Function) -> ca.Function:
     """Return the function as compiled C, with the same inputs and outputs; itself where that is not possible."""
-    path = maker_of(function)()
+    (path,) = paths_of([library_of(function)])
     return function if path is None else ca.external(function.name(), str(path))
 
 
-def maker_of(function: ca.Function) -> Callable[[], Path | None]:
-    """Return what compiles a function; its source is written here, because CasADi is not thread-safe."""
+def library_of(function: ca.Function) -> Library:
+    """Return the library of a function; its source is written here, because CasADi is not thread-safe."""
     flags = FLAGS if function.n_instructions() < LONG else FLAGS_OF_LONG
-    return partial(library, source_of(function), function.name(), flags, (function.name(),))
+    return Library(source_of(function), function.name(), flags, (function.name(),))
 
 
 class ArrayFunction:

@@ -13,14 +13,16 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from time import time
 
+from psmpc_cli.progress import Work
 from psmpc_cli.specs.document import printable
 
 logger = logging.getLogger(__name__)
@@ -35,6 +37,9 @@ DAY = 24 * 3600.0
 KEPT_FOR = 90 * DAY
 """Time after which libraries that are not used are removed [s]."""
 
+POLL = 0.5
+"""Time between two looks at what is compiled [s]."""
+
 MAKING = ".making-"
 """Beginning of the names of folders in which libraries are made; they stay where a process is killed meanwhile."""
 
@@ -48,8 +53,57 @@ class CompilationError(Exception):
     """There is no compiler, or it failed; `library` reports it and returns None."""
 
 
+@dataclass(frozen=True)
+class Library:
+    """A shared library that is compiled from C source on first use.
+
+    Attributes:
+        source: C, with no includes but the system's.
+        name: Beginning of the file's name.
+        flags: Flags of the compiler.
+        symbols: Functions that the library must have.
+    """
+
+    source: str
+    name: str
+    flags: tuple[str, ...] = ("-O2",)
+    symbols: tuple[str, ...] = ()
+
+    def find(self) -> Path | None:
+        """Return its file in the cache; None if it is not there. One that is damaged is removed.
+
+        Raises:
+            CompilationError: There is no compiler.
+        """
+        for entry in cache_directory().glob(f"{self._stem}-*{SUFFIX}"):
+            if _is_sound(entry) and _has(entry, self.symbols):
+                _mark_used(entry)
+                return entry
+            entry.unlink(missing_ok=True)
+        return None
+
+    def compile(self) -> Path:
+        """Compile it into the cache, and return its file.
+
+        Raises:
+            CompilationError: There is no compiler, or it failed.
+        """
+        compiler = find_compiler()
+        entry = _compile(compiler, self.source, cache_directory(), self._stem, self.flags)
+        if not _has(entry, self.symbols):
+            wanted = ", ".join(self.symbols) or "its functions"
+            raise CompilationError(f"{_name_of(compiler)} made no library with {wanted}")
+        return entry
+
+    @property
+    def _stem(self) -> str:
+        """Its name, with the digest of what it depends on."""
+        macros = _macros(find_compiler(), self.flags)
+        return f"{self.name}-{_digest(chr(0).join((self.source, ' '.join(self.flags), macros)).encode())}"
+
+
 def library(source: str, name: str, flags: Sequence[str] = ("-O2",), symbols: Sequence[str] = ()) -> Path | None:
-    """Compile C source to a shared library, or find it in the cache.
+    """Compile C source to a shared library, or find it in the cache, as `paths_of` does.
 
     A file's name has the digest of source, flags, compiler version and machine (with `-march=native` among the flags,
     of the instruction set too), and the digest of the file itself, which is checked before it is loaded: loading a
@@ -65,35 +119,51 @@ def library(source: str, name: str, flags: Sequence[str] = ("-O2",), symbols: Se
     Returns:
         Path of the library; None where there is no compiler or it failed.
     """
+    return paths_of([Library(source, name, tuple(flags), tuple(symbols))])[0]
+
+
+def paths_of(libraries: Sequence[Library]) -> list[Path | None]:
+    """Find libraries in the cache, compile the others several at once, and return their files.
+
+    A file is None where there is no compiler or it failed. How many are compiled is logged as progress, the first
+    reason of a failure as information.
+    """
+    found: dict[Library, Path | None] = {}
     try:
-        compiler = find_compiler()
-        directory = cache_directory()
-        key = _digest("\0".join((source, " ".join(flags), _macros(compiler, tuple(flags)))).encode())
-        for entry in directory.glob(f"{name}-{key}-*{SUFFIX}"):
-            if _is_sound(entry) and _has(entry, symbols):
-                _mark_used(entry)
-                return entry
-            entry.unlink(missing_ok=True)
-        _report(f"compiling solver and plant code with {_name_of(compiler)} (once, kept in {directory})")
-        _remove_unused(directory)
-        entry = _compile(compiler, source, directory, f"{name}-{key}", flags)
-        if not _has(entry, symbols):
-            raise CompilationError(f"{_name_of(compiler)} made no library with {', '.join(symbols) or 'its functions'}")
-        return entry
+        found = {each: each.find() for each in libraries}
+        if missing := [each for each, path in found.items() if path is None]:
+            found |= _compile_all(missing)
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
-        return None
+    return [found.get(each) for each in libraries]
 
 
-def make_all(makers: Iterable[Callable[[], Path | None]]) -> bool:
-    """Make libraries several at once; return whether there were any and all could be made.
-
-    Args:
-        makers: What returns the path of a library or None, as `library` does.
-    """
+def _compile_all(libraries: Sequence[Library]) -> dict[Library, Path | None]:
+    """Compile libraries several at once; return their files, None for those that failed."""
+    directory = cache_directory()
+    _remove_unused(directory)
+    title = f"compiling solver and plant code with {_name_of(find_compiler())} (once, kept in {directory})"
+    work = Work("libraries", len(libraries), title=title, small_parts=True, announced=True)
+    made: dict[Library, Path | None] = dict.fromkeys(libraries)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        made = list(threads.map(lambda make: make(), makers))
-    return bool(made) and all(path is not None for path in made)
+        calls = {threads.submit(each.compile): each for each in libraries}
+        waiting = set(calls)
+        while waiting:
+            ended, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
+            for call in ended:
+                try:
+                    made[calls[call]] = call.result()
+                except (CompilationError, OSError) as error:
+                    _report(f"{error}; continuing without compiled code")
+                work.advance()
+            work.wait()
+    return made
+
+
+def make_all(libraries: Iterable[Library]) -> bool:
+    """Make libraries several at once; return whether there were any and all could be made."""
+    paths = paths_of([*libraries])
+    return bool(paths) and None not in paths
 
 
 def cache_directory() -> Path:

@@ -5,7 +5,7 @@ Runs are compared, and one window of a run is solved again: instant fixed, from 
 Nothing here draws: an `Ablation` carries plain arrays, and `psmpc_cli.paper.figures` draws them.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import SHORTEST, Window, normalization
+from psmpc_cli.progress import Watch
 from psmpc_cli.robot.motion import rollout
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.run import converging
@@ -105,7 +106,7 @@ class Ablation:
 
 
 def run_ablations(
-    task: Task, jobs: int | None = None, watch: Callable[[str], None] = lambda name: None, points: int = POINTS
+    task: Task, jobs: int | None = None, watch: Watch = lambda progress: None, points: int = POINTS
 ) -> list[Ablation]:
     """Run a task of several stages under PSMPC as it is and with each departure taken back, and compare.
 
@@ -114,7 +115,7 @@ def run_ablations(
     Args:
         task: The task.
         jobs: Number of parallel processes; default the number of cores.
-        watch: Called with the name of each run as it ends.
+        watch: Called with the progress, as by `compute_all`.
         points: Switch times at which J(t_s) is computed.
 
     Raises:

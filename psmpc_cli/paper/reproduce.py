@@ -1,6 +1,7 @@
 """Runs what the paper's claims on its simulations need. Documented in docs/reproduce.md."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic_core import to_json
@@ -13,6 +14,7 @@ from psmpc_cli.paper.ablations import Ablation, run_ablations
 from psmpc_cli.paper.claims import Finding
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.paper.missions import ENDS
+from psmpc_cli.progress import Watch
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.compare import compared_tasks, run_tasks
@@ -74,7 +76,7 @@ def reproduce(
     ablations: bool = False,
     force: bool = False,
     jobs: int | None = None,
-    watch: Callable[[str], None] = lambda line: None,
+    watch: Watch = lambda progress: None,
 ) -> Reproduction:
     """Run the task under every method, the sweep over the weights, the Pareto fronts, the grasps, and the ablations.
 
@@ -87,23 +89,29 @@ def reproduce(
         ablations: Whether the PSMPC run is repeated without each departure from the paper.
         force: Overwrite files.
         jobs: Number of parallel processes; default the number of cores.
-        watch: Called with a line of progress.
+        watch: Called with the progress of the present step, whose title says which of them it is.
 
     Raises:
         InputError: As for `load_variants` and `load_weights_sweep`; or a file exists already or cannot be written.
         SpecError: The changes do not fit the task, or no run of it could succeed.
         RunError: A file could not be written, or processes are ended from outside repeatedly.
     """
+    steps = 5 if ablations else 4
+
+    def step(number: int, name: str) -> Watch:
+        """Return what watches a step."""
+        return lambda progress: watch(replace(progress, title=f"step {number} of {steps}, {name}"))
+
     variants = load_variants(changes)
     sweep = load_weights_sweep(changes, grid)
     grasps = load_grasps(changes)
-    runs = run_tasks(variants, directory / LOGS, jobs, force, lambda name: watch(f"runs: {name} done"))
+    runs = run_tasks(variants, directory / LOGS, jobs, force, step(1, "methods"))
     weights = run_study(
         sweep,
         directory / WEIGHTS,
         jobs,
         force=force,
-        watch=lambda progress: watch(f"weights: {progress.ended} of {progress.runs} runs"),
+        watch=step(2, "weights"),
     )
     fronts = None
     path = directory / FRONTS
@@ -112,11 +120,11 @@ def reproduce(
         path.unlink(missing_ok=True)
     if len(possible_samples(runs["psmpc"], (0, 1))):
         settings = ParetoSettings("1,2", (), points, "weighted-sum", free=False)
-        fronts = solve_pareto(runs["psmpc"], settings, path, jobs, force, watch)
-    held = run_tasks(grasps, directory / GRASPS, jobs, force, lambda name: watch(f"grasps: {name} done"))
+        fronts = solve_pareto(runs["psmpc"], settings, path, jobs, force, step(3, "fronts"))
+    held = run_tasks(grasps, directory / GRASPS, jobs, force, step(4, "grasps"))
     departures = list[Ablation]()
     if ablations:
-        departures = run_ablations(variants["psmpc"], jobs, lambda name: watch(f"ablations: {name} done"))
+        departures = run_ablations(variants["psmpc"], jobs, step(5, "ablations"))
     return Reproduction(runs, SweepCells(weights), fronts, tuple(changes), tuple(departures), held)
 
 

@@ -20,13 +20,14 @@ from psmpc_cli.figures.style import in_style, title_of, words_of
 from psmpc_cli.logs.files import PAGE, write_new
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import RUN
+from psmpc_cli.progress import Work
 from psmpc_cli.report.texts import (
     NO_LIMITS,
-    describe_brief_stages,
     describe_mission,
     filled_columns,
     measure_rows,
     stage_rows,
+    warnings_of,
 )
 from psmpc_cli.specs.arguments import as_path, require
 
@@ -117,18 +118,25 @@ def report_run(run: Run) -> Page:
         LogError: The run has no samples.
     """
     summary = run.summary()
+    known = figures_of(RUN, run)
+    work = Work("figures", len(known), title="drawing", small_parts=True)
+
+    def draw(make: Callable[[Run], Figure]) -> Figure:
+        figure = make(run)
+        work.advance()
+        return figure
+
     return render(
         "run.html.j2",
         title=words_of(str(run.attributes["task_name"])),
         run=run,
         summary=summary,
         stages=stage_rows(summary),
-        brief_stages=describe_brief_stages(summary),
-        measures=list(measure_rows(summary, verbose=True)),
+        warnings=list(warnings_of(summary)),
+        measures=list(measure_rows(summary)),
         no_limits=NO_LIMITS,
         figures={
-            FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(make, run)
-            for name, make in figures_of(RUN, run).items()
+            FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(draw, make) for name, make in known.items()
         },
         versions=versions_of(run.attributes),
     )

@@ -2,28 +2,21 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import Flag
 from typing import Any
 
-from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS
-from psmpc_cli.logs.summary import FAR_BEYOND, CaptureSummary, Largest, SolveSummary, Summary
+from psmpc_cli.logs.numbers import EMPTY, TIME, number, with_unit
+from psmpc_cli.logs.schema import EFFORT_UNITS, PEAKS, SLIDING_PEAKS
+from psmpc_cli.logs.summary import FAR_BEYOND, WARNED_OF, CaptureSummary, Largest, SolveSummary, Summary
 from psmpc_cli.logs.verdicts import NearestParts, Verdict
 from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.task import NOTHING_TOUCHED
 
 Row = tuple[str, ...]
 
-EMPTY = ("", "-")
-"""Cells without content."""
-
 ROUNDING = 1e-9
 """A stage of one sample lasts this much less at most, by rounding [s]."""
-
-DETAIL = "detail"
-"""Marks what a short summary leaves out."""
-
-ALONE = "alone"
-"""Marks what a comparison leaves out."""
-
 
 OF_PLAN = 0.95
 """From this share on a violation of a limit counts as the plan's alone, and to the rest of it as none of the plan's."""
@@ -32,7 +25,7 @@ OF_PLAN = 0.95
 def _solves(solves: SolveSummary) -> str:
     """Write median, 95th and 99th percentile and maximum of the wall times [ms]."""
     times = (solves.median, solves.p95, solves.p99, solves.largest)
-    return " / ".join(f"{1e3 * time:.1f}" for time in times) if solves.count else "none"
+    return " / ".join(number(1e3 * time) for time in times) if solves.count else ""
 
 
 def _largest(*found: Largest | None) -> str:
@@ -42,8 +35,7 @@ def _largest(*found: Largest | None) -> str:
 
 def _one_of_largest(found: Largest) -> str:
     """Write a largest value with its unit, where and when."""
-    unit = "" if found.unit == "1" else f" {found.unit}"
-    return f"{found.where}: {found.value:.3g}{unit} at {found.time:.1f} s"
+    return f"{found.where}: {with_unit(number(found.value), found.unit)} at {number(found.time, 0.1)} s"
 
 
 def _violations(*found: Largest) -> str:
@@ -56,34 +48,39 @@ def _cause(violation: Largest) -> str:
     share = violation.planned / violation.value
     if share > OF_PLAN:
         return "as planned"
-    return "off the plan" if share < 1 - OF_PLAN else f"{violation.planned:.3g} {violation.unit} of it planned"
+    if share < 1 - OF_PLAN:
+        return "off the plan"
+    return f"{number(violation.planned)} {violation.unit} of it planned"
 
 
-def _beyond_limits(summary: Summary) -> str:
-    """Write the largest violations of limits, with what the closing of grippers has to do with them."""
-    closing = summary.closing_samples
-    at_closing = [each.sample in closing and each.where.endswith("velocity") for each in summary.beyond_limits]
-    text = _violations(*summary.beyond_limits) or "none"
-    if not any(at_closing) or summary.capture is None:
-        return text
-    speeds = _closing_speeds(summary.capture)
-    reason = f"the grasps stop grippers that move by {speeds} against the object at once, which no plan contains"
-    which = "" if all(at_closing) else f"{summary.beyond_limits[at_closing.index(True)].where} "
-    others = _violations(*summary.beyond_limits_elsewhere) or "none"
-    return f"{text}; {which}as the grippers close: {reason}; in other samples: {others}"
+def _limit_violations(summary: Summary) -> list[str]:
+    """Write the largest violations of limits, each with what the closing of grippers has to do with it."""
+    texts = []
+    for each in summary.beyond_limits:
+        text = _violations(each)
+        is_at_closing = each.sample in summary.closing_samples and each.where.endswith("velocity")
+        if is_at_closing and summary.capture is not None:
+            speeds = _closing_speeds(summary.capture)
+            reason = (
+                f"the grasps stop grippers that move by {speeds} against the object at once, which no plan contains"
+            )
+            others = _violations(*summary.beyond_limits_elsewhere) or "none"
+            text = f"{text}; as the grippers close: {reason}; in other samples: {others}"
+        texts.append(text)
+    return texts
 
 
 def _closing_speeds(capture: CaptureSummary) -> str:
     """Write how fast grippers moved against their grasps when they were to close."""
     _, _, v, omega = capture.missed_by
-    return f"{1e3 * v:.1f} mm/s, {math.degrees(omega):.2f} deg/s"
+    return f"{number(1e3 * v)} mm/s, {number(math.degrees(omega))} deg/s"
 
 
 def _margin(summary: Summary, kind: str) -> str:
     """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
     found = (limit for limit in summary.limits if limit.kind == kind)
     return next(
-        (f"{100 * each.relative:.3f} % ({each.margin:.1e} {each.unit}) {each.coordinate}" for each in found), ""
+        (f"{number(100 * each.relative)} % ({number(each.margin)} {each.unit}) {each.coordinate}" for each in found), ""
     )
 
 
@@ -92,7 +89,7 @@ def _closing_error(capture: CaptureSummary | None) -> str:
     if capture is None or math.isnan(capture.missed_by[0]):
         return ""
     r, phi, *_ = capture.missed_by
-    apart = f"{1e3 * r:.1f} mm, {math.degrees(phi):.2f} deg, {_closing_speeds(capture)}"
+    apart = f"{number(1e3 * r)} mm, {number(math.degrees(phi))} deg, {_closing_speeds(capture)}"
     return apart if math.isfinite(capture.closed_at) else f"{apart}: outside their envelope"
 
 
@@ -100,7 +97,7 @@ def _loads(capture: CaptureSummary | None) -> str:
     """Write the largest loads on a grasp."""
     if capture is None:
         return ""
-    return ", ".join(f"{load} {capture.loads[load]:.3g} {unit}" for load, unit in GRASP_LOADS.items())
+    return ", ".join(f"{load} {number(capture.loads[load])} {unit}" for load, unit in GRASP_LOADS.items())
 
 
 ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_acceleration")
@@ -120,18 +117,23 @@ NO_LIMITS = "limits of forces and accelerations: none declared: nothing bounds t
 def _peaks(summary: Summary, *names: str) -> str:
     """Write peaks of one row; nothing where they are not known, or all 0, those of a base without thrusters."""
     values = [summary.peaks[name] for name in names]
-    return " / ".join(f"{value:.3g}" for value in values) if all(map(math.isfinite, values)) and any(values) else ""
+    if not all(map(math.isfinite, values)) or not any(values):
+        return ""
+    return " / ".join(f"{number(summary.peaks[name])} {(PEAKS | SLIDING_PEAKS)[name][0]}" for name in names)
 
 
 def describe_tightest_force(summary: Summary) -> str:
     """Write which commanded force came nearest to its limit, or farthest beyond it, in percent of it, and when."""
     force = summary.tightest_force
-    return "" if force is None else f"{force.where}: {100 * force.value:.1f} % at {force.time:.1f} s"
+    return "" if force is None else f"{force.where}: {number(100 * force.value, 0.1)} % at {number(force.time, 0.1)} s"
 
 
 def _nearest(parts: NearestParts) -> str:
     """Write how near two parts came to each other, when, and how far that is from what the task keeps."""
-    return f"{parts.pair}: {1e3 * parts.distance:.1f} mm at {parts.time:.1f} s, margin {1e3 * parts.margin:.1f} mm"
+    return (
+        f"{parts.pair}: {number(1e3 * parts.distance, 0.1)} mm at {number(parts.time, 0.1)} s, "
+        f"margin {number(1e3 * parts.margin, 0.1)} mm"
+    )
 
 
 def _smallest_distance(summary: Summary) -> str:
@@ -151,69 +153,115 @@ def _departure(capture: CaptureSummary | None) -> str:
     if capture is None or (math.isnan(capture.left_at) and not held_to_the_end):
         return ""
     how = f"LOST by {', '.join(capture.lost)}" if capture.lost else "let go"
-    how = "still held" if held_to_the_end else f"{how} at {capture.left_at:.2f} s"
+    how = "still held" if held_to_the_end else f"{how} at {number(capture.left_at, TIME)} s"
     where = ""
     if not math.isnan(capture.distance):
-        where = f"{1e3 * capture.distance:.1f} mm and {math.degrees(capture.angle):.2f} deg from its destination, "
-    return f"{how}, {where}at {1e3 * capture.speed:.1f} mm/s"
+        distance = f"{number(1e3 * capture.distance)} mm and {number(math.degrees(capture.angle))} deg"
+        where = f"{distance} from its destination, "
+    return f"{how}, {where}at {number(1e3 * capture.speed)} mm/s"
 
 
 def _end_errors(summary: Summary) -> str:
     """Write the last stage's end errors over tolerance, of the state that was seen and of the true one."""
     if summary.end_errors is None:
         return ""
-    return "{:.4f} as the controller saw it, {:.4f} true".format(*summary.end_errors)
+    seen, true = summary.end_errors
+    return f"{number(seen)} as the controller saw it, {number(true)} true"
 
 
-MEASURES: tuple[tuple[str, Callable[[Summary], float | str], int, str], ...] = (
-    ("solve time, median / p95 / p99 / max [ms]", lambda run: _solves(run.solves), 0, ""),
-    ("the same, windows with a switch [ms]", lambda run: _solves(run.switching_solves), 0, DETAIL),
-    ("solver and plant", lambda run: "compiled code" if run.compiled else "interpreted", 0, ALONE),
-    ("solves", lambda run: run.solves.count, 0, DETAIL),
-    ("iterations of a solve, median", lambda run: run.solves.iterations, 0, DETAIL),
-    ("solves longer than a sample", lambda run: run.missed, 0, ""),
-    ("failed solves", lambda run: run.failed_solves, 0, ""),
-    ("samples not measured", lambda run: run.unmeasured or math.nan, 0, ""),
-    ("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels, 0, ""),
-    ("stages appended", lambda run: run.appended, 0, DETAIL),
-    ("stages postponed", lambda run: run.postponed, 0, DETAIL),
-    ("other guesses of the switch times chosen", lambda run: math.nan if run.basins is None else run.basins, 0, ""),
-    ("tightest position margin, of the limit", lambda run: _margin(run, "position"), 0, ""),
-    ("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity"), 0, ""),
-    ("largest commanded force, of its limit", describe_tightest_force, 0, ""),
-    ("forces cut at their limits [% of the time]", lambda run: 100 * run.saturated, 1, ""),
-    (f"forces beyond {100 * FAR_BEYOND:g} % of a limit [% of the time]", lambda run: 100 * run.far_beyond, 1, ""),
-    ("smallest distance of parts, any tick", _smallest_distance, 0, ""),
-    ("smallest margin of clearance, any tick", _smallest_margin, 0, ""),
-    ("farthest beyond a limit, any tick", _beyond_limits, 0, ALONE),
-    ("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), 0, DETAIL + ALONE),
-    ("end error over tolerance, at switches", lambda run: _largest(run.end_condition), 0, DETAIL),
-    ("end error over tolerance, at the end", _end_errors, 0, ALONE),
-    ("grippers from their grasps at closing", lambda run: _closing_error(run.capture), 0, ""),
-    ("largest filtered loads on a grasp", lambda run: _loads(run.capture), 0, ""),
-    ("object leaves the grippers", lambda run: _departure(run.capture), 0, ""),
-    ("control effort, sum of T_s |dv/T_s|^2", lambda run: run.control_effort, 2, ""),
-    ("integral of |u|^2", lambda run: run.squared_acceleration, 2, DETAIL),
-    ("largest force, torque of the base [N, N m]", lambda run: _peaks(run, "base_force", "base_torque"), 0, ""),
-    ("largest torque of a joint [N m]", lambda run: run.peaks["joint_torque"], 2, ""),
-    ("largest force, acceleration of a sliding joint [N, m/s^2]", lambda run: _peaks(run, *SLIDING_PEAKS), 0, ""),
-    ("largest accelerations [m/s^2, rad/s^2, rad/s^2]", lambda run: _peaks(run, *ACCELERATIONS), 0, ""),
-    ("base thrusters, force [N s]", lambda run: run.base_force or math.nan, 2, ""),
-    ("base thrusters, torque [N m s]", lambda run: run.base_torque or math.nan, 2, ""),
-    ("variation of u, base position [m/s^2]", lambda run: run.variation_base_position, 2, DETAIL),
-    ("variation of u, base angle [rad/s^2]", lambda run: run.variation_base_angle, 2, DETAIL),
-    ("variation of u, joints [rad/s^2]", lambda run: run.variation_joints, 2, DETAIL),
-    ("variation of u, sliding joints [m/s^2]", lambda run: run.variation_sliding or math.nan, 2, DETAIL),
-    ("drift of momentum [N s]", lambda run: number(run.momentum_error, 1, "e"), 0, DETAIL),
-    ("drift of the energy balance [J]", lambda run: number(run.energy_error, 1, "e"), 0, DETAIL),
+class Shown(Flag):
+    """Where a measure is shown besides the whole summary of a run.
+
+    Attributes:
+        BRIEF: In the short summary.
+        COMPARED: In the whole comparison.
+    """
+
+    NOWHERE = 0
+    BRIEF = 1
+    COMPARED = 2
+
+
+BOTH = Shown.BRIEF | Shown.COMPARED
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A row of a run's summary and of a comparison.
+
+    Attributes:
+        label: What is measured.
+        of: Reads it; a comparison shows the differences of numbers, and a text has its units.
+        unit: Of a number, or of those in the text.
+        shown: Where it is shown.
+        resolution: Of a number, as for `number`.
+    """
+
+    label: str
+    of: Callable[[Summary], float | str]
+    unit: str = ""
+    shown: Shown = Shown.COMPARED
+    resolution: float = 0.0
+
+    @property
+    def heading(self) -> str:
+        """Its label with its unit."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    def text(self, summary: Summary) -> str:
+        """Write what was measured of a run, with its unit."""
+        value = self.of(summary)
+        return with_unit(value if isinstance(value, str) else number(value, self.resolution), self.unit)
+
+
+FORCES_FAR_BEYOND = f"forces beyond {100 * FAR_BEYOND:g} % of a limit"
+
+MEASURES: tuple[Measure, ...] = (
+    Measure("end of the run", lambda run: run.reason, shown=Shown.NOWHERE),
+    Measure("solve time, median / p95 / p99 / max", lambda run: _solves(run.solves), "ms", BOTH),
+    Measure("the same, windows with a switch", lambda run: _solves(run.switching_solves), "ms"),
+    Measure("solver and plant", lambda run: "compiled code" if run.compiled else "interpreted", shown=Shown.NOWHERE),
+    Measure("solves", lambda run: run.solves.count),
+    Measure("iterations of a solve, median", lambda run: run.solves.iterations, resolution=0.5),
+    Measure("solves longer than a sample", lambda run: run.missed),
+    Measure("failed solves", lambda run: run.failed_solves),
+    Measure("samples not measured", lambda run: run.unmeasured or math.nan),
+    Measure("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels),
+    Measure("stages appended", lambda run: run.appended),
+    Measure("stages postponed", lambda run: run.postponed),
+    Measure("other guesses of the switch times chosen", lambda run: math.nan if run.basins is None else run.basins),
+    Measure("tightest position margin, of the limit", lambda run: _margin(run, "position")),
+    Measure("tightest velocity margin, of the limit", lambda run: _margin(run, "velocity")),
+    Measure("largest commanded force, of its limit", describe_tightest_force, shown=BOTH),
+    Measure("forces cut at their limits", lambda run: 100 * run.saturated, "% of the time", resolution=0.1),
+    Measure(FORCES_FAR_BEYOND, lambda run: 100 * run.far_beyond, "% of the time", resolution=0.1),
+    Measure("smallest distance of parts, any tick", _smallest_distance, shown=BOTH),
+    Measure("smallest margin of clearance, any tick", _smallest_margin),
+    Measure(
+        "farthest beyond a limit, any tick", lambda run: " / ".join(_limit_violations(run)) or "none", "", Shown.NOWHERE
+    ),
+    Measure("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), shown=Shown.NOWHERE),
+    Measure("end error over tolerance, at switches", lambda run: _largest(run.end_condition)),
+    Measure("end error over tolerance, at the end", _end_errors, shown=Shown.NOWHERE),
+    Measure("grippers from their grasps at closing", lambda run: _closing_error(run.capture)),
+    Measure("largest filtered loads on a grasp", lambda run: _loads(run.capture)),
+    Measure("object leaves the grippers", lambda run: _departure(run.capture), shown=BOTH),
+    Measure("control effort, sum of T_s |dv/T_s|^2", lambda run: run.control_effort, EFFORT_UNITS, BOTH),
+    Measure("integral of |u|^2", lambda run: run.squared_acceleration, EFFORT_UNITS),
+    Measure("largest force, torque of the base", lambda run: _peaks(run, "base_force", "base_torque"), shown=BOTH),
+    Measure("largest torque of a joint", lambda run: run.peaks["joint_torque"], "N m"),
+    Measure("largest force, acceleration of a sliding joint", lambda run: _peaks(run, *SLIDING_PEAKS)),
+    Measure("largest accelerations", lambda run: _peaks(run, *ACCELERATIONS)),
+    Measure("base thrusters, force", lambda run: run.base_force or math.nan, "N s"),
+    Measure("base thrusters, torque", lambda run: run.base_torque or math.nan, "N m s"),
+    Measure("variation of u, base position", lambda run: run.variation_base_position, "m/s^2"),
+    Measure("variation of u, base angle", lambda run: run.variation_base_angle, "rad/s^2"),
+    Measure("variation of u, joints", lambda run: run.variation_joints, "rad/s^2"),
+    Measure("variation of u, sliding joints", lambda run: run.variation_sliding or math.nan, "m/s^2"),
+    Measure("drift of momentum", lambda run: run.momentum_error, "N s"),
+    Measure("drift of the energy balance", lambda run: run.energy_error, "J"),
 )
-"""Rows of a run's summary and of a comparison: name, value (a comparison shows the differences of numbers), decimals,
-and where it is shown: `DETAIL`, not in a short summary; `ALONE`, not in a comparison."""
-
-
-def number(value: float, digits: int, form: str = "f") -> str:
-    """Write a number with so many decimals, a dash for NaN."""
-    return "-" if math.isnan(value) else f"{value:.{digits}{form}}"
+"""Rows of a run's summary and of a comparison."""
 
 
 def filled_columns(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> tuple[Sequence[str], list[Sequence[Any]]]:
@@ -225,63 +273,98 @@ def filled_columns(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> tu
 
 def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
     """Build the table of a run's stages: its headings, and a row for each stage."""
-    headings = ("stage", "priority", "actual start [s]", "published start", "ends [s]", "published end")
+    headings = ("stage", "priority", "actual start [s]", "published start [s]", "ends [s]", "published end [s]")
     rows: list[Row] = [
         (
             stage.name,
             f"{stage.priority:g}",
-            number(stage.actual_start, 2) + (" (early)" if stage.early else ""),
-            number(stage.published_start, 1),
-            number(stage.switch_time, 2),
-            number(stage.published_switch, 1),
-            number(distance, 3),
+            number(stage.actual_start, TIME) + (" (early)" if stage.early else ""),
+            number(stage.published_start, 0.1),
+            number(stage.switch_time, TIME),
+            number(stage.published_switch, 0.1),
+            number(distance, 0.001),
         )
         for stage, distance in zip(summary.stages, summary.distances, strict=True)
     ]
     return (*headings, "grippers apart [m]"), rows
 
 
-def measure_rows(summary: Summary, verbose: bool = False) -> Iterator[Row]:
-    """Yield what was measured of a run, a name and a value each; all of it if `verbose`."""
-    for label, of, digits, where in MEASURES:
-        value = of(summary)
-        text = value if isinstance(value, str) else number(value, digits)
-        if (verbose or DETAIL not in where) and text not in ("", "-"):
-            yield label, text
+def measure_rows(summary: Summary) -> Iterator[Row]:
+    """Yield all that was measured of a run, a name and a value with its unit each."""
+    for measure in MEASURES:
+        if (text := measure.text(summary)) not in EMPTY:
+            yield measure.label, text
     for verdict in summary.monitors:
         yield f"monitor: {verdict.name}", describe_verdict(verdict)
 
 
+def brief_measures(summary: Summary) -> Iterator[str]:
+    """Yield what a short summary says of a run besides its stages, a line each."""
+    for measure in MEASURES:
+        if Shown.BRIEF in measure.shown and (text := measure.text(summary)) not in EMPTY:
+            yield f"{measure.label}: {text}"
+
+
 def describe_mission(summary: Summary) -> str:
-    """Write whether the mission succeeded, what touched, why the run ended, and which monitors did not hold."""
+    """Write whether the mission succeeded and when, or what touched, why the run ended, and which monitors broke."""
+    duration = f"{number(summary.duration, 0.1)} s"
+    if summary.ended and summary.succeeded:
+        return f"Mission succeeded in {duration}"
     broken = {each.name: each.instead for each in summary.monitors if each.is_judged and not each.held}
-    outcomes = {True: "succeeded", False: "failed", None: "not judged"}
-    outcome = outcomes[summary.succeeded] if summary.ended else "not finished"
+    outcome = "not finished" if not summary.ended else "not judged" if summary.succeeded is None else "failed"
     touch = broken.pop(NOTHING_TOUCHED) if summary.clearance is not None and summary.clearance.touched else ""
     first = f"{touch}; " if touch else ""
     monitors = f"; monitor did not hold: {', '.join(broken)}" if broken else ""
-    return f"mission {outcome}: {first}{summary.reason}{monitors}, after {summary.duration:.1f} s"
+    return f"Mission {outcome}: {first}{summary.reason}{monitors}, after {duration}"
 
 
-def describe_brief_stages(summary: Summary) -> str:
+def warnings_of(summary: Summary) -> Iterator[str]:
+    """Yield what of a run needs attention, whether its mission succeeded or not: a sentence each."""
+    for verdict in summary.monitors:
+        if verdict.is_judged and not verdict.held:
+            yield f"monitor {verdict.name}: {describe_verdict(verdict)}"
+    if summary.clearance is not None and summary.clearance.tightest.margin < 0:
+        yield f"a margin of clearance was not kept: {_nearest(summary.clearance.tightest)}"
+    exceeded = {limit.kind for limit in summary.limits if limit.relative < -WARNED_OF}
+    for violation, text in zip(summary.beyond_limits, _limit_violations(summary), strict=True):
+        if ("velocity" if violation.where.endswith(" velocity") else "position") in exceeded:
+            yield f"a limit was exceeded: {text}"
+    if summary.far_beyond > 0:
+        share = with_unit(number(100 * summary.far_beyond, 0.1), "% of the time")
+        yield f"{FORCES_FAR_BEYOND} were commanded, {share}"
+    if summary.missed:
+        yield f"{summary.missed} of {summary.solves.count} solves came late: they took longer than a sample of " + (
+            f"{number(1e3 * summary.sample_time)} ms"
+        )
+    if summary.unmeasured:
+        yield f"{summary.unmeasured} of {summary.solves.count} samples came without a measurement"
+    if summary.failed_solves:
+        yield f"{summary.failed_solves} of {summary.solves.count} solves failed"
+    if summary.unsolved_levels:
+        yield f"{summary.unsolved_levels} levels were not solved"
+    if brief := _brief_stages(summary):
+        yield brief
+
+
+def _brief_stages(summary: Summary) -> str:
     """Name the stages that lasted less than a sample, which tables round to nothing; empty if there is none."""
     brief = [stage for stage in summary.stages if stage.duration < summary.sample_time - ROUNDING]
-    lasted = ", ".join(f"stage {stage.name} lasted {1e3 * stage.duration:.2g} ms" for stage in brief)
-    return f"{lasted}, less than a sample of {1e3 * summary.sample_time:g} ms" if brief else ""
+    lasted = ", ".join(f"stage {stage.name} lasted {number(1e3 * stage.duration)} ms" for stage in brief)
+    return f"{lasted}, less than a sample of {number(1e3 * summary.sample_time)} ms" if brief else ""
 
 
 def describe_forces(summary: Summary) -> str:
     """Write how near forces come to their limits, or what a run without limits asks for; empty if it is not known."""
     if force := describe_tightest_force(summary):
-        cut = number(100 * summary.saturated, 1)
-        far = number(100 * summary.far_beyond, 1)
+        cut = number(100 * summary.saturated, 0.1)
+        far = number(100 * summary.far_beyond, 0.1)
         beyond = f"beyond {100 * FAR_BEYOND:g} % of a limit {far} % of the time"
         return f"largest commanded force, of its limit: {force}; forces cut {cut} % of the time, {beyond}"
     peaks = {name: peak for name, peak in summary.peaks.items() if math.isfinite(peak) and peak > 0}
     if summary.limits_dynamics or not peaks:
         return ""
     units = {name: unit for name, (unit, _) in (PEAKS | SLIDING_PEAKS).items()}
-    asked_for = ", ".join(f"{name.replace('_', ' ')} {peak:.3g} {units[name]}" for name, peak in peaks.items())
+    asked_for = ", ".join(f"{name.replace('_', ' ')} {number(peak)} {units[name]}" for name, peak in peaks.items())
     return f"no limit of forces or accelerations is declared; the largest are: {asked_for}"
 
 
@@ -291,8 +374,9 @@ def describe_verdict(verdict: Verdict) -> str:
         return "not judged"
     outcome = "held"
     if not verdict.held:
-        outcome = f"BROKEN: {verdict.instead}" if verdict.instead else f"BROKEN at {verdict.broken_at:.1f} s"
-    unit = "" if verdict.unit == "1" else f" {verdict.unit}"
-    margin = f", margin {verdict.margin:.3f}{unit}" if math.isfinite(verdict.margin) else ""
+        outcome = f"BROKEN: {verdict.instead}" if verdict.instead else f"BROKEN at {number(verdict.broken_at, 0.1)} s"
+    margin = (
+        f", margin {with_unit(number(verdict.margin, 0.001), verdict.unit)}" if math.isfinite(verdict.margin) else ""
+    )
     details = f" ({verdict.details})" if verdict.details else ""
     return f"{outcome}{margin}{details}"

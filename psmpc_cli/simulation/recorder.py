@@ -21,7 +21,7 @@ from psmpc_cli.logs.run import Run, read_run, run_in
 from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, SLIDING, Sample
 from psmpc_cli.logs.verdicts import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
-from psmpc_cli.native.library import describe_compiler, describe_processor, make_all
+from psmpc_cli.native.library import Library, describe_compiler, describe_processor, make_all
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.plant import Ticks
@@ -274,8 +274,8 @@ def header(loop: RecordedLoop) -> Header:
     )
 
 
-def solver_makers(problem: Problem) -> list[Callable[[], Path | None]]:
-    """Return what makes the libraries that the solver of a problem needs; none where it needs none."""
+def libraries_of(problem: Problem) -> list[Library]:
+    """Return the libraries that the solver of a problem needs; none where it needs none."""
     return list(solver_libraries(problem)) if problem.spec.solver.traits.real_time else []
 
 
@@ -356,7 +356,7 @@ class Recorder:
             uncertainty=None,
             capture=None,
             x0=self._commands[0].x if self._ticks[0] is None else self._ticks[0].X[0],
-            compiled=problem.spec.solver.compiled and make_all(solver_makers(problem)),
+            compiled=problem.spec.solver.compiled and make_all(libraries_of(problem)),
             plant_kind=OWN_LOOP,
             knows_ticks=knows_ticks,
         )

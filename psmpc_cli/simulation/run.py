@@ -12,7 +12,7 @@ from psmpc_cli.control.controller import Controller
 from psmpc_cli.control.interface import Command, State
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.native.functions import maker_of
+from psmpc_cli.native.functions import library_of
 from psmpc_cli.native.library import make_all
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
@@ -22,7 +22,7 @@ from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, Meter
-from psmpc_cli.simulation.recorder import Ending, RecordedLoop, Watch, record, solver_makers
+from psmpc_cli.simulation.recorder import Ending, RecordedLoop, Watch, libraries_of, record
 from psmpc_cli.specs.arguments import as_path, require, require_callable, require_whole
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import stack
@@ -85,10 +85,10 @@ def compile_for(problem: Problem) -> bool:
     task = problem.spec
     if not task.solver.compiled:
         return False
-    makers = solver_makers(problem)
+    libraries = libraries_of(problem)
     if task.plant.traits.compiles:
-        makers.append(maker_of(_tick_function(task, problem.model)))
-    return make_all(makers)
+        libraries.append(library_of(_tick_function(task, problem.model)))
+    return make_all(libraries)
 
 
 def _tick_function(task: TaskSpec, model: RobotModel) -> ca.Function:

@@ -12,6 +12,7 @@ from psmpc_cli.ocp.problem import in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
+from psmpc_cli.progress import Watch, Work
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.simulation.measures import state_at
 from psmpc_cli.simulation.replay import logged_solve
@@ -44,7 +45,7 @@ class Verification:
         remarks: What was left out.
     """
 
-    def __init__(self, log: Run, every: int = 1) -> None:
+    def __init__(self, log: Run, every: int = 1, watch: Watch = lambda progress: None) -> None:
         """Integrate the full dynamics along the plans and the closed loop.
 
         Raises:
@@ -64,6 +65,7 @@ class Verification:
         self.count = 0
         self.samples = 0
         plan = None
+        work = Work("samples", len(log.time), watch, small_parts=True)
         for sample in range(len(log.time)):
             if not log["events/solve_failed"][sample]:
                 solve = logged_solve(log, sample)
@@ -75,6 +77,7 @@ class Verification:
             if not uncertain and (flow := self._integrate_sample(sample, applied)) is not None:
                 self.samples += 1
                 _update_peaks(self.loop, sample, self._measure_loop(sample, flow, applied))
+            work.advance()
         self.remarks = tuple(_remarks(levels, uncertain, len(log.time) - self.samples))
 
     def _measure_horizon(self, plan: Plan, window: Window) -> Iterator[Measured]:

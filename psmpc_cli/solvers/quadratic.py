@@ -10,7 +10,6 @@ from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cache
 from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ import piqp
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array, triu, vstack
 
-from psmpc_cli.native.library import library
+from psmpc_cli.native.library import Library, paths_of
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
 from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow
 
@@ -222,9 +221,10 @@ class QuadraticProgram(ctypes.Structure):
     )
 
 
-def kernel_library(coordinates: int, durations: int) -> Path | None:
-    """Return the shared library of the kernel for these sizes; None where nothing can be compiled."""
-    return library(kernel_source(coordinates, durations), "qp", FLAGS, kernel_symbols(coordinates, durations))
+def kernel_library(coordinates: int, durations: int) -> Library:
+    """Return the shared library of the kernel for these sizes."""
+    source = kernel_source(coordinates, durations)
+    return Library(source, "qp", FLAGS, tuple(kernel_symbols(coordinates, durations)))
 
 
 def kernel_source(coordinates: int, durations: int) -> str:
@@ -280,7 +280,7 @@ def load_kernel(coordinates: int, durations: int) -> Kernel | None:
     Raises:
         RuntimeError: Its `QuadraticProgram` is another structure than ours.
     """
-    path = kernel_library(coordinates, durations)
+    (path,) = paths_of([kernel_library(coordinates, durations)])
     if path is None:
         return None
     loaded = ctypes.CDLL(str(path))

@@ -6,15 +6,13 @@ are halved.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 
-from psmpc_cli.native.functions import maker_of
-from psmpc_cli.native.library import make_all
+from psmpc_cli.native.functions import library_of
+from psmpc_cli.native.library import Library, make_all
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
@@ -215,21 +213,21 @@ class SqpSolver(Solver):
         )
 
 
-def libraries(problem: Problem) -> Iterator[Callable[[], Path | None]]:
-    """Yield what makes the libraries that the windows of a problem need, whichever stages are in them."""
+def libraries(problem: Problem) -> Iterator[Library]:
+    """Yield the libraries that the windows of a problem need, whichever stages are in them."""
     for shape in dict.fromkeys(cost_shape(stage_shape(stage)) for stage in problem.stages):
         functions = stage_functions(problem.model, shape)
-        yield maker_of(functions.gauss_newton.function)
-        yield maker_of(functions.cost.function)
+        yield library_of(functions.gauss_newton.function)
+        yield library_of(functions.cost.function)
         if not problem.model.spec.moved_by.actuated:
-            yield maker_of(functions.residual_curvature.function)
+            yield library_of(functions.residual_curvature.function)
     of_rows = {each for stage in problem.stages for each in _functions_of_rows(problem.model, stage)}
     to_compile = [each for each in of_rows if each.compiled is not each]
     for function in [each.function for functions in to_compile for each in functions.prepare() if each is not None]:
         if function.n_instructions() >= COMPILED_FROM:
-            yield maker_of(function)
+            yield library_of(function)
     for switches in range(len(problem.stages)):
-        yield partial(kernel_library, problem.model.n, switches)
+        yield kernel_library(problem.model.n, switches)
 
 
 def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFunctions | IntervalFunctions]:

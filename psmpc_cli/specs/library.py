@@ -1,4 +1,7 @@
-"""The built-in robots and tasks, the files that references mean, starter files, and JSON Schemas for editors."""
+"""The built-in robots and tasks, the files that references mean, starter files, and JSON Schemas for editors.
+
+What reads descriptions is imported where it is needed: `psmpc --help` names the built-in tasks, and answers at once.
+"""
 
 import json
 import os
@@ -6,12 +9,7 @@ import re
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import TypeAdapter
-
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.document import choice, quoted, read_regular
-from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
-from psmpc_cli.specs.task import TaskSpec
 
 Kind = Literal["robot", "task"]
 
@@ -38,6 +36,8 @@ def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
     Raises:
         SpecError: There is no such file and no such built-in.
     """
+    from psmpc_cli.specs.document import choice, quoted
+
     path = Path(reference) if beside is None else beside / reference
     known = built_ins(kind)
     if os.path.lexists(path) and not (os.path.isdir(path) and str(reference) in known):
@@ -63,6 +63,8 @@ def read_bytes(path: Path) -> bytes:
     """
     wanted = f"a {'URDF' if path.suffix.casefold() == '.urdf' else 'YAML'} file"
     try:
+        from psmpc_cli.specs.document import read_regular
+
         return read_regular(path, LARGEST_FILE, wanted)
     except SpecError as error:
         raise SpecError(f"{path}: {error}") from None
@@ -89,8 +91,14 @@ def read_text(path: Path) -> str:
 def json_schema(kind: Kind) -> dict[str, Any]:
     """Return the JSON Schema of one kind of description."""
     if kind == "task":
+        from psmpc_cli.specs.task import TaskSpec
+
         schema = TaskSpec.model_json_schema()
     else:
+        from pydantic import TypeAdapter
+
+        from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
+
         schema = TypeAdapter(PlanarRobot | SpatialRobot | UrdfRobot).json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"psmpc {kind}", **schema}
 

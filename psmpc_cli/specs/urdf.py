@@ -18,6 +18,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.progress import Work
 from psmpc_cli.specs.covers import Cover, cover_box, cover_mesh, read_mesh
 from psmpc_cli.specs.document import (
     DECIMAL,
@@ -812,11 +813,16 @@ def _geometry(urdf: Urdf, places: Places, file: UrdfRobot) -> dict[str, list[dic
     Meshes that cannot be read are left out. What is covered by more than it is, or left out, is noted.
     """
     shapes = dict[str, list[dict[str, Any]]]()
-    for name, (body, frame) in places.items():
+    covered = {name: urdf.collisions(name) for name, (body, _) in places.items() if body not in file.geometry}
+    title = "covering the collision shapes of the URDF by capsules"
+    work = Work("shapes", sum(map(len, covered.values())), title=title, small_parts=True)
+    for name, collisions in covered.items():
+        body, frame = places[name]
         link = urdf.links[name]
         remarks = []
-        for each in urdf.collisions(name) if body not in file.geometry else ():
+        for each in collisions:
             at = frame @ each.origin
+            work.advance()
             try:
                 found, remark = _shapes_of(each, at, urdf.folder)
             except SpecError as error:

@@ -17,6 +17,7 @@ from psmpc_cli.native.library import describe_processor
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.progress import Watch, Work
 from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop
 from psmpc_cli.solvers import NlpSolver, Outcome, Solution, Solver, build_solver
 from psmpc_cli.specs.load import Task, load_task
@@ -152,7 +153,7 @@ def run_bench(
     solvers: str = ",".join(SOLVERS),
     repeat: int = 3,
     appends: int | None = None,
-    watch: Callable[[str], None] = lambda line: None,
+    watch: Watch = lambda progress: None,
     check: Callable[[], None] = lambda: None,
 ) -> Bench:
     """Record windows and solve them again, on one mesh after the other.
@@ -162,7 +163,7 @@ def run_bench(
         solvers: Names from `SOLVERS` between commas.
         repeat: Timed solves of each window by each back-end and start.
         appends: Number of appends of each run that give windows; None for all.
-        watch: Called with a line when a mesh is done.
+        watch: Called with the progress over the meshes and, on each of them, over its timed solves.
         check: Called after every sample and every timed solve.
 
     Raises:
@@ -177,6 +178,7 @@ def run_bench(
     compiled = True
     wall = 0.0
     busy = 0.0
+    meshes = Work("meshes", len(tasks), watch)
     for nodes, variants in tasks.items():
         experiments = [build_experiment(task) for task in variants]
         recorded = [solve for each in experiments for solve in _windows_around_appends(each, appends, check)]
@@ -187,12 +189,18 @@ def run_bench(
                 "stages whose first one ends"
             )
         began = time.perf_counter(), time.process_time()
-        for case, solve in _time_solves(problem, recorded, cases, repeat, check):
+        solves = Work("solves", len(recorded) * len(cases) * repeat, watch, f"{nodes} nodes a stage", small_parts=True)
+
+        def count(solves: Work = solves) -> None:
+            solves.advance()
+            check()
+
+        for case, solve in _time_solves(problem, recorded, cases, repeat, count):
             timed[nodes, *case].append(solve)
         wall = wall + time.perf_counter() - began[0]
         busy = busy + time.process_time() - began[1]
         compiled &= all(each.compiled for each in experiments)
-        watch(f"nodes {nodes}: {len(recorded)} windows done")
+        meshes.advance(f"{nodes} nodes a stage, {len(recorded)} windows")
     return Bench(timed, compiled, wall / busy)
 
 

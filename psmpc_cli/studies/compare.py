@@ -1,14 +1,17 @@
 """Comparisons: several controllers on one task, in parallel, with their logs in one file."""
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import get_args
+from typing import NamedTuple, get_args
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.comparison import save_comparison
 from psmpc_cli.logs.files import check_output
+from psmpc_cli.logs.numbers import number
 from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.summary import Summary
+from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import rejected, require, require_options
 from psmpc_cli.specs.load import Task
@@ -17,6 +20,9 @@ from psmpc_cli.studies.runner import compute_all, documents_of, with_changes
 
 CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")
 """What is compared by default, in the order of the table."""
+
+SAME_SAMPLE = 1e-6
+"""Part of a sample by which two missions may differ beyond one and still count as equally soon: rounding."""
 
 VARIED = "controller.kind"
 """The one key in which the tasks of a comparison differ."""
@@ -78,7 +84,7 @@ def run_tasks(
     path: Path | None = None,
     jobs: int | None = None,
     force: bool = False,
-    watch: Callable[[str], None] = lambda name: None,
+    watch: Watch = lambda progress: None,
 ) -> dict[str, Run]:
     """Run every task in a process of its own, and return the runs by name.
 
@@ -87,7 +93,7 @@ def run_tasks(
         path: File of all logs, written whole or not at all; None for none.
         jobs: Processes; by default one for each core.
         force: Whether an existing file is overwritten.
-        watch: Called with the name of each run that ends.
+        watch: Called with the progress, as by `compute_all`.
 
     Raises:
         InputError: The file exists already or cannot be written.
@@ -105,3 +111,35 @@ def _run(task: Task) -> Run:
     """Run a task in a process of its own; its warnings are counted in its log."""
     logging.getLogger("psmpc_cli").setLevel(logging.ERROR)
     return simulate(task)
+
+
+class Recommended(NamedTuple):
+    """The recommended run of a comparison by its name, if any, and a sentence: what speaks for it, or why none is."""
+
+    name: str | None
+    sentence: str
+
+
+def recommend_controller(summaries: Mapping[str, Summary]) -> Recommended:
+    """Recommend the run whose mission succeeds first; of those within a sample of it, the one with the least effort."""
+    succeeded = {name: summary for name, summary in summaries.items() if summary.ended and summary.succeeded}
+    if not succeeded:
+        return Recommended(None, f"no controller is recommended: the mission succeeded with none of {len(summaries)}")
+    soonest = min(summary.duration for summary in succeeded.values())
+    equal = {
+        name: summary
+        for name, summary in succeeded.items()
+        if summary.duration <= soonest + summary.sample_time * (1 + SAME_SAMPLE)
+    }
+    name = min(equal, key=lambda each: equal[each].control_effort)
+    others = [other for other in equal if other != name]
+    chosen = f"recommended: {name}, whose mission succeeds"
+    end = f"{number(equal[name].duration, 0.1)} s"
+    if len(succeeded) == 1:
+        reason = f"in {end}, as the only one of {len(summaries)}" if len(summaries) > 1 else f"in {end}"
+    elif others:
+        reason = f"in {end}, with the least control effort of those within a sample ({', '.join(equal)})"
+    else:
+        second = min(summary.duration for other, summary in succeeded.items() if other != name)
+        reason = f"first, in {end}, {number(second - soonest, 0.1)} s before the next"
+    return Recommended(name, f"{chosen} {reason}")

@@ -11,6 +11,8 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import MONTE_CARLO, PEAKS, SLIDING_PEAKS, Column, Sample
+from psmpc_cli.logs.summary import EXCEEDED
+from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import require_callable, require_options, require_whole
 from psmpc_cli.specs.document import printable
@@ -22,7 +24,6 @@ from psmpc_cli.studies.runner import (
     REDUCED_LOG,
     WAITING,
     Study,
-    Watch,
     names_along,
     run_study,
     task_in,
@@ -49,9 +50,6 @@ SHARES_OF_FORCES = {
     "force_saturated": "forces cut at their limits [% of the time]",
 }
 """What tables say of forces where they have limits; studies of earlier versions do not know it."""
-
-EXCEEDED = 1e-6
-"""How far beyond a limit, as a part of it, counts as exceeding it: less is rounding."""
 
 
 def monte_carlo(
@@ -184,8 +182,8 @@ class MonteCarloRuns:
         found = self.results.quantities.get("limits_dynamics")
         return found is not None and bool((found.values == 0).any())
 
-    def quantiles(self) -> Iterator[tuple[str, int, tuple[float, ...]]]:
-        """Yield how every quantity spreads: what it is, how many runs have it, and its 5, 50 and 95 % quantiles."""
+    def spread(self) -> Iterator[tuple[str, Array]]:
+        """Yield every quantity that spreads over the runs: what it is, and its values of the runs that have it."""
         values = {"mission ends, successful runs [s]": self.end_time}
         for number, stage in enumerate(self.stages):
             if number:
@@ -207,8 +205,7 @@ class MonteCarloRuns:
             if f"peak_{name}" in self.results.quantities and (name in PEAKS or np.isfinite(self[f"peak_{name}"]).any()):
                 values[f"{meaning} [{unit}]"] = self[f"peak_{name}"]
         for name, each in values.items():
-            known = each[np.isfinite(each)]
-            yield name, len(known), tuple(np.quantile(known, (0.05, 0.5, 0.95)) if len(known) else [np.nan] * 3)
+            yield name, each[np.isfinite(each)]
 
     def worst(self, count: int) -> Array:
         """Return the numbers of the worst runs: those that failed first, then the latest, then the largest error."""

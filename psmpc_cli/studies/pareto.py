@@ -4,9 +4,8 @@ At each sample the window with both stages is solved for one trade-off between t
 and epsilon constraints, each from the best point known.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import PARETO
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import SHORTEST, Window
+from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.run import build_experiment, converging
@@ -81,7 +81,7 @@ def solve_pareto(
     path: Path,
     jobs: int | None = None,
     force: bool = False,
-    watch: Callable[[str], None] = lambda line: None,
+    watch: Watch = lambda progress: None,
 ) -> Results:
     """Find the fronts at samples of a run and write them into a file, whole or not at all.
 
@@ -91,7 +91,7 @@ def solve_pareto(
         path: The file.
         jobs: Processes; by default one for each core.
         force: Overwrite the file.
-        watch: Called with a line when a sample is done.
+        watch: Called with the progress, as by `compute_all`.
 
     Raises:
         InputError: The settings do not fit the run, or the file exists already or cannot be written.
@@ -106,10 +106,9 @@ def solve_pareto(
     if settings.free and first.at is not None:
         raise InputError(f"--free-instant: {first.name} ends at a fixed time, expected a stage with an end condition")
     samples = choose_samples(run, stages, settings.at)
-    ended = count(1)
     solves = [logged_solve(run, sample) for sample in samples]
     cells = {f"front at {each.window.start:g} s": (run.task, settings, each) for each in solves}
-    found = compute_all(_solve_sample, cells, jobs, lambda name: watch(f"{name} done, {next(ended)} of {len(cells)}"))
+    found = compute_all(_solve_sample, cells, jobs, watch, "fronts")
     attributes = {**header(build_experiment(run.task)).attributes, "method": settings.method}
     attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
     names = [run.stage_names[stage] for stage in stages]

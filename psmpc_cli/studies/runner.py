@@ -38,6 +38,7 @@ from psmpc_cli.logs.results import Quantity, Results, new_results, read_results
 from psmpc_cli.logs.schema import Column
 from psmpc_cli.ocp.feasibility import ensure_feasible, load_task
 from psmpc_cli.plant import require_plant
+from psmpc_cli.progress import Watch, Work
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.document import quoted
 from psmpc_cli.specs.load import Task, TaskDocuments, parse_task, read_documents
@@ -80,26 +81,6 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 
 REDUCED_LOG = ("log.shares=false", "log.plans=false", "log.ticks=false")
 """Changes of a task: what is logged but not measured, and costs solves or memory."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a study has come.
-
-    Attributes:
-        runs: Runs that are needed for the cells that waited.
-        ended: Runs that have ended.
-        failed: Those that failed.
-        elapsed: Time since the study began [s].
-    """
-
-    runs: int
-    ended: int
-    failed: int
-    elapsed: float
-
-
-Watch = Callable[[Progress], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +164,7 @@ def run_study(
         dask: Address of the scheduler of a Dask cluster to compute on.
         force: Whether an existing file is overwritten.
         resume: Whether the cells that wait in an existing file are computed; those that failed are computed again.
-        watch: Called with the progress at the beginning and after every run.
+        watch: Called with the progress at the beginning, after every run, and from time to time meanwhile.
 
     Raises:
         InputError: The file exists, cannot be written, is being filled in by another process or holds another study;
@@ -218,10 +199,9 @@ def _compute_cells(
     origins = np.arange(len(runs)) if study.origins is None else study.origins
     needed = np.unique(origins[np.isin(status, (WAITING, FAILED))])
     began = time.monotonic()
-    progress = Progress(len(needed), 0, 0, 0.0)
-    watch(progress)
+    work = Work("runs", len(needed), watch)
     run = partial(_run_cell, documents_of(study.task), study.quantities, study.required_stage)
-    with closing(compute(run, {int(cell): runs[cell] for cell in needed}, jobs, dask)) as ended:
+    with closing(compute(run, {int(cell): runs[cell] for cell in needed}, jobs, dask, work.wait)) as ended:
         for origin, found in ended:
             row = {"reason": LOST, "cell_time": np.nan, "status": FAILED} if found is None else found
             failed = row["status"] == FAILED
@@ -231,12 +211,10 @@ def _compute_cells(
                 place = np.unravel_index(cell, shape) if of_cell else ()
                 for name, value in {**row, "origin": origin, "status": code}.items():
                     results[name if of_cell else REFERENCE + name][place] = value
-            elapsed = time.monotonic() - began
-            results["wall_time"][()] = spent + elapsed
+            results["wall_time"][()] = spent + time.monotonic() - began
             if lock is not None:
                 results.save(lock)
-            progress = Progress(len(needed), progress.ended + 1, progress.failed + failed, elapsed)
-            watch(progress)
+            work.advance(failed=bool(failed))
     return results
 
 
@@ -360,7 +338,11 @@ class Workers:
 
 
 def compute(
-    function: Callable[[Item], Result], items: Mapping[Key, Item], jobs: int | None = None, dask: str | None = None
+    function: Callable[[Item], Result],
+    items: Mapping[Key, Item],
+    jobs: int | None = None,
+    dask: str | None = None,
+    wait: Callable[[], None] = lambda: None,
 ) -> Generator[tuple[Key, Result | None], None, None]:
     """Call a function on many items in parallel, and yield the key and the result of each as they come.
 
@@ -373,6 +355,7 @@ def compute(
         items: The items.
         jobs: Processes on this machine; by default one for each core.
         dask: Address of the scheduler of a Dask cluster to use instead.
+        wait: Called again and again while no call ends.
 
     Yields:
         Key and result of an item; None for an item that is lost, since it kills its process.
@@ -397,6 +380,7 @@ def compute(
                     call.add_done_callback(ended.put)
                 while calls:
                     interruption.check()
+                    wait()
                     try:
                         call = ended.get(timeout=POLL)
                     except Empty:
@@ -416,20 +400,29 @@ def compute_all(
     function: Callable[[Item], Result],
     items: Mapping[str, Item],
     jobs: int | None = None,
-    watch: Callable[[str], None] = lambda name: None,
+    watch: Watch = lambda progress: None,
+    parts: str = "runs",
 ) -> dict[str, Result]:
     """Call a function on many items in parallel as `compute` does, and return the results by name.
+
+    Args:
+        function: As for `compute`.
+        items: The items.
+        jobs: Processes on this machine; by default one for each core.
+        watch: Called with the progress at the beginning, after every call, and from time to time meanwhile.
+        parts: What the calls are, in their plural.
 
     Raises:
         RunError: A call is lost, since it kills its process.
     """
     found = dict[str, Result]()
-    with closing(compute(function, items, jobs)) as results:
+    work = Work(parts, len(items), watch)
+    with closing(compute(function, items, jobs, wait=work.wait)) as results:
         for name, result in results:
             if result is None:
                 raise RunError(f"{name}: {LOST}: try fewer --jobs")
             found[name] = result
-            watch(name)
+            work.advance(name)
     return {name: found[name] for name in items}
 
 

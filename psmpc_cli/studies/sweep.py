@@ -12,6 +12,7 @@ from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Quantity, Results
 from psmpc_cli.logs.schema import SWEEP, Column
+from psmpc_cli.progress import Watch
 from psmpc_cli.specs.arguments import rejected, require, require_callable, require_options
 from psmpc_cli.specs.document import plain
 from psmpc_cli.specs.load import Task
@@ -23,7 +24,6 @@ from psmpc_cli.studies.runner import (
     REFERENCE,
     WAITING,
     Study,
-    Watch,
     documents_of,
     names_along,
     of_reference,
@@ -214,14 +214,24 @@ class AlongRatio:
 
 
 class Recommendation(NamedTuple):
-    """The recommended omega_2 / omega_1, if any, and a sentence: what speaks for it, or why there is none.
+    """The recommended omega_2 / omega_1, if any.
 
-    `omega` are the two priorities of the recommended run.
+    Attributes:
+        ratio: The ratio.
+        headline: What is recommended, or that nothing is.
+        reason: What speaks for it, or why there is none.
+        omega: The two priorities of the recommended run.
     """
 
     ratio: float | None
-    sentence: str
+    headline: str
+    reason: str
     omega: tuple[float, float] | None = None
+
+    @property
+    def sentence(self) -> str:
+        """What is recommended, and what speaks for it."""
+        return f"{self.headline}: {self.reason}"
 
 
 def recommend(cells: SweepCells) -> Recommendation:
@@ -235,7 +245,7 @@ def recommend(cells: SweepCells) -> Recommendation:
     Where that run fails nothing is recommended: what an abandoned mission has cost is no measure for a whole one.
     """
     if cells.reference("status") == WAITING:
-        return Recommendation(None, "no ratio is recommended: the task's own priorities have not been run yet")
+        return Recommendation(None, NONE, "the task's own priorities have not been run yet")
     others = cells.tried[cells.tried != cells.reference("origin")]
 
     def values(name: str) -> Array:
@@ -249,7 +259,7 @@ def recommend(cells: SweepCells) -> Recommendation:
     error = largest_end_errors(values("end_error"), values("final_error"))
     ratio = np.append(cells.own_ratio, cells.ratio[others])
     if not succeeded[0]:
-        return Recommendation(None, _why_without_reference(cells, ratio[succeeded], end[succeeded], len(others)))
+        return Recommendation(None, NONE, _why_without_reference(cells, ratio[succeeded], end[succeeded], len(others)))
     faults = {
         "failed": ~succeeded,
         "took more control effort": succeeded & (effort > effort[0]),
@@ -262,21 +272,26 @@ def recommend(cells: SweepCells) -> Recommendation:
     of_best, of_own = (_outcome(end[run], effort[run], force[run], error[run]) for run in (best, 0))
     counts = ", ".join(f"{np.sum(fault)} {what}" for what, fault in faults.items() if fault.any())
     if not eligible[best]:
-        none = f"no ratio is recommended{so_far}: of {len(end)} runs {counts}"
-        return Recommendation(None, f"{none}; with the task's own priorities the mission {of_own}")
+        reason = f"of {len(end)} runs {counts}; with the task's own priorities the mission {of_own}"
+        return Recommendation(None, f"{NONE}{so_far}", reason)
     if best == 0:
-        chosen = f"recommended omega_2/omega_1{so_far}: {ratio[0]:.4g}, the task's own: the mission {of_own}"
+        headline = f"recommended omega_2/omega_1{so_far}: {ratio[0]:.4g}, the task's own"
         why = f"; of the {len(others)} other runs {counts}" if counts else ""
-        sentence = f"{chosen}, and no other run is faster at no more effort and force{why}"
-        return Recommendation(float(ratio[0]), sentence, _pair(cells.own_omega))
+        reason = f"the mission {of_own}, and no other run is faster at no more effort and force{why}"
+        return Recommendation(float(ratio[0]), headline, reason, _pair(cells.own_omega))
     omegas = [cells.omega[others[best - 1]], cells.own_omega]
     pairs = [f"{omega[1] / omega[0]:.4g} (omega_1 = {omega[0]:.4g}, omega_2 = {omega[1]:.4g})" for omega in omegas]
     return Recommendation(
         float(ratio[best]),
         f"recommended omega_2/omega_1{so_far}: {pairs[0]}, the fastest mission at no more effort and force than with "
-        f"the task's own {pairs[1]}: it {of_best}; with the task's own it {of_own}",
+        f"the task's own {pairs[1]}",
+        f"it {of_best}; with the task's own it {of_own}",
         _pair(omegas[0]),
     )
+
+
+NONE = "no ratio is recommended"
+"""What is said where nothing is recommended."""
 
 
 def _pair(omega: Array) -> tuple[float, float]:
@@ -307,7 +322,7 @@ def _why_without_reference(cells: SweepCells, ratios: Array, ends: Array, others
     reason = broken if completed_all_stages else str(cells.reference("reason"))
     fastest = f", the fastest that of ratio {ratios[np.argmin(ends)]:.4g}, at {ends.min():.2f} s" if len(ends) else ""
     return (
-        f"no ratio is recommended: the mission fails with the task's own priorities ({reason}), so that there is no "
+        f"the mission fails with the task's own priorities ({reason}), so that there is no "
         f"whole mission whose effort and force bound those of others; {len(ends)} of {others} others succeed{fastest}"
     )
 

@@ -1,9 +1,13 @@
 """What a command of psmpc leaves behind in tests."""
 
+import os
+import re
 import signal
+import subprocess
 import sys
 from collections.abc import Callable
-from typing import NamedTuple
+from contextlib import suppress
+from typing import Literal, NamedTuple
 
 import pytest
 
@@ -39,3 +43,24 @@ def command_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[
         return Ran(int(left.value.code or 0), *capsys.readouterr())
 
     return run
+
+
+def on_terminal(*arguments: str, stream: Literal["stdout", "stderr"], **environment: str) -> str:
+    """Run the command line with one of its outputs on a terminal of 120 columns; return what that is sent."""
+    ours, theirs = os.openpty()
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, stream: theirs}
+    variables = {**os.environ, "TERM": "xterm", "COLUMNS": "120", **environment}
+    with subprocess.Popen([*PROGRAM, *arguments], env=variables, **pipes) as child:
+        os.close(theirs)
+        sent = b""
+        with suppress(OSError):  # the end of a terminal
+            while part := os.read(ours, 4096):
+                sent += part
+    os.close(ours)
+    assert child.returncode == 0
+    return sent.decode()
+
+
+def plain_text(sent: str) -> str:
+    """Return the text that a terminal is sent, without what controls it."""
+    return re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", sent)

@@ -1,6 +1,7 @@
 """`psmpc check`, `init` and `schema`."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -154,9 +155,12 @@ def test_the_help_has_the_commands_by_what_they_are_for_and_cuts_no_text(psmpc: 
         "Run:",
         "Study:",
         "Look:",
-        "Begin:",
+        "Help:",
         "Examples:",
+        "Built-in tasks:",
     ]
+    assert all(re.search(rf"\b{name}\b", whole.partition("Built-in tasks:")[2]) for name in built_ins("task"))
+    assert len(re.findall(r"^  psmpc ", whole, re.MULTILINE)) == 2
     text = whole.partition("Run:")[2]
     assert "..." not in text
     assert "Print the JSON Schema of robot and task descriptions" in " ".join(text.split())

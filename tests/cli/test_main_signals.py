@@ -66,7 +66,7 @@ def test_an_interrupted_run_leaves_log_summary_and_figures(
     found, out, _ = finish(process)
     log = read_run(Path("log.h5"))
     assert (found, bool(log.attributes["finished"]), log.attributes["end_reason"]) == (code, False, reason)
-    assert out.startswith(f"mission not finished: {reason}, after {log.time[-1]:.1f} s\n")
+    assert out.startswith(f"Mission not finished: {reason}, after {log.time[-1]:.1f} s\n")
     assert Path("log/states.png").exists()
 
 
@@ -153,7 +153,7 @@ def test_ctrl_c_at_any_moment_gives_one_message_and_loses_nothing(
     time.sleep(delay)
     os.killpg(process.pid, signal.SIGINT)
     code, out, err = finish(process)
-    told = out.count("mission not finished: interrupted") + err.count("psmpc: interrupted")
+    told = out.count("Mission not finished: interrupted") + err.count("psmpc: interrupted")
     assert (code, told) in ((130, 1), (0, 0))
     assert all(path.name in ("task.yaml", "out.h5", "out") for path in tmp_path.iterdir())
     if (tmp_path / "out.h5").exists():

@@ -54,6 +54,16 @@ def test_a_page_says_what_its_log_lacks(psmpc: Psmpc, ended: Path, part: Path) -
     assert len({run["name"] for run in shown("both.html")}) == 2
 
 
+def test_a_run_writes_its_page_names_it_and_opens_it(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = list[str]()
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
+    short = ("simulate", "task.yaml", "--no-figures", "--set", "time_limit=0.3")
+    assert psmpc(*short, "--view").stdout.splitlines()[-1] == "page: runs/task-view.html"
+    assert opened == []
+    assert psmpc(*short, "--open").stdout.splitlines()[-1] == "page: runs/task-2-view.html"
+    assert opened == [Path("runs/task-2-view.html").resolve().as_uri()]
+
+
 @pytest.mark.slow
 def test_a_run_of_a_study_is_repeated_from_its_seed(psmpc: Psmpc, ended: Path) -> None:
     assert psmpc(*NOISY, "--set", "uncertainty.noise.position=1e-3").code == 0

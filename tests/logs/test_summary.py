@@ -15,7 +15,7 @@ from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.summary import variation
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.report.pages import report_run
-from psmpc_cli.report.texts import describe_forces, describe_mission, describe_verdict, measure_rows
+from psmpc_cli.report.texts import describe_forces, describe_mission, describe_verdict, measure_rows, warnings_of
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.run import build_experiment, simulate
 from psmpc_cli.solvers.base import FEASIBLE
@@ -142,7 +142,7 @@ def test_a_mission_whose_monitor_is_not_judged_neither_succeeded_nor_failed(log:
     summary = run.summary()
     assert [verdict.is_judged for verdict in summary.monitors] == [False]
     assert summary.succeeded is None
-    assert describe_mission(summary).startswith("mission not judged")
+    assert describe_mission(summary).startswith("Mission not judged")
     assert "not judged" in repr(summary)
     (column,) = (column for column in WHOLE_RUN if column.path == "succeeded")
     assert column.value is not None and column.value(run) == -1
@@ -199,8 +199,8 @@ def test_a_limit_exceeded_where_grippers_close_is_explained_by_their_speed(
     assert row.startswith(f"{where} velocity: 0.125 m/s at {drifting.time[sample]:.1f} s")
     assert ("as the grippers close" in row) == explained
     if explained:
-        assert "1.0 mm/s, 0.06 deg/s against the object" in row
-        assert f"in other samples: {drifting.coordinates[0]} velocity: 0.02 m/s at" in row
+        assert "that move by 1.00 mm/s, " in row
+        assert f"in other samples: {drifting.coordinates[0]} velocity: 0.0200 m/s at" in row
 
 
 OBJECT_OUTCOMES = {
@@ -299,6 +299,30 @@ def test_a_violated_limit_is_the_plans_or_that_of_the_motion_that_left_it(
     summary = changed(log, margin_position=margin, margin_planned_position=margin_of_plan).summary()
     row = dict(measure_rows(summary))["farthest beyond a limit, any tick"]
     assert row == f"{log.coordinates[1]}: 0.125 m at {log.time[2]:.1f} s, {text}"
+    assert f"a limit was exceeded: {row}" in warnings_of(summary)
+
+
+def test_solves_that_came_late_or_failed_and_samples_without_measurement_are_warned_of(log: Run) -> None:
+    assert [warning for warning in warnings_of(log.summary()) if "solves" in warning or "samples" in warning] == []
+    wall_time = np.zeros(len(log.time))
+    wall_time[[1, 4]] = 0.15
+    flags = np.zeros(len(log.time), bool)
+    flags[1] = True
+    summary = changed(log, solver_wall_time=wall_time, events_solve_failed=flags, events_unmeasured=flags).summary()
+    count = len(log.time)
+    assert {
+        f"2 of {count} solves came late: they took longer than a sample of 100 ms",
+        f"1 of {count} solves failed",
+        f"1 of {count} samples came without a measurement",
+    } <= set(warnings_of(summary))
+
+
+def test_rounding_beyond_a_limit_is_no_warning(log: Run) -> None:
+    margin = log["margin/position"].copy()
+    margin[2, 1] = -1e-12
+    summary = changed(log, margin_position=margin).summary()
+    assert summary.beyond_limits
+    assert not any("limit" in warning for warning in warnings_of(summary))
 
 
 def test_margins_of_plans_are_those_of_the_motion_where_it_follows_them(tmp_path: Path) -> None:
@@ -308,7 +332,7 @@ def test_margins_of_plans_are_those_of_the_motion_where_it_follows_them(tmp_path
 
 
 LARGEST_FORCE = "largest commanded force, of its limit"
-TIME_CUT = "forces cut at their limits [% of the time]"
+TIME_CUT = "forces cut at their limits"
 
 
 @pytest.mark.slow
@@ -323,10 +347,11 @@ def test_the_force_nearest_to_its_limit_is_named_with_when_and_how_long_forces_a
     assert summary.saturated == log["force/saturated"].mean()
     rows = dict(measure_rows(summary))
     assert rows[LARGEST_FORCE] == "base.theta: 150.0 % at 0.3 s"
-    assert rows[TIME_CUT] == f"{100 * log['force/saturated'].mean():.1f}"
+    assert rows[TIME_CUT] == f"{100 * log['force/saturated'].mean():.1f} % of the time"
     far = (utilization > 1.05).any(axis=1).mean()
     assert 0 < far == summary.far_beyond < 1
-    assert rows["forces beyond 105 % of a limit [% of the time]"] == f"{100 * far:.1f}"
+    assert rows["forces beyond 105 % of a limit"] == f"{100 * far:.1f} % of the time"
+    assert f"forces beyond 105 % of a limit were commanded, {100 * far:.1f} % of the time" in warnings_of(summary)
     assert describe_forces(summary).endswith(f"beyond 105 % of a limit {100 * far:.1f} % of the time")
     assert summary.limits_dynamics
 
@@ -381,6 +406,8 @@ def test_the_nearest_parts_are_named_with_distance_margin_and_time(clear: Run) -
     assert rows[CLEARANCE] == text
     assert rows["monitor: nothing touched"] == "held, margin 0.012 m"
     assert "smallest margin of clearance, any tick" not in rows
+    assert f"a margin of clearance was not kept: {text}" in warnings_of(near.summary())
+    assert not any("clearance" in warning for warning in warnings_of(clear.summary()))
 
 
 def test_parts_nearer_to_their_margin_than_the_nearest_are_named_too(clear: Run) -> None:
@@ -399,16 +426,16 @@ def test_a_touch_fails_the_mission_and_is_said_first(clear: Run) -> None:
     done = changed(done, window_first=np.r_[np.zeros(5, int), np.ones(5, int)])
     first, second = clear["clearance/pair"][:2]
     free = with_distances(done, {(3, 0): 0.0}).summary()
-    assert (free.succeeded, describe_mission(free)) == (True, "mission succeeded: back met its end, after 1.0 s")
+    assert (free.succeeded, describe_mission(free)) == (True, "Mission succeeded in 1.0 s")
     one = with_distances(done, {(3, 0): -0.0123}).summary()
     assert not one.succeeded
     assert describe_mission(one) == (
-        f"mission failed: {first} touched, 12.3 mm deep at 0.3 s; back met its end, after 1.0 s"
+        f"Mission failed: {first} touched, 12.3 mm deep at 0.3 s; back met its end, after 1.0 s"
     )
     several = with_distances(done, {(3, 1): -0.001, (5, 0): -0.02}).summary()
     assert several.clearance is not None and several.clearance.touched == (first, second)
     assert describe_mission(several).startswith(
-        f"mission failed: {first} touched, 20.0 mm deep at 0.5 s (first touch at 0.3 s; 1 more pair touched); back"
+        f"Mission failed: {first} touched, 20.0 mm deep at 0.5 s (first touch at 0.3 s; 1 more pair touched); back"
     )
     verdict = several.monitors[0]
     assert (verdict.name, verdict.held, verdict.margin, verdict.broken_at) == (
@@ -426,14 +453,14 @@ def test_a_run_that_pushes_through_a_post_says_so(tmp_path: Path) -> None:
     assert inside["monitors/name"].tolist()[0] == "nothing touched"
     assert (inside["monitors/held"][0], inside["monitors/unit"].tolist()[0]) == (0, "m")
     assert inside["monitors/margin"][0] == np.nanmin(inside["clearance/distance"]) < -0.05
-    assert describe_mission(inside.summary()).startswith("mission failed: base - post touched, ")
+    assert describe_mission(inside.summary()).startswith("Mission failed: base - post touched, ")
 
 
 def test_a_run_without_clearance_has_no_word_of_it(log: Run) -> None:
     summary = log.summary()
     assert summary.clearance is None
     assert [verdict.name for verdict in summary.monitors] == ["object held"]
-    assert CLEARANCE not in dict(measure_rows(summary, verbose=True))
+    assert CLEARANCE not in dict(measure_rows(summary))
     assert log["monitors/name"].tolist() == ["object held"]
     found = {column.path: column.value(log) for column in WHOLE_RUN if column.value is not None}
     assert np.isnan([found["smallest_clearance"], found["nearest_parts_time"], found["touched"]]).all()

@@ -11,7 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from psmpc_cli.native.library import CompilationError, cache_directory, describe_compiler, find_compiler, library
+from psmpc_cli.native.library import (
+    CompilationError,
+    Library,
+    cache_directory,
+    describe_compiler,
+    find_compiler,
+    library,
+    make_all,
+)
 
 TWICE = "double twice(double x) { return 2 * x; }"
 
@@ -55,13 +63,31 @@ def test_a_cached_library_is_compiled_once_and_reported_once(
 ) -> None:
     command, counter = counting_compiler(tmp_path)
     monkeypatch.setenv("CC", command)
-    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+    with caplog.at_level(logging.INFO, "psmpc_cli"):
         assert library(TWICE, "numbers") == library(TWICE, "numbers")
         library(TWICE.replace("2 *", "3 *"), "numbers")
     assert counter.read_text().split() == ["made"] * 2
-    assert [record.levelname for record in caplog.records] == ["INFO"]
-    assert "compiling" in caplog.text
-    assert str(directory) in caplog.text
+    compiling = f"compiling solver and plant code with counting_cc (once, kept in {directory})"
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{compiling}: {ended} of 1 libraries" for ended in (0, 1, 0, 1)
+    ]
+
+
+def test_several_libraries_are_compiled_with_their_number_and_the_time_left(
+    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    command, _ = counting_compiler(tmp_path)
+    monkeypatch.setenv("CC", command)
+    library(TWICE, "numbers")
+    wanted = [Library(TWICE.replace("2 *", f"{k} *"), "numbers") for k in (2, 3, 4)]
+    caplog.clear()
+    with caplog.at_level(logging.INFO, "psmpc_cli"):
+        assert make_all(wanted)
+    assert [record.getMessage().rpartition("): ")[2].partition(", about")[0] for record in caplog.records] == [
+        "0 of 2 libraries",
+        "1 of 2 libraries",
+        "2 of 2 libraries",
+    ]
 
 
 @pytest.mark.parametrize("damage", [b"", b"no library"], ids=["empty", "overwritten"])
@@ -110,7 +136,7 @@ def test_a_cache_that_others_may_write_to_is_not_used(
 ) -> None:
     directory.mkdir()
     directory.chmod(mode)
-    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+    with caplog.at_level(logging.INFO, "psmpc_cli"):
         path = library(TWICE, "numbers")
     assert twice(path, 1.0) == 2.0
     assert not os.listdir(directory)
@@ -133,7 +159,7 @@ def test_a_library_that_others_may_write_or_that_is_a_link_is_not_loaded(directo
 def test_a_source_without_the_expected_functions_gives_no_library(
     directory: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+    with caplog.at_level(logging.INFO, "psmpc_cli"):
         assert library(TWICE, "numbers", symbols=["twice", "thrice"]) is None
     assert "no library with twice, thrice" in caplog.text
 
@@ -152,7 +178,7 @@ def test_the_compiler_of_a_package_is_used_where_there_is_no_other(
     monkeypatch.delenv("CC", raising=False)
     assert find_compiler()[0] == program
     monkeypatch.setenv("PATH", str(tmp_path))
-    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+    with caplog.at_level(logging.INFO, "psmpc_cli"):
         assert twice(library(TWICE, "numbers", symbols=["twice"]), 2.0) == 4.0
     assert "zig cc" in caplog.text
     monkeypatch.setenv("CC", "/no/such/compiler")
@@ -202,7 +228,7 @@ def test_a_compiler_may_print_anything(
     monkeypatch.setenv("CC", str(program))
     assert describe_compiler() == "\ufffd\\x1b[31m 1.2"
     monkeypatch.setenv("FAILS", "1")
-    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+    with caplog.at_level(logging.INFO, "psmpc_cli"):
         assert library(TWICE, "numbers") is None
     assert "compiler failed: error: \ufffd" in caplog.text
 
@@ -221,7 +247,7 @@ def test_without_a_library_the_reason_is_reported(
     reason: str,
 ) -> None:
     monkeypatch.setenv("CC", f"{compiler}{directory.parent.name}" if compiler else "")  # reported once a program
-    with caplog.at_level(logging.INFO, "psmpc_cli.native"):
+    with caplog.at_level(logging.INFO, "psmpc_cli"):
         assert library(source, "numbers") is None
         assert library(source, "numbers") is None
     assert caplog.text.count(reason) == 1

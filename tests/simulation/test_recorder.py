@@ -148,7 +148,7 @@ def test_what_becomes_of_an_object_with_a_mass_is_not_judged() -> None:
     assert [(each.held, np.isnan(each.margin)) for each in checks] == [(False, True)] * len(checks)
     assert run.attributes["end_reason"] == "tried"
     completed = replace(run, attributes={**run.attributes, "finished": True})
-    assert describe_mission(completed.summary()).startswith("mission not judged: tried")
+    assert describe_mission(completed.summary()).startswith("Mission not judged: tried")
 
 
 def test_a_wrong_command_is_an_error_and_is_not_recorded() -> None:

@@ -26,6 +26,7 @@ from psmpc_cli.logs.files import FileLock
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import SWEEP, Column
+from psmpc_cli.progress import Progress
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.runner import (
     COMPUTED,
@@ -33,7 +34,6 @@ from psmpc_cli.studies.runner import (
     LOST,
     SHARED,
     WAITING,
-    Progress,
     Study,
     compute,
     run_study,
@@ -163,7 +163,7 @@ def test_a_study_that_was_stopped_is_resumed_to_the_same_results(tmp_path: Path,
     stopped = read_results(path, SWEEP)
     assert stopped["status"].ravel().tolist() == [COMPUTED, WAITING, WAITING, SHARED]
     resumed = run_study(study_of(task), path, 1, resume=True, watch=seen.append)
-    assert (seen[-1].runs, seen[-1].ended) == (2, 2)
+    assert (seen[-1].total, seen[-1].ended) == (2, 2)
     assert float(resumed["wall_time"]) > float(stopped["wall_time"])
     assert_same(resumed, whole)
 

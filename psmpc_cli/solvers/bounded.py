@@ -52,10 +52,12 @@ class BoundedCalls(Generic[P, Result]):
 
     Args:
         function: The function; its arguments and results pickle.
+        wait: Called again and again while a call goes on.
     """
 
-    def __init__(self, function: Callable[P, Result]) -> None:
+    def __init__(self, function: Callable[P, Result], wait: Callable[[], None] = lambda: None) -> None:
         self._function = function
+        self._wait = wait
         self._copy: _Copy | None = None
         self._end: Callable[[], Any] = int  # the status of a copy that never was
 
@@ -81,7 +83,8 @@ class BoundedCalls(Generic[P, Result]):
             self._copy = _start(self._function)
             self._end = weakref.finalize(self, _Copy.end, self._copy)
         try:
-            answer = self._copy.ask(pickle.dumps((longest, args, kwargs)), time.monotonic() + WAITING * longest)
+            request = pickle.dumps((longest, args, kwargs))
+            answer = self._copy.ask(request, time.monotonic() + WAITING * longest, self._wait)
         except EOFError:
             raise _error_of(self.renew(), longest) from None
         except BaseException:
@@ -128,8 +131,8 @@ class _Copy:
             return os.waitpid(self.process, 0)[1]
         return signal.SIGKILL
 
-    def ask(self, request: bytes, until: float) -> bytes:
-        """Return the answer to a request.
+    def ask(self, request: bytes, until: float, wait: Callable[[], None]) -> bytes:
+        """Return the answer to a request; `wait` is called until it comes.
 
         Raises:
             EOFError: The copy has ended.
@@ -142,10 +145,10 @@ class _Copy:
                 sent += os.write(self.requests, request[sent:])
         except BrokenPipeError:
             raise EOFError from None
-        length = int.from_bytes(self._read(LENGTH, until), "little")
-        return self._read(length, until)
+        length = int.from_bytes(self._read(LENGTH, until, wait), "little")
+        return self._read(length, until, wait)
 
-    def _read(self, count: int, until: float) -> bytes:
+    def _read(self, count: int, until: float, wait: Callable[[], None]) -> bytes:
         """Read so many bytes of an answer; raises as `ask` does."""
         parts = bytearray()
         while len(parts) < count:
@@ -153,6 +156,7 @@ class _Copy:
             if time.monotonic() > until:
                 raise TimeoutError("it waits for something that does not come")
             if not select.select([self.answers], [], [], POLL)[0]:
+                wait()
                 continue
             part = os.read(self.answers, min(PIPE_SIZE, count - len(parts)))
             if not part:

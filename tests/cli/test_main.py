@@ -168,7 +168,7 @@ def test_progress_that_cannot_be_shown_stops_nothing(folder: Path) -> None:
     line = "simulate task.yaml --no-figures -o log.h5"
     with Path("/dev/full").open("w") as full:
         ran = subprocess.run([*PROGRAM, *line.split()], stdout=subprocess.PIPE, stderr=full, text=True, cwd=folder)
-    assert (ran.returncode, ran.stdout.splitlines()[-1]) == (0, "log: log.h5")
+    assert (ran.returncode, ran.stdout.splitlines()[-1]) == (0, "log: log.h5 (-v prints all that was measured)")
 
 
 @pytest.mark.slow
@@ -231,7 +231,7 @@ def test_a_file_whose_name_is_no_text_is_shown_with_escapes(folder: Path, ended:
     ended.rename(os.fsdecode(bytes(folder) + b"/\xff.h5"))
     shown = subprocess.run(show, capture_output=True, text=True, cwd=folder, env=strict)
     assert (shown.returncode, shown.stderr) == (0, "")
-    assert shown.stdout.endswith("log: \\udcff.h5\n")
+    assert shown.stdout.endswith("log: \\udcff.h5 (-v prints all that was measured)\n")
 
 
 def test_values_of_another_file_are_not_exported(psmpc: Psmpc, part: Path) -> None:

@@ -1,3 +1,4 @@
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -70,8 +71,11 @@ def test_a_solve_that_does_not_return_has_failed(
     assert found.plan.X.shape == plan.X.shape
 
 
-def test_a_compilation_can_be_ended(
-    problem: Problem, stages: tuple[Stage, ...], monkeypatch: pytest.MonkeyPatch
+def test_a_compilation_is_told_of_and_can_be_ended(
+    problem: Problem,
+    stages: tuple[Stage, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     """That of a long program takes a minute, in which no signal reaches the process that does it."""
 
@@ -80,10 +84,16 @@ def test_a_compilation_can_be_ended(
             pass
 
     monkeypatch.setattr("psmpc_cli.solvers.nlp.LONGEST_COMPILATION", 0.3)
+    monkeypatch.setattr("psmpc_cli.solvers.nlp.RETOLD_EVERY", 0.05)
     monkeypatch.setattr("casadi.nlpsol", compile_for_ever)
     solver = NlpSolver(problem, SolverSpec(kind="fatrop"))
     window = window_over(stages[:2])
-    assert solver.solve(window, coasting(window, 2.0)).outcome is Outcome.TIMEOUT
+    with caplog.at_level(logging.INFO):
+        assert solver.solve(window, coasting(window, 2.0)).outcome is Outcome.TIMEOUT
+    assert [str(record.msg) for record in caplog.records[:2]] == [
+        "fatrop compiles and solves a large window: 0 of 1 windows",
+        "fatrop compiles and solves a large window: 1 of 1 windows",
+    ]
 
 
 def test_a_plan_violates_what_it_breaks(solver: NlpSolver, stages: tuple[Stage, ...]) -> None:

@@ -13,7 +13,7 @@
     space       the same with two arms of seven joints: 20 missions
     reach       hands reach poses from a base without thrusters: 30 missions
     posed       missions of `plane` with the arms as drawn, and held ready for the stage that needs them: 30 missions
-    tour        tours of a planar robot with two unequal arms (tours.py), as drawn and held ready: 30 missions
+    tour        tours of a planar robot with two unequal arms (tours.py), as drawn and held ready: 20 missions
     tour_space  tours of a spatial robot with two arms of seven joints, the same: 10 missions
     effort      missions of `plane` by control weight: 10 missions
     best        each controller with its best control weight: 30 missions of `plane`
@@ -435,7 +435,7 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "space": ("space", PLANNED, range(20)),
     "reach": ("reach", ("psmpc", "smpc", "hard, free end", "hard", "psmpc, whole mission"), range(30)),
     "posed": ("plane", PLANNED, range(30)),
-    "tour": ("tour", PLANNED, range(30)),
+    "tour": ("tour", PLANNED, range(20)),
     "tour_space": ("tour_space", PLANNED, range(10)),
     "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 10)),
     "best": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),

@@ -1,5 +1,6 @@
 """What a command of psmpc leaves behind in tests."""
 
+import math
 import os
 import re
 import signal
@@ -11,6 +12,7 @@ from typing import Literal, NamedTuple
 
 import pytest
 
+from psmpc_cli.cli import common
 from psmpc_cli.cli.main import main
 
 
@@ -30,7 +32,11 @@ Psmpc = Callable[..., Ran]
 
 
 def command_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
-    """Return the command line in this process, which keeps its own handlers of signals."""
+    """Return the command line in this process, which keeps its own handlers of signals.
+
+    However busy the machine is, work that is mostly short is not shown.
+    """
+    monkeypatch.setattr(common, "SHORT", math.inf)
 
     def run(*arguments: str) -> Ran:
         monkeypatch.setattr(sys, "argv", ["psmpc", *arguments])

@@ -7,10 +7,11 @@ import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.figures import style
+from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.report import pages
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import built_ins
-from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.task import ControllerSpec
 
 from .command import Psmpc
@@ -30,6 +31,20 @@ LONGER = {"psmpc": ("plot log.h5", "rerun log.h5 --quiet --strict"), "htmpc": ("
 SHORT = ("controller.nodes=2", "time_limit=0.1", "solver.compiled=false", "solver.max_iterations=3", "log.ticks=true")
 """One sample: what is compiled would take longer than it."""
 
+
+def share_problems(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Build the problem of a task once for all commands: each alone would build it again, which takes longest."""
+    built = dict[str, Problem]()
+
+    def build(task: Task) -> Problem:
+        if task.digest not in built:
+            built[task.digest] = build_problem(task)
+        return built[task.digest]
+
+    for module in ("logs.run", "simulation.run", "simulation.replay"):
+        monkeypatch.setattr(f"psmpc_cli.{module}.build_problem", build)
+
+
 CONTROLLERS = get_args(ControllerSpec.model_fields["kind"].annotation)
 
 
@@ -41,6 +56,7 @@ def test_every_log_is_read_by_every_command(
 ) -> None:
     monkeypatch.setattr(pages, "DPI", 20)
     monkeypatch.setitem(style.STYLE, "savefig.dpi", 20)
+    share_problems(monkeypatch)
     try:
         loaded = load_task(task, (f"controller.kind={controller}", *SHORT))
     except SpecError:

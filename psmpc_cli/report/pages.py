@@ -126,9 +126,6 @@ def report_run(run: Run) -> Page:
         brief_stages=describe_brief_stages(summary),
         measures=list(measure_rows(summary, verbose=True)),
         no_limits=NO_LIMITS,
-        figures={
-            FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(make, run)
-            for name, make in figures_of(RUN, run).items()
-        },
+        figures={FIGURES[RUN][name].caption: partial(make, run) for name, make in figures_of(RUN, run).items()},
         versions=versions_of(run.attributes),
     )

@@ -9,7 +9,8 @@ import base64
 import re
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import sleep
@@ -24,10 +25,11 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 import psmpc_cli as psmpc
-from psmpc_cli.figures import style
+from psmpc_cli.figures import registry, style
 from psmpc_cli.figures.scene import scene_of
 from psmpc_cli.figures.snapshots import draw_scene, show
 from psmpc_cli.figures.timeline import draw_stages, place_bars
+from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 
 FIGURES = ROOT / "docs" / "figures"
 
@@ -35,36 +37,115 @@ COARSE = "--set controller.nodes=25"
 DEBRIS = "{name: debris, shape: {sphere: 0.15}, pose: [0.7, 1.5, 0], velocity: [0.02, 0.05]}"
 NOISY = "uncertainty={mass: 0.1, inertia: 0.1, noise: {position: 1e-3, angle: 1e-3}}"
 
-COMMANDS: Mapping[str, str] = {
-    "A robot": "psmpc check dual_arm_servicer --figure robot/robot.png",
-    "A task": "psmpc check transport --figure scenario/scenario.png",
-    "A run": f"psmpc simulate transport {COARSE} -o run.h5",
-    "A run in space": "psmpc simulate servicing --set controller.nodes=12 --no-figures -o space.h5"
-    " && psmpc plot space.h5 --only states --only snapshots",
-    "A capture": f"psmpc simulate transport_grasp {COARSE} --no-figures -o capture.h5"
-    " && psmpc plot capture.h5 --only grasps --only snapshots",
-    "A capture that keeps clear": f"psmpc simulate catch_drifting {COARSE} --set clearance.margin=0.04 --set "
-    f'"obstacles=[{DEBRIS}]" --no-figures -o clear.h5 && psmpc plot clear.h5 --only clearance --only snapshots',
-    "A route round a panel": "psmpc simulate inspect_around --no-figures -o route.h5"
-    " && psmpc plot route.h5 --only clearance --only snapshots",
-    "A base that floats": "psmpc simulate float_and_reach --no-figures -o float.h5"
-    " && psmpc plot float.h5 --only snapshots",
-    "A robot that is not the model": f"psmpc simulate transport {COARSE} --set uncertainty.mass=0.1 "
-    "--set uncertainty.noise.position=1e-3 --no-figures -o uncertain.h5 && psmpc plot uncertain.h5 --only velocities",
-    "A comparison": f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
-    "A sweep over the priorities": "psmpc sweep-weights 9x9 --set controller.nodes=12 -o sweep.h5",
-    "Random priorities": "psmpc sweep-weights --sampling random:30 --set controller.nodes=12 -o draws.h5",
-    "Pareto fronts": "psmpc pareto --points 25 --method weighted-sum --set controller.nodes=25 -o pareto.h5",
-    "Pareto fronts with the switch time as a criterion": "psmpc pareto --free-instant --points 13 "
-    "--method weighted-sum --set controller.nodes=25 -o free.h5",
-    "A Monte Carlo study": f'psmpc monte-carlo transport --runs 20 --set controller.nodes=12 --set "{NOISY}" '
-    "-o study.h5",
-    "The reproduction of the paper": "psmpc reproduce --ablations --weights 5x5 --set controller.nodes=12 -o reproduce",
+
+@dataclass(frozen=True)
+class Shown:
+    """A section of the page.
+
+    Attributes:
+        heading: What its figures are of.
+        command: What makes them; several after each other are joined by &&.
+        kind: What the figures are of, as in the registry; empty for those of a report.
+    """
+
+    heading: str
+    command: str
+    kind: str
+
+
+SECTIONS: Mapping[str, Sequence[Shown]] = {
+    "Planar robot with two arms, transport": (
+        Shown("The task", "psmpc check transport --figure scenario/scenario.png", "scenario"),
+        Shown("One run", f"psmpc simulate transport {COARSE} -o run.h5", RUN),
+        Shown(
+            "Three controllers compared",
+            f"psmpc compare transport --controllers psmpc,smpc,hard {COARSE} -o comparison.h5",
+            COMPARISON,
+        ),
+        Shown("Priorities on a grid", "psmpc sweep-weights 9x9 --set controller.nodes=12 -o sweep.h5", SWEEP),
+        Shown(
+            "Random priorities",
+            "psmpc sweep-weights --sampling random:30 --set controller.nodes=12 -o draws.h5",
+            SWEEP,
+        ),
+        Shown(
+            "Pareto fronts",
+            "psmpc pareto --points 25 --method weighted-sum --set controller.nodes=25 -o pareto.h5",
+            PARETO,
+        ),
+        Shown(
+            "Pareto fronts with the switch time as a criterion",
+            "psmpc pareto --free-instant --points 13 --method weighted-sum --set controller.nodes=25 -o free.h5",
+            PARETO,
+        ),
+        Shown(
+            "Uncertain runs",
+            f'psmpc monte-carlo transport --runs 20 --set controller.nodes=12 --set "{NOISY}" -o study.h5',
+            MONTE_CARLO,
+        ),
+        Shown(
+            "A robot that is not the model",
+            f"psmpc simulate transport {COARSE} --set uncertainty.mass=0.1 --set uncertainty.noise.position=1e-3 "
+            "--no-figures -o uncertain.h5 && psmpc plot uncertain.h5 --only velocities",
+            RUN,
+        ),
+        Shown(
+            "The paper reproduced",
+            "psmpc reproduce --ablations --weights 5x5 --set controller.nodes=12 -o reproduce",
+            "",
+        ),
+    ),
+    "Planar robot with two arms, capture of a body": (
+        Shown(
+            "Grasps of an object at rest",
+            f"psmpc simulate transport_grasp {COARSE} --no-figures -o capture.h5"
+            " && psmpc plot capture.h5 --only grasps --only snapshots",
+            RUN,
+        ),
+        Shown(
+            "A drifting object, and debris to keep clear of",
+            f"psmpc simulate catch_drifting {COARSE} --set clearance.margin=0.04 --set "
+            f'"obstacles=[{DEBRIS}]" --no-figures -o clear.h5 && psmpc plot clear.h5 --only clearance --only snapshots',
+            RUN,
+        ),
+    ),
+    "Planar robot with two arms, other missions": (
+        Shown(
+            "A route round a panel",
+            "psmpc simulate inspect_around --no-figures -o route.h5"
+            " && psmpc plot route.h5 --only clearance --only snapshots",
+            RUN,
+        ),
+        Shown(
+            "A base that floats",
+            "psmpc simulate float_and_reach --no-figures -o float.h5 && psmpc plot float.h5 --only snapshots",
+            RUN,
+        ),
+    ),
+    "Spatial servicer with two arms of seven joints": (
+        Shown("The robot", "psmpc check dual_arm_servicer --figure robot/robot.png", "robot"),
+        Shown(
+            "One run of servicing",
+            "psmpc simulate servicing --set controller.nodes=12 --no-figures -o space.h5"
+            " && psmpc plot space.h5 --only states --only snapshots",
+            RUN,
+        ),
+    ),
 }
-"""What is run, by the heading of its figures, in this order; a later command may read what an earlier one wrote."""
+"""What is run, by robot and mission, in the order of the page; a later command may read what an earlier one wrote."""
 
 REPORTED = {"adds to the control": "presence", "monitored quantities": "monitors", "triangles their ends": "schedule"}
 """Figures that a report alone has, by words of their captions there."""
+
+CAPTIONS: Mapping[str, str] = {
+    "presence": "How far each waiting stage is in the control already; it starts where that reaches the threshold.",
+    "monitors": "The monitored distance of the grippers, with its bound while it counts.",
+    "schedule": "The stages under each controller; triangles are their published ends.",
+    "ablation_pending_cost": "Planned switch times and control with and without a positive pending cost.",
+    "ablation_normalization": "Stages, planned switch times and control with each way to normalize the costs.",
+    "ablation_discretization": "Prediction error, miss at the switch and end of the run for exact and Euler steps.",
+}
+"""What the figures of a report show, by name."""
 
 EARLY = 8.0
 """When the picture of the idea shows the robot [s]: Approach goes on, and Capture already acts."""
@@ -89,8 +170,9 @@ def concept(overlapped: psmpc.Run, hard: psmpc.Run) -> Figure:
     points = np.vstack([scene.extent([EARLY]) for scene in scenes])
     latest = max(run.motion.end for run in runs.values())
     columns = figure.subplots(2, 2, height_ratios=[1.0, 2.6]).T
-    for (bars, picture), (title, run), scene in zip(columns, runs.items(), scenes, strict=True):
-        draw_stages(bars, place_bars(run.spans, (0.0, latest), width=style.AXIS_WIDTH))
+    placed = place_bars([run.spans for run in runs.values()], (0.0, latest), width=style.AXIS_WIDTH)
+    for (bars, picture), (title, run), of_run, scene in zip(columns, runs.items(), placed, scenes, strict=True):
+        draw_stages(bars, of_run)
         bars.axvline(EARLY, color="black", linewidth=0.8, linestyle=":")
         bars.set_title(f"{title}, done after {run.motion.end:.1f} s", loc="left", fontsize=8.0)
         bars.set(xlim=(0, latest), yticks=[], xlabel="Time (s)")
@@ -135,20 +217,25 @@ def shrink(path: Path, target: Path, width: int = 1100) -> None:
 def grid(folder: Path) -> Iterator[str]:
     """Run the commands in a folder, write their figures, and yield the lines of the page's grid."""
     seen: set[Path] = set()
-    for heading, command in COMMANDS.items():
-        sys.stderr.write(f"{command}\n")
-        lines = command.split(" && ")
-        for line in lines:
-            run_psmpc(line, folder, check=True)
-        yield from ("", f"## {heading}", "", "```", *lines, "```", "", '<div class="gallery" markdown>', "")
-        for path in figures_in(folder):
-            if path not in seen:
-                seen.add(path)
-                place = f"gallery/{path.parent.name}_{path.stem}.png"
-                shrink(path, FIGURES / place)
-                picture, caption = f"![{path.stem}](figures/{place})", f"<figcaption>{path.stem}</figcaption>"
-                yield from ("<figure markdown>", picture, caption, "</figure>")
-        yield from ("", "</div>")
+    for robot, sections in SECTIONS.items():
+        yield from ("", f"## {robot}")
+        for shown in sections:
+            sys.stderr.write(f"{shown.command}\n")
+            lines = shown.command.split(" && ")
+            for line in lines:
+                run_psmpc(line, folder, check=True)
+            yield from ("", f"### {shown.heading}", "", "```", *lines, "```", "", '<div class="gallery" markdown>', "")
+            new = {path.stem: path for path in figures_in(folder) if path not in seen}
+            captions = {
+                name: figure.caption for name, figure in registry.FIGURES.get(shown.kind, {}).items()
+            } or CAPTIONS
+            for name in (name for name in captions if name in new):
+                place = f"gallery/{new[name].parent.name}_{name}.png"
+                shrink(new[name], FIGURES / place)
+                picture = f"![{captions[name]}](figures/{place})"
+                yield from ("<figure markdown>", picture, f"<figcaption>{captions[name]}</figcaption>", "</figure>")
+            yield from ("", "</div>")
+            seen.update(new.values())
 
 
 def main() -> None:

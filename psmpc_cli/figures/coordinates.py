@@ -1,7 +1,7 @@
 """Coordinates over time: states, velocities, controls, forces, and errors against the tolerances of the stages."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -24,17 +24,20 @@ POSITION = ("position", "m")
 ANGLE = ("angle", "rad")
 """Names and units of what states are."""
 
+TO_TARGET = "to the target"
+"""Name of the angle to the attitude that the current stage aims at."""
+
 SEEN = "seen by the controller"
 """Look of the values that the controller saw."""
 
-PANEL_HEIGHT = 0.82
+PANEL_HEIGHT = 0.87
 """Height of a panel of coordinates [in]."""
 
 LIMIT_DISTANCE = 4.0
 """Limits farther away than so many times the largest value are not drawn."""
 
-PEAK_RATIO = 5.0
-"""A peak so many times as large as the 95th percentile of the values hides the rest."""
+MOST_LINES = 4
+"""Most coordinates that share a panel; the joints of an arm with more are in several."""
 
 SMALLEST_ERROR = 1e-5
 """Smaller errors are not shown [m, rad]."""
@@ -106,7 +109,7 @@ def plot_controls(run: Run) -> Figure:
     held = [(np.r_[run.time, run.motion.end], np.vstack([run.u, run.u[-1:]]))]
     linear = ("control", "m/s²")
     angular = ("control", "rad/s²")
-    return _plot_quantity(run, linear, angular, held, None, "acceleration", "steps-post", peaked=True)
+    return _plot_quantity(run, linear, angular, held, None, "acceleration", "steps-post")
 
 
 def plot_forces(run: Run) -> Figure:
@@ -128,9 +131,7 @@ def plot_forces(run: Run) -> Figure:
     heading = _tightest_force(run)
     force = ("force", "N")
     torque = ("torque", "N m")
-    return _plot_quantity(
-        run, force, torque, [(time, F)], beside, "force", peaked=True, heading=heading, of_base_position=note
-    )
+    return _plot_quantity(run, force, torque, [(time, F)], beside, "force", heading=heading, of_base_position=note)
 
 
 def _tightest_force(run: Run) -> str:
@@ -185,7 +186,8 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     """Plot every coordinate [m, rad] of several runs on the same axes, with the ends of their stages."""
     model = next(iter(runs.values())).problem.model
     labelled_rows: list[tuple[str, int]] = []
-    for panel in _panels(model, POSITION, ANGLE):
+    states = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs.values()]
+    for panel in panels_that_vary(model, coordinate_panels(model, POSITION, ANGLE), [Q for _, Q in states]):
         kind = "attitude " if panel.quantity == "attitude" else ""
         for row, label in zip(panel.rows, panel.labels, strict=True):
             labelled_rows.append((f"{panel.part} {kind}{label}\n({panel.unit})", row))
@@ -195,13 +197,12 @@ def plot_overlay(runs: Mapping[str, Run]) -> Figure:
     down = -(-len(labelled_rows) // across)
     grid = figure.subplots(down, across, sharex=True, squeeze=False, height_ratios=[1.3] * down)
     for axes, (label, row) in zip(grid.flat, labelled_rows, strict=False):
-        for number, (name, run) in enumerate(runs.items()):
-            motion = run.motion
+        for number, ((name, run), (time, Q)) in enumerate(zip(runs.items(), states, strict=True)):
             look = style.line_look(number)
-            values = _in_vectors(run, motion.Q)[:, row]
-            axes.plot(motion.time, values, linewidth=1.2, label=f"_{style.literal(style.title_of(name))}", **look)
+            values = Q[:, row]
+            axes.plot(time, values, linewidth=1.2, label=f"_{style.literal(style.title_of(name))}", **look)
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
-            at = np.interp(switches, motion.time, values)
+            at = np.interp(switches, time, values)
             axes.plot(switches, at, "o", markersize=3, color=look["color"])
         axes.set_ylabel(label)
     for axes in grid.flat[len(labelled_rows) :]:
@@ -220,7 +221,6 @@ def _plot_quantity(
     beside: tuple[str, np.ndarray] | None = None,
     limits: Literal["velocity", "acceleration", "force"] | None = None,
     drawstyle: Literal["default", "steps-post"] = "default",
-    peaked: bool = False,
     heading: str = "",
     of_base_position: str = "",
 ) -> Figure:
@@ -236,14 +236,15 @@ def _plot_quantity(
         beside: Other values of it (K, n), drawn where they differ, after their look.
         limits: Which limits of the stages bound it.
         drawstyle: How values are joined.
-        peaked: Whether it may have short peaks that hide the rest; the axis is then logarithmic far out.
         heading: What is written above the figure.
         of_base_position: What is added to the unit of the base's linear coordinates.
     """
-    panels = list(_panels(runs_of(runs)[0].problem.model, linear, angular, of_base_position))
-    figure, grid = timeline(runs, len(panels), PANEL_HEIGHT)
+    model = runs_of(runs)[0].problem.model
+    panels = coordinate_panels(model, linear, angular, of_base_position)
+    panels = panels_that_vary(model, panels, [values for _, values in curves])
+    labels = [label for panel in panels for label in (*panel.labels, *[TO_TARGET] * (panel.quantity == "attitude"))]
+    figure, grid = timeline(runs, len(panels), PANEL_HEIGHT, beside=labels)
     for row_of_axes, panel in zip(grid, panels, strict=True):
-        note = ""
         for axes, run, (time, all_values) in zip(row_of_axes, runs_of(runs), curves, strict=True):
             values = all_values[:, panel.rows]
             for i, label in enumerate(panel.labels):
@@ -255,26 +256,63 @@ def _plot_quantity(
                 look, others = beside
                 axes.plot(time, others[:, panel.rows], **style.look(look))
             if panel.quantity == "attitude" and np.isfinite(angle := attitude_error(run)).any():
-                axes.plot(time, angle, label="to the target", color="black", linewidth=0.8)
-            if peaked:
-                note = _compress(axes, values) or note
+                axes.plot(time, angle, label=TO_TARGET, color="black", linewidth=0.8)
 
-        name = f"{panel.part} {panel.quantity}"
-        on_one_line = len(name) * style.CHARACTER < PANEL_HEIGHT
-        lines = f"{name}\n({panel.unit})" if on_one_line else f"{panel.part}\n{panel.quantity} ({panel.unit})"
-        label_row(row_of_axes, lines, note)
+        note = style.show_beside_peaks(row_of_axes[0], np.vstack([values[:, panel.rows] for _, values in curves]))
+        label_row(row_of_axes, _label_of(panel), note)
     if heading:
         figure.suptitle(heading)
     return style.finish(figure)
 
 
-def _panels(
-    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], of_base_position: str = ""
-) -> Iterator[CoordinatePanel]:
-    """Yield the panels of v: base position, base angles, and of each arm the joints that turn and those that slide.
+def _label_of(panel: CoordinatePanel) -> str:
+    """Write part, quantity and unit in as few lines, two at least, as are shorter than a panel is high."""
+    part, quantity, unit = panel.part, panel.quantity, f"({panel.unit})"
+    for lines in ((f"{part} {quantity}", unit), (part, f"{quantity} {unit}")):
+        if max(map(len, lines)) * style.CHARACTER < PANEL_HEIGHT:
+            return "\n".join(lines)
+    return f"{part}\n{quantity}\n{unit}"
 
-    `linear` and `angular` are the quantity's name and SI unit for linear and for angular coordinates.
+
+def coordinate_panels(
+    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], of_base_position: str = ""
+) -> list[CoordinatePanel]:
+    """List the panels of v: base position, base angles, and of each arm the joints that turn and those that slide.
+
+    More joints than a reader can tell apart in one panel are in several, of about as many each.
+
+    Args:
+        model: The robot.
+        linear: The quantity's name and SI unit for linear coordinates.
+        angular: The same for angular coordinates.
+        of_base_position: What is added to the unit of the base's linear coordinates.
     """
+    panels = _panels_of_parts(model, linear, angular, of_base_position)
+    return [part for panel in panels for part in _divided(panel)]
+
+
+def _divided(panel: CoordinatePanel) -> Iterator[CoordinatePanel]:
+    """Divide a panel into some of about as many lines each, none with more than can be told apart."""
+    for places in np.array_split(np.arange(len(panel.rows)), -(-len(panel.rows) // MOST_LINES)):
+        rows = [panel.rows[place] for place in places]
+        yield replace(panel, rows=rows, labels=[panel.labels[place] for place in places])
+
+
+def panels_that_vary(
+    model: RobotModel, panels: Sequence[CoordinatePanel], values: Sequence[np.ndarray]
+) -> list[CoordinatePanel]:
+    """Leave out the panels of a base that nothing drives where its values (K, n) of all runs never change."""
+    if model.spec.moved_by.actuated:
+        return list(panels)
+    every = np.vstack(values)
+    varies = np.any(every[1:] != every[:-1], axis=0)
+    return [panel for panel in panels if panel.rows[0] >= model.parts["base"].stop or varies[list(panel.rows)].any()]
+
+
+def _panels_of_parts(
+    model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], of_base_position: str
+) -> Iterator[CoordinatePanel]:
+    """Yield the panels of `coordinate_panels`, each with all coordinates of its unit."""
     base = model.parts["base"]
     d = model.dimension
     names = {} if d == 2 else {"angle": "attitude"}
@@ -289,48 +327,40 @@ def _panels(
     yield CoordinatePanel("Base", names.get(quantity, quantity), unit, angles, ("θ",) if d == 2 else "xyz")
 
     for name, rows in list(model.parts.items())[1:]:
-        joints = rows.stop - rows.start
         for own, (quantity, unit) in ((ANGLE_UNITS, angular), (LENGTH, linear)):
             found = [row for row in range(rows.start, rows.stop) if model.units[row] == own]
             numbers = [row - rows.start + 1 for row in found]
-            labels = [f"joint {i}" if joints <= 4 else str(i) for i in numbers]
+            labels = [f"joint {i}" for i in numbers]
             if found:
                 yield CoordinatePanel(style.readable(name).capitalize(), quantity, unit, found, labels)
 
 
-def _compress(axes: Axes, values: np.ndarray) -> str:
-    """Make the axis logarithmic beyond a tenth of the peak's power of ten if peaks hide the rest; return a note."""
-    size = np.abs(values[np.isfinite(values)])
-    peak = float(np.max(size, initial=0.0))
-    if peak <= PEAK_RATIO * float(np.quantile(size, 0.95)) or peak == 0.0:
-        return ""
-    threshold = 10.0 ** (np.floor(np.log10(peak)) - 1)
-    axes.set_yscale("symlog", linthresh=threshold)
-    axes.set_yticks(threshold * np.array([-10.0, -1.0, 0.0, 1.0, 10.0]), minor=False)
-    axes.set_yticks([], minor=True)
-    axes.yaxis.set_major_formatter("{x:g}")
-    return f"log beyond ±{threshold:g}"
-
-
 def _plot_limits(axes: Axes, run: Run, kind: str, rows: Sequence[int], values: np.ndarray) -> None:
-    """Draw the limits of the current stage that are not far off the values."""
+    """Draw the limits of the current stage that are not far off the values, in the colours of their lines."""
     time = np.array([edge for span in run.spans for edge in (span.start, span.end)])
     limits = [run.problem.stages[span.index].limits for span in run.spans for _ in ("start", "end")]
     sides = [np.array([getattr(limit, f"{kind}_{side}")[rows] for limit in limits]) for side in ("low", "high")]
-    axes.plot(time, distinct_limits(sides, values), label="_limit", **style.LEVEL)
+    for limit, places in limits_in_view(sides, values):
+        style.draw_limit(axes, time, limit, [style.line_look(place)["color"] for place in places], "limit")
 
 
-def distinct_limits(sides: Sequence[np.ndarray], values: np.ndarray) -> np.ndarray:
-    """Return the limits (T, k) that differ and are not far off the values of a panel, NaN where they are far off.
+def limits_in_view(sides: Sequence[np.ndarray], values: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
+    """List the limits (T,) that are not far off the values of a panel, each with the places of all lines it bounds.
+
+    They are NaN where they are far off.
 
     Args:
         sides: Lower and upper limits of each coordinate of the panel (T, coordinates).
         values: The values of its coordinates.
     """
     largest_drawn = LIMIT_DISTANCE * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
-    near = [np.where(np.abs(side) < largest_drawn, side, np.nan) for side in sides]
-    distinct = np.unique(np.hstack(near), axis=1)
-    return np.asarray(distinct[:, np.isfinite(distinct).any(axis=0)])
+    bounded: dict[bytes, tuple[np.ndarray, list[int]]] = {}
+    for side in sides:
+        near = np.where(np.abs(side) < largest_drawn, side, np.nan)
+        for place in np.flatnonzero(np.isfinite(near).any(axis=0)).tolist():
+            _, places = bounded.setdefault(near[:, place].tobytes(), (near[:, place], []))
+            places.append(place)
+    return list(bounded.values())
 
 
 def plot_errors(run: Run) -> Figure:
@@ -344,32 +374,32 @@ def plot_errors(run: Run) -> Figure:
     """
     curves = list(error_curves(run))
     kinds = sorted({curve.angular for curve in curves})
-    figure, grid = timeline(run, len(kinds), 1.35)
-    panels = dict(zip(kinds, grid[:, 0], strict=True))
     drawn = {curve.part for curve in curves}
     looks = {part: _part_look(index) for index, part in enumerate(error_parts(run)) if part in drawn}
-    for axes in panels.values():
-        for part, look in looks.items():
-            axes.plot([], [], label=style.readable(part), **look)
+    figure, grid = timeline(run, len(kinds), 1.35, beside=map(style.readable, looks))
+    panels = dict(zip(kinds, grid[:, 0], strict=True))
+    named: set[tuple[bool, str]] = set()
     for curve in curves:
         axes = panels[curve.angular]
         look = looks[curve.part]
-        axes.plot(curve.time, np.where(curve.error > 0, curve.error, np.nan), label="_", **look)
-        beside = [each for each in curves if each.span == curve.span and each.angular == curve.angular]
-        tolerances = {each.tolerance for each in beside if np.isfinite(each.tolerance)}
-        line = style.LEVEL if len(tolerances) == 1 else {**style.LEVEL, "color": look["color"]}
-        if np.isfinite(curve.tolerance):
-            axes.hlines(curve.tolerance, curve.span.start, curve.span.end, **line)
+        label = "_" if (curve.angular, curve.part) in named else style.readable(curve.part)
+        named.add((curve.angular, curve.part))
+        axes.plot(curve.time, np.where(curve.error > 0, curve.error, np.nan), label=label, **look)
+    for span, angular, tolerance in dict.fromkeys((curve.span, curve.angular, curve.tolerance) for curve in curves):
+        if np.isfinite(tolerance):
+            parts = [
+                each.part for each in curves if (each.span, each.angular, each.tolerance) == (span, angular, tolerance)
+            ]
+            colors = [looks[part]["color"] for part in parts]
+            style.draw_limit(panels[angular], [span.start, span.end], [tolerance] * 2, colors, "tolerance")
 
     labels = ("Position error\n(m)", "Angle error\n(rad)")
-    notes = ("largest coordinate", "largest joint or angle")
+    kinds_of_error = ("largest coordinate", "largest joint or angle")
     for angular, axes in panels.items():
         axes.set_yscale("log")
         axes.set_ylim(bottom=max(axes.get_ylim()[0], SMALLEST_ERROR))
         axes.yaxis.set_minor_formatter(NullFormatter())
-        label_row([axes], labels[angular], notes[angular])
-    if np.isfinite([curve.tolerance for curve in curves]).any():
-        panels[kinds[0]].plot([], [], label="_tolerance", **style.LEVEL)
+        label_row([axes], labels[angular], style.notes(kinds_of_error[angular], style.better("down")))
     return style.finish(figure)
 
 

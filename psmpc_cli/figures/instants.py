@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.figures import style
-from psmpc_cli.figures.timeline import label_row, runs_of, timeline
+from psmpc_cli.figures.coordinates import LIMIT_DISTANCE
+from psmpc_cli.figures.timeline import label_row, leave_out, runs_of, timeline
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.object import GRASP_LOADS
 
@@ -23,6 +24,12 @@ HATCHES = ("", "//////", "......")
 NOT_LOGGED = "shares in the applied control were not logged: log.shares is off"
 """Heading of the figure where these shares are missing by the task's choice."""
 
+NOTHING_PLANNED = "no switch time was planned"
+"""Note where no sample planned the end of a stage."""
+
+LEVELS_OF_SWITCHES = ("present time", "end of horizon")
+"""Names of the lines between which planned switch times lie."""
+
 NEAREST_PAIRS = 6
 """Most pairs of parts whose distances have a line of their own."""
 
@@ -30,43 +37,55 @@ MARGINS_SHOWN = 10.0
 """Distances up to so many margins are always in view."""
 
 
+def plans_switches(run: Run) -> bool:
+    """Tell whether a run ever planned when a stage ends."""
+    return bool(np.isfinite(run["window/instants"]).any())
+
+
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
     """Plot the planned switch time that ends each stage [s], and how far it is from the actual one [ms].
 
     A switch happens when its planned time meets the line of the present time; the horizon ends T_h above that line.
-    The second row is there only if a planned switch happened.
+    The second row has a panel of each run in which a planned switch happened.
     """
-    planned = [np.isfinite(run["window/instants"]) for run in runs_of(runs)]
-    planned_stages = np.flatnonzero(np.any([each.any(axis=0) for each in planned], axis=0)).tolist()
     deviations = [run["window/instants"] - run.stages["switch_time"] for run in runs_of(runs)]
-    happened = any(np.isfinite(deviation).any() for deviation in deviations)
-    figure, grid = timeline(runs, 2 if happened else 1, 1.5)
-    for column, run, is_planned, deviation in zip(grid.T, runs_of(runs), planned, deviations, strict=True):
+    happened = [bool(np.isfinite(deviation).any()) for deviation in deviations]
+    rows = 2 if any(happened) else 1
+    figure, grid = timeline(runs, rows, 1.5, beside=LEVELS_OF_SWITCHES, stage_look=_color_of_stage)
+    for column, run, deviation in zip(grid.T, runs_of(runs), deviations, strict=True):
         above = column[0]
         ends = run.motion.time[[0, -1]]
         horizon = run.task.spec.controller.horizon
-        above.plot(ends, ends, label="_present time", **style.LEVEL)
-        above.plot(ends, ends + horizon, label="_end of the horizon", linestyle=style.DASHED, **style.LEVEL)
+        above.plot(ends, ends, label=LEVELS_OF_SWITCHES[0], **style.LEVEL)
+        above.plot(ends, ends + horizon, label=LEVELS_OF_SWITCHES[1], linestyle=style.DASHED, **style.LEVEL)
         above.set_ylim(bottom=ends[0])
 
+        instants = run["window/instants"]
         switch_time = run.stages["switch_time"]
-        for stage in planned_stages:
-            samples = is_planned[:, stage]
+        for stage, name in enumerate(run.stage_names):
+            samples = np.isfinite(instants[:, stage])
             time = run.time[samples]
             look: dict[str, Any] = {"markevery": 10**6, "linewidth": 1.3, **style.mark_look(stage)}
-            label = style.readable(run.stage_names[stage])
-            above.plot(time, run["window/instants"][samples, stage], label=label, **look)
-            if np.isfinite(switch_time[stage]):
-                column[1].plot(time, 1e3 * deviation[samples, stage], **look)
+            if samples.any():
+                above.plot(time, instants[samples, stage], gid=name, label="_", **look)
+            if np.isfinite(deviation[:, stage]).any():
+                column[1].plot(time, 1e3 * deviation[samples, stage], label="_", **look)
 
         look = {"color": "black", "markerfacecolor": "white", "markersize": 3.5, "zorder": 3}
         above.plot(switch_time, switch_time, "o", label="_actual switch", **look)
-        if happened:
-            column[1].axhline(0.0, **style.LEVEL)
-    label_row(grid[0], "Planned switch\ntime (s)", "" if planned_stages else "no switch time was planned")
-    if happened:
-        grid[1, 0].set_ylabel("Planned minus\nactual (ms)")
+        for axes in column[1:]:
+            axes.axhline(0.0, **style.LEVEL)
+    label_row(grid[0], "Planned switch\ntime (s)", "" if any(map(plans_switches, runs_of(runs))) else NOTHING_PLANNED)
+    if rows == 2:
+        note = style.show_beside_peaks(grid[1, 0], 1e3 * np.vstack(deviations))
+        label_row(grid[1], "Planned minus\nactual (ms)", note)
+        leave_out(grid, 1, [column for column, is_there in enumerate(happened) if not is_there])
     return style.finish(figure)
+
+
+def _color_of_stage(stage: int) -> dict[str, Any]:
+    """Return the look of a stage's patch in the strip, in the colour of its curves."""
+    return {"facecolor": style.mark_look(stage)["color"]}
 
 
 def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
@@ -81,14 +100,13 @@ def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
     logged = [run["window/share"] for run in runs_of(runs)]
     if any(np.isfinite(values).any() for values in logged):
         shares["applied control"] = logged
-    figure, grid = timeline(runs, len(shares), 1.2, shaded=False)
+    figure, grid = timeline(runs, len(shares), 1.2, shaded=False, stage_look=_pattern_of_stage)
     for panels, (shared, shares_of_runs) in zip(grid, shares.items(), strict=True):
         for axes, run, values in zip(panels, runs_of(runs), shares_of_runs, strict=True):
             _stack_shares(axes, run, values)
             if not np.isfinite(values).any(axis=1).all():
                 axes.bar(run.time[0], 0, color="white", label=["_no share: stages agree, or no solution"])
         panels[0].set_ylabel(f"Share in the\n{shared} (%)")
-    label_row(grid[0], grid[0, 0].get_ylabel())  # one legend serves both rows
     switched_off = len(shares) == 1 and not all(run.task.spec.log.shares for run in runs_of(runs))
     if switched_off:
         figure.suptitle(NOT_LOGGED)
@@ -112,11 +130,8 @@ def _stack_shares(axes: Axes, run: Run, shares: np.ndarray) -> None:
     for stage in np.flatnonzero(np.isfinite(shares).any(axis=0)).tolist():
         bottom = top
         top = top + 100 * np.nan_to_num(shares[:, stage])
-        label = style.readable(run.stage_names[stage])
-        color = style.PALETTE[stage % len(style.PALETTE)]
-        look: dict[str, Any] = {"facecolor": (color, 0.75), "hatch": HATCHES[stage % len(HATCHES)], "zorder": 1}
-        outline: dict[str, Any] = {"baseline": bottom, "edgecolor": "white", "linewidth": 0.0}
-        steps = StepPatch(top, edges, fill=True, label=label, **look, **outline)
+        look: dict[str, Any] = {**_pattern_of_stage(stage), "baseline": bottom, "linewidth": 0.0, "zorder": 1}
+        steps = StepPatch(top, edges, fill=True, gid=run.stage_names[stage], **look)
         axes.add_artist(steps)  # not add_patch, which looks for the limits of every step
     for span in run.spans:
         if span.index:
@@ -124,6 +139,12 @@ def _stack_shares(axes: Axes, run: Run, shares: np.ndarray) -> None:
         if span.early is not None:
             axes.axvline(span.early, **style.look("early start"))
     axes.set_ylim(0, 100)
+
+
+def _pattern_of_stage(stage: int) -> dict[str, Any]:
+    """Return the look of a stage's band of shares, and of its patch in the strip."""
+    color = style.PALETTE[stage % len(style.PALETTE)]
+    return {"facecolor": (color, 0.75), "edgecolor": "white", "hatch": HATCHES[stage % len(HATCHES)]}
 
 
 def plot_solve_time(run: Run) -> Figure:
@@ -149,9 +170,11 @@ def plot_solve_time(run: Run) -> Figure:
     above.margins(y=0.1)
     below.set_ylabel("Iterations of\nthe solve (1)")
     below.margins(y=0.1)
+    below.set_title(style.show_beside_peaks(below, iterations))
+    if below.get_yscale() == "linear":
+        below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
     below.set_ylim(bottom=0)
-    below.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, steps=[1, 2, 5, 10]))
-    label_row(grid[0], "Solve time\n(ms)")
+    label_row(grid[0], "Solve time\n(ms)", style.better("down", "sooner"))
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
         for axes, values in ((above, np.where(solved, wall, limit)), (below, iterations)):
@@ -161,19 +184,21 @@ def plot_solve_time(run: Run) -> Figure:
 
 def plot_grasps(run: Run) -> Figure:
     """Plot the filtered loads [N, N, N m] on each grasp while it is closed, what it holds, and where one was lost."""
-    figure, grid = timeline(run, len(GRASP_LOADS), 1.2)
+    grippers = [style.readable(str(gripper)) for gripper in run["gripper"]]
+    figure, grid = timeline(run, len(GRASP_LOADS), 1.2, beside=grippers)
     capture = run.task.spec.capture
     strengths = capture.grasp.largest_loads if capture else np.full(len(GRASP_LOADS), np.inf)
     for (axes,), (load, unit), strength in zip(grid, GRASP_LOADS.items(), strengths, strict=True):
-        for i, gripper in enumerate(run["gripper"]):
-            held = np.where(run["grasp/closed"][:, i] == 1, run[f"grasp/{load}"][:, i], np.nan)
-            label = style.readable(str(gripper)) if axes is grid[0, 0] else "_"
-            axes.plot(run.time, held, label=label, **style.line_look(i))
+        loads = np.where(run["grasp/closed"] == 1, run[f"grasp/{load}"], np.nan)
+        for i, (gripper, held) in enumerate(zip(grippers, loads.T, strict=True)):
+            axes.plot(run.time, held, label=gripper, **style.line_look(i))
             if run["grasp/lost"][i] == 1:
                 axes.plot(run["grasp/opened_at"][i], np.nanmax(held), **style.look("failed", label="_lost"))
-        if np.isfinite(strength):
+        is_near = strength < LIMIT_DISTANCE * np.nanmax(np.abs(loads), initial=0.0)
+        if is_near:
             axes.axhline(strength, label=f"_strength, {strength:g} {unit}", **style.LEVEL)
-        label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})")
+        far = f"strength {strength:g} {unit}, out of view" if np.isfinite(strength) and not is_near else ""
+        label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})", style.notes(far, style.better("down")))
     return style.finish(figure)
 
 
@@ -273,5 +298,9 @@ def plot_clearance(run: Run) -> Figure:
     axes.set_ylim(low - 0.04 * (top - low), top)
     count = len(pairs.names)
     note = f"{count} of {count + pairs.n_others} pairs; the others stay above {np.floor(smallest_other):.0f} mm"
-    label_row([axes], "Smallest distance\nover a sample (mm)", note if pairs.n_others else "")
+    label_row(
+        [axes],
+        "Smallest distance\nover a sample (mm)",
+        style.notes(note if pairs.n_others else "", style.better("up", "safer")),
+    )
     return style.finish(figure)

@@ -72,6 +72,13 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
             panel.axes.set_aspect("auto")  # a panel narrower than its cell seems to need less room for its labels
     _place_to_measure(figure, panels, heights, shares)
     margins = [_margins(figure, panel.axes) for panel in panels]
+    offsets = {panel.axes: _label_offsets(figure, panel.axes) for panel in panels}
+    in_line = {
+        panel.axes: max(offsets[each.axes][0] for each in panels if each.columns[0] == panel.columns[0])
+        for panel in panels
+    }
+    for panel, margin in zip(panels, margins, strict=True):
+        margin[0] = max(margin[0], in_line[panel.axes] + _label_width(figure, panel.axes))
     left, right, bottom, top = _largest(panels, margins, len(heights), len(shares))
 
     widths = shares * (figure_width - (left + right).sum())
@@ -84,7 +91,6 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
     tops = above + np.cumsum(top + np.r_[0.0, (heights + bottom)[:-1]])
     figure_height = float(tops[-1] + heights[-1] + bottom[-1] + below)
 
-    offsets = {panel.axes: _label_offsets(figure, panel.axes) for panel in panels}
     figure.set_figheight(figure_height)
     for panel in panels:
         x0 = starts[panel.columns[0]]
@@ -93,8 +99,7 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
         y0 = figure_height - tops[panel.rows[-1]] - heights[panel.rows[-1]]
         size = np.array([figure_width, figure_height])
         panel.axes.set_position(Bbox(np.array([[x0, y0], [x1, y1]]) / size))
-        in_line = [each.axes for each in panels if each.columns[0] == panel.columns[0]]
-        _fix_labels(panel.axes, max(offsets[axes][0] for axes in in_line), offsets[panel.axes][1], x1 - x0, y1 - y0)
+        _fix_labels(panel.axes, in_line[panel.axes], offsets[panel.axes][1], x1 - x0, y1 - y0)
         if panel.equal:
             panel.axes.set_aspect("equal")
 
@@ -165,6 +170,12 @@ def _label_offsets(figure: Figure, axes: Axes) -> tuple[float, float]:
     left = (inner.x0 - x) / figure.dpi if written[0] else 0.0
     below = (inner.y0 - y) / figure.dpi if written[1] else 0.0
     return left, below
+
+
+def _label_width(figure: Figure, axes: Axes) -> float:
+    """Return how wide the measured panel's vertical label is, with all its lines [in]; 0 where there is none."""
+    is_written = axes.get_visible() and axes.axison and axes.name != "3d" and bool(axes.yaxis.get_label_text())
+    return axes.yaxis.label.get_window_extent().width / figure.dpi if is_written else 0.0
 
 
 def _fix_labels(axes: Axes, left: float, below: float, width: float, height: float) -> None:

@@ -1,18 +1,25 @@
 """The runs of a Monte Carlo study: how often they succeed, when their stages end, how near to limits they come."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from psmpc_cli.figures import style
-from psmpc_cli.studies.monte_carlo import MonteCarloRuns
+from psmpc_cli.studies.monte_carlo import MonteCarloRuns, wilson_interval
+
+INTERVAL = "95 % interval of the fraction"
+"""What a band about a curve of fractions is."""
 
 
 def plot_success(runs: MonteCarloRuns) -> Figure:
     """Plot the fraction of the runs whose stages have ended over time [s], below a line with the success rate.
 
     The times of a stage are relative to their median, which the legend names; those of the last one are the ends of the
-    mission. A curve that ends below 1 belongs to a stage that not every run has ended.
+    mission. A curve that ends below 1 belongs to a stage that not every run has ended. Bands are Wilson's 95 % score
+    intervals of the fraction at each time.
     """
     xlabel = "Switch time that ends the stage, less its median (s)"
     figure, (axes,) = style.stack(["Fraction of runs (1)"], [2.2], xlabel)
@@ -24,14 +31,64 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
             median = float(np.median(ended))
             fraction = np.arange(len(ended) + 1) / made
             label = f"{style.readable(stage)}, {median:.1f} s"
-            axes.step(np.r_[ended[0], ended] - median, fraction, where="post", label=label, **style.line_look(number))
+            later = np.r_[ended[0], ended] - median
+            axes.step(later, fraction, where="post", label=label, **style.line_look(number))
+            low, high = np.array([wilson_interval(count, made) for count in range(len(ended) + 1)]).T
+            band = {"color": style.line_look(number)["color"], "alpha": 0.15, "linewidth": 0}
+            axes.fill_between(later, low, high, step="post", label=f"_{INTERVAL}", **band)
     axes.locator_params(axis="x", nbins=5)
     axes.set_ylim(-0.04, 1.04)
-    style.panel_legend(axes, title="Stage, median of its end")
+    style.panel_legend(axes, style.better("left", "sooner"), title="Stage, median of its end")
     low, high = (100 * bound for bound in runs.interval)
     rate = f"{runs.succeeded.sum()} of {made} runs succeeded; 95 % interval of the rate: {low:.0f} to {high:.0f} %"
     figure.suptitle(rate)
     return style.finish(figure)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What is measured of every run and has a panel.
+
+    Attributes:
+        label: The label of its axis.
+        values: Values by name (runs,), NaN where they are not known.
+        level: The level that counts.
+        of_level: What this level is.
+        better: Where values are better, up or down, in an arrow and a word.
+    """
+
+    label: str
+    values: Mapping[str, np.ndarray]
+    level: float
+    of_level: str
+    better: str
+
+    @property
+    def every(self) -> np.ndarray:
+        """All values (names, runs)."""
+        return np.array(list(self.values.values()))
+
+
+def measured(runs: MonteCarloRuns) -> list[Measured]:
+    """List what is known of any run: final error [tolerances], margins [%] and those of monitors by unit."""
+    margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
+    safer = style.better("up", "safer")
+    every = [
+        Measured(
+            "Final error\n(tolerances)", {"": runs["final_error"]}, 1.0, "tolerance", style.better("down", "closer")
+        ),
+        Measured("Tightest margin\n(% of the limit)", margins, 0.0, "limit", safer),
+    ]
+    of_monitors = dict(zip(runs.monitors, runs["monitor_margin"].T, strict=True)) if runs.monitors else {}
+    for unit in dict.fromkeys(runs.monitors.values()):
+        monitored = {style.readable(name): of_monitors[name] for name, its in runs.monitors.items() if its == unit}
+        every.append(Measured(f"Margin of monitor\n({unit})", monitored, 0.0, "bound", safer))
+    return [each for each in every if np.isfinite(each.every).any()]
+
+
+def has_measured(runs: MonteCarloRuns) -> bool:
+    """Tell whether anything is measured of any run."""
+    return len(measured(runs)) > 0
 
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
@@ -39,37 +96,27 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
 
     Failed runs are ringed, or crosses on the lower edge where they have no values.
     """
-    error = runs["final_error"]
-    margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
-    panels = [("Final error\n(tolerances)", {"": error}, 1.0, "tolerance")]
-    panels.append(("Tightest margin\n(% of the limit)", margins, 0.0, "limit"))
-    margins_of = {}
-    if runs.monitors:
-        margins_of = dict(zip(runs.monitors, runs["monitor_margin"].T, strict=True))
-    for unit in dict.fromkeys(runs.monitors.values()):
-        monitored = {style.readable(name): margins_of[name] for name, its in runs.monitors.items() if its == unit}
-        panels.append((f"Margin of monitor\n({unit})", monitored, 0.0, "bound"))
-    figure, rows = style.stack([label for label, *_ in panels], [1.1] * len(panels), "Seed of the run (1)")
-    positive = error[np.isfinite(error) & (error > 0)]
-    if len(positive) and positive.max() > 30.0 * positive.min():
-        rows[0].set_yscale("log")
-    else:
-        rows[0].set_ylim(0.0, 1.12 * max(1.0, float(np.nanmax(error, initial=0.0))))
+    panels = measured(runs)
+    figure, rows = style.stack([each.label for each in panels], [1.1] * len(panels), "Seed of the run (1)")
     seed = runs["seed"]
     failed = runs.failed
-    for axes, (_, values, level, limit) in zip(rows, panels, strict=True):
-        for number, (name, value) in enumerate(values.items()):
+    for axes, panel in zip(rows, panels, strict=True):
+        for number, (name, value) in enumerate(panel.values.items()):
             look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}
             axes.plot(seed, value, label=name or "_", **look)
             axes.plot(seed[failed], value[failed], **style.look("ring around a failed run", label="_"))
+        axes.axhline(panel.level, label="_", **style.LEVEL)
         axes.margins(y=0.12)
-        known = np.isfinite(list(values.values())).any(axis=0)
+        note = style.show_beside_peaks(axes, panel.every)
+        if not note and (panel.every >= 0).all():
+            axes.set_ylim(bottom=0.0)
+        known = np.isfinite(panel.every).any(axis=0)
         if (failed & known).any():
             axes.plot([], [], **style.look("ring around a failed run", label="failed"))
         if (lost := seed[failed & ~known]).size:  # along the lower edge
             look = style.look("failed", label="failed, no value", transform=axes.get_xaxis_transform(), clip_on=False)
             axes.plot(lost, np.zeros(len(lost)), **look)
-        axes.axhline(level, label=limit, **style.LEVEL)
-        style.panel_legend(axes)
+        axes.plot([], [], label=panel.of_level, **style.LEVEL)
+        style.panel_legend(axes, style.notes(panel.better, note))
     rows[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return style.finish(figure)

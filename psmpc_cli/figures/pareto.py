@@ -64,8 +64,9 @@ def plot_fronts(results: Results) -> Figure:
     rows[0].plot([], [], "k>-", markersize=4, linewidth=0.9, label="_growing $ω_2/ω_1$")
     if len(samples[0]) > 1:
         rows[0].plot([], [], "k+", label="_$J_2$ bounded")
-    title = "Sampling instant $T_0$" + ("" if three_criteria else ": hypervolume")
-    letters = ("(a)", "(b)") if panels > 1 else ("",)
+    title = "Time of the sample, $T_0$" + ("" if three_criteria else ": hypervolume")
+    better = style.better("down and left")
+    letters = (f"(a)  {better}", f"(b)  {better}") if panels > 1 else (better,)
     style.panel_legend(rows[0], letters[0], title)
     for axes, letter in zip(rows[1:], letters[1:], strict=True):
         axes.set_title(letter)  # the same legend
@@ -136,12 +137,12 @@ def _plot_sample_over_instant(axes: Any, results: Results, i: int) -> None:
         y, x = J[i, later].T
         dominated = marks[i, later]
         kept = np.flatnonzero(~dominated).tolist()
-        axes.plot(x, y, wait, markevery=kept, label="_instant held", **FRONT_LOOK, **style.mark_look(0))
+        axes.plot(x, y, wait, markevery=kept, label="_switch time held", **FRONT_LOOK, **style.mark_look(0))
         axes.plot(x, y, floor, color="#D5D5D5", linewidth=0.9, label="_in the plane of $J_1$ and $J_2$")
         if dominated.any():
             axes.plot(x[dominated], y[dominated], wait, **style.look("dominated", markersize=3.5, markeredgewidth=0.8))
     free = [results[f"free_{name}"][i] for name in ("J_2", "J_1", "wait")]
-    axes.plot(*free, label="_instant free", **FRONT_LOOK, **style.mark_look(1))
+    axes.plot(*free, label="_switch time free", **FRONT_LOOK, **style.mark_look(1))
     chosen = (results["chosen_J_2"][i], results["chosen_J_1"][i], results["t_s"][i] - results["instant"][i])
     axes.plot(*([value] for value in chosen), **_look_of_run_weights(results))
     first, second = map(style.readable, results["stage"].tolist())

@@ -39,22 +39,24 @@ class FigureKind:
 
     Attributes:
         make: The function that makes it.
-        caption: What it shows, in a sentence; without one pages have its name.
-        is_of: Whether a subject has it.
+        caption: What it shows, in a sentence.
+        is_of: Whether a subject has it: its data are there.
     """
 
     make: Callable[..., Figure]
-    caption: str = ""
+    caption: str
     is_of: Callable[[Any], bool] = lambda subject: True
 
 
 FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
     RUN: {
         "snapshots": FigureKind(
-            snapshots.plot_snapshots, "The robot at the key instants, with the targets of the stages that act."
+            snapshots.plot_snapshots, "The robot when stages start and end, with the targets of the stages that act."
         ),
         "instants": FigureKind(
-            instants.plot_instants, "Planned switch times over time, and the actual ends of the stages."
+            instants.plot_instants,
+            "Planned switch times over time, and the actual ends of the stages.",
+            is_of=instants.plans_switches,
         ),
         "states": FigureKind(
             coordinates.plot_states, "Base pose and joint angles; stages are shaded, early starts dotted."
@@ -72,8 +74,8 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
             coordinates.plot_errors,
             "Largest errors against the current stage's target, with the tolerances of its end condition.",
         ),
-        "shares": FigureKind(instants.plot_shares, "Share of each stage in the applied control."),
-        "solve_time": FigureKind(instants.plot_solve_time, "Wall time of the solves."),
+        "shares": FigureKind(instants.plot_shares, "Share of each stage in the weighted cost and in the control."),
+        "solve_time": FigureKind(instants.plot_solve_time, "Wall time and iterations of every solve."),
         "grasps": FigureKind(
             instants.plot_grasps,
             "Filtered loads on each grasp while it is closed, with what it holds.",
@@ -86,29 +88,65 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
         ),
     },
     COMPARISON: {
-        "overlay": FigureKind(coordinates.plot_overlay),
-        "states": FigureKind(coordinates.plot_states),
-        "instants": FigureKind(instants.plot_instants),
-        "shares": FigureKind(instants.plot_shares),
-        "snapshots": FigureKind(snapshots.plot_snapshots),
+        "overlay": FigureKind(
+            coordinates.plot_overlay, "Every coordinate under each controller, with the ends of the stages."
+        ),
+        "states": FigureKind(coordinates.plot_states, "Base pose and joint angles, a column for each controller."),
+        "instants": FigureKind(
+            instants.plot_instants, "Planned switch times and actual ends of the stages, a column for each controller."
+        ),
+        "shares": FigureKind(
+            instants.plot_shares, "Share of each stage in the weighted cost and in the control, by controller."
+        ),
+        "snapshots": FigureKind(snapshots.plot_snapshots, "The robot when each stage ends, a row for each controller."),
     },
     SWEEP: {
-        "surface": FigureKind(sweep.plot_surface, is_of=lambda cells: cells.sampling is FullFactorial),
-        "heat_map": FigureKind(sweep.plot_heat_map, is_of=lambda cells: cells.sampling is FullFactorial),
-        "draws": FigureKind(sweep.plot_draws, is_of=lambda cells: cells.sampling is Draws),
-        "starts": FigureKind(sweep.plot_starts),
-        "sensitivity": FigureKind(sweep.plot_sensitivity),
+        "surface": FigureKind(
+            sweep.plot_surface,
+            "Actual start of the second stage over both priorities, between its earliest start and its switch time.",
+            is_of=lambda cells: cells.sampling is FullFactorial,
+        ),
+        "heat_map": FigureKind(
+            sweep.plot_heat_map,
+            "The same from above; the contour encloses the cells that start as early as the horizon allows.",
+            is_of=lambda cells: cells.sampling is FullFactorial,
+        ),
+        "draws": FigureKind(
+            sweep.plot_draws,
+            "Actual start of the second stage for every draw of both priorities.",
+            is_of=lambda cells: cells.sampling is Draws,
+        ),
+        "starts": FigureKind(
+            sweep.plot_starts, "Actual start against the ratio of the priorities, for every threshold of a start."
+        ),
+        "sensitivity": FigureKind(
+            sweep.plot_sensitivity,
+            "End of the mission, effort, peak force and end error against the ratio, with the recommended one.",
+            is_of=sweep.has_compared,
+        ),
     },
     PARETO: {
-        "front": FigureKind(pareto.plot_fronts),
-        "front_3d": FigureKind(pareto.plot_fronts_over_instant, is_of=pareto.has_instant_criterion),
+        "front": FigureKind(pareto.plot_fronts, "Trade-off between the costs of two stages at several samples."),
+        "front_3d": FigureKind(
+            pareto.plot_fronts_over_instant,
+            "The same with the switch time as a third criterion, and the fronts with it held.",
+            is_of=pareto.has_instant_criterion,
+        ),
     },
     MONTE_CARLO: {
-        "success": FigureKind(monte_carlo.plot_success),
-        "runs": FigureKind(monte_carlo.plot_runs),
+        "success": FigureKind(
+            monte_carlo.plot_success, "Fraction of the runs that have ended each stage over time, with its interval."
+        ),
+        "runs": FigureKind(
+            monte_carlo.plot_runs,
+            "Final error and tightest margins of every run; failed runs are ringed.",
+            is_of=monte_carlo.has_measured,
+        ),
     },
-    "robot": {"robot": FigureKind(snapshots.plot_robot)},
-    "scenario": {"scenario": FigureKind(snapshots.plot_scenario)},
+    "robot": {"robot": FigureKind(snapshots.plot_robot, "The robot at rest, with its joints and frames.")},
+    "scenario": {
+        "scenario": FigureKind(snapshots.plot_scenario, "What each stage is to reach, before anything has run.")
+    },
 }
 """The figures, by what they are of and by name, which is also the stem of their files, in the order of pages.
 

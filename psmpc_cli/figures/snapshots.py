@@ -100,6 +100,9 @@ SCENE_LOOKS = {
 FAINT_OPACITY = 0.25
 """Opacity of the robot where a stage begins."""
 
+NUMBER_OFFSETS = np.array([(8.0 * x, -7.5 * away) for away in (1, 1.5, 2, 3, 4, 6, 8) for x in (0, 1, -1, 2, -2)])
+"""Where a joint's number may be: offsets from the joint (., 2), the nearest first [pt]."""
+
 FLOOR_COLOR = "#E0E0E0"
 """Colour of the squares below a scene."""
 
@@ -380,9 +383,14 @@ def plot_robot(spec: RobotSpec) -> Figure:
 
 
 def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray) -> None:
-    """Write numbers beside the joints of each arm, one text for those in one place, and draw their axes."""
+    """Write numbers beside the joints of each arm, one text for those in one place, and draw their axes.
+
+    Numbers are where they cover nothing of the robot.
+    """
     near = 0.06 * float(np.ptp(axes.get_xlim()))
+    point = float(np.ptp(axes.get_xlim())) / (72 * style.AXIS_WIDTH)  # [m], as about as wide as the axis will be
     frames = model.body_frames(Q)
+    covered = camera.project(_points_inside(model, Q))
     for index, arm in enumerate(model.spec.arms):
         places: list[tuple[np.ndarray, list[str]]] = []
         for body, joint, frame in zip(model.spec.bodies[1:], model.spec.joints, frames[1:], strict=True):
@@ -396,9 +404,36 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
             ends = in_inertial_frame(frame, 1.5 * model.shape.radius * np.multiply.outer([-1, 1], joint.axis))
             axes.plot(*camera.project(ends).T, color="black", linewidth=0.6, zorder=3.3 - BELOW_ALL)
         for (x, y), names in places:
-            look: dict[str, Any] = {"ha": "center", "color": _arm_color(index), "zorder": 3.6 - BELOW_ALL}
-            axes.annotate(", ".join(names), (x, y), (0, -10 if index % 2 else 4), textcoords="offset points", **look)
+            look: dict[str, Any] = {
+                "ha": "center",
+                "va": "center",
+                "color": _arm_color(index),
+                "zorder": 3.6 - BELOW_ALL,
+            }
+            text = ", ".join(names)
+            half = np.array([36 * style.text_width(text) + 1, 0.6 * style.TEXT])
+            seen = (covered - (x, y)) / point
+            offsets = NUMBER_OFFSETS if index % 2 else -NUMBER_OFFSETS
+            free = (offset for offset in offsets if not (np.abs(seen - offset) < half).all(axis=1).any())
+            axes.annotate(text, (x, y), tuple(next(free, offsets[0])), textcoords="offset points", **look)
     axes.plot([], [], "ko-", linewidth=0.6, markersize=2.2, markerfacecolor="white", label="_joint, its axis")
+
+
+def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
+    """Return points (., 3) [m] all over the base's box and along the links of a robot at Q (nq,)."""
+    shape = model.shape
+    frames = model.body_frames(Q)
+    along = np.linspace(0.0, 1.0, 25)
+    shrunk = [corners(frames[0] @ shape.box_frame, part * base_half(model)) for part in along]
+    faces = [
+        first + share * (second - first) for box in shrunk for first in box for second in box for share in along[::4]
+    ]
+    links = [
+        in_inertial_frame(frame, ends[0] + along[:, None] * (ends[1] - ends[0]))
+        for frame, segments in zip(frames, shape.capsules, strict=True)
+        for ends in segments
+    ]
+    return np.vstack([np.array(faces), *links])
 
 
 def plot_scenario(task: Task) -> Figure:

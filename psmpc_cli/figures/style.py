@@ -1,17 +1,20 @@
 """One look for all figures: journal column width, fonts, a colour-blind safe palette, legends and axes."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
 
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
 from matplotlib.style import context
 from matplotlib.textpath import text_to_path
 from matplotlib.ticker import LogLocator, NullLocator
+from numpy.typing import ArrayLike
 
 from psmpc_cli.figures.layout import PAD, arrange, new_canvas
 
@@ -43,6 +46,24 @@ DASHES: tuple[Any, ...] = (
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 """Markers that go with the colours."""
+
+LINE_HEIGHT = 1.4 * TEXT / 72
+"""Height of a line of the smallest text [in]."""
+
+LEADER = 0.17
+"""Length of the piece of a line that leads from its end to its name [in]."""
+
+DIRECT_LABEL = "direct label"
+"""Group id of names beside the ends of lines."""
+
+PEAK_RATIO = 5.0
+"""A peak so many times as large as the 95th percentile of the values hides the rest."""
+
+BETTER: Mapping[str, str] = {"up": "↑", "down": "↓", "left": "←", "down and left": "↙"}
+"""Arrows to the better side of an axis."""
+
+LIMIT_DASH = 4.0
+"""Length of a dash of a limit that several lines share [line widths]."""
 
 LONGEST_NAME = 16
 """Characters of a name that are shown."""
@@ -254,6 +275,125 @@ def panel_legend(axes: Axes, note: str = "", title: str | None = None) -> None:
     if axes.get_legend_handles_labels()[0]:
         width = AXIS_WIDTH - written.get_window_extent().width / figure.dpi
         _fit_legend(axes, width, loc="lower right", bbox_to_anchor=(1.0, 1.0), title=title, alignment="left")
+
+
+def width_beside(labels: Iterable[str]) -> float:
+    """Return about the width that names beside the ends of lines need right of their panel, with some room [in]."""
+    widths = [text_width(label) for label in labels]
+    return LEADER + 0.2 + max(widths) if widths else 0.0
+
+
+def label_ends(axes: Axes) -> None:
+    """Write the names of a panel's lines right of it, beside their ends, apart from each other.
+
+    A piece of each line leads to its name. Of several lines of one look the one that ends last counts.
+    """
+    axes.autoscale_view()  # before heights are measured
+    ends: list[tuple[float, Line2D]] = []
+    for line in axes.get_legend_handles_labels()[0]:
+        if isinstance(line, Line2D) and np.isfinite(end := _height_of_end(axes, line)):
+            ends.append((end, line))
+    ends.sort(key=lambda end: end[0])
+    height = _panel_height(axes)
+    places = _spread([end for end, _ in ends], LINE_HEIGHT / height)
+    figure: Any = axes.get_figure()
+    width = axes.get_window_extent().width / figure.dpi
+    for place, (end, line) in zip(places, ends, strict=True):
+        color = line.get_color()
+        leader = {"arrowstyle": "-", "color": color, "linestyle": line.get_linestyle(), "shrinkA": 0, "shrinkB": 0}
+        axes.annotate(
+            str(line.get_label()),
+            xy=(1.0, end),
+            xytext=(1.0 + LEADER / width, place),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            arrowprops={**leader, "linewidth": line.get_linewidth(), "relpos": (0.0, 0.5)},
+            color=color,
+            va="center",
+            annotation_clip=False,
+            gid=DIRECT_LABEL,
+        )
+
+
+def _height_of_end(axes: Axes, line: Line2D) -> float:
+    """Return at which fraction of a panel's height the last point of a line, or of those of its look, is drawn.
+
+    NaN where none is.
+    """
+    look = (line.get_color(), line.get_linestyle(), line.get_linewidth())
+    last = (-np.inf, np.nan)
+    for other in axes.lines:
+        points = np.asarray(other.get_xydata(), dtype=float)
+        points = points[np.isfinite(points).all(axis=1)]
+        same = (other.get_color(), other.get_linestyle(), other.get_linewidth()) == look
+        if same and len(points) and points[-1, 0] > last[0]:
+            last = (float(points[-1, 0]), float(points[-1, 1]))
+    if np.isnan(last[1]):
+        return np.nan
+    _, pixel = axes.transData.transform(last)
+    box = axes.get_window_extent()
+    return float(np.clip((pixel - box.y0) / box.height, 0.0, 1.0))
+
+
+def _spread(places: Sequence[float], gap: float) -> np.ndarray:
+    """Move sorted places in [0, 1] by as little as keeps neighbours a gap apart: least squares, by pooling."""
+    offset = gap * np.arange(len(places))
+    blocks: list[list[float]] = []
+    for wanted in np.asarray(places) - offset:
+        blocks.append([float(wanted)])
+        while len(blocks) > 1 and np.mean(blocks[-2]) > np.mean(blocks[-1]):
+            blocks[-2:] = [blocks[-2] + blocks[-1]]
+    pooled = np.array([float(np.mean(block)) for block in blocks for _ in block])
+    lowest = 0.5 * min(gap, 1.0)
+    highest = max(1.0 - lowest - (offset[-1] if len(offset) else 0.0), lowest)
+    return np.asarray(np.clip(pooled, lowest, highest) + offset)
+
+
+def _panel_height(axes: Axes) -> float:
+    """Return the height of a panel [in]; those of a grid are its height ratios."""
+    spot = axes.get_subplotspec()
+    if spot is None:
+        figure: Any = axes.get_figure()
+        return float(axes.get_window_extent().height / figure.dpi)
+    heights = np.array(spot.get_gridspec().get_height_ratios(), dtype=float)
+    return float(heights[spot.rowspan.start : spot.rowspan.stop].sum())
+
+
+def draw_limit(axes: Axes, x: ArrayLike, y: ArrayLike, colors: Sequence[Any], label: str) -> None:
+    """Draw a limit in the colours of the lines that it bounds; several have dashes in turn.
+
+    In the legend it has no line's colour.
+    """
+    every = len(colors)
+    axes.plot([], [], label=f"_{label}", **LEVEL)
+    for turn, color in enumerate(colors):
+        dashes: Any = (turn * LIMIT_DASH, (LIMIT_DASH, LIMIT_DASH * (every - 1))) if every > 1 else "-"
+        axes.plot(x, y, **{**LEVEL, "color": color, "linestyle": dashes, "dash_capstyle": "butt"}, label=f"_{label}")
+
+
+def show_beside_peaks(axes: Axes, values: np.ndarray) -> str:
+    """Make the axis logarithmic beyond a tenth of the peak's power of ten if peaks hide the rest; return a note."""
+    size = np.abs(values[np.isfinite(values)])
+    peak = float(np.max(size, initial=0.0))
+    if peak == 0.0 or peak <= PEAK_RATIO * float(np.quantile(size, 0.95)):
+        return ""
+    threshold = 10.0 ** (np.floor(np.log10(peak)) - 1)
+    axes.set_yscale("symlog", linthresh=threshold)
+    axes.set_yticks(threshold * np.array([-10.0, -1.0, 0.0, 1.0, 10.0]), minor=False)
+    axes.set_yticks([], minor=True)
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.autoscale_view(scalex=False)  # ticks beyond the values do not widen the view
+    return f"log beyond {'±' if np.nanmin(values) < 0 else ''}{threshold:g}"
+
+
+def better(direction: str, word: str = "better") -> str:
+    """Mark the better direction of an axis, such as down, with an arrow and a word."""
+    return f"{BETTER[direction]} {word}"
+
+
+def notes(*parts: str) -> str:
+    """Join what is to be written above a panel."""
+    return "; ".join(filter(None, parts))
 
 
 def _fit_legend(host: Figure | Axes, width: float, **content: Any) -> None:

@@ -1,6 +1,7 @@
 """The actual start of a stage over the priorities of two stages, and what their ratio does. Paper Fig. 6."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from psmpc_cli.figures import style
 from psmpc_cli.studies.sweep import ALLOWED_ERROR, AlongRatio, SweepCells, recommend
 
 EARLIEST_START = "$t_s - T_h$"
+
+RANGE = "lowest to highest of one ratio"
+"""What a band about a line over the ratio is."""
 
 FAILED_MISSION: Mapping[str, Any] = {
     "name": "ring around a failed run",
@@ -75,6 +79,7 @@ def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normaliz
     if cells.ended.any():
         bar = figure.colorbar(ScalarMappable(scale), cax=axes.inset_axes((1.05, 0.0, 0.045, 1.0)))
         bar.set_label(label)
+        axes.set_title("darker: sooner")
         bar.ax.set_title("$t_s$", loc="center")
         bar.ax.set_xlabel(EARLIEST_START, fontsize=style.TEXT, labelpad=4, loc="left")
     return style.finish(figure, above=True)
@@ -174,8 +179,48 @@ def plot_starts(cells: SweepCells) -> Figure:
         for i in map(int, np.argsort(cells.epsilons)):
             label = f"ε = {cells.epsilons[i]:g}"
             _plot_along(axes, AlongRatio(cells, starts[:, i]), label=label, **style.line_look(i))
-    style.panel_legend(axes)
+    style.panel_legend(axes, style.better("down", "sooner"))
     return style.finish(figure)
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A quantity of every cell that a recommendation compares; less of it is better.
+
+    Attributes:
+        label: The label of its axis.
+        less: What less of it is.
+        values: Its value in every cell (cells,); NaN where it is not known.
+        level: A level to compare with; NaN without one.
+        of_level: What this level is.
+        from_zero: Whether its axis begins at 0 where it is linear, as that of a ratio does.
+    """
+
+    label: str
+    less: str
+    values: np.ndarray
+    level: float = np.nan
+    of_level: str = ""
+    from_zero: bool = False
+
+
+def _compared(cells: SweepCells) -> list[Compared]:
+    """List the quantities that a recommendation compares, those that are known of a cell that has ended."""
+    effort, force = ("control_effort", "peak_base_force")
+    mission_end = np.where(cells.succeeded, cells.mission_end, np.nan)
+    own_effort, own_force = (float(cells.reference(name)) for name in (effort, force))
+    every = (
+        Compared("Mission ends\n(s)", "sooner", mission_end),
+        Compared("Control effort\n(m²/s³, rad²/s³)", "less effort", cells.of(effort), own_effort, "task's own"),
+        Compared("Peak base force\n(N)", "gentler", cells.of(force), own_force, "task's own"),
+        Compared("End error\n(tolerances)", "closer", cells.end_error, ALLOWED_ERROR, "allowed", from_zero=True),
+    )
+    return [each for each in every if np.isfinite(each.values[cells.ended]).any()]
+
+
+def has_compared(cells: SweepCells) -> bool:
+    """Tell whether any quantity that a recommendation compares is known of a cell."""
+    return len(_compared(cells)) > 0
 
 
 def plot_sensitivity(cells: SweepCells) -> Figure:
@@ -185,42 +230,36 @@ def plot_sensitivity(cells: SweepCells) -> Figure:
     with the level of the task's own priorities, and the largest end error [tolerances]. Runs whose mission failed are
     marked at the lower edge, and their end is left out.
     """
-    values = {
-        "Mission ends\n(s)": np.where(cells.succeeded, cells.mission_end, np.nan),
-        "Control effort\n(m²/s³, rad²/s³)": cells.of("control_effort"),
-        "Peak base force\n(N)": cells.of("peak_base_force"),
-        "End error\n(tolerances)": cells.end_error,
-    }
-    shown = list(values) if np.isfinite(cells.end_error[cells.ended]).any() else list(values)[:3]
-    figure, rows = _panels_over_ratio(cells, shown, 0.95, cells.failed | (cells.ended & ~cells.succeeded))
+    shown = _compared(cells)
+    labels = [each.label for each in shown]
+    figure, rows = _panels_over_ratio(cells, labels, 0.95, cells.failed | (cells.ended & ~cells.succeeded))
     best = recommend(cells).ratio
-    for axes, name in zip(rows, shown, strict=True):
+    for axes, compared in zip(rows, shown, strict=True):
         if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
             label = f"task's {cells.own_ratio:.4g}" if axes is rows[0] else "_"
             axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
         if best is not None:
             label = f"recommended {best:.4g}" if axes is rows[0] else "_"
             axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
-        _plot_along(axes, AlongRatio(cells, values[name]), **style.line_look(0))
-        axes.margins(y=0.12)
-    for axes, name in zip(rows[1:3], ("control_effort", "peak_base_force"), strict=True):
-        own = float(cells.reference(name))
-        if np.isfinite(own):
-            axes.axhline(own, linestyle=style.DASHED, label="task's own", **style.LEVEL)
-            style.panel_legend(axes)
-        found = np.append(cells.of(name)[cells.ended], own)
-        known = found[np.isfinite(found)]
-        low = float(known.min(initial=np.inf))
-        high = float(known.max(initial=0.0))
-        if high > 5.0 * low > 0:
-            style.make_logarithmic(axes, subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
-    for axes in rows[3:]:
-        axes.axhline(ALLOWED_ERROR, linestyle=style.DASHED, label="allowed", **style.LEVEL)
-        axes.set_ylim(0.0, 1.15 * max(ALLOWED_ERROR, float(np.nanmax(cells.end_error[cells.ended]))))
-        axes.yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
-        style.panel_legend(axes)
-    style.panel_legend(rows[0])
+        if np.isfinite(compared.level):
+            axes.axhline(compared.level, linestyle=style.DASHED, label=compared.of_level, **style.LEVEL)
+        _plot_along(axes, AlongRatio(cells, compared.values), **style.line_look(0))
+        _choose_scale(axes, np.append(compared.values[cells.ended], compared.level))
+        if compared.from_zero and axes.get_yscale() == "linear":
+            axes.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.values[cells.ended], compared.level))))
+            axes.yaxis.set_major_locator(MaxNLocator(nbins=5, prune="lower"))
+        style.panel_legend(axes, style.better("down", compared.less))
     return style.finish(figure)
+
+
+def _choose_scale(axes: Axes, values: np.ndarray) -> None:
+    """Make an axis logarithmic if its values differ so much that a linear one cannot show them all."""
+    known = values[np.isfinite(values)]
+    low = float(known.min(initial=np.inf))
+    high = float(known.max(initial=0.0))
+    axes.margins(y=0.12)
+    if high > 5.0 * low > 0:
+        style.make_logarithmic(axes, subs=(1.0, 2.0, 5.0) if high < 300.0 * low else (1.0,))
 
 
 def _panels_over_ratio(
@@ -238,8 +277,6 @@ def _panels_over_ratio(
         ratio = np.unique(cells.ratio[failed])
         below = rows[0].get_xaxis_transform()
         rows[0].plot(ratio, 0.045 + 0 * ratio, transform=below, **style.look("failed", label="failed"))
-    for axes in rows if not cells.ended.any() else ():
-        axes.set_yticks([])
     return figure, rows
 
 
@@ -247,4 +284,5 @@ def _plot_along(axes: Axes, values: AlongRatio, **look: Any) -> None:
     """Plot a quantity over the ratio, and how far the cells of one ratio lie apart, where they do."""
     axes.plot(values.ratio, values.middle, marker="o", markersize=2.2, **look)
     if np.any(values.highest > values.lowest):
-        axes.fill_between(values.ratio, values.lowest, values.highest, color=look["color"], alpha=0.2, linewidth=0)
+        band = {"color": look["color"], "alpha": 0.2, "linewidth": 0}
+        axes.fill_between(values.ratio, values.lowest, values.highest, label=f"_{RANGE}", **band)

@@ -1,14 +1,14 @@
 """The frame of every figure over time: a strip that names the stages, and panels below it, a column for each run."""
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain, count
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, count
 from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
@@ -16,13 +16,24 @@ from psmpc_cli.figures import style
 from psmpc_cli.logs.run import Run, Span
 
 STRIP_ROW = 0.15
-"""Height of a row of the strip [in]."""
+STRIP_ROW_WITH_KEY = 0.19
+"""Heights of a row of the strip, without and with a patch in the look of its stage [in]."""
+
+KEY_HEIGHT = 0.25
+"""Height of the patch in a stage's own look, in rows of the strip."""
 
 NAME_GAP = 0.03
 """Least distance of a name from the ends of its bar, and from what is beside it [in]."""
 
 
-def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bool = True) -> tuple[Figure, np.ndarray]:
+def timeline(
+    runs: Mapping[str, Run] | Run,
+    rows: int,
+    height: float,
+    shaded: bool = True,
+    beside: Iterable[str] = (),
+    stage_look: Callable[[int], Mapping[str, Any]] | None = None,
+) -> tuple[Figure, np.ndarray]:
     """Make a figure of panels (rows, runs) along time, in columns that share their axes, below a strip of the stages.
 
     Args:
@@ -30,6 +41,8 @@ def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bo
         rows: Number of panels below each other.
         height: Of one panel [in].
         shaded: Whether the panels are shaded by stage.
+        beside: What is written beside the ends of lines.
+        stage_look: The look of a stage's patch under its bar, where panels tell stages apart by it.
     """
     several = not isinstance(runs, Run)
     all_runs = runs_of(runs)
@@ -38,14 +51,15 @@ def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bo
     end = float(np.max(ends))
 
     page = style.PAGE if several else style.COLUMN
-    width = (style.PAGE - 1.3) / len(all_runs) if several else style.AXIS_WIDTH
+    width = (style.PAGE - 1.3) / len(all_runs) if several else style.AXIS_WIDTH - style.width_beside(beside)
     room = 0.012 * (end - start) or 0.55 * all_runs[0].task.spec.controller.sample_time
     view = (start - room, end + room)
-    bars = [place_bars(run.spans, view, width) for run in all_runs]
+    bars = place_bars([run.spans for run in all_runs], view, width)
     strip_rows = max(2, *(1 + bar.row for placed in bars for bar in placed))
 
     figure = style.new_figure(page)
-    heights = [STRIP_ROW * strip_rows] + [height] * rows
+    strip_row = STRIP_ROW if stage_look is None else STRIP_ROW_WITH_KEY
+    heights = [strip_row * strip_rows] + [height] * rows
     axes = figure.subplots(rows + 1, len(all_runs), sharex=True, sharey="row", squeeze=False, height_ratios=heights)
     axes[0, 0].set_xlim(*view)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=4 if several else 7, steps=[1, 2, 5, 10]))
@@ -53,7 +67,7 @@ def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bo
 
     for column, placed, run in zip(axes.T, bars, all_runs, strict=True):
         column[0].set_axis_off()
-        draw_stages(column[0], placed)
+        draw_stages(column[0], placed, stage_look=stage_look)
         for panel in column[1:] if shaded else ():
             _shade(panel, run.spans)
         column[-1].set_xlabel("Time (s)")
@@ -63,12 +77,32 @@ def timeline(runs: Mapping[str, Run] | Run, rows: int, height: float, shaded: bo
 
 
 def label_row(panels: Sequence[Axes], label: str, note: str = "") -> None:
-    """Label the vertical axis of a row of panels and write its legend: above a single one, with a note, else beside."""
+    """Label the vertical axis of a row of panels, write a note above it, and the names of lines beside their ends.
+
+    What is no line, such as points, is explained by a legend above a single panel.
+    """
     panels[0].set_ylabel(label)
-    if len(panels) == 1:
+    handles, _ = panels[-1].get_legend_handles_labels()
+    if all(isinstance(handle, Line2D) and handle.get_linestyle() != "None" for handle in handles):
+        panels[0].set_title(note)
+        style.label_ends(panels[-1])
+    elif len(panels) == 1:
         style.panel_legend(panels[0], note)
-    elif panels[-1].get_legend_handles_labels()[0]:
+    else:
         panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def leave_out(grid: np.ndarray, row: int, columns: Iterable[int]) -> None:
+    """Leave out panels of the last row which have nothing to show; those above them then have the labels of time."""
+    for column in columns:
+        grid[row, column].set_visible(False)
+        grid[row - 1, column].tick_params(labelbottom=True)
+        grid[row - 1, column].set_xlabel("Time (s)")
+    shown = [axes for axes in grid[row] if axes.get_visible()]
+    if shown and shown[0] is not grid[row, 0]:
+        shown[0].tick_params(labelleft=True)
+        shown[0].set_ylabel(grid[row, 0].get_ylabel())
+        grid[row, 0].set_ylabel("")
 
 
 def runs_of(runs: Mapping[str, Run] | Run) -> list[Run]:
@@ -87,6 +121,7 @@ class StageBar:
         name: What is written.
         name_at: Where it is written [s].
         align: Which part of it is there: its center on the bar, its left beside the bar's end, its right before it.
+        taken: From when to when bar and name are [s].
     """
 
     span: Span
@@ -95,50 +130,57 @@ class StageBar:
     name: str
     name_at: float
     align: Literal["center", "left", "right"]
+    taken: tuple[float, float]
 
 
-def place_bars(spans: Sequence[Span], view: tuple[float, float], width: float) -> list[StageBar]:
+def place_bars(schedules: Sequence[Sequence[Span]], view: tuple[float, float], width: float) -> list[list[StageBar]]:
     """Place the bars of stages in rows, so that no two bars or names overlap and no name leaves its bar or the axis.
 
-    Stages that follow each other alternate between two rows. A name that is wider than its bar stands behind the bar,
-    or before it where there is no room behind it; where there is none at all it is shortened.
+    Stages take the rows in turn, in every schedule the same, so that a stage is in one row wherever it is drawn. There
+    are as few rows as that needs, two at least. A name that is wider than its bar stands behind the bar, or before it
+    where there is no room behind it; where there is none at all it is shortened.
 
     Args:
-        spans: The stages, in order.
+        schedules: The stages of each run, in order.
         view: First and last time on the axis [s].
         width: Of the axis [in].
     """
+    bars = [[_place_bar(span, view, width) for span in spans] for spans in schedules]
+    stages = [span.index for spans in schedules for span in spans]
+    rows = next(rows for rows in count(2) if rows > max(stages, default=0) or _are_apart(bars, rows))
+    return [[replace(bar, row=bar.span.index % rows) for bar in placed] for placed in bars]
+
+
+def _place_bar(span: Span, view: tuple[float, float], width: float) -> StageBar:
+    """Place the bar of a stage and its name along an axis of a width [in], in the first row."""
     first, last = view
     second = (last - first) / width  # [s/in]
-    bars: list[StageBar] = []
-    ends: dict[int, float] = defaultdict(lambda: -np.inf)  # up to where each row is taken
-    for span in spans:
-        left = span.start if span.early is None else span.early
-        gap = NAME_GAP * second
-        room = max(span.end - left, last - span.end, left - first) - 2 * gap
-        name = style.literal(style.shortened(style.words_of(span.name), room / second))
-        wide = style.text_width(name) * second + 2 * gap
-
-        taken = (left, span.end)
-        name_at = (left + span.end) / 2
-        align: Literal["center", "left", "right"] = "center"
-        if wide > span.end - left and span.end + wide <= last:
-            taken = (left, span.end + wide)
-            name_at = span.end + gap
-            align = "left"
-        elif wide > span.end - left:
-            taken = (left - wide, span.end)
-            name_at = left - gap
-            align = "right"
-
-        row = next(row for row in chain([span.index % 2], count()) if ends[row] <= taken[0])
-        ends[row] = taken[1]
-        bars.append(StageBar(span, row, left, name, name_at, align))
-    return bars
+    left = span.start if span.early is None else span.early
+    gap = NAME_GAP * second
+    room = max(span.end - left, last - span.end, left - first) - 2 * gap
+    name = style.literal(style.shortened(style.words_of(span.name), room / second))
+    wide = style.text_width(name) * second + 2 * gap
+    if wide <= span.end - left:
+        return StageBar(span, 0, left, name, (left + span.end) / 2, "center", (left, span.end))
+    if span.end + wide <= last:
+        return StageBar(span, 0, left, name, span.end + gap, "left", (left, span.end + wide))
+    return StageBar(span, 0, left, name, left - gap, "right", (left - wide, span.end))
 
 
-def draw_stages(axes: Axes, bars: Sequence[StageBar], first_row: float = 0.0) -> None:
-    """Draw stages as bars with their names, from a row on."""
+def _are_apart(schedules: Sequence[Sequence[StageBar]], rows: int) -> bool:
+    """Tell whether no two bars or names overlap if stages take so many rows in turn."""
+    pairs = (pair for bars in schedules for pair in combinations(bars, 2))
+    in_one_row = (pair for pair in pairs if pair[0].span.index % rows == pair[1].span.index % rows)
+    return all(one.taken[1] <= other.taken[0] or other.taken[1] <= one.taken[0] for one, other in in_one_row)
+
+
+def draw_stages(
+    axes: Axes,
+    bars: Sequence[StageBar],
+    first_row: float = 0.0,
+    stage_look: Callable[[int], Mapping[str, Any]] | None = None,
+) -> None:
+    """Draw stages as bars with their names, from a row on, with a patch of each stage's own look under its bar."""
     outline: dict[str, Any] = {"fill": False, "edgecolor": style.EDGE, "linewidth": 0.5, "clip_on": False}
     stroke = withStroke(linewidth=1.5, foreground="white")
     for bar in bars:
@@ -149,8 +191,13 @@ def draw_stages(axes: Axes, bars: Sequence[StageBar], first_row: float = 0.0) ->
             axes.barh(middle, span.start - bar.left, 0.86, bar.left, facecolor=style.EARLY, label=acts)
         face = style.STAGE if span.index % 2 else "white"
         axes.barh(middle, span.end - span.start, 0.86, span.start, facecolor=face)
+        text_at = middle
+        if stage_look is not None:
+            key = {"height": KEY_HEIGHT, "linewidth": 0, **stage_look(span.index)}
+            axes.barh(middle + (0.86 - KEY_HEIGHT) / 2, span.end - bar.left, left=bar.left, **key)
+            text_at -= KEY_HEIGHT / 2
         axes.barh(middle, span.end - bar.left, 0.86, bar.left, **outline)
-        axes.text(bar.name_at, middle, bar.name, ha=bar.align, va="center_baseline", path_effects=[stroke])
+        axes.text(bar.name_at, text_at, bar.name, ha=bar.align, va="center_baseline", path_effects=[stroke])
 
 
 def _shade(axes: Axes, spans: Sequence[Span]) -> None:

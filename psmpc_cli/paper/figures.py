@@ -59,48 +59,48 @@ NAMES: Mapping[str, str] = {
 """Runs and forms as the legends have them; other labels stand for themselves."""
 
 
+def waits(run: Run) -> bool:
+    """Tell whether a stage ever waits in a run while another one is on."""
+    return bool(np.isfinite(run["window/presence"]).any())
+
+
 def plot_presence(run: Run, published: Mapping[str, float] = {}) -> Figure:
     """Plot how much of each waiting stage is in the control, by the task's `onset`, its threshold, and where it starts.
 
     Paper sections III-E and IV-B.
 
     Args:
-        run: The run.
+        run: The run, in which a stage waits.
         published: Published actual starts by stage [s].
     """
-    figure, grid = timeline(run, 1, 2.4)
-    axes: Axes = grid[0, 0]
     presence = run["window/presence"]
+    waiting = np.flatnonzero(np.isfinite(presence).any(axis=0)).tolist()
+    figure, grid = timeline(run, 1, 2.4, stage_look=lambda stage: {"facecolor": style.line_look(stage)["color"]})
+    axes: Axes = grid[0, 0]
     time = run.time
-    waited = False
     onset = run.task.spec.onset
     scale = PRESENCE[onset.kind]
-    for stage, name in enumerate(run.stage_names):
+    for stage in waiting:
         which = np.isfinite(presence[:, stage])
-        if which.any():
-            waited = True
-            values = np.maximum(presence[which, stage], scale.smallest)
-            axes.plot(time[which], values, label=style.readable(name), **style.line_look(stage))
+        values = np.maximum(presence[which, stage], scale.smallest)
+        axes.plot(time[which], values, gid=run.stage_names[stage], label="_", **style.line_look(stage))
     axes.axhline(onset.epsilon, label="_threshold", **style.LEVEL)
     for start in published.values():
         axes.plot(start, onset.epsilon, **style.look("published start"))
     if scale.logarithmic:
         axes.set_yscale("log")
         axes.set_ylim(bottom=scale.smallest)
-    label_row(grid[0], scale.label, "" if waited else "no stage waits: one at a time")
+    label_row(grid[0], scale.label)
     return style.finish(figure)
 
 
 def plot_monitors(run: Run) -> Figure:
     """Plot the signal of every monitor over time, its bounds while they count, and where it broke.
 
-    A task without a monitor has one empty panel.
+    The task has a monitor.
     """
     monitors = run.task.spec.monitors
-    figure, grid = timeline(run, max(1, len(monitors)), 1.6)
-    if not monitors:
-        grid[0, 0].set_yticks([])
-        style.panel_legend(grid[0, 0], "the task has no monitor")
+    figure, grid = timeline(run, len(monitors), 1.6)
     for row, monitor in enumerate(monitors):
         verdict = judge_monitor(monitor, run.arrays)
         axes: Axes = grid[row, 0]
@@ -138,7 +138,7 @@ def _draw_schedule(axes: Axes, schedules: Mapping[str, Sequence[Span]]) -> None:
     """Draw the stages of each run in rows beside its name."""
     end = max((span.end for spans in schedules.values() for span in spans), default=1.0)
     view = (0.0, 1.01 * end)
-    bars = [place_bars(spans, view, style.AXIS_WIDTH) for spans in schedules.values()]
+    bars = place_bars(list(schedules.values()), view, style.AXIS_WIDTH)
     deep = 1.7 + max((bar.row for placed in bars for bar in placed), default=1)
     axes.set_yticks(deep * np.arange(len(bars)) + 1, [fill(name, 12) for name in schedules])
     axes.tick_params(axis="y", length=0)

@@ -12,7 +12,7 @@ from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.snapshots import plot_snapshots
 from psmpc_cli.paper import claims, judge, missions
-from psmpc_cli.paper.figures import ABLATIONS, plot_monitors, plot_presence, plot_schedule
+from psmpc_cli.paper.figures import ABLATIONS, plot_monitors, plot_presence, plot_schedule, waits
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.report.pages import Draw, Page, render, versions_of
 from psmpc_cli.studies import fronts
@@ -51,8 +51,10 @@ def _figures(reproduction: Reproduction) -> Iterator[tuple[str, Draw]]:
     for method, run in reproduction.runs.items():
         ends[method] = reproduction.published(method, starts=False)
         yield f"{method} times", partial(plot_states, run)
-        yield f"{method} starts", partial(plot_presence, run, reproduction.published(method, starts=True))
-        yield f"{method} mission", partial(plot_monitors, run)
+        if waits(run):
+            yield f"{method} starts", partial(plot_presence, run, reproduction.published(method, starts=True))
+        if run.task.spec.monitors:
+            yield f"{method} mission", partial(plot_monitors, run)
     yield "schedule", partial(plot_schedule, reproduction.runs, ends)
     yield "instants", partial(plot_instants, reproduction.runs)
     yield "snapshots", partial(plot_snapshots, reproduction.runs)

@@ -135,8 +135,6 @@ def report_run(run: Run) -> Page:
         warnings=list(warnings_of(summary)),
         measures=list(measure_rows(summary)),
         no_limits=NO_LIMITS,
-        figures={
-            FIGURES[RUN][name].caption or f"{words_of(name)}.": partial(draw, make) for name, make in known.items()
-        },
+        figures={FIGURES[RUN][name].caption: partial(draw, make) for name, make in known.items()},
         versions=versions_of(run.attributes),
     )

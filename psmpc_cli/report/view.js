@@ -135,6 +135,30 @@ class Robot { // a tree of groups, one for each body, then one for each end-effe
     return [this.bodies[0], ...this.tools];
   }
 
+  blocks(project) { // rectangles around its parts as they are seen: left, top, right, bottom
+    const { bodies, box, radius } = this.run.robot, found = [];
+    const add = (points) => {
+      const seen = points.map(project), [xs, ys] = [0, 1].map((k) => seen.map((point) => point[k]));
+      found.push([Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)]);
+    };
+    const around = (at) => [-1, 1].flatMap((x) => [-1, 1].flatMap((y) => [-1, 1].map((z) => at.clone().add(new THREE.Vector3(x, y, z).multiplyScalar(radius)))));
+    bodies.forEach((body, i) => {
+      for (const line of body.capsules) {
+        const [from, to] = line.map((end) => this.bodies[i].localToWorld(new THREE.Vector3(...end)));
+        for (let k = 0; k <= 8; k++) add(around(from.clone().lerp(to, k / 8)));
+      }
+    });
+    for (const tool of this.tools) add(around(new THREE.Vector3().setFromMatrixPosition(tool.matrixWorld)));
+    const boxed = (frame, half) => [-1, 1].flatMap((x) => [-1, 1].flatMap((y) => [-1, 1].map((z) => frame.localToWorld(new THREE.Vector3(x * half[0], y * half[1], z * half[2])))));
+    const base = put(new THREE.Group(), box);
+    this.bodies[0].add(base);
+    base.updateWorldMatrix(true, false);
+    add(boxed(base, box.half));
+    this.bodies[0].remove(base);
+    if (this.object) add(boxed(this.object, this.run.object.size.map((edge) => edge / 2)));
+    return found;
+  }
+
   positions() {
     return this.frames.map((frame) => new THREE.Vector3().setFromMatrixPosition(frame.matrixWorld));
   }
@@ -211,7 +235,7 @@ class Actor { // one run in the scene: robot, object, obstacles, path so far, pl
   constructor(run, faint) {
     this.run = run;
     this.group = new THREE.Group();
-    const frames = ["#444444", ...run.robot.tools.map((tool) => run.robot.colors[run.robot.bodies[tool.body].part])];
+    const frames = [run.robot.baseColor, ...run.robot.tools.map((tool) => run.robot.colors[run.robot.bodies[tool.body].part])];
     this.robot = new Robot(run, faint ? 0.5 : 1);
     this.probe = new Robot(run, 0);
     this.path = new Track(this.group, frames, run.robot.radius, false, faint);
@@ -353,12 +377,24 @@ function render() {
   renderer.setScissorTest(true);
   $("labels").replaceChildren();
   world.labels = [];
+  world.blocks = [];
   for (let column = 0; column < columns; column++) {
     const left = (column * width) / columns;
     renderer.setViewport(left, 0, width / columns, height);
     renderer.setScissor(left, 0, width / columns, height);
     actors.forEach((actor, i) => { actor.group.visible = columns === 1 || i === column; });
     renderer.render(scene, camera);
+    camera.updateMatrixWorld();
+    const project = (point) => {
+      const p = point.clone().project(camera);
+      return [left + ((p.x + 1) / 2) * (width / columns), ((1 - p.y) / 2) * height];
+    };
+    const shown = actors.filter((actor) => actor.group.visible), planned = shown.filter((actor) => actor.plan.visible);
+    const robots = [...shown.map((actor) => actor.robot), ...planned.flatMap((actor) => actor.ghosts.filter((ghost) => ghost.group.visible))];
+    world.blocks.push(...robots.flatMap((robot) => robot.blocks(project)));
+    const buttons = $("camera"), { offsetLeft, offsetTop, offsetWidth, offsetHeight } = buttons;
+    world.blocks.push([offsetLeft, offsetTop, offsetLeft + offsetWidth, offsetTop + offsetHeight]);
+    if (several()) world.blocks.push([left, 0, left + 200, 28]);
     for (const [name, at] of world.axes) label(name, at, left, width / columns, height, name.length > 1 ? "ground" : "");
     const seen = actors.filter((actor) => actor.group.visible && actor.plan.visible && width / columns > 480);
     for (const [name, at] of seen.flatMap((actor) => actor.captions)) label(name, at, left, width / columns, height, "planned");
@@ -369,13 +405,27 @@ function render() {
   }
 }
 
-function label(name, at, left, width, height, look = "") { // moved down where another one stands
-  const p = at.clone().project(world.camera), x = left + ((p.x + 1) / 2) * width + 3;
-  let y = ((1 - p.y) / 2) * height - 9;
+const DIRECTIONS = [[1, 0], [1, -1], [1, 1], [0, -1], [0, 1], [-1, -1], [-1, 1], [-1, 0]];
+
+function label(name, at, left, width, height, look = "") { // beside its point, or as near to it as it covers neither robot nor label
+  const p = at.clone().project(world.camera), x = left + ((p.x + 1) / 2) * width, y = ((1 - p.y) / 2) * height;
   if (Math.abs(p.x) > 1 || Math.abs(p.y) > 1 || p.z > 1) return;
-  while (world.labels.some((other) => Math.abs(other[0] - x) < 110 && Math.abs(other[1] - y) < 13 && look)) y += 4;
-  world.labels.push([x, y]);
-  element($("labels"), "span", look, name).style.transform = `translate(${x}px, ${y}px)`;
+  const text = element($("labels"), "span", look, name), wide = text.offsetWidth, high = text.offsetHeight;
+  const taken = [...world.blocks, ...world.labels], box = (cx, cy) => [cx - wide / 2, cy - high / 2, cx + wide / 2, cy + high / 2];
+  const isFree = ([x0, y0, x1, y1]) => x0 >= left && x1 <= left + width && y0 >= 0 && y1 <= height
+    && taken.every(([a0, b0, a1, b1]) => x1 <= a0 || a1 <= x0 || y1 <= b0 || b1 <= y0);
+  let place = null;
+  for (let away = 4; !place && away < Math.max(width, height); away += 8) {
+    const tried = DIRECTIONS.map(([dx, dy]) => box(x + dx * (away + wide / 2), y + dy * (away + high / 2)));
+    place = tried.find(isFree);
+  }
+  if (!place) return text.remove(); // the scene is full: a label over the robot would hide it
+  world.labels.push(place);
+  text.style.transform = `translate(${place[0]}px, ${place[1]}px)`;
+  const end = [clamp(x, place[0], place[2]), clamp(y, place[1], place[3])], length = Math.hypot(end[0] - x, end[1] - y);
+  if (length < 14) return;
+  const leader = element($("labels"), "i", "leader");
+  Object.assign(leader.style, { width: `${length}px`, transform: `translate(${x}px, ${y}px) rotate(${Math.atan2(end[1] - y, end[0] - x)}rad)` });
 }
 
 function resize() {
@@ -410,8 +460,8 @@ function openPlots() {
       found.series.forEach((each) => series.push({
         label: each.label + (r ? ` (${run.name})` : ""),
         stroke: each.color,
-        width: each.dash ? 1 : 1.6,
-        dash: each.dash ? [5, 4] : r ? [6, 2.5] : undefined,
+        width: each.limit ? 1 : 1.6,
+        dash: each.limit ? [5, 4] : each.repeats ? [2, 2 * each.repeats] : r ? [6, 2.5] : undefined,
         paths: found.stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,
         points: { show: false },
         value: (u, x) => (x === null || x === undefined ? "–" : Math.abs(x) >= 1e-3 || x === 0 ? x.toFixed(3) : x.toExponential(1)),
@@ -629,6 +679,7 @@ requestAnimationFrame(frame);
 window.psmpc = {
   seek: (t) => { seek(t); dirty = false; update(); },
   get time() { return now; },
+  labels: () => [...$("labels").querySelectorAll("span")].map((text) => ({ text: text.textContent, ...text.getBoundingClientRect().toJSON() })),
   camera: () => ({ position: world.camera.position.toArray(), target: world.controls.target.toArray() }),
   poses: (which = 0) => {
     const { robot, marks, obstacles, nearest } = actors[which];

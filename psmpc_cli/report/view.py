@@ -9,16 +9,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.colors import to_hex, to_rgb
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.figures import style
 from psmpc_cli.figures.coordinates import (
     SMALLEST_ERROR,
     along_base_axes,
-    distinct_limits,
+    coordinate_panels,
     error_curves,
     error_parts,
     limits_base_force,
+    limits_in_view,
+    panels_that_vary,
 )
 from psmpc_cli.figures.instants import has_distances, name_of_pair, nearest_pairs
 from psmpc_cli.figures.scene import Scene, capsule_ends, obstacle_frame, points_near, scene_of
@@ -47,10 +50,27 @@ MAX_VIEWS = 20
 MAX_NODES = 24
 """Most nodes that are shown of a plan, besides those at its switches."""
 
-STAGE_COLORS = ("#77AADD", "#EE8866", "#44BB99", "#EEDD88", "#FFAABB", "#99DDFF", "#BBCC33", "#DDDDDD")
-"""Colours of the stages in turn: the light scheme of Paul Tol, distinct for colour-blind readers, below dark text."""
+STAGE_COLORS = ("#9B87D0", "#8FA860", "#A58868", "#D3CBEE", "#CBDAB0")
+"""Colours of the stages in turn, below dark text: of hues that no part of the robot has."""
+
+BASE_COLOR = "#6E6E6E"
+OBJECT_COLOR = "#B59B00"
+"""Colours of the curves of base and object, whose bodies are paler."""
+
+SHADES: Mapping[int, Sequence[float]] = {
+    1: (-0.4,),
+    2: (-0.5, 0.3),
+    3: (-0.65, -0.3, 0.3),
+    4: (-0.7, -0.45, -0.2, 0.3),
+}
+"""Shades of the coordinates of a part in its colour, by their number: how far to black if negative, else to white."""
+
+INK = "#1b1f24"
+"""Colour of curves that belong to nothing in the scene."""
 
 Json = dict[str, Any]
+Curve = tuple[str, np.ndarray, str]
+"""Label, values (T,) and colour of a curve."""
 
 
 def view(runs: RunOrPath | Mapping[str, RunOrPath]) -> Page:
@@ -90,7 +110,7 @@ def _run_data(name: str, run: Run) -> Json:
         "time": _pack(time, "f8"),
         "Q": _pack(motion.Q[frames], "f8"),
         "stages": [
-            {"name": style.words_of(stage), "color": STAGE_COLORS[number % len(STAGE_COLORS)], **spans.get(number, {})}
+            {"name": style.words_of(stage), "color": stage_color(number), **spans.get(number, {})}
             for number, stage in enumerate(run.stage_names)
         ],
         "samples": _pack(run.time[samples], "f8"),
@@ -150,6 +170,7 @@ def _robot(model: RobotModel, pieces: Sequence[Piece]) -> Json:
         "parts": [style.words_of(part) for part in parts],
         "colors": [style.BODY, *(style.line_look(number)["color"] for number in range(len(spec.arms)))],
         "objectColor": style.OBJECT,
+        "baseColor": BASE_COLOR,
         "obstacleColor": style.OBSTACLE,
         "coverColor": style.CAPSULE,
         "radius": shape.radius,
@@ -321,24 +342,47 @@ def _panels(
         limits: Lower and upper limits of the values (T, n), infinite where there are none.
         of_base_position: What is added to the unit of the base's linear coordinates.
     """
-    base = model.parts["base"].stop
-    d = model.dimension
-    angles = ("θ",) if d == 2 else ("yaw", "pitch", "roll") if quantity == "position" else ("x", "y", "z")
     linear, angular = (getattr(each, quantity).replace("^2", "²") for each in (LENGTH, ANGLE))
-    panels: list[tuple[str, Sequence[int], Sequence[str]]] = [
-        (f"base ({linear}{of_base_position})", range(d), "xyz"[:d]),
-        (f"base ({angular})", range(d, base), angles),
-    ]
-    for name, own in list(model.parts.items())[1:]:
-        for units, unit in ((ANGLE, angular), (LENGTH, linear)):
-            found = [row for row in range(own.start, own.stop) if model.units[row] == units]
-            if found:
-                joints = [f"joint {row - own.start + 1}" for row in found]
-                panels.append((f"{style.words_of(name)} ({unit})", found, joints))
-    for label, rows, names in panels:
-        drawn = distinct_limits([each[:, rows] for each in limits], values[:, rows]).T if limits else ()
-        curves = zip(names, values[:, rows].T, strict=True)
-        yield _panel(label, time, curves, [("limit", each) for each in drawn], stepped=stepped)
+    of_angles = "angle" if quantity == "position" else quantity
+    panels = coordinate_panels(model, (quantity, linear), (of_angles, angular), of_base_position)
+    colors = part_colors(model)
+    for panel in panels_that_vary(model, panels, [values]):
+        rows = list(panel.rows)
+        part = next(name for name, own in model.parts.items() if own.start <= rows[0] < own.stop)
+        labels = ("yaw", "pitch", "roll") if panel.quantity == "attitude" else panel.labels
+        shades = shades_of(colors[part], len(rows))
+        curves = list(zip(labels, values[:, rows].T, shades, strict=True))
+        in_view = limits_in_view([side[:, rows] for side in limits], values[:, rows])
+        of_lines = [(limit, shades[place]) for limit, places in in_view for place in places]
+        bounds = _bounds("limit", of_lines)
+        yield _panel(f"{style.words_of(part)} ({panel.unit})", time, curves, bounds, stepped=stepped)
+
+
+def _bounds(name: str, of_lines: Iterable[tuple[np.ndarray, str]]) -> list[Curve]:
+    """List the bounds (T,) of lines by their colours, each once: in its line's colour, or in none if it has several."""
+    found: dict[bytes, Curve] = {}
+    for values, color in of_lines:
+        known = found.setdefault(values.tobytes(), (name, values, color))
+        if known[2] != color:
+            found[values.tobytes()] = (name, values, style.EDGE)
+    return list(found.values())
+
+
+def part_colors(model: RobotModel) -> dict[str, str]:
+    """Return the colours of base and arms by name; arms have those of the figures."""
+    arms = (name for name in model.parts if name != "base")
+    return {"base": BASE_COLOR, **{name: style.line_look(number)["color"] for number, name in enumerate(arms)}}
+
+
+def shades_of(color: str, count: int) -> list[str]:
+    """Return so many shades of a colour, none of which is the colour itself, those of a panel at most."""
+    rgb = np.array(to_rgb(color))
+    return [to_hex(tuple((rgb + abs(shade) * (float(shade > 0) - rgb)).tolist())) for shade in SHADES[count]]
+
+
+def stage_color(number: int) -> str:
+    """Return the colour of the stage of a number, in the scene, on the time line and of its curves."""
+    return STAGE_COLORS[number % len(STAGE_COLORS)]
 
 
 def _force_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
@@ -369,9 +413,11 @@ def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
         tolerance[place] = curve.tolerance
     error = np.where(error > SMALLEST_ERROR, error, np.nan)
     names = [style.words_of(part) for part in parts]
+    known = part_colors(run.problem.model)
+    colors = [known.get(part, OBJECT_COLOR) for part in parts]  # what only a skill has is an object's
     for angular, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
-        limits = [("tolerance", np.fmin.reduce(tolerance[angular]))]
-        yield _panel(label, time, zip(names, error[angular], strict=True), limits, log=True)
+        curves = zip(names, error[angular], colors, strict=True)
+        yield _panel(label, time, curves, _bounds("tolerance", zip(tolerance[angular], colors, strict=True)), log=True)
 
 
 def _stage_panels(run: Run) -> Iterator[Json]:
@@ -379,26 +425,29 @@ def _stage_panels(run: Run) -> Iterator[Json]:
     samples = _evenly_chosen(len(run.time), MAX_FRAMES)
     names = [style.words_of(name) for name in run.stage_names]
     time = run.time[samples]
+    colors = [stage_color(number) for number in range(len(names))]
     for label, path in (("planned switch time (s)", "window/instants"), ("share in control (1)", "window/share")):
-        yield _panel(label, time, zip(names, run[path][samples].T, strict=True))
-    yield _panel("solve time (ms)", time, [("solve", 1e3 * run["solver/wall_time"][samples])], log=True)
+        yield _panel(label, time, zip(names, run[path][samples].T, colors, strict=True))
+    yield _panel("solve time (ms)", time, [("solve", 1e3 * run["solver/wall_time"][samples], INK)], log=True)
 
 
 def _grasp_panels(run: Run) -> Iterator[Json]:
     """Yield the filtered loads on each grasp, with the strength at which it is lost, and the object's velocities."""
     samples = _evenly_chosen(len(run.time), MAX_FRAMES)
     names = [style.words_of(name) for name in run["gripper"].tolist()]
+    colors = [part_colors(run.problem.model)[name] for name in run["gripper"].tolist()]
     time = run.time[samples]
     capture = run.task.spec.capture
     strengths = capture.grasp.largest_loads if capture else np.full(len(GRASP_LOADS), np.inf)
     for (load, unit), strength in zip(GRASP_LOADS.items(), strengths, strict=True):
-        limits = [("strength", np.full(len(time), strength))] if np.isfinite(strength) else []
-        curves = zip(names, run[f"grasp/{load}"][samples].T, strict=True)
+        limits = [("strength", np.full(len(time), strength), style.EDGE)] if np.isfinite(strength) else []
+        curves = zip(names, run[f"grasp/{load}"][samples].T, colors, strict=True)
         yield _panel(f"{load} on grasp ({unit})", time, curves, limits)
     axes = list(zip(run["object_axis"].tolist(), run["object/velocity"][samples].T, strict=True))
     linear = len(axes) // 3 + 1
-    yield _panel("object (m/s)", time, axes[:linear])
-    yield _panel("object (rad/s)", time, axes[linear:])
+    for unit, own in (("m/s", axes[:linear]), ("rad/s", axes[linear:])):
+        shades = shades_of(OBJECT_COLOR, len(own))
+        yield _panel(f"object ({unit})", time, [(*axis, shade) for axis, shade in zip(own, shades, strict=True)])
 
 
 def _clearance_panels(run: Run) -> Iterator[Json]:
@@ -406,26 +455,38 @@ def _clearance_panels(run: Run) -> Iterator[Json]:
     samples = _evenly_chosen(len(run.time), MAX_FRAMES)
     pairs = nearest_pairs(run)
     seen = 1e3 * np.where(pairs.distances <= pairs.top, pairs.distances, np.nan)[samples].T
-    margin = [("margin", 1e3 * pairs.margin[samples])]
-    yield _panel("distance (mm)", run.time[samples], zip(map(name_of_pair, pairs.names), seen, strict=True), margin)
+    margin = [("margin", 1e3 * pairs.margin[samples], style.EDGE)]
+    colors = part_colors(run.problem.model)
+    parts = [next((name for name in names if name.partition(".")[0] in colors), "") for names in pairs.names]
+    of_pairs = [colors.get(part.partition(".")[0], OBJECT_COLOR) for part in parts]
+    curves = zip(map(name_of_pair, pairs.names), seen, of_pairs, strict=True)
+    yield _panel("distance (mm)", run.time[samples], curves, margin)
 
 
 def _panel(
     label: str,
     time: np.ndarray,
-    curves: Iterable[tuple[str, np.ndarray]],
-    limits: Sequence[tuple[str, np.ndarray]] = (),
+    curves: Iterable[Curve],
+    limits: Iterable[Curve] = (),
     log: bool = False,
     stepped: bool = False,
 ) -> Json:
-    """Collect a panel of curves (T,) by label over times (T,) [s], those that have values; limits are dashed."""
+    """Collect a panel of curves over times (T,) [s], those that have values; limits are dashed.
+
+    Curves of one colour are told apart by dots, of which each next one has fewer.
+    """
+    every = [(curve, False) for curve in curves] + [(curve, True) for curve in limits]
+    drawn = [(curve, is_limit) for curve, is_limit in every if np.isfinite(curve[1]).any()]
+    colors = [(color, is_limit) for (_, _, color), is_limit in drawn]
     series = [
-        {"label": name, "color": color, "dash": color == style.EDGE, "values": _pack(values)}
-        for name, values, color in (
-            *((name, values, style.line_look(number)["color"]) for number, (name, values) in enumerate(curves)),
-            *((name, values, style.EDGE) for name, values in limits),
-        )
-        if np.isfinite(values).any()
+        {
+            "label": name,
+            "color": color,
+            "limit": is_limit,
+            "repeats": colors[:place].count((color, is_limit)),
+            "values": _pack(values),
+        }
+        for place, ((name, values, color), is_limit) in enumerate(drawn)
     ]
     return {"label": label, "time": _pack(time, "f8"), "series": series, "log": log, "stepped": stepped}
 

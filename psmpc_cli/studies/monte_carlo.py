@@ -119,6 +119,14 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
     )
 
 
+def wilson_interval(count: int, runs: int) -> tuple[float, float]:
+    """Return Wilson's 95 % score interval of a fraction of runs; 0 and 1 without runs. Wilson (1927)."""
+    from scipy.stats import binomtest
+
+    interval = binomtest(count, runs).proportion_ci(method="wilson") if runs else (0.0, 1.0)
+    return float(interval[0]), float(interval[1])
+
+
 class MonteCarloRuns:
     """The runs of a study, complete or not: how often they succeed, how they spread, which are the worst.
 
@@ -157,13 +165,8 @@ class MonteCarloRuns:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % score interval of the success rate; 0 and 1 without runs. Wilson (1927)."""
-        from scipy.stats import binomtest
-
-        made = int(self.made.sum())
-        succeeded = int(self.succeeded.sum())
-        interval = binomtest(succeeded, made).proportion_ci(method="wilson") if made else (0.0, 1.0)
-        return float(interval[0]), float(interval[1])
+        """Wilson's 95 % score interval of the success rate; 0 and 1 without runs."""
+        return wilson_interval(int(self.succeeded.sum()), int(self.made.sum()))
 
     def exceeded(self, kind: Literal["position", "velocity"]) -> Array:
         """Return by what part of the limit each run exceeded one (runs,); 0 where it did not."""

@@ -120,4 +120,14 @@ def test_the_gallery_has_every_figure() -> None:
     page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
     of_the_paper = ["presence", "monitors", "schedule", *(f"ablation_{name}" for name in ABLATIONS)]
     names = [*chain.from_iterable(registry.FIGURES.values()), *of_the_paper]
-    assert [name for name in names if f"<figcaption>{name}</figcaption>" not in page] == []
+    assert [name for name in names if f"_{name}.png)" not in page] == []
+
+
+def test_captions_of_the_gallery_are_sentences() -> None:
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    captions = re.findall("<figcaption>(.*?)</figcaption>", page)
+    for figures in registry.FIGURES.values():
+        assert {figure.caption for figure in figures.values()} <= set(captions)
+    for caption in captions:
+        assert re.fullmatch(r"[A-Z][^_]*[^_.]\.", caption), caption
+        assert len(caption.split()) > 5, caption

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from psmpc_cli.figures.style import COLUMN, PAGE, TEXT
+from psmpc_cli.figures.style import COLUMN, DIRECT_LABEL, PAGE, TEXT
 
 
 def points(line: Line2D) -> np.ndarray:
@@ -38,9 +38,14 @@ def bars(axes: Axes) -> list[tuple[float, float, float]]:
 
 
 def legend(axes: Axes) -> list[str]:
-    """The entries of a panel's legend."""
+    """The entries of a panel's legend, or the names beside the ends of its lines, from the lowest."""
     found = axes.get_legend()
-    return [] if found is None else [text.get_text() for text in found.get_texts()]
+    return names_at_ends(axes) if found is None else [text.get_text() for text in found.get_texts()]
+
+
+def names_at_ends(axes: Axes) -> list[str]:
+    """The names beside the ends of a panel's lines, from the lowest."""
+    return [text.get_text() for text in axes.texts if text.get_gid() == DIRECT_LABEL]
 
 
 def common_legend(figure: Figure) -> list[str]:
@@ -49,8 +54,8 @@ def common_legend(figure: Figure) -> list[str]:
 
 
 def all_axes(figure: Figure) -> list[Axes]:
-    """The panels of a figure, and the axes in or beside them, such as a bar of colours."""
-    return [each for axes in figure.axes for each in (axes, *axes.child_axes)]
+    """The visible panels of a figure, and the axes in or beside them, such as a bar of colours."""
+    return [each for axes in figure.axes if axes.get_visible() for each in (axes, *axes.child_axes)]
 
 
 def check_figure(figure: Figure) -> None:
@@ -96,7 +101,7 @@ def check_inside(figure: Figure, texts: list[Text]) -> None:
 
 
 def check_apart(texts: list[Text]) -> None:
-    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
+    boxes = [(text.get_text(), Text.get_window_extent(text)) for text in texts]  # without the leaders of names
     for (one, box), (other, box_of_other) in combinations(boxes, 2):
         overlap = Bbox.intersection(box, box_of_other)
         assert overlap is None or min(overlap.width, overlap.height) <= 1, f"'{one}' overlaps '{other}'"
@@ -113,14 +118,19 @@ def check_labels(figure: Figure) -> None:
 
 
 def check_room(figure: Figure) -> None:
-    """The axes were not squeezed by what is written around them."""
+    """The axes were not squeezed by what is written around them; names beside lines belong to their panel."""
     boxes = [axes.get_position() for axes in all_axes(figure)]
-    assert max(box.x1 for box in boxes) - min(box.x0 for box in boxes) > 0.7
+    beside = [text for axes in figure.axes for text in axes.texts if text.get_gid() == DIRECT_LABEL]
+    left = min(box.x0 for box in boxes)
+    right = max(box.x1 for box in boxes)
+    ends = [Text.get_window_extent(text).x1 / figure.bbox.width for text in beside]
+    assert right - left > 0.45
+    assert max([right, *ends]) - left > 0.7
 
 
 def check_legends(figure: Figure) -> None:
-    """Every line with a label is in a legend."""
+    """Every drawn line with a label is in a legend, or has it beside its end."""
     named = {*common_legend(figure), *(text for axes in figure.axes for text in legend(axes))}
     for axes in figure.axes:
-        labels = {str(line.get_label()) for line in axes.lines}
+        labels = {str(line.get_label()) for line in axes.lines if np.isfinite(points(line)).all(axis=1).any()}
         assert {label for label in labels if not label.startswith("_")} <= named

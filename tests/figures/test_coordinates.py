@@ -80,7 +80,7 @@ def test_short_peaks_make_the_axis_logarithmic_and_say_so(run: Run) -> None:
     assert (calm.get_yscale(), calm.get_title(loc="left")) == ("linear", "")
     peaked[5] = 3.0
     axes = plot_controls(changed(run, "control/u", peaked)).axes[1]
-    assert (axes.get_yscale(), axes.get_title(loc="left")) == ("symlog", "log beyond ±0.1")
+    assert (axes.get_yscale(), axes.get_title(loc="left")) == ("symlog", "log beyond 0.1")
     assert [tick.get_text() for tick in axes.get_yticklabels()] == ["−1", "−0.1", "0", "0.1", "1"]
 
 

@@ -117,4 +117,4 @@ def test_fronts_over_the_instant_stand_on_their_projection() -> None:
         heights = np.concatenate([np.ravel(line.get_data_3d()[2]) for line in axes.lines])
         assert heights.min() == pytest.approx(lowest)
         assert heights.max() < highest
-    assert "instant held" in common_legend(figure)
+    assert "switch time held" in common_legend(figure)

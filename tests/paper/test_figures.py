@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from psmpc_cli.logs.run import Run
-from psmpc_cli.paper.figures import ABLATIONS, SMALLEST, plot_monitors, plot_presence, plot_schedule
+from psmpc_cli.paper.figures import ABLATIONS, SMALLEST, plot_monitors, plot_presence, plot_schedule, waits
 from psmpc_cli.specs.library import find
 
 from ..figures.figure_contents import check_figure, common_legend, curves, points
@@ -38,7 +38,7 @@ def draw(plot: Callable[..., Figure], *arguments: Any) -> Figure:
 def test_presence_is_drawn_where_a_stage_waits(load: Load, kind: str, scale: str, least: float) -> None:
     run = load(task=find("task", "transport").read_text().replace("kind: closeness", f"kind: {kind}"))
     figure = draw(plot_presence, waiting(run), {"capture": 8.8})
-    drawn = curves(figure.axes[1])
+    drawn = {str(line.get_gid()): points(line) for line in figure.axes[1].lines if line.get_gid()}
     assert set(drawn) == {"capture"}
     assert drawn["capture"][:, 0].min() > 6.0
     assert drawn["capture"][:, 0].max() < 10.0
@@ -48,10 +48,9 @@ def test_presence_is_drawn_where_a_stage_waits(load: Load, kind: str, scale: str
     assert [8.8, run.task.spec.onset.epsilon] in [points(line)[0].tolist() for line in figure.axes[1].lines]
 
 
-def test_presence_of_a_run_in_which_no_stage_waits(run: Run) -> None:
-    figure = draw(plot_presence, run, {})
-    assert curves(figure.axes[1]) == {}
-    assert "no stage waits" in figure.axes[1].get_title(loc="left")
+def test_only_a_run_in_which_a_stage_waits_has_a_figure_of_presence(run: Run) -> None:
+    assert waits(waiting(run))
+    assert not waits(run)
 
 
 def test_monitors_are_drawn_with_their_bound_and_where_they_broke(load: Load, run: Run) -> None:
@@ -127,10 +126,6 @@ def test_every_curve_is_drawn_as_given() -> None:
 @pytest.mark.parametrize("name", ABLATIONS)
 def test_the_figure_of_an_ablation_is_fit_to_print(name: str) -> None:
     assert len(figure(name).axes) >= 3
-
-
-def test_a_task_without_monitors_has_one_empty_panel(load: Load, one_arm: dict[str, Any]) -> None:
-    assert "the task has no monitor" in draw(plot_monitors, load(**one_arm)).axes[1].get_title(loc="left")
 
 
 def test_a_schedule_of_four_controllers_is_fit_to_print(runs: Mapping[str, Run]) -> None:

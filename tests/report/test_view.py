@@ -1,12 +1,16 @@
 """The viewer's page in a browser: what it draws, how it moves, and that it agrees with the robot's kinematics."""
 
 import io
+import json
+import re
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 from scipy.spatial.transform import Rotation
 from selenium.webdriver.common.action_chains import ActionChains
@@ -17,6 +21,7 @@ from selenium.webdriver.remote.webdriver import WebDriver
 from psmpc_cli.errors import InputError
 from psmpc_cli.figures.scene import capsules, scene_of
 from psmpc_cli.logs.run import Run, read_run
+from psmpc_cli.report.pages import report_run
 from psmpc_cli.report.view import view
 from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.simulation.run import simulate
@@ -248,3 +253,93 @@ def test_without_webgl_a_message_stands_for_the_scene(run: Run, tmp_path: Path) 
         opened(browser, run, tmp_path / "page.html")
         assert browser.find_element(By.ID, "no-webgl").is_displayed()
         assert browser.find_elements(By.CSS_SELECTOR, "#panels .uplot")
+
+
+def lab(color: str) -> np.ndarray:
+    """CIE L*a*b* of a colour, in which distances are those that one sees."""
+    rgb = np.array(to_rgb(color))
+    linear = np.where(rgb > 0.04045, ((rgb + 0.055) / 1.055) ** 2.4, rgb / 12.92)
+    of_white = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    x, y, z = np.cbrt(of_white @ linear / of_white.sum(axis=1))
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
+def test_arms_joints_and_stages_have_colours_of_their_own(tmp_path: Path) -> None:
+    run = read_run(write_story(tmp_path / "log.h5", Story(**story_among_obstacles())))
+    (data,) = json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', view(run).html, re.DOTALL)[1])
+    stages = {stage["color"] for stage in data["stages"]}
+    bodies = {*data["robot"]["colors"], data["robot"]["baseColor"], data["robot"]["objectColor"]}
+    curves = {
+        each["color"]
+        for tab in data["plots"]
+        if tab["name"] in ("Velocities", "Coordinates", "Controls", "Forces")
+        for panel in tab["panels"]
+        for each in panel["series"]
+        if not each["limit"]
+    }
+    (of_stages,) = [tab for tab in data["plots"] if tab["name"] == "Stages"]
+    assert {each["color"] for each in of_stages["panels"][0]["series"]} <= stages
+    assert len(stages) == 4 and not curves & bodies
+    for stage in stages:
+        others = [lab(color) for color in bodies | curves]
+        assert np.linalg.norm(np.array(others) - lab(stage), axis=1).min() > 15, stage
+    errors = next(tab for tab in data["plots"] if tab["name"] == "Errors")["panels"][0]["series"]
+    of_parts = {each["label"]: each["color"] for each in errors}
+    assert [of_parts["arm 1"], of_parts["arm 2"]] == data["robot"]["colors"][1:]
+
+
+def test_limits_of_one_joint_have_its_colour_on_the_page(tmp_path: Path) -> None:
+    html = view(there_and_back(tmp_path, *CUT, name="cut")).html
+    (data,) = json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', html, re.DOTALL)[1])
+    forces = next(tab for tab in data["plots"] if tab["name"] == "Forces")["panels"][0]["series"]
+    x = next(each for each in forces if each["label"] == "x")
+    assert {each["color"] for each in forces if each["limit"]} == {x["color"]}
+
+
+@pytest.mark.slow
+def test_labels_cover_neither_the_robot_nor_each_other(browser: WebDriver, tmp_path: Path) -> None:
+    run = read_run(write_story(tmp_path / "log.h5", Story(**story_among_obstacles())))
+    opened(browser, run, tmp_path / "page.html")
+    box = browser.execute_script("return document.getElementById('canvas').getBoundingClientRect().toJSON()")
+    for time in (2.0, 9.0, 12.0, 21.0, 28.0):
+        for button in ("above", "tilted"):
+            browser.find_element(By.ID, button).click()
+            seek(browser, time)
+            labels = browser.execute_script("return psmpc.labels()")
+            assert any("mm" in label["text"] for label in labels)
+            poses = browser.execute_script("return psmpc.poses(0)")
+            seen = on_screen(browser.execute_script("return psmpc.camera()"), box, [*poses["bodies"], *poses["tools"]])
+            for label in labels:
+                x, y = seen.T
+                inside = (label["left"] < x) & (x < label["right"]) & (label["top"] < y) & (y < label["bottom"])
+                assert not inside.any(), (time, button, label["text"])
+            for one, other in combinations(labels, 2):
+                wide = min(one["right"], other["right"]) - max(one["left"], other["left"])
+                high = min(one["bottom"], other["bottom"]) - max(one["top"], other["top"])
+                assert min(wide, high) < 1, (time, one["text"], other["text"])
+
+
+def on_screen(camera: dict[str, list[float]], box: dict[str, float], poses: list[list[float]]) -> np.ndarray:
+    """Where the origins of poses are on the page (., 2) [px], seen by the page's camera of 30 degrees."""
+    eye, target = np.array(camera["position"]), np.array(camera["target"])
+    back = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross([0, 0, 1], back)
+    right /= np.linalg.norm(right)
+    seen = (np.array(poses)[:, :3] - eye) @ np.array([right, np.cross(back, right), back]).T
+    scale = box["height"] / 2 / np.tan(np.radians(15))
+    along = seen[:, :2] / -seen[:, 2:] * scale
+    return np.array([box["left"] + box["width"] / 2, box["top"] + box["height"] / 2]) + along * [1, -1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "columns"), [(1400, 2), (1100, 2), (860, 1)])
+def test_a_report_has_its_figures_in_so_many_columns(
+    browser: WebDriver, run: Run, tmp_path: Path, width: int, columns: int
+) -> None:
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get(report_run(run).save(tmp_path / "report.html").as_uri())
+    figures = browser.find_elements(By.CSS_SELECTOR, ".gallery figure")
+    assert len({figure.rect["x"] for figure in figures}) == columns
+    assert min(figure.rect["width"] for figure in figures) >= 400
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width

@@ -4,7 +4,8 @@
     python benchmarks/missions.py figure               draws the study `effort`: end of missions over their effort
     python benchmarks/missions.py optimum              solves windows over whole missions of `reach` by IPOPT as well
     python benchmarks/missions.py headline             the short tables of the page, from the results: what is gained
-    python benchmarks/missions.py gains                with arms as drawn and held ready, and in larger studies,
+    python benchmarks/missions.py by_hand              with arms as drawn and held ready, by controller and by hand,
+    python benchmarks/missions.py gains                in larger studies,
     python benchmarks/missions.py equal_effort         with at most some efforts,
     python benchmarks/missions.py deliveries           and how often by what the controller does not know
     python benchmarks/missions.py files                writes the long tables to benchmarks/results/missions-*.csv
@@ -751,6 +752,52 @@ def gains() -> Iterator[str]:
     yield from markdown(rows)
 
 
+POSED = {"posed": "plane", "tour": "tour", "tour_space": "tour in space"}
+"""Studies of missions with the arms as drawn and held ready, and how their missions are called."""
+
+
+def headline() -> Iterator[str]:
+    """Yield what is gained with the arms as drawn and held ready, each against hard switching with the same arms."""
+    rows = []
+    for name, missions in POSED.items():
+        made = made_of(name)
+        for level in LEVELS[name]:
+            for controller in ("psmpc", "smpc"):
+                own, hard, smpc = (made[Case(each, level, {}).name] for each in (controller, AGAINST, "smpc"))
+                against = compared(own, hard)
+                succeeded = [row for row in own.values() if row["succeeded"]]
+                rows.append(
+                    {
+                        "missions": missions,
+                        "arms": level or "as drawn",
+                        "controller": f"`{controller}`",
+                        "succeeded": f"{len(succeeded)} of {len(own)}",
+                        "end [s]": f"{np.median([row['time'] for row in succeeded]):.1f}",
+                        "end, difference [s]": against["end, difference [s]"],
+                        "end, ratio": _without_interval(against["end, ratio"]),
+                        "effort, ratio": against["effort, ratio"],
+                        "end less that of `smpc` [s]": compared(own, smpc)["end, difference [s]"]
+                        if controller == "psmpc"
+                        else "",
+                    }
+                )
+    yield from markdown(rows)
+
+
+def by_hand() -> Iterator[str]:
+    """Yield what holding the arms ready gains under each controller, and PSMPC without it against hard with it."""
+    rows = []
+    for name, missions in POSED.items():
+        made = made_of(name)
+        pairs = {f"`{each}`, held ready against as drawn": (f"{each}; {READY}", each) for each in PLANNED}
+        pairs[f"`psmpc` as drawn against `{AGAINST}` held ready"] = ("psmpc", f"{AGAINST}; {READY}")
+        for what, (own, other) in pairs.items():
+            against = compared(made[own], made[other])
+            columns = ("both succeed", "end, difference [s]", "end, ratio", "effort, ratio")
+            rows.append({"missions": missions, "what": what, **{column: against[column] for column in columns}})
+    yield from markdown(rows)
+
+
 def _without_interval(cell: str) -> str:
     """Return the median of a cell that has its interval behind it."""
     return cell.partition(" (")[0]
@@ -878,7 +925,7 @@ def figure() -> Iterator[str]:
 
 def main(words: Sequence[str]) -> None:
     """Print the lines of what the command line names."""
-    others = (figure, optimum, gains, equal_effort, differences_of, deliveries, files)
+    others = (figure, optimum, headline, by_hand, gains, equal_effort, differences_of, deliveries, files)
     other = {function.__name__: function for function in others}.get(words[0])
     for line in study(*words) if other is None else other(*words[1:]):
         print(line, flush=True)

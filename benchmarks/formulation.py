@@ -2,11 +2,13 @@
 
 python benchmarks/formulation.py starts [NODES]      both measures of an actual start; some half a minute
 python benchmarks/formulation.py effort              control effort of two tasks on several meshes; some minutes
+python benchmarks/formulation.py gradient [NODES]    windows by both gradients of solver adjoint; some two minutes
 python benchmarks/formulation.py ablations [NODES]   and docs/figures/ablation_*.png; about half an hour
 """
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from pages import ROOT, command_line, markdown
@@ -14,6 +16,9 @@ from pages import ROOT, command_line, markdown
 import psmpc_cli as psmpc
 from psmpc_cli.paper.ablations import CHANGES, DISCRETIZATIONS, run_ablations
 from psmpc_cli.paper.figures import save_ablation
+from psmpc_cli.simulation.replay import logged_solve
+from psmpc_cli.solvers import Outcome, Solution, Solver, build_solver
+from psmpc_cli.specs.task import SolverSpec
 
 STARTS = {
     "Capture, PSMPC": ("psmpc", "capture"),
@@ -34,6 +39,14 @@ MESHES: Mapping[str, Sequence[str]] = {
 
 NEAR_SWITCH = 0.5
 """How far from a switch control effort counts to it [s]."""
+
+
+WINDOWS = 10
+"""How many windows with one stage, and how many with two, `gradient` takes of a run."""
+
+SAME_J = 1e-6
+SAME_INSTANT = 1e-3
+"""Within what part of J, and what time [s], two solutions of a window are one."""
 
 
 def starts(nodes: str = "100") -> Iterator[str]:
@@ -79,6 +92,45 @@ def _effort(task: str, nodes: str) -> dict[str, str]:
     }
 
 
+def gradient(nodes: str = "12") -> Iterator[str]:
+    """Yield the table of where windows of `approach_capture` end by the exact gradient and by that as printed."""
+    changes = [f"controller.nodes={nodes}", "solver=fatrop", "log.shares=false"]
+    run = psmpc.simulate(psmpc.load_task("approach_capture", changes))
+    by_count = {count: np.flatnonzero(run["window/count"] == count) for count in (1, 2)}
+    chosen = {count: found[np.linspace(0, len(found) - 1, WINDOWS).astype(int)] for count, found in by_count.items()}
+    one, two = ([logged_solve(run, int(sample)) for sample in chosen[count]] for count in (1, 2))
+    free = [replace(solve, window=replace(solve.window, pending_cost=0.0)) for solve in two]
+    windows = {"one stage": one, "two stages": two, "two stages, pending cost 0": free}
+    fatrop = build_solver(run.problem, SolverSpec(kind="fatrop"))
+    by_gradient = {
+        kind: build_solver(run.problem, SolverSpec.model_validate({"kind": "adjoint", "gradient": kind}))
+        for kind in ("exact", "printed")
+    }
+    rows = []
+    for name, solves in windows.items():
+        solved = [fatrop.solve(solve.window, solve.guess) for solve in solves]
+        optima = [each for each in solved if each.outcome is Outcome.OPTIMAL]
+        for kind, solver in by_gradient.items():
+            rows.append({"windows": name, "gradient": kind, **_against(optima, solver)})
+    return markdown(rows)
+
+
+def _against(optima: Sequence[Solution], solver: Solver) -> dict[str, str]:
+    """Solve windows again and return the row of how that compares with their optima."""
+    found = [solver.solve(optimum.window, optimum.guess) for optimum in optima]
+    pairs = [(one, other) for one, other in zip(found, optima, strict=True) if one.outcome is Outcome.OPTIMAL]
+    J = np.array([one.objective / other.objective - 1 for one, other in pairs])
+    t = np.array([np.abs(one.plan.instants - other.plan.instants).max(initial=0.0) for one, other in pairs])
+    iterations = [one.iterations for one, _ in pairs]
+    return {
+        "solved": f"{len(pairs)} of {len(optima)}",
+        "as fatrop": str(int(((np.abs(J) <= SAME_J) & (t <= SAME_INSTANT)).sum())),
+        "J above fatrop's, at most": f"{J.max(initial=0.0):.1g}" if pairs else "-",
+        "switch times off, at most [s]": f"{t.max():.1g}" if pairs else "-",
+        "iterations, median": f"{np.median(iterations):.0f}" if pairs else "-",
+    }
+
+
 def ablations(*nodes: str) -> Iterator[str]:
     """Draw the figures and yield the tables of each departure taken back, by default on the task's own mesh."""
     task = psmpc.load_task("transport", [f"controller.nodes={count}" for count in nodes])
@@ -101,4 +153,4 @@ def _by_variant(numbers: Mapping[str, float]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(starts, effort, ablations)
+    command_line(starts, effort, gradient, ablations)

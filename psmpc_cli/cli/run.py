@@ -143,7 +143,9 @@ def rerun(
 def replay(
     log: options.Log,
     step: Annotated[int, typer.Option("--step", metavar="K", help="Number of the sample, from 0.")],
-    solver: Annotated[str | None, typer.Option(metavar="sqp|fatrop|ipopt", help="Default: that of the run.")] = None,
+    solver: Annotated[
+        str | None, typer.Option(metavar="sqp|fatrop|ipopt|adjoint", help="Default: that of the run.")
+    ] = None,
 ) -> None:
     """Solve one horizon of a run again, from its log alone, and compare it with what was logged."""
     from psmpc_cli.cli.tables import print_table

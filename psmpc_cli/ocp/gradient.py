@@ -1,23 +1,157 @@
-"""The gradient of a window's cost with respect to its switching instants, computed in independent ways.
+"""The cost of a window with its states simulated, and its gradient by costates. Paper eqs. (21) to (27).
 
-All take the controls as given and leave end conditions and limits aside: the cost is that of rolling the dynamics out.
-The discrete adjoint, algorithmic differentiation and differences hold U fixed on the mesh, which stretches with the
-instants; the paper's costate formula holds u(t) fixed in physical time: it agrees where the control is stationary.
+The variables are the durations of the stages and the inputs over their intervals; end conditions and limits are left
+aside. The discrete adjoint, algorithmic differentiation and differences hold U fixed on the mesh, which stretches with
+the switch times. The paper's costate formula holds u(t) fixed in physical time: it agrees where the control is
+stationary, but for an error O(1/N_s).
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.objective import stage_functions
-from psmpc_cli.ocp.stage import stage_shape, without_end
-from psmpc_cli.ocp.window import Window, reference, window_numbers
+from psmpc_cli.ocp.stage import StageShape, without_end
+from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference_at, slope_at, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
+
+Inputs = Sequence[Sequence[Any]]
+"""The inputs over the intervals of each stage (inputs,)."""
+
+
+class Shooting:
+    """J of the windows of one shape over durations tau (S + 1,) [s] and inputs U, the states simulated.
+
+    Parameters, durations and inputs are numbers or symbols of CasADi, and so is what the methods return.
+
+    Args:
+        model: The robot.
+        shape: The shape.
+        p: The parameters of a window of this shape.
+    """
+
+    def __init__(self, model: RobotModel, shape: WindowShape, p: Parameters[Any]) -> None:
+        self.nodes = shape.nodes
+        self._p = p
+        stages = [replace(without_end(stage), moving=False) for stage in shape.stages]
+        self._steps = [stage_functions(model, stage).step(shape.discretization) for stage in stages]
+        self._terms = [_stage_terms(model, stage, shape.discretization) for stage in stages]
+
+    def states(self, tau: Any, U: Inputs) -> list[Any]:
+        """Return the states (2n,) at the nodes."""
+        X = [self._p.x0]
+        for s, N in enumerate(self.nodes):
+            for u in U[s]:
+                X.append(self._steps[s](X[-1], u, tau[s] / N))
+        return X
+
+    def objective(self, tau: Any, U: Inputs) -> Any:
+        """Return J over the window's largest priority. Paper eq. (20)."""
+        X = self.states(tau, U)
+        last = len(self.nodes) - 1
+        J = self._p.pending * sum((last - s) * tau[s] for s in range(last + 1))
+        k = 0
+        for s, N in enumerate(self.nodes):
+            for i, u in enumerate(U[s]):
+                J += self._at(s, i, X[k], u, tau)["L"] * tau[s] / N
+                k += 1
+        return J + self._p.terminal * self._at_last_node(X[k], tau)["L"]
+
+    def adjoint(self, tau: Any, U: Inputs) -> tuple[list[Any], list[list[Any]]]:
+        """Return dJ/dtau_s of each stage and dJ/du_k of each interval, by stage, by the exact discrete adjoint.
+
+        With x_k+1 = F(x_k, u_k, h), h = tau_s / N_s, and L weighted with the priority of its stage,
+
+            psi_k = F_x' psi_k+1 + h L_x,     dJ/du_k = F_u' psi_k+1 + h L_u,
+            dJ/dtau_s = 1 / N_s sum_k (F_h' psi_k+1 + L_k) + sum_k h L_r' dr_k/dtau_s.
+
+        The last sum is of trajectories, which are read at the nodes.
+        """
+        X = self.states(tau, U)
+        k = len(X) - 1
+        last = len(self.nodes) - 1
+        at = self._at_last_node(X[k], tau)
+        costate = self._p.terminal * at["L_x"]
+        by_duration = [self._p.pending * (last - s) for s in range(last + 1)]
+        by_duration[last] += self._p.terminal * ca.dot(at["L_r"], slope_at(self._p, last, self.nodes[last]))
+        by_input: list[list[Any]] = [[] for _ in self.nodes]
+        for s in reversed(range(len(self.nodes))):
+            N = self.nodes[s]
+            h = tau[s] / N
+            for i in reversed(range(N)):
+                k -= 1
+                at = self._at(s, i, X[k], U[s][i], tau)
+                by_duration[s] += (ca.dot(at["F_h"], costate) + at["L"]) / N
+                by_duration[s] += h * ca.dot(at["L_r"], slope_at(self._p, s, i))
+                by_input[s].insert(0, at["F_u"].T @ costate + h * at["L_u"])
+                costate = at["F_x"].T @ costate + h * at["L_x"]
+        return by_duration, by_input
+
+    def by_costate(self, tau: Any, U: Inputs, printed: bool = False) -> list[Any]:
+        """Return dJ/dt_s by the paper's formula, its costate psi by (27).
+
+        At an optimum the control jumps at a switch, because the weight on it does. Here each side of the jump has its
+        own control and its own priority,
+
+            psi' (f_s(x, u-) - f_s+1(x, u+)) + omega_s L_s(x, u-) - omega_s+1 L_s+1(x, u+),
+
+        while (26), `printed`, has u- and omega_s on both sides.
+        """
+        X = self.states(tau, U)
+        k = len(X) - 1
+        last = len(self.nodes) - 1
+        costate = self._p.terminal * self._at_last_node(X[k], tau)["L_x"]
+        gradient: list[Any] = [self._p.pending] * last
+        for s in reversed(range(len(self.nodes))):
+            h = tau[s] / self.nodes[s]
+            if s < last:
+                before = self._at(s, self.nodes[s], X[k], U[s][-1], tau)
+                u_after, weighted_as = (U[s][-1], s) if printed else (U[s + 1][0], s + 1)
+                after = self._at(s + 1, 0, X[k], u_after, tau, omega=self._p.omega[weighted_as])
+                gradient[s] += ca.dot(costate, before["f"] - after["f"]) + before["L"] - after["L"]
+            for i in reversed(range(self.nodes[s])):
+                k -= 1
+                at = self._at(s, i, X[k], U[s][i], tau)
+                costate = costate + h * (at["f_x"].T @ costate + at["L_x"])
+                if s > 0:  # a trajectory begins with its stage
+                    r = reference_at(self._p, s, i + 1, tau[s]) - reference_at(self._p, s, i, tau[s])
+                    gradient[s - 1] -= ca.dot(at["L_r"], r)
+        return gradient
+
+    def _at(self, s: int, i: int, x: Any, u: Any, tau: Any, **changes: Any) -> dict[str, Any]:
+        """Return the terms of a stage at its node i by name, some of their arguments changed."""
+        p = self._p
+        arguments = {
+            "x": x,
+            "u": u,
+            "h": tau[s] / self.nodes[s],
+            "r": reference_at(p, s, i, tau[s]),
+            "W": p.weights[s],
+            "W_r": p.control_weights[s],
+            "omega": p.omega[s],
+            "offset": p.offset[s],
+            "scale": p.scale[s],
+        }
+        terms: dict[str, Any] = self._terms[s](**{**arguments, **changes})
+        return terms
+
+    def _at_last_node(self, x: Any, tau: Any) -> dict[str, Any]:
+        """Return the terms of the last stage at its end, where neither control nor force costs."""
+        last = len(self.nodes) - 1
+        return self._at(last, self.nodes[last], x, 0.0, tau, W_r=0.0)
+
+
+def by_switch_times(by_duration: Iterable[Any]) -> list[Any]:
+    """Return dJ/dt_s of the switch times from dJ/dtau_s: each lengthens one stage and shortens the next."""
+    return [before - after for before, after in pairwise(by_duration)]
 
 
 class Rollout:
-    """The cost of a window as a function of its instants, over given controls.
+    """The gradient of one window's cost by its switch times, over given controls, computed in independent ways.
 
     Args:
         model: The robot.
@@ -26,110 +160,65 @@ class Rollout:
     """
 
     def __init__(self, model: RobotModel, window: Window, instants: np.ndarray) -> None:
-        self.window = window
-        self.nodes = window.nodes
-        self._p = window_numbers(window, instants)
-        self._stages = [_stage_terms(model, window, s) for s in range(len(window.nodes))]
-
-    def states(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
-        """Return the states (K + 1, 2n) that durations tau (S + 1,) and inputs U, (N_s, inputs) by stage, lead to."""
-        X = [self.window.x0]
-        for s, N in enumerate(self.nodes):
-            r, _ = self._reference(s, tau[s])
-            for u in U[s]:
-                X.append(self._terms(s, X[-1], u, tau[s] / N, r[0])["after"].ravel())
-        return np.array(X)
+        self._shooting = Shooting(model, window_shape(window), window_numbers(window, instants).mapped(ca.DM))
 
     def by_adjoint(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
-        """Return dJ/dt_s (S,) by the discrete adjoint of the rollout."""
-        X = self.states(tau, U)
-        k = sum(self.nodes)
-        costate = np.zeros(len(self.window.x0))
-        by_duration = np.zeros(len(tau))
-        for s in reversed(range(len(tau))):
-            N = self.nodes[s]
-            dt = tau[s] / self.nodes[s]
-            r, slopes = self._reference(s, tau[s])
-            for i in reversed(range(N)):
-                k -= 1
-                at = self._terms(s, X[k], U[s][i], dt, r[i])
-                by_duration[s] += (at["after_dt"].ravel() @ costate + at["L"].item()) / N
-                by_duration[s] += dt * at["L_r"].ravel() @ slopes[i]
-                costate = at["after_x"].T @ costate + at["L_x"].ravel() * dt
-        return self._by_instants(by_duration) + self.window.pending_cost
+        """Return dJ/dt_s (S,) by the discrete adjoint, for durations tau (S + 1,) and inputs U, (N_s, inputs) each."""
+        by_duration, _ = self._shooting.adjoint(ca.DM(tau), _columns(U))
+        return np.array(by_switch_times(by_duration), float).ravel()
 
     def by_differentiation(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
         """Return dJ/dt_s (S,) by algorithmic differentiation of the rollout."""
         symbol = ca.MX.sym("tau", len(tau))
-        gradient = ca.Function("gradient", [symbol], [ca.gradient(self._objective(symbol, U), symbol)])
-        return self._by_instants(np.asarray(gradient(tau)).ravel())
+        J = self._shooting.objective(symbol, _columns(U))
+        gradient = ca.Function("gradient", [symbol], [ca.gradient(J, symbol)])
+        return np.array(by_switch_times(np.asarray(gradient(tau)).ravel()))
 
     def by_differences(self, tau: np.ndarray, U: list[np.ndarray], h: float = 1e-4) -> np.ndarray:
         """Return dJ/dt_s (S,) by central differences with step h [s]."""
-        symbol = ca.MX.sym("tau", len(tau))
-        J = ca.Function("J", [symbol], [self._objective(symbol, U)])
-        by_duration = [float(J(tau + h * e) - J(tau - h * e)) / (2 * h) for e in np.eye(len(tau))]
-        return self._by_instants(np.array(by_duration))
+        inputs = _columns(U)
 
-    def by_costate(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
-        """Return dJ/dt_s (S,) by the costate formula. Paper eqs. (26), (27), each stage with its own weight."""
-        X = self.states(tau, U)
-        k = sum(self.nodes)
-        S = len(tau) - 1
-        costate = np.zeros(len(self.window.x0))
-        gradient = np.full(S, self.window.pending_cost)
-        for s in reversed(range(len(tau))):
-            dt = tau[s] / self.nodes[s]
-            r, _ = self._reference(s, tau[s])
-            if s < S:  # eq. (25) assumes a continuous control; at an optimum it jumps, because the weight on it does
-                before = self._terms(s, X[k], U[s][-1], dt, r[-1])
-                after = self._terms(s + 1, X[k], U[s + 1][0], dt, self._reference(s + 1, tau[s + 1])[0][0])
-                gradient[s] += costate @ (before["f"] - after["f"]).ravel() + (before["L"] - after["L"]).item()
-            for i in reversed(range(self.nodes[s])):
-                k -= 1
-                at = self._terms(s, X[k], U[s][i], dt, r[i])
-                costate = costate + dt * (at["f_x"].T @ costate + at["L_x"].ravel())
-                gradient[s - 1 : s] -= at["L_r"].ravel() @ (r[i + 1] - r[i])  # a trajectory begins with its stage
-        return gradient
+        def J(tau: np.ndarray) -> float:
+            return float(self._shooting.objective(ca.DM(tau), inputs))
 
-    def _objective(self, tau: ca.MX, U: list[np.ndarray]) -> ca.MX:
-        """Return J over the window's largest priority, end conditions and limits aside."""
-        J = self.window.pending_cost * ca.sum1(ca.cumsum(tau)[:-1])
-        x = ca.MX(self.window.x0)
-        for s, N in enumerate(self.nodes):
-            values, slopes = self._reference(s, 0.0)
-            for i, u in enumerate(U[s]):
-                at = self._stages[s](x=x, u=u, dt=tau[s] / N, r=values[i] + tau[s] * slopes[i])
-                J = J + at["L"] * tau[s] / N
-                x = at["after"]
-        return J
+        return np.array(by_switch_times([(J(tau + h * e) - J(tau - h * e)) / (2 * h) for e in np.eye(len(tau))]))
 
-    def _terms(self, s: int, x: np.ndarray, u: np.ndarray, dt: float, r: np.ndarray) -> dict[str, np.ndarray]:
-        return {name: np.asarray(value) for name, value in self._stages[s](x=x, u=u, dt=dt, r=r).items()}
-
-    def _reference(self, s: int, tau: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return what the cost of a stage follows at its nodes, and its slope by tau [s], (N_s + 1, rows) each."""
-        found, slopes = reference(self._p, s, tau)
-        shape = (self.nodes[s] + 1, found.shape[1])
-        return np.broadcast_to(found, shape), np.broadcast_to(slopes, shape)
-
-    def _by_instants(self, by_duration: np.ndarray) -> np.ndarray:
-        """Return dJ/dt_s from dJ/dtau_s: an instant lengthens one stage and shortens the next."""
-        return np.asarray(by_duration[:-1] - by_duration[1:])
+    def by_costate(self, tau: np.ndarray, U: list[np.ndarray], printed: bool = False) -> np.ndarray:
+        """Return dJ/dt_s (S,) by the costate formula, paper eqs. (26), (27): corrected, or as printed."""
+        gradient = self._shooting.by_costate(ca.DM(tau), _columns(U), printed)
+        return np.array(gradient, float).ravel()
 
 
-def _stage_terms(model: RobotModel, window: Window, s: int) -> ca.Function:
-    """Bind a stage's numbers into its step, its weighted and normalized cost L, its flow f, and their derivatives."""
-    stage = window.stages[s]
-    functions = stage_functions(model, replace(without_end(stage_shape(stage)), moving=False))
+def _columns(U: Sequence[np.ndarray]) -> list[list[ca.DM]]:
+    """Return inputs (N_s, inputs) of each stage as columns."""
+    return [[ca.DM(u) for u in of_stage] for of_stage in U]
+
+
+def _stage_terms(model: RobotModel, shape: StageShape, discretization: str) -> ca.Function:
+    """Return a stage's step F, its weighted and normalized cost L, its flow f, and their derivatives, by name."""
+    functions = stage_functions(model, shape)
     x = ca.SX.sym("x", 2 * model.n)
-    dt = ca.SX.sym("dt")
-    r = ca.SX.sym("r", len(stage.target))
     u = ca.SX.sym("u", functions.inputs)
-    Lbar = functions.cost.function(x, u, r, stage.weights, stage.control_weights)
-    L = window.omega[s] / np.max(window.omega) * (Lbar - window.offset[s]) / window.scale[s]
-    after = functions.step(window.discretization)(x, u, dt)
-    f = (model.f_1 if stage.input == "joint" else model.f_2)(x, u)
-    terms = {"after": after, "after_x": ca.jacobian(after, x), "after_dt": ca.jacobian(after, dt), "L": L}
-    terms |= {"L_x": ca.gradient(L, x), "L_r": ca.gradient(L, r), "f": f, "f_x": ca.jacobian(f, x)}
-    return ca.Function("terms", [x, u, dt, r], list(terms.values()), ["x", "u", "dt", "r"], list(terms))
+    h = ca.SX.sym("h")
+    r = ca.SX.sym("r", functions.numbers)
+    W = ca.SX.sym("W", functions.cost.function.size1_in(3))
+    W_r = ca.SX.sym("W_r", functions.cost.function.size1_in(4))
+    omega = ca.SX.sym("omega")
+    offset = ca.SX.sym("offset")
+    scale = ca.SX.sym("scale")
+    L = omega * (functions.cost.function(x, u, r, W, W_r) - offset) / scale
+    F = functions.step(discretization)(x, u, h)
+    f = (model.f_1 if shape.input == "joint" else model.f_2)(x, u)
+    arguments = {"x": x, "u": u, "h": h, "r": r, "W": W, "W_r": W_r, "omega": omega, "offset": offset, "scale": scale}
+    terms = {
+        "F_x": ca.jacobian(F, x),
+        "F_u": ca.jacobian(F, u),
+        "F_h": ca.jacobian(F, h),
+        "L": L,
+        "L_x": ca.gradient(L, x),
+        "L_u": ca.gradient(L, u),
+        "L_r": ca.gradient(L, r),
+        "f": f,
+        "f_x": ca.jacobian(f, x),
+    }
+    return ca.Function("terms", [*arguments.values()], [*terms.values()], [*arguments], [*terms])

@@ -330,6 +330,13 @@ def reference_at(p: Parameters[Any], s: int, node: int, tau: Any) -> Any:
     return path[:, node] + path[:, nodes + node] * tau if nodes else p.targets[s]
 
 
+def slope_at(p: Parameters[Any], s: int, node: int) -> Any:
+    """Return the slope of what `reference_at` returns by the duration, as numbers or symbols (numbers,)."""
+    path = p.paths[s]
+    nodes = path.shape[1] // 2
+    return path[:, nodes + node] if nodes else 0 * p.targets[s]
+
+
 def shortest_durations(window: Window) -> np.ndarray:
     """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell and hold times."""
     dwell = np.array([stage.dwell for stage in window.stages])

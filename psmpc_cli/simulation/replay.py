@@ -112,9 +112,10 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     task = log.task
     logged = logged_solve(log, sample)
     iterations = list[str]()
-    if solver is not None:
-        change = (f"--solver {solver}", f"solver.kind={json.dumps(solver)}")
-        task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, [change])
+    if solver is not None and solver != task.spec.solver.kind:
+        keys = (f"solver.kind={json.dumps(solver)}", "solver.deadline=null", "solver.gradient=exact")
+        changes = [(f"--solver {solver}", key) for key in keys]  # deadline and gradient are those of the run's solver
+        task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
     spec = task.spec.solver.model_copy(update={"deadline": None})
     same_solver = task.spec.solver.kind == log.task.spec.solver.kind
     back_end = build_solver(build_problem(task), spec, iterations.append)

@@ -1,9 +1,10 @@
 """The back-ends that take a window as a flat nonlinear program: IPOPT and fatrop, both in the CasADi wheel.
 
-Decision vectors z, parameter vectors p, bounds and multipliers in the order of the program exist in this module alone:
-direct multiple shooting with the durations as constant states. The objective is that of docs/formulation.md divided by
-the window's largest priority; variables and rows are ordered so that structure-exploiting solvers apply. Nothing but
-the shape of a window is fixed in its program; all numbers are parameters.
+Decision vectors z, parameter vectors p, bounds and multipliers in the order of the program exist in this module and in
+`adjoint` alone: direct multiple shooting with the durations as constant states. The objective is that of
+docs/formulation.md divided by the window's largest priority; variables and rows are ordered so that
+structure-exploiting solvers apply. Nothing but the shape of a window is fixed in its program; all numbers are
+parameters.
 """
 
 import io
@@ -143,6 +144,7 @@ class Nlp:
         terminal = p.terminal * self._L(S, shape.nodes[S], K, none, 0 * p.control_weights[S])
         pending = sum((ca.sum1(self._tau[:s, 0]) for s in range(1, S + 1)), ca.SX(0))
         J = ca.dot(p.omega, ca.vertcat(*costs)) + p.pending * pending + p.omega[-1] * terminal
+        self._soft_cost = self._penalty()
         paths = [list(self._path(k)) for k in range(K + 1)]
         if shape.bounded:
             paths[-1].append((costs[-1] + terminal, lambda window, *_: (-np.inf, window.cost_bound)))
@@ -150,13 +152,13 @@ class Nlp:
         rows = [row for node in zip([*gaps, []], paths, strict=True) for part in node for row in part]
         self._bounds = [(row.numel(), bound) for row, bound in rows]
         g = ca.vertcat(*(row for row, _ in rows))
-        self.sizes = {
+        self.sizes: dict[str, Any] = {
             "N": K,
             "nx": [each.numel() for each in xs],
             "nu": [sum(part.numel() for part in node) for node in zip(self._u, es, self._row_e, strict=True)],
             "ng": [sum(row.numel() for row, _ in path) for path in paths],
         }
-        self.problem = {"x": x, "p": ca.vertcat(*map(ca.vec, p.pieces())), "f": J + self._penalty(), "g": g}
+        self.problem = {"x": x, "p": ca.vertcat(*map(ca.vec, p.pieces())), "f": J + self._soft_cost, "g": g}
         self._costs = ca.vertcat(*map(sum, kept), *costs), terminal
 
     @cached_property
@@ -188,6 +190,24 @@ class Nlp:
             "lbg": np.concatenate([np.broadcast_to(low, size) for size, (low, _) in rows]),
             "ubg": np.concatenate([np.broadcast_to(high, size) for size, (_, high) in rows]),
         }
+
+    @property
+    def program(self) -> Mapping[str, Any]:
+        """What an optimizer is given: here all of `problem`."""
+        return self.problem
+
+    @property
+    def derivatives(self) -> Mapping[str, ca.Function]:
+        """Derivatives of the program that the optimizer does not generate itself, by the names CasADi has for them."""
+        return {}
+
+    def arguments(self, x: np.ndarray, p: np.ndarray, bounds: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the arguments of the optimizer of the program, to start from decision variables x."""
+        return {"x0": x, "p": p, **bounds}
+
+    def point(self, z: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return the decision variables x of a solution z of the program."""
+        return z
 
     def _box(
         self, none: float, X: np.ndarray, tau: np.ndarray, violation: float, inputs: Sequence[np.ndarray]
@@ -331,7 +351,7 @@ class _Clock(ca.Callback):
         until: The instant, of `time.perf_counter` [s].
     """
 
-    def __init__(self, problem: Mapping[str, ca.SX]) -> None:
+    def __init__(self, problem: Mapping[str, Any]) -> None:
         super().__init__()
         x, g, p = (problem[name].numel() for name in ("x", "g", "p"))
         self._sizes = {"x": x, "f": 1, "g": g, "lam_x": x, "lam_g": g, "lam_p": p}
@@ -372,10 +392,11 @@ class NlpSolver(Solver):
         options: Mapping[str, Any] | None = None,
     ) -> None:
         self._problem = problem
-        self._plugin = spec.kind
+        self._spec = spec
+        self._plugin = "fatrop" if spec.kind == "fatrop" else "ipopt"
         self._report = report
         settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
-        if spec.kind == "ipopt":
+        if self._plugin == "ipopt":
             settings |= {"sb": "yes", "mu_init": 1e-2, "acceptable_iter": 0}
             self.deadline = np.inf if spec.deadline is None else spec.deadline
         else:
@@ -422,8 +443,12 @@ class NlpSolver(Solver):
         if key not in self._nlps:
             if shape.bounded and self._plugin != "ipopt":
                 raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
-            self._nlps[key] = Nlp(self._problem.model, shape, numbers, has_all_rows)
+            self._nlps[key] = self._transcribe(shape, numbers, has_all_rows)
         return self._nlps[key]
+
+    def _transcribe(self, shape: WindowShape, numbers: Parameters[np.ndarray], has_all_rows: bool) -> Nlp:
+        """Return the program of the windows of a shape."""
+        return Nlp(self._problem.model, shape, numbers, has_all_rows)
 
     def _answer(self, method: str, *arguments: Any) -> Any:
         """Answer a call in the copy of the process, in which programs are compiled and solved."""
@@ -450,10 +475,10 @@ class NlpSolver(Solver):
             if nlp.has_interval_rows:
                 settings = {**settings, "tol": max(settings.get("tol", 0.0), INTERVAL_TOLERANCE)}
         if np.isfinite(self.deadline):
-            self._clocks[key] = options["iteration_callback"] = _Clock(nlp.problem)
+            self._clocks[key] = options["iteration_callback"] = _Clock(nlp.program)
         loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
         options[self._plugin] = {**settings, **loud}
-        self._compiled[key] = ca.nlpsol("window", self._plugin, nlp.problem, options)
+        self._compiled[key] = ca.nlpsol("window", self._plugin, nlp.program, {**options, **nlp.derivatives})
 
     def _call(
         self, key: ProgramKey, arguments: Mapping[str, np.ndarray], until: float
@@ -496,7 +521,7 @@ class NlpSolver(Solver):
                 self._calls(LONGEST_COMPILATION, "_compile", key, window_numbers(window, start.instants))
                 self._ready.add(key)
             until = self.stop_time(time.perf_counter())
-            arguments = {"x0": x0, "p": p, **bounds}
+            arguments = nlp.arguments(x0, p, bounds)
             result, stats, wall_time, written = self._calls(LONGEST_CALL, "_call", key, arguments, until)
         except BaseException:
             self._ready.clear()  # the copy has ended with what it had compiled
@@ -508,12 +533,12 @@ class NlpSolver(Solver):
         if self._report is not None:
             for line in filter(ITERATION.match, written.splitlines()):
                 self._report(line)
-        z = result["x"]
+        z = nlp.point(result["x"], p)
         outcome = Outcome.OPTIMAL if stats["success"] else OUTCOMES.get(stats["return_status"], Outcome.FAILED)
         stepped = outcome is Outcome.DEADLINE and stats["iter_count"] > 0  # else this is the guess
         if not np.isfinite(z).all():
             outcome = Outcome.FAILED
-        elif stepped and _violation(bounds, z, result["g"]) <= FEASIBLE:
+        elif stepped and _violation(bounds, z, _array(nlp.rows(z, p))) <= FEASIBLE:
             outcome = Outcome.FEASIBLE
         costs, terminal = nlp.costs(z, p)
         plan, violations = _unpacked(nlp, window, z)

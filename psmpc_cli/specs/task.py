@@ -156,17 +156,21 @@ class SolverTraits:
         stops_early: Its solves end at a deadline.
         task_input: It takes stages whose control is the acceleration of poses.
         real_time: It takes a few iterations a sample instead of solving windows to their optima.
+        by_costates: It simulates the states, and the gradient of its objective is that of costates; costs of other
+            stages, as levels of HTMPC bound them, have none.
     """
 
     stops_early: bool = True
     task_input: bool = False
     real_time: bool = False
+    by_costates: bool = False
 
 
 SOLVERS: Mapping[str, SolverTraits] = {
     "sqp": SolverTraits(real_time=True),
     "fatrop": SolverTraits(stops_early=False),
     "ipopt": SolverTraits(task_input=True),
+    "adjoint": SolverTraits(by_costates=True),
 }
 """The solvers by their `kind`."""
 
@@ -241,12 +245,15 @@ class SolverSpec(Choice):
         """Return the settings of a solver that solves each window to its optimum."""
         return self.model_copy(update={"kind": "fatrop"}) if self.traits.real_time else self
 
-    kind: Literal["sqp", "fatrop", "ipopt"] = Field("sqp", description="which solver")
+    kind: Literal["sqp", "fatrop", "ipopt", "adjoint"] = Field("sqp", description="which solver")
     tolerance: fields.Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
     max_iterations: fields.Whole = Field(200, ge=1, description="iterations after which it gives up")
     iterations: fields.Whole = Field(1, ge=1, description="sqp: iterations a sample from the shifted plan")
     deadline: fields.Positive | None = Field(
-        None, description="time after which the solves of a sample stop [s], sqp and ipopt; default none"
+        None, description="time after which the solves of a sample stop [s], not with fatrop; default none"
+    )
+    gradient: Literal["exact", "printed"] = Field(
+        "exact", description="adjoint: dJ/dt_s by the discrete adjoint, or by eq. (26) as printed"
     )
     compiled: fields.Flag = Field(True, description="sqp and plant rk4 as compiled C, where there is a compiler")
 
@@ -648,12 +655,24 @@ def _controller(controller: ControllerSpec, before: Fields, context: Context) ->
 
 
 def _solver(solver: SolverSpec, before: Fields, context: Context) -> RuleErrors:
-    """Give a deadline that the solver cannot keep."""
+    """Give a controller or a gradient that is not of the solver, and a deadline that it cannot keep."""
     controller = before.get("controller")
+    if solver.traits.by_costates and controller and controller.traits.has_levels:
+        kinds = " or ".join(kind for kind, traits in SOLVERS.items() if not traits.by_costates)
+        yield (
+            ("kind",),
+            expected(f"{kinds} with controller htmpc: {solver.kind} has no gradient of costs that are kept"),
+        )
+    if solver.gradient != "exact" and not solver.traits.by_costates:
+        kinds = " or ".join(kind for kind, traits in SOLVERS.items() if traits.by_costates)
+        yield ("gradient",), expected(f'"exact", or solver {kinds}: {solver.kind} differentiates J itself')
     if solver.deadline is None:
         return
     if not solver.traits.stops_early:
-        yield ("deadline",), expected("none with solver fatrop, which cannot stop early, or solver sqp or ipopt")
+        yield (
+            ("deadline",),
+            expected("none with solver fatrop, which cannot stop early, or solver sqp, ipopt or adjoint"),
+        )
     elif controller and controller.traits.has_levels and not solver.to_optimum().traits.stops_early:
         yield ("deadline",), expected("none, or solver ipopt, with controller htmpc")
 

@@ -21,7 +21,7 @@ from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.simulation.run import build_experiment, converging
-from psmpc_cli.solvers import NlpSolver, Solution
+from psmpc_cli.solvers import NlpSolver, Solution, build_nlp_solver
 from psmpc_cli.specs.load import Task
 from psmpc_cli.studies.fronts import CONSTRAINED, FREE, STATUS, WEIGHTED, dominated, extents, hypervolume
 from psmpc_cli.studies.runner import compute_all
@@ -161,7 +161,7 @@ class TradeOff:
 
     def __init__(self, problem: Problem) -> None:
         spec = problem.spec.solver
-        self.solver = NlpSolver(problem, spec)
+        self.solver = build_nlp_solver(problem, spec)
         # IPOPT, whatever the task says: a row that reaches over all nodes breaks the structure others live on
         self._bounded = NlpSolver(problem, spec.model_copy(update={"kind": "ipopt"}))
 

@@ -18,7 +18,7 @@ def test_adjoint_equals_differentiation_and_differences(
 ) -> None:
     """Three stages, two switch times, any controls. Paper eq. (25), with U fixed on the mesh."""
     of = (stages[0], moving(stages[1]), moving(stages[2], 2)) if trajectories else stages[:3]
-    rollout = Rollout(model, window_over(of), np.array([2.0, 3.0]))
+    rollout = Rollout(model, window_over(of, terminal_cost=0.5), np.array([2.0, 3.0]))
     tau = 4.0 * np.array(shares) / sum(shares)
     U = list(np.random.default_rng(seed).standard_normal((3, 4, 9)))
     adjoint = rollout.by_adjoint(tau, U)

@@ -60,6 +60,14 @@ def test_another_solver_finds_the_same_optimum(log: Run) -> None:
     assert 0 < again.largest < 1e-3
 
 
+def test_settings_that_another_solver_does_not_have_are_left_out(tmp_path: Path) -> None:
+    """A deadline, which fatrop cannot keep, and the gradient as printed."""
+    log = there_and_back(tmp_path, "solver={kind: adjoint, gradient: printed, deadline: 10}", samples=2)
+    assert replay(log, 1).largest <= 1e-6
+    assert replay(log, 1, "adjoint").same_solver
+    assert replay(log, 1, "fatrop").largest < 1e-3
+
+
 def test_a_solver_that_does_not_exist_is_refused(log: Run) -> None:
     with pytest.raises(
         SpecError, match=r'--solver simplex: solver\.kind: found the text "simplex", expected one of sqp'

@@ -16,6 +16,7 @@ ONE = SolverSpec(kind="sqp")
 CONVERGED = SolverSpec(kind="sqp", iterations=50)
 FATROP = SolverSpec(kind="fatrop")
 IPOPT = SolverSpec(kind="ipopt")
+ADJOINT = SolverSpec(kind="adjoint")
 
 
 MIDDLE = {1: 161, 2: 122, 3: 97}

@@ -16,7 +16,7 @@ from psmpc_cli.specs.task import SolverSpec
 
 from ..ocp.transport_windows import moving
 from .recorded import RecordedSolve, windows_over
-from .solving import CONVERGED, FATROP, IPOPT, ONE, again, changed, far_away, middle_window_over
+from .solving import ADJOINT, CONVERGED, FATROP, IPOPT, ONE, again, changed, far_away, middle_window_over
 
 pytestmark = pytest.mark.slow
 
@@ -50,7 +50,7 @@ def assert_same_optimum(one: Solution, other: Solution) -> None:
 def test_all_back_ends_reach_the_same_optimum(problem: Problem, judge: NlpSolver, stages: int) -> None:
     solved = middle_window_over(stages)
     optimum = again(build_solver(problem, FATROP), solved)
-    for spec in (CONVERGED, IPOPT):
+    for spec in (CONVERGED, IPOPT, ADJOINT):
         for warm in (False, True):
             found = again(build_solver(problem, spec), solved, warm)
             assert_same_optimum(found, optimum)
@@ -83,10 +83,11 @@ def test_windows_of_other_stages_have_the_same_optimum_too(
     solver = build_solver(problem, CONVERGED)
     found, other = again(solver, solved, False), again(build_solver(problem, FATROP), solved, False)
     assert_same_optimum(found, other)
+    assert_same_optimum(again(build_solver(problem, ADJOINT), solved, False), other)
     assert abs(found.objective - again(solver, two_stages).objective) > 1e-6
 
 
-@pytest.mark.parametrize("spec", [CONVERGED, FATROP], ids=["sqp", "fatrop"])
+@pytest.mark.parametrize("spec", [CONVERGED, FATROP, ADJOINT], ids=["sqp", "fatrop", "adjoint"])
 def test_terminal_cost_offset_and_euler_are_solved_too(
     problem: Problem, two_stages: RecordedSolve, spec: SolverSpec
 ) -> None:
@@ -109,7 +110,7 @@ def test_task_input_reaches_one_optimum_by_both_nlp_back_ends(problem: Problem) 
     assert_same_optimum(one, other)
 
 
-@pytest.mark.parametrize("spec", [CONVERGED, FATROP, IPOPT], ids=["sqp", "fatrop", "ipopt"])
+@pytest.mark.parametrize("spec", [CONVERGED, FATROP, IPOPT, ADJOINT], ids=["sqp", "fatrop", "ipopt", "adjoint"])
 def test_durations_are_kept_near_the_guess(problem: Problem, two_stages: RecordedSolve, spec: SolverSpec) -> None:
     guess = replace(two_stages.guess, instants=two_stages.guess.instants + 0.3)
     for within in (0.0, 0.05):
@@ -119,7 +120,9 @@ def test_durations_are_kept_near_the_guess(problem: Problem, two_stages: Recorde
 
 
 @pytest.mark.parametrize(
-    "spec", [ONE, SolverSpec(kind="fatrop", max_iterations=80), IPOPT], ids=["sqp", "fatrop", "ipopt"]
+    "spec",
+    [ONE, SolverSpec(kind="fatrop", max_iterations=80), IPOPT, ADJOINT],
+    ids=["sqp", "fatrop", "ipopt", "adjoint"],
 )
 def test_a_window_that_cannot_be_solved_says_so_with_advice(
     problem: Problem, two_stages: RecordedSolve, spec: SolverSpec
@@ -131,7 +134,7 @@ def test_a_window_that_cannot_be_solved_says_so_with_advice(
         assert (found.outcome, found.iterations) == (Outcome.INFEASIBLE, 1)
 
 
-@pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt"])
+@pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt", "adjoint"])
 def test_too_few_iterations_are_reported_as_such(problem: Problem, two_stages: RecordedSolve, kind: str) -> None:
     guess = replace(two_stages.guess, X=two_stages.guess.X + 0.05, instants=two_stages.guess.instants + 0.3)
     spec = SolverSpec.model_validate({"kind": kind, "max_iterations": 1})
@@ -152,9 +155,12 @@ def test_sqp_stops_at_a_deadline_after_the_iteration_that_passes_it(
     assert judge.violation(late.window, late.plan) > FEASIBLE
 
 
-def test_ipopt_stops_at_a_deadline_too(problem: Problem, judge: NlpSolver, two_stages: RecordedSolve) -> None:
-    hurried = SolverSpec(kind="ipopt", deadline=1e-6)
-    stopped, free = (again(build_solver(problem, spec), two_stages, False) for spec in (hurried, IPOPT))
+@pytest.mark.parametrize("optimum", [IPOPT, ADJOINT], ids=["ipopt", "adjoint"])
+def test_ipopt_stops_at_a_deadline_too(
+    problem: Problem, judge: NlpSolver, two_stages: RecordedSolve, optimum: SolverSpec
+) -> None:
+    hurried = optimum.model_copy(update={"deadline": 1e-6})
+    stopped, free = (again(build_solver(problem, spec), two_stages, False) for spec in (hurried, optimum))
     assert stopped.iterations < free.iterations
     within = judge.violation(stopped.window, stopped.plan) <= FEASIBLE
     assert stopped.outcome is (Outcome.FEASIBLE if within else Outcome.DEADLINE)
@@ -191,7 +197,7 @@ def test_ipopt_bounds_the_cost_of_the_last_stage(problem: Problem) -> None:
         build_solver(problem, FATROP).solve(window, held)
 
 
-@pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt"])
+@pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt", "adjoint"])
 def test_a_report_has_a_line_an_iteration_and_changes_nothing(
     problem: Problem, two_stages: RecordedSolve, kind: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -263,7 +269,7 @@ def test_soft_limits_give_way_to_the_measured_state_alike_in_all_back_ends(
 ) -> None:
     optimum = again(build_solver(problem, FATROP), beyond, False)
     hard = replace(beyond, window=replace(beyond.window, soft=False))
-    for spec in (CONVERGED, IPOPT):
+    for spec in (CONVERGED, IPOPT, ADJOINT):
         found = again(build_solver(problem, spec), beyond, False)
         assert found.outcome is optimum.outcome is Outcome.OPTIMAL
         assert found.objective == pytest.approx(optimum.objective, rel=1e-4)

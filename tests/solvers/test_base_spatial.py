@@ -15,7 +15,9 @@ from ..free_flyer import reaching
 from .recorded import RecordedSolve, recorded
 from .solving import changed
 
-SQP, FATROP, IPOPT = (SolverSpec(kind=kind, tolerance=1e-9, iterations=100) for kind in ("sqp", "fatrop", "ipopt"))
+SQP, FATROP, IPOPT, ADJOINT = (
+    SolverSpec(kind=kind, tolerance=1e-9, iterations=100) for kind in ("sqp", "fatrop", "ipopt", "adjoint")
+)
 """At 1e-10 fatrop stalls in some windows with soft limits, by rounding."""
 
 
@@ -26,8 +28,9 @@ def problem() -> Problem:
 
 def assert_same_optimum(problem: Problem, one: RecordedSolve, stages: int) -> None:
     assert len(one.window.stages) == stages
-    sqp, fatrop, ipopt = (build_solver(problem, s).solve(one.window, one.guess) for s in (SQP, FATROP, IPOPT))
-    for found in (sqp, fatrop):
+    ipopt = build_solver(problem, IPOPT).solve(one.window, one.guess)
+    for spec in (SQP, FATROP, ADJOINT):
+        found = build_solver(problem, spec).solve(one.window, one.guess)
         assert found.outcome is ipopt.outcome is Outcome.OPTIMAL
         assert found.objective == pytest.approx(ipopt.objective, rel=1e-6)
         assert np.abs(found.plan.instants - ipopt.plan.instants).max(initial=0.0) < 1e-5

@@ -116,7 +116,12 @@ def test_a_mapping_sets_values_of_python() -> None:
         (
             "solver.kindd=ipopt",
             'solver.kindd: found an unknown key (did you mean "kind"?), '
-            "expected one of kind, tolerance, max_iterations, iterations, deadline, compiled",
+            "expected one of kind, tolerance, max_iterations, iterations, deadline, gradient, compiled",
+        ),
+        (
+            "solver.gradient=printed",
+            'solver.gradient: found the text "printed", '
+            'expected "exact", or solver adjoint: sqp differentiates J itself',
         ),
         ("controller.sample_time=5", "controller.sample_time: found 5 s, expected at most the horizon of 4 s"),
     ],

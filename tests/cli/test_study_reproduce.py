@@ -12,8 +12,11 @@ from psmpc_cli.cli.app import app
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison
 from psmpc_cli.logs.schema import PARETO, SWEEP
+from psmpc_cli.paper.departures import PRINTED, SHIPPED
 from psmpc_cli.paper.reproduce import METHODS
 from psmpc_cli.studies.sweep import SweepCells
+
+from .command import Psmpc
 
 pytestmark = pytest.mark.slow
 
@@ -106,3 +109,29 @@ def test_a_new_report_takes_the_place_of_the_old_one_and_strictly_claims_must_ho
     report = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert "With and without" not in report
     assert {path.name for path in (folder / "out").iterdir()} >= {*FILES, "new.json"}
+
+
+def test_as_printed_both_tasks_are_judged_and_both_counts_are_printed(folder: Path) -> None:
+    json_file = folder / "both.json"
+    ran = reproduce("-o", folder / "both", "--as-printed", "--json", json_file, "--set", "solver.kind=sqp")
+    assert ran.exit_code == 0, ran.output
+    data = json.loads(json_file.read_text())
+    tables = {SHIPPED: data, PRINTED: data["as_printed"]}
+    for task, table in tables.items():
+        assert table["task"] == task
+        assert f"\n{task}: {table['held']} of {table['held'] + table['failed']} claims hold; " in ran.stdout
+    assert data["digests"] != data["as_printed"]["digests"]
+    assert data["weights"]["digest"] != data["as_printed"]["weights"]["digest"]
+    for into, task in ((folder / "both", SHIPPED), (folder / "both" / PRINTED, PRINTED)):
+        assert {path.name for path in into.iterdir()} - {PRINTED} == FILES
+        assert read_comparison(into / "runs.h5")["psmpc"].task.spec.name == task
+        report = (into / "report.html").read_text(encoding="utf-8")
+        assert f"<dd><code>{task}</code></dd>" in report
+        assert ("--as-printed" in report) == (task == PRINTED)
+
+
+def test_what_does_not_fit_the_task_as_printed_is_said_before_anything_is_run(psmpc: Psmpc, tmp_path: Path) -> None:
+    ran = psmpc("reproduce", "-o", tmp_path / "none", "--as-printed", "--set", "controller.pending_cost=0.5")
+    assert ran.code == 2
+    assert 'found "pending_cost" beside as_printed: true' in ran.stderr
+    assert not (tmp_path / "none").exists()

@@ -189,10 +189,11 @@ class ControllerSpec(Choice):
         if not isinstance(value, Mapping) or value.get("as_printed") is not True:
             return value
         errors: list[Any] = []
-        for key in AS_PRINTED.keys() & value.keys() if info.context else ():
-            wanted = f"one of the two: as_printed sets {key} to {AS_PRINTED[key]}"
-            error = expected(wanted, f"{quoted(key)} beside as_printed: true", at_key=True)
-            errors.append({"type": error, "loc": (key,), "input": value[key]})
+        for key, printed in AS_PRINTED.items():
+            if key in value and info.context:
+                wanted = f"one of the two: as_printed sets {key} to {printed}"
+                error = expected(wanted, f"{quoted(key)} beside as_printed: true", at_key=True)
+                errors.append({"type": error, "loc": (key,), "input": value[key]})
         if errors:
             raise ValidationError.from_exception_data(cls.__name__, errors)
         return {**value, **AS_PRINTED}

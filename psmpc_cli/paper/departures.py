@@ -52,7 +52,7 @@ DEPARTURES = (
     Departure(
         "starts by closeness 0.5",
         (
-            "onset={kind: control, epsilon: 1e-4, series: [1e-3, 0.01, 0.1]}",
+            "onset={kind: control, epsilon: 1e-4, series: [1e-4, 1e-3, 0.01, 0.1]}",
             *(f"stages.{stage}.onset=null" for stage in _ONSETS),
         ),
         (

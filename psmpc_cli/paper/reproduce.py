@@ -61,6 +61,9 @@ OUTPUTS: Mapping[str, FileKind] = {
 SHARED_KEYS = ("controller", "solver", "plant")
 """Changes of these keys also apply to the swept task, the first two to `GRASP`; stages and skills are their own."""
 
+ONE_GUESS = "controller.multistart=1"
+"""As printed a window is solved from the last plan alone; sweeps without a pending cost else try several guesses."""
+
 OF_FIRST_STAGES = ("controller", "solver", "plant", "onset", "stages.approach", "stages.capture")
 """The keys of the swept task that are as printed where the judged task is."""
 
@@ -176,7 +179,7 @@ def load_grasps(changes: Sequence[str] = (), task: str = SHIPPED) -> dict[str, T
 
 def _printed(task: str) -> list[str]:
     """Return what makes other tasks as printed where the judged one is; nothing where that is the shipped one."""
-    return [change for departure in DEPARTURES for change in departure.printed] if task == PRINTED else []
+    return [*(change for departure in DEPARTURES for change in departure.printed), ONE_GUESS] if task == PRINTED else []
 
 
 def _shared_changes(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, ...]:

@@ -90,6 +90,8 @@ def test_as_printed_the_runs_the_sweep_and_the_grasps_are() -> None:
         assert task.spec.solver.kind == "fatrop"
     sweep = tasks[-1].spec
     assert sweep.stages[0].ends_when is not None and sweep.stages[0].ends_when.coordinates == ("all",)
+    assert sweep.controller.multistart == 1
+    assert 1e-4 in sweep.onset.series  # which is what is judged
     assert load_variants(["controller.nodes=7"], PRINTED)["smpc"].spec.controller.nodes == 7
     with pytest.raises(SpecError, match=r'found "pending_cost" beside as_printed: true'):
         load_variants(["controller.pending_cost=1"], PRINTED)

@@ -1,6 +1,5 @@
 """What tells the shipped transport task from the printed one, departure by departure."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from psmpc_cli.specs.library import built_ins
@@ -75,10 +74,10 @@ def load_variant(base: str, departure: Departure | None, changes: tuple[str, ...
         departure: The departure; None for the task as it is.
         changes: Further changes, of keys that are no departures.
     """
-    own: tuple[str, ...] = ()
     if base == PRINTED:
-        own = ("controller.as_printed=false", *CONTROLLER_AS_PRINTED)
-    switched: Mapping[str, tuple[str, ...]] = {}
-    if departure is not None:
-        switched = {SHIPPED: departure.printed, PRINTED: departure.shipped}
-    return load_task(built_ins("task")[base], (*own, *switched.get(base, ()), *changes))
+        own = ("controller.as_printed=false", *CONTROLLER_AS_PRINTED)  # so that each of them can be switched
+        switched = () if departure is None else departure.shipped
+    else:
+        own = ()
+        switched = () if departure is None else departure.printed
+    return load_task(built_ins("task")[base], (*own, *switched, *changes))

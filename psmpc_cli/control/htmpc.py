@@ -43,7 +43,9 @@ class Hierarchy:
         spec = self.spec
         stages = stages[: self.spec.htmpc.depth]
         begins = np.array([entered, *(prediction.end for _ in stages[1:])])  # later trajectories wait
-        _, scale = normalization("nadir", spec.zeta, stages, begins, self.problem.costs, prediction, spec.sample_time)
+        _, scale = normalization(
+            "nadir", spec.zeta, stages, begins, self.problem.costs, prediction, spec.normalization_step
+        )
         solver = self._solver.stopping(until)
         levels = [first]
         kept = list[Kept]()

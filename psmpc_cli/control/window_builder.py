@@ -47,7 +47,7 @@ class WindowBuilder:
         own = tuple(stages[sequence.first : sequence.last + 1])
         # a stage's cost L is normalized to (L - offset) / scale; zeta keeps scale from being 0
         offset, scale = normalization(
-            self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, spec.sample_time
+            self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, spec.normalization_step
         )
         if sequence.continues:  # one stage in two parts, with one scale
             own = (own[0], own[0].continued)

@@ -372,31 +372,41 @@ def normalization(
     begins: Sequence[float] | np.ndarray,
     costs: StageCosts,
     prediction: Plan,
-    step: float,
+    step: float | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return offset and scale (S + 1,) of L = (Lbar - offset) / scale; the stages begin at `begins` (S + 1,) [s].
 
     The prediction is read on a uniform grid with the given step [s], its control averaged over each step: at the nodes
     the maximum would depend on the mesh, whose intervals shrink to nothing before a switch, and one tall control there
-    would set the scale of the next window (docs/decisions.md).
+    would set the scale of the next window (docs/decisions.md). Without a step it is read at the nodes nevertheless, as
+    line 9 of Algorithm 1 has it.
 
-    `nadir` divides by the maximum of the stage's cost over all nodes of the prediction, `range` is eq. (12) as printed,
-    `none` leaves the cost as it is.
+    `nadir` divides by the maximum of the stage's cost over the prediction, `range` is eq. (12) as printed, `none`
+    leaves the cost as it is.
     """
     if kind == "none":
         return np.zeros(len(stages)), np.ones(len(stages))
-    start = prediction.start
-    length = prediction.end - prediction.start
-    times = start + length / round(length / step) * np.arange(round(length / step) + 1)
-    X = prediction.states_at(times)
-    u = prediction.mean_control(times)
-    u = np.concatenate((u, u[-1:]))
+    times, X, u = _nodes_of(prediction) if step is None else _resampled(prediction, step)
     over_time = [costs.at(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
     nadir = np.array([values.max() for values in over_time])
     if kind == "nadir":
         return np.zeros(len(stages)), nadir + zeta
     utopia = np.array([values.min() for values in over_time])
     return utopia, nadir - utopia + zeta
+
+
+def _nodes_of(plan: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the times (K + 1,) [s], states (K + 1, 2n) and controls (K + 1, n) of a plan at its nodes."""
+    return plan.times, plan.X, np.concatenate((plan.u, plan.u[-1:]))
+
+
+def _resampled(plan: Plan, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the same on a uniform grid of about this step [s], the control averaged from each time to the next."""
+    length = plan.end - plan.start
+    count = round(length / step)
+    times = plan.start + length / count * np.arange(count + 1)
+    u = plan.mean_control(times)
+    return times, plan.states_at(times), np.concatenate((u, u[-1:]))
 
 
 def node_counts(

@@ -286,7 +286,7 @@ def with_priorities(one: SwitchWindow, priorities: tuple[float, float]) -> Switc
     begins = np.r_[window.start - window.elapsed, plan.instants]
     kind = controller.normalization
     zeta = controller.zeta
-    step = controller.sample_time
+    step = controller.normalization_step
     offset, scale = normalization(kind, zeta, window.stages, begins, one.problem.costs, plan, step)
     window = replace(window, offset=offset, scale=scale)
     label = f"{_ratio(window.omega)} from {one.label}"

@@ -51,6 +51,11 @@ class Reproduction:
     ablations: tuple[Ablation, ...] = ()
     grasps: Mapping[str, Run] = field(default_factory=dict)
 
+    @property
+    def task(self) -> str:
+        """Name of the task whose runs are judged."""
+        return next(iter(self.runs.values())).task.spec.name
+
     @cached_property
     def summaries(self) -> dict[str, Summary]:
         """The summaries of the runs."""

@@ -12,6 +12,7 @@ from psmpc_cli.figures.pareto import plot_fronts
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.figures.snapshots import plot_snapshots
 from psmpc_cli.paper import claims, judge, missions
+from psmpc_cli.paper.departures import PRINTED
 from psmpc_cli.paper.figures import ABLATIONS, plot_monitors, plot_presence, plot_schedule, waits
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.report.pages import Draw, Page, render, versions_of
@@ -24,6 +25,7 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
     options = [word for change in reproduction.changes for word in ("--set", change)]
     options += ["--weights", str(reproduction.weights.results.attributes["sampling"])]
     options += [] if reproduction.fronts is None else ["--fronts", str(len(reproduction.fronts["ratio"]))]
+    options += ["--as-printed"] if reproduction.task == PRINTED else []
     first = next(iter(reproduction.runs.values())).attributes
     return render(
         "reproduction.html.j2",

@@ -12,6 +12,7 @@ from psmpc_cli.logs.files import LOG, PAGE, FileKind, check_output
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.paper.ablations import Ablation, run_ablations
 from psmpc_cli.paper.claims import Finding
+from psmpc_cli.paper.departures import DEPARTURES, PRINTED, SHIPPED
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.paper.missions import ENDS
 from psmpc_cli.progress import Watch
@@ -23,8 +24,6 @@ from psmpc_cli.studies.pareto import ParetoSettings, possible_samples, solve_par
 from psmpc_cli.studies.runner import Study, run_study
 from psmpc_cli.studies.sampling import parse_sampling
 from psmpc_cli.studies.sweep import DEFAULT_TASK, SweepCells, load_sweep_task, parse_stages, recommend, weight_study
-
-TASK = "transport"
 
 METHODS = ("htmpc", "smpc", "psmpc")
 """The controllers whose results are published, in the order of the paper; the slowest one first."""
@@ -64,6 +63,12 @@ OUTPUTS: Mapping[str, FileKind] = {
 SHARED_KEYS = ("controller", "solver", "plant")
 """Changes of these keys also apply to the swept task, the first two to `GRASP`; stages and skills are their own."""
 
+ONE_GUESS = "controller.multistart=1"
+"""As printed a window is solved from the last plan alone; sweeps without a pending cost else try several guesses."""
+
+OF_FIRST_STAGES = ("controller", "solver", "plant", "onset", "stages.approach", "stages.capture")
+"""The keys of the swept task that are as printed where the judged task is."""
+
 FURTHER_THRESHOLDS = {"control": (1.0, 10.0), "closeness": (0.9,)}
 """Thresholds above the task's own for which actual starts are logged, for the causes of the claims on starts."""
 
@@ -77,6 +82,7 @@ def reproduce(
     force: bool = False,
     jobs: int | None = None,
     watch: Watch = lambda progress: None,
+    task: str = SHIPPED,
 ) -> Reproduction:
     """Run the task under every method, the sweep over the weights, the Pareto fronts, the grasps, and the ablations.
 
@@ -90,6 +96,7 @@ def reproduce(
         force: Overwrite files.
         jobs: Number of parallel processes; default the number of cores.
         watch: Called with the progress of the present step, whose title says which of them it is.
+        task: `SHIPPED`, or `PRINTED` with the sweep and the grasps as printed too.
 
     Raises:
         InputError: As for `load_variants` and `load_weights_sweep`; or a file exists already or cannot be written.
@@ -102,9 +109,9 @@ def reproduce(
         """Return what watches a step."""
         return lambda progress: watch(replace(progress, title=f"step {number} of {steps}, {name}"))
 
-    variants = load_variants(changes)
-    sweep = load_weights_sweep(changes, grid)
-    grasps = load_grasps(changes)
+    variants = load_variants(changes, task)
+    sweep = load_weights_sweep(changes, grid, task=task)
+    grasps = load_grasps(changes, task)
     runs = run_tasks(variants, directory / LOGS, jobs, force, step(1, "methods"))
     weights = run_study(
         sweep,
@@ -128,15 +135,15 @@ def reproduce(
     return Reproduction(runs, SweepCells(weights), fronts, tuple(changes), tuple(departures), held)
 
 
-def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
-    """Return the tasks to run, by method.
+def load_variants(changes: Sequence[str] = (), task: str = SHIPPED) -> dict[str, Task]:
+    """Return the tasks to run, by method: those of `SHIPPED` or `PRINTED`.
 
     Raises:
         InputError: The changes choose a controller or other stages, or that no plans are logged, from which the fronts
             are found.
         SpecError: They do not fit the task, or no run of it could succeed.
     """
-    path = built_ins("task")[TASK]
+    path = built_ins("task")[task]
     own = load_task(path)
     changed = load_task(path, changes)
     if changed.spec.controller.kind != own.spec.controller.kind:
@@ -150,42 +157,73 @@ def load_variants(changes: Sequence[str] = ()) -> dict[str, Task]:
     return {kind: load_task(path, (*changes, f"controller.kind={kind}", f"onset.series={series}")) for kind in METHODS}
 
 
-def load_weights_sweep(changes: Sequence[str], grid: str) -> Study:
+def load_weights_sweep(changes: Sequence[str], grid: str, own: Sequence[str] = (), task: str = SHIPPED) -> Study:
     """Return the sweep over the weights, with those changes of the task that apply to it as well.
+
+    Args:
+        changes: Keys of the task to change.
+        grid: Points of the weights.
+        own: Keys of the swept task to change.
+        task: The judged task, `SHIPPED` or `PRINTED`.
 
     Raises:
         InputError: The grid is none.
         SpecError: The changes do not fit the swept task.
     """
-    task = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), _shared_changes(changes, SHARED_KEYS), ())
-    return weight_study(task, parse_stages("1,2", task), parse_sampling(grid, (1e-3, 1e3)))
+    all_changes = (*_shared_changes(_printed(task), OF_FIRST_STAGES), *_shared_changes(changes, SHARED_KEYS), *own)
+    swept = load_sweep_task(str(built_ins("task")[DEFAULT_TASK]), all_changes, ())
+    return weight_study(swept, parse_stages("1,2", swept), parse_sampling(grid, (1e-3, 1e3)))
 
 
-def load_grasps(changes: Sequence[str] = ()) -> dict[str, Task]:
+def load_grasps(changes: Sequence[str] = (), task: str = SHIPPED) -> dict[str, Task]:
     """Return the tasks of the claim by mechanics, by method, with those changes that apply to them as well.
 
     Raises:
         SpecError: The changes do not fit the task.
     """
-    task = load_task(built_ins("task")[GRASP], (*BARE_ROBOT, *_shared_changes(changes, SHARED_KEYS[:2])))
-    return compared_tasks(task, ("smpc", "psmpc"))
+    shared = _shared_changes((*_printed(task), *changes), SHARED_KEYS[:2])
+    return compared_tasks(load_task(built_ins("task")[GRASP], (*BARE_ROBOT, *shared)), ("smpc", "psmpc"))
+
+
+def _printed(task: str) -> list[str]:
+    """Return what makes other tasks as printed where the judged one is; nothing where that is the shipped one."""
+    return [*(change for departure in DEPARTURES for change in departure.printed), ONE_GUESS] if task == PRINTED else []
 
 
 def _shared_changes(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, ...]:
-    return tuple(change for change in changes if change.partition("=")[0].strip().partition(".")[0] in keys)
+    """Return the changes of these keys, or of keys inside them."""
+    paths = [change.partition("=")[0].strip() for change in changes]
+    return tuple(
+        change
+        for change, path in zip(changes, paths, strict=True)
+        if any(path == key or path.startswith(f"{key}.") for key in keys)
+    )
 
 
-def claims_json(reproduction: Reproduction, created: str) -> bytes:
-    """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md."""
+def claims_json(reproduction: Reproduction, created: str, printed: Reproduction | None = None) -> bytes:
+    """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md.
+
+    Args:
+        reproduction: Of the shipped task.
+        created: When, in ISO 8601.
+        printed: Of the task as printed, if it was run.
+    """
+    data = _claims_data(reproduction, created)
+    data["as_printed"] = None if printed is None else _claims_data(printed, created)
+    return to_json(data, indent=2, inf_nan_mode="null") + b"\n"
+
+
+def _claims_data(reproduction: Reproduction, created: str) -> dict[str, object]:
+    """Return the claim table of one task."""
     cells = reproduction.weights
     fronts = reproduction.fronts
     best = recommend(reproduction.weights).ratio
     held, count = reproduction.count()
-    data = {
+    return {
         "format": 3,  # increases when a key is removed or changes its meaning
         "psmpc_version": __version__,
         "created": created,
-        "task": TASK,
+        "task": reproduction.task,
         "changes": reproduction.changes,
         "digests": {name: str(run.attributes["digest"]) for name, run in reproduction.runs.items()},
         "grasps": {name: str(run.attributes["digest"]) for name, run in reproduction.grasps.items()},
@@ -209,7 +247,6 @@ def claims_json(reproduction: Reproduction, created: str) -> bytes:
         "held": held,
         "failed": count - held,
     }
-    return to_json(data, indent=2, inf_nan_mode="null") + b"\n"
 
 
 def _claim_data(finding: Finding) -> dict[str, object]:

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, Discriminator, Field, Tag
+from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, ValidationInfo, model_validator
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping, quoted
@@ -175,8 +175,34 @@ SOLVERS: Mapping[str, SolverTraits] = {
 """The solvers by their `kind`."""
 
 
+AS_PRINTED: Mapping[str, Any] = {
+    "normalization": "range",
+    "normalization_at": "nodes",
+    "pending_cost": 0,
+    "discretization": "euler",
+    "detection_margin": 1,
+}
+"""The keys that `as_printed` sets, with their values: each takes back a departure of the controller from the paper."""
+
+
 class ControllerSpec(Choice):
     """The controller and its objective; symbols as in docs/formulation.md."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_as_printed(cls, value: object, info: ValidationInfo) -> object:
+        """Add the keys that `as_printed` sets; in a file none of them may stand beside it."""
+        if not isinstance(value, Mapping) or value.get("as_printed") is not True:
+            return value
+        errors: list[Any] = []
+        for key, printed in AS_PRINTED.items():
+            if key in value and info.context:
+                wanted = f"one of the two: as_printed sets {key} to {printed}"
+                error = expected(wanted, f"{quoted(key)} beside as_printed: true", at_key=True)
+                errors.append({"type": error, "loc": (key,), "input": value[key]})
+        if errors:
+            raise ValidationError.from_exception_data(cls.__name__, errors)
+        return {**value, **AS_PRINTED}
 
     @property
     def traits(self) -> ControllerTraits:
@@ -198,7 +224,16 @@ class ControllerSpec(Choice):
     pending_cost: fields.NotNegative = Field(1.0, description="cost delta of every second a stage waits; 0 as printed")
     terminal_cost: fields.NotNegative = Field(0.0, description="weight kappa of the last node's cost")
     zeta: fields.Positive = Field(1e-3, description="what keeps the normalization from dividing by 0")
+    as_printed: fields.Sparse[fields.Flag] = Field(
+        False,
+        description="as the paper prints: " + ", ".join(f"`{key}: {value}`" for key, value in AS_PRINTED.items()),
+    )
     normalization: Literal["nadir", "range", "none"] = Field("nadir", description="how costs are normalized, eq. (12)")
+    normalization_at: Literal["samples", "nodes"] = Field(
+        "samples",
+        exclude_if=lambda value: value == "samples",
+        description="where the last plan's costs are read for it: at samples, the control averaged, or at its nodes",
+    )
     discretization: Literal["exact", "euler"] = Field("exact", description="zero-order hold, or Euler as in eq. (20)")
     detection_margin: fields.Number = Field(
         10.0, ge=1, description="tolerances within which a stage is predicted to end"
@@ -226,6 +261,11 @@ class ControllerSpec(Choice):
         description="windows over one stage: without its end, or with its end condition at a free switch time",
     )
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
+
+    @property
+    def normalization_step(self) -> float | None:
+        """Time between two costs that the normalization reads [s]; None: those at the nodes."""
+        return self.sample_time if self.normalization_at == "samples" else None
 
     @property
     def uniform_nodes(self) -> int:

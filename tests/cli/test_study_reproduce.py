@@ -12,8 +12,11 @@ from psmpc_cli.cli.app import app
 from psmpc_cli.logs.results import read_results
 from psmpc_cli.logs.run import read_comparison
 from psmpc_cli.logs.schema import PARETO, SWEEP
+from psmpc_cli.paper.departures import PRINTED, SHIPPED
 from psmpc_cli.paper.reproduce import METHODS
 from psmpc_cli.studies.sweep import SweepCells
+
+from .command import Psmpc
 
 pytestmark = pytest.mark.slow
 
@@ -98,11 +101,39 @@ def test_every_number_of_the_ablations_is_printed_and_in_the_report(
     assert all(f"With and without the {ablation['name'].replace('_', ' ')}" in report for ablation in ablations)
 
 
-def test_a_new_report_takes_the_place_of_the_old_one_and_strictly_claims_must_hold(ran: Result, folder: Path) -> None:
-    new = folder / "out" / "new.json"
-    again = reproduce("-o", folder / "out", "--json", new, "--strict", "--force")
+@pytest.fixture(scope="module")
+def again(ran: Result, folder: Path) -> Result:
+    """A second run into the same folder, of both tasks."""
+    words = ("--as-printed", "--json", folder / "out" / "new.json", "--set", "solver.kind=sqp", "--strict", "--force")
+    return reproduce("-o", folder / "out", *words)
+
+
+def test_a_new_report_takes_the_place_of_the_old_one_and_strictly_claims_must_hold(again: Result, folder: Path) -> None:
     assert again.exit_code == 1, again.output
-    assert json.loads(new.read_text())["ablations"] == []
+    assert json.loads((folder / "out" / "new.json").read_text())["ablations"] == []
     report = (folder / "out" / "report.html").read_text(encoding="utf-8")
     assert "With and without" not in report
     assert {path.name for path in (folder / "out").iterdir()} >= {*FILES, "new.json"}
+
+
+def test_as_printed_both_tasks_are_judged_and_both_counts_are_printed(again: Result, folder: Path) -> None:
+    data = json.loads((folder / "out" / "new.json").read_text())
+    tables = {SHIPPED: data, PRINTED: data["as_printed"]}
+    for task, table in tables.items():
+        assert table["task"] == task
+        assert f"\n{task}: {table['held']} of {table['held'] + table['failed']} claims hold; " in again.stdout
+    assert data["digests"] != data["as_printed"]["digests"]
+    assert data["weights"]["digest"] != data["as_printed"]["weights"]["digest"]
+    assert {path.name for path in (folder / "out" / PRINTED).iterdir()} == FILES
+    for into, task in ((folder / "out", SHIPPED), (folder / "out" / PRINTED, PRINTED)):
+        assert read_comparison(into / "runs.h5")["psmpc"].task.spec.name == task
+        report = (into / "report.html").read_text(encoding="utf-8")
+        assert f"<dd><code>{task}</code></dd>" in report
+        assert ("--as-printed" in report) == (task == PRINTED)
+
+
+def test_what_does_not_fit_the_task_as_printed_is_said_before_anything_is_run(psmpc: Psmpc, tmp_path: Path) -> None:
+    ran = psmpc("reproduce", "-o", tmp_path / "none", "--as-printed", "--set", "controller.pending_cost=0.5")
+    assert ran.code == 2
+    assert 'found "pending_cost" beside as_printed: true' in ran.stderr
+    assert not (tmp_path / "none").exists()

@@ -77,6 +77,17 @@ def test_a_short_tall_control_counts_by_what_it_does_to_the_velocity(
     assert scale[0] < costs.at(stages[0], X[:1], u[:1])[0] + 100 * 0.3**2 + 1.0 + 1.0
 
 
+def test_without_a_step_costs_are_read_at_the_nodes(stages: tuple[Stage, ...], costs: StageCosts) -> None:
+    """As printed: where one control in a short interval is tall, the scale is."""
+    times, u, X = np.array([0.0, 1.02, 1.03, 4.0]), np.zeros((3, 9)), np.zeros((4, 18))
+    u[1, 3] = 10.0
+    plan = Plan(times, X, u, np.zeros(0))
+    along = costs.at(stages[0], X, np.vstack([u, u[-1:]]))
+    offset, scale = normalization("range", 1e-3, stages[:1], np.zeros(1), costs, plan, None)
+    assert along.max() > along.min() + 100
+    np.testing.assert_allclose((offset[0], scale[0]), (along.min(), along.max() - along.min() + 1e-3), rtol=1e-12)
+
+
 def test_a_plan_is_rebuilt_from_its_vector(stages: tuple[Stage, ...]) -> None:
     window = window_over(stages[:3], nodes=(2, 5, 3))
     plan = coasting(window, 1.7, 3.1)

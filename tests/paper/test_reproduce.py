@@ -8,9 +8,11 @@ from typing import Any
 import pytest
 
 from psmpc_cli.errors import InputError, SpecError
+from psmpc_cli.paper.departures import PRINTED, SHIPPED
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.paper.reproduce import METHODS, claims_json, load_grasps, load_variants, load_weights_sweep
 from psmpc_cli.specs.load import load_task
+from psmpc_cli.specs.task import AS_PRINTED
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..synthetic_fronts import synthetic_fronts
@@ -78,6 +80,32 @@ def test_the_sweep_takes_the_changes_that_are_about_how_tasks_are_run() -> None:
     assert len(sweep.cells) == 9
     assert sweep.cells[0] == ("stages[0].priority=0.001", "stages[1].priority=0.001")
     assert sweep.cells[-1] == ("stages[0].priority=1000.0", "stages[1].priority=1000.0")
+
+
+def test_as_printed_the_runs_the_sweep_and_the_grasps_are() -> None:
+    tasks = [*load_variants(task=PRINTED).values(), load_weights_sweep((), "3x3", task=PRINTED).task]
+    assert all(task.spec.onset.epsilon == 1e-4 for task in tasks)
+    for task in (*tasks, *load_grasps(task=PRINTED).values()):
+        assert {key: getattr(task.spec.controller, key) for key in AS_PRINTED} == AS_PRINTED
+        assert task.spec.solver.kind == "fatrop"
+    sweep = tasks[-1].spec
+    assert sweep.stages[0].ends_when is not None and sweep.stages[0].ends_when.coordinates == ("all",)
+    assert sweep.controller.multistart == 1
+    assert 1e-4 in sweep.onset.series  # which is what is judged
+    assert load_variants(["controller.nodes=7"], PRINTED)["smpc"].spec.controller.nodes == 7
+    with pytest.raises(SpecError, match=r'found "pending_cost" beside as_printed: true'):
+        load_variants(["controller.pending_cost=1"], PRINTED)
+
+
+def test_keys_of_the_swept_task_may_be_changed_besides() -> None:
+    own = load_weights_sweep(["controller.nodes=7"], "3x3", ["onset={kind: control, epsilon: 1e-4}"]).task.spec
+    assert (own.onset.kind, own.onset.epsilon, own.controller.nodes) == ("control", 1e-4, 7)
+
+
+def test_the_json_has_both_tasks(made: Reproduction) -> None:
+    alone, both = (json.loads(claims_json(made, "now", printed)) for printed in (None, made))
+    assert alone["as_printed"] is None and alone["task"] == SHIPPED
+    assert both["as_printed"] == {key: value for key, value in alone.items() if key != "as_printed"}
 
 
 def test_a_file_of_the_same_name_does_not_stand_in_for_the_task(

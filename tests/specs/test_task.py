@@ -1,9 +1,12 @@
 """What a task file may say, and the shorter ways to say it."""
 
+from typing import Any
+
 import pytest
 
+from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_task, parse_task
-from psmpc_cli.specs.task import EndCondition, SkillWeights, TaskSpec
+from psmpc_cli.specs.task import AS_PRINTED, ControllerSpec, EndCondition, SkillWeights, TaskSpec
 
 TASK = load_task("transport").task_yaml
 
@@ -38,6 +41,42 @@ def test_tolerance_may_be_given_by_part() -> None:
     assert ends_when is not None and isinstance(ends_when.tolerance, dict)
     assert ends_when.tolerance["base"] == (0.05,)
     assert ends_when.tolerance["arms"] == pytest.approx((0.05, 0.05, 0.05235987755982989))
+
+
+def test_as_printed_sets_the_keys_of_the_controllers_departures() -> None:
+    changes = {"controller": {"as_printed": True, "horizon": 3.0}}
+    spec = load_task("transport", changes).spec.controller
+    assert {key: getattr(spec, key) for key in AS_PRINTED} == {
+        "normalization": "range",
+        "normalization_at": "nodes",
+        "pending_cost": 0.0,
+        "discretization": "euler",
+        "detection_margin": 1.0,
+    }
+    assert spec.horizon == 3.0
+    assert ControllerSpec.model_validate(spec.model_dump()) == spec
+    one_by_one = load_task("transport", {"controller": {**AS_PRINTED, "horizon": 3.0}}).spec.controller
+    assert one_by_one.model_copy(update={"as_printed": True}) == spec
+    assert load_task("transport", {"controller.as_printed": False}).digest == load_task("transport").digest
+
+
+@pytest.mark.parametrize("value", ["own", "as_printed"])
+@pytest.mark.parametrize("key", AS_PRINTED)
+def test_a_key_that_as_printed_sets_is_not_given_beside_it(key: str, value: str) -> None:
+    given = AS_PRINTED[key] if value == "as_printed" else getattr(ControllerSpec(), key)
+    controller: dict[str, Any] = {"as_printed": True, key: given}
+    with pytest.raises(SpecError) as caught:
+        load_task("transport", {"controller": controller})
+    message = str(caught.value)
+    assert f'controller.{key}: found "{key}" beside as_printed: true' in message
+    assert f"as_printed sets {key} to {AS_PRINTED[key]}" in message
+    assert len(message.splitlines()) == 1
+
+
+@pytest.mark.parametrize("kind", ["psmpc", "htmpc"])
+def test_by_controller_gives_no_key_beside_as_printed_either(kind: str) -> None:
+    with pytest.raises(SpecError, match=r"by_controller.*found \"pending_cost\" beside as_printed: true"):
+        load_task("transport_as_printed", {"by_controller": {kind: {"controller.pending_cost": 1}}})
 
 
 @pytest.mark.parametrize(("written", "seconds"), [("2 s", 2), ("0.5s", 0.5), (1.5, 1.5), (0, 0)])

@@ -1,0 +1,129 @@
+"""Tables of docs/reproduce.md on the paper as printed: what each departure changes, and what a start is.
+
+python benchmarks/as_printed.py departures [NODES]   each departure alone, from as printed and from as shipped; minutes
+python benchmarks/as_printed.py starts [NODES]       claims that hold by each definition of a start; minutes
+python benchmarks/as_printed.py figure6 [GRID] [NODES]   Fig. 6 by each definition of a start; minutes
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from pages import command_line, markdown
+
+import psmpc_cli as psmpc
+from psmpc_cli.paper.departures import DEPARTURES, PRINTED, SHIPPED, load_variant
+from psmpc_cli.paper.reproduce import load_variants, load_weights_sweep, reproduce
+from psmpc_cli.studies.compare import run_tasks
+from psmpc_cli.studies.runner import run_study
+from psmpc_cli.studies.sweep import SweepCells
+
+BRIEF = ("log.plans=false", "log.shares=false")
+"""Changes of a run of which nothing but its summary is read."""
+
+DEFINITIONS: Mapping[str, str] = {
+    "control, 0.1": "onset={kind: control, epsilon: 0.1}",
+    "closeness, 0.5": "onset={kind: closeness, epsilon: 0.5}",
+    "control, 1e-4, as printed": "onset={kind: control, epsilon: 1e-4}",
+}
+"""Definitions of a start by their names."""
+
+SAMPLE = 0.1
+"""Time between two samples of the tasks [s]: starts are known no better."""
+
+
+def departures(nodes: str = "25") -> Iterator[str]:
+    """Yield the table of the runs of PSMPC with each departure switched alone, first from as printed."""
+    return markdown(_of_departures(nodes))
+
+
+def _of_departures(nodes: str) -> Iterator[dict[str, str]]:
+    for base, switched in ((PRINTED, "as printed, with"), (SHIPPED, "as shipped, without")):
+        for departure in (None, *DEPARTURES):
+            task = load_variant(base, departure, (f"controller.nodes={nodes}", *BRIEF))
+            name = switched.partition(",")[0] if departure is None else f"{switched} {departure.name}"
+            yield {"run": name, "N_s": nodes, **_row(psmpc.simulate(task))}
+
+
+def _row(run: psmpc.Run) -> dict[str, str]:
+    """Return what the table says of a run."""
+    summary = run.summary()
+    ends = [stage.switch_time for stage in summary.stages]
+    starts = [stage.actual_start for stage in summary.stages[1:]]
+    return {
+        "stages end [s]": _times(ends, 2),
+        "Capture, Transport, Release start [s]": _times(starts, 1),
+        "mission": "succeeds" if summary.succeeded else "fails" if summary.completed else "stops",
+        "failed solves": str(summary.failed_solves),
+    }
+
+
+def _times(times: Sequence[float], digits: int) -> str:
+    """Write times [s], and of what did not happen that it never does."""
+    return ", ".join(f"{time:.{digits}f}" if np.isfinite(time) else "never" for time in times)
+
+
+def starts(nodes: str = "25") -> Iterator[str]:
+    """Yield the table of the claims that hold by each definition of a start."""
+    with TemporaryDirectory() as folder:
+        made = reproduce(Path(folder) / "made", (f"controller.nodes={nodes}",), force=True)
+        rows = []
+        for name, definition in DEFINITIONS.items():
+            runs = run_tasks(load_variants((f"controller.nodes={nodes}", definition)))
+            judged = replace(made, runs=runs)
+            held, count = judged.count()
+            missed = [finding.claim.id for finding in judged.part(None) if not finding.holds]
+            row = {"definition": name, "claims that hold": f"{held} of {count}"}
+            for controller in ("psmpc", "smpc"):
+                stages = runs[controller].summary().stages
+                early = (
+                    f"{stage.actual_start:.1f} ({stage.actual_start - before.switch_time:+.1f})"
+                    for before, stage in pairwise(stages)
+                )
+                row[f"starts of Capture, Transport, Release, {controller.upper()} [s]"] = ", ".join(early)
+            rows.append({**row, "does not hold": ", ".join(f"`{claim}`" for claim in missed)})
+    return markdown(rows)
+
+
+def figure6(grid: str = "25x25", nodes: str = "25") -> Iterator[str]:
+    """Yield the table of the start of Capture over the ratio of the weights, by each definition of a start."""
+    rows = []
+    with TemporaryDirectory() as folder:
+        for kind in ("closeness", "control"):
+            chosen = {name: each for name, each in DEFINITIONS.items() if f"kind: {kind}" in each}
+            epsilons = [float(each.partition("epsilon: ")[2].rstrip("}")) for each in chosen.values()]
+            changes = (f"controller.nodes={nodes}",)
+            study = load_weights_sweep(changes, grid, (f"onset={{kind: {kind}, series: {epsilons}}}",))
+            cells = SweepCells(run_study(study, Path(folder) / f"{kind}.h5"))
+            for name, epsilon in zip(chosen, epsilons, strict=True):
+                rows.append({"definition": name, **_along_ratio(cells, epsilon)})
+    return markdown(rows)
+
+
+def _along_ratio(cells: SweepCells, epsilon: float) -> dict[str, str]:
+    """Return what the table says of the starts of a sweep for one threshold."""
+    at = int(np.argmin(np.abs(cells.epsilons / epsilon - 1)))
+    runs = cells.runs
+    start = cells.of("actual_start")[runs, at]
+    ratio = cells.ratio[runs]
+    away = np.flatnonzero(np.abs(start - start[-1]) > SAMPLE + 1e-9)
+    settled = int(away[-1]) + 1 if len(away) else 0
+    return {
+        "ratios, ended": f"{len(runs)} of {len(cells.rows)}",
+        **{f"start at {wanted:g} [s]": _at(ratio, start, wanted) for wanted in (1e-6, 1e-2, 1.0, 1e2, 1e6)},
+        "stays within a sample from": f"{ratio[settled]:.2g}",
+        "`t_s` there [s]": f"{cells.instant[runs][settled]:.2f}",
+        "`t_s - T_h` there [s]": f"{cells.floor[runs][settled]:.2f}",
+    }
+
+
+def _at(ratio: np.ndarray, start: np.ndarray, wanted: float) -> str:
+    near = np.flatnonzero(np.abs(np.log10(ratio / wanted)) < 1e-6)
+    return f"{start[near[0]]:.1f}" if len(near) else "-"
+
+
+if __name__ == "__main__":
+    command_line(departures, starts, figure6)

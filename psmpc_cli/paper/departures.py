@@ -1,0 +1,83 @@
+"""What tells the shipped transport task from the printed one, departure by departure."""
+
+from dataclasses import dataclass
+
+from psmpc_cli.specs.library import built_ins
+from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.task import AS_PRINTED, ControllerSpec
+
+SHIPPED = "transport"
+"""The built-in task of the claims, with our departures from the paper."""
+
+PRINTED = "transport_as_printed"
+"""The same as the paper prints it; what the paper leaves open is the same in both."""
+
+
+@dataclass(frozen=True)
+class Departure:
+    """One difference between the two tasks.
+
+    Attributes:
+        name: What differs.
+        printed, shipped: The keys of a task in which it does, each `path=value`, with the values of either task.
+    """
+
+    name: str
+    printed: tuple[str, ...]
+    shipped: tuple[str, ...]
+
+
+def _of_controller(key: str, name: str) -> Departure:
+    """Return the departure that a key of the controller takes back; `as_printed` has the printed value."""
+    shipped = getattr(ControllerSpec(), key)
+    return Departure(name, (f"controller.{key}={AS_PRINTED[key]}",), (f"controller.{key}={shipped}",))
+
+
+_ENDS = tuple(f"stages.{stage}.ends_when.coordinates=" for stage in ("approach", "transport"))
+_ONSETS = {"approach": "base", "capture": "arms", "transport": "base", "release": "arms"}
+
+DEPARTURES = (
+    _of_controller("normalization", "the nadir alone in (12)"),
+    _of_controller("normalization_at", "costs read at samples in (12)"),
+    _of_controller("pending_cost", "the pending cost in (16)"),
+    _of_controller("discretization", "the exact step in (20)"),
+    _of_controller("detection_margin", "the detection margin"),
+    Departure("one iteration of sqp a sample", ("solver=fatrop",), ("solver=sqp",)),
+    Departure(
+        "Approach and Transport ending by the base alone",
+        tuple(f"{key}all" for key in _ENDS),
+        tuple(f"{key}base" for key in _ENDS),
+    ),
+    Departure(
+        "starts by closeness 0.5",
+        (
+            "onset={kind: control, epsilon: 1e-4, series: [1e-4, 1e-3, 0.01, 0.1]}",
+            *(f"stages.{stage}.onset=null" for stage in _ONSETS),
+        ),
+        (
+            "onset={kind: closeness, epsilon: 0.5, series: [0.1, 0.25, 0.75]}",
+            *(f"stages.{stage}.onset={part}" for stage, part in _ONSETS.items()),
+        ),
+    ),
+)
+"""All differences between the two tasks under PSMPC and SMPC, but for their texts."""
+
+CONTROLLER_AS_PRINTED = tuple(change for departure in DEPARTURES[: len(AS_PRINTED)] for change in departure.printed)
+"""What `as_printed` sets, as changes of a task that gives some of these keys itself."""
+
+
+def load_variant(base: str, departure: Departure | None, changes: tuple[str, ...] = ()) -> Task:
+    """Load one of the two tasks with one departure as it is in the other one.
+
+    Args:
+        base: `SHIPPED` or `PRINTED`.
+        departure: The departure; None for the task as it is.
+        changes: Further changes, of keys that are no departures.
+    """
+    if base == PRINTED:
+        own = ("controller.as_printed=false", *CONTROLLER_AS_PRINTED)  # so that each of them can be switched
+        switched = () if departure is None else departure.shipped
+    else:
+        own = ()
+        switched = () if departure is None else departure.printed
+    return load_task(built_ins("task")[base], (*own, *switched, *changes))

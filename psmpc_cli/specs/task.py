@@ -293,7 +293,9 @@ class SolverSpec(Choice):
         None, description="time after which the solves of a sample stop [s], not with fatrop; default none"
     )
     gradient: Literal["exact", "printed"] = Field(
-        "exact", description="adjoint: dJ/dt_s by the discrete adjoint, or by eq. (26) as printed"
+        "exact",
+        exclude_if=lambda value: value == "exact",
+        description="adjoint: dJ/dt_s by the discrete adjoint, or by eq. (26) as printed",
     )
     compiled: fields.Flag = Field(True, description="sqp and plant rk4 as compiled C, where there is a compiler")
 

@@ -82,7 +82,8 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
     axes = figure.add_subplot()
 
     def draw_frame(number: int) -> list[Artist]:
-        axes.clear()
+        for artist in (*axes.lines, *axes.patches, *axes.collections, *axes.texts):
+            artist.remove()  # not by clear(), after which the labels of the axes are out of view
         draw_scene(axes, scene, times[number], max(times[number] - 3.0, times[0]), extent)
         show(axes, scene.camera, scene.camera.view(extent))
         return [axes.set_title(_title(scene, times[number]))]

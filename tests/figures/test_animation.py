@@ -11,9 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 from matplotlib.animation import FFMpegWriter
+from matplotlib.figure import Figure
 from PIL import Image, ImageSequence
 
 from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.figures import animation
 from psmpc_cli.figures.animation import film_model, offscreen_driver
 from psmpc_cli.figures.registry import draw
 from psmpc_cli.figures.scene import scene_of
@@ -55,6 +57,22 @@ def test_an_animation_shows_every_frame_beside_the_chosen_figures(tmp_path: Path
     frames = frames_of(files[1])
     assert len(frames) == len(run.motion.time)
     assert frames[0].shape[0] % 2 == frames[0].shape[1] % 2 == 0
+
+
+def test_every_frame_has_the_names_of_its_axes(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
+    labels: list[tuple[str, bool]] = []
+
+    def look(figure: Figure, draw_frame: Callable[[int], object], count: int, paths: object) -> None:
+        for number in range(2):
+            draw_frame(number)
+            figure.draw_without_rendering()
+            for axis in (figure.axes[0].xaxis, figure.axes[0].yaxis):
+                place = axis.label.get_window_extent()
+                labels.append((axis.label.get_text(), figure.bbox.contains(place.x0, place.y0)))
+
+    monkeypatch.setattr(animation, "_encode", look)
+    animation.write_animation(load(last=1.0), [])
+    assert labels == 2 * [("x (m)", True), ("y (m)", True)]
 
 
 def test_beside_existing_figures_only_the_animation_is_made(tmp_path: Path, load: Load) -> None:

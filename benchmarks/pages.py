@@ -41,6 +41,10 @@ QUICK = "tables.py"
 PSMPC = [sys.executable, "-c", "from psmpc_cli.cli.main import main; main()"]
 
 
+PIPE = "\\|"
+"""A vertical bar inside a cell."""
+
+
 def markdown(rows: Iterable[Iterable[object]], *headings: str) -> Iterator[str]:
     """Yield the lines of a table in Markdown as its rows come: each is cells, or cells by heading."""
     for number, row in enumerate(rows):
@@ -49,7 +53,7 @@ def markdown(rows: Iterable[Iterable[object]], *headings: str) -> Iterator[str]:
             headings = tuple(cells)
             yield f"| {' | '.join(headings)} |"
             yield "|" + "---|" * len(headings)
-        yield f"| {' | '.join(str(cells.get(heading, '')) for heading in headings)} |"
+        yield f"| {' | '.join(str(cells.get(heading, '')).replace('|', PIPE) for heading in headings)} |"
 
 
 def as_csv(rows: Iterable[Mapping[str, object]]) -> str:

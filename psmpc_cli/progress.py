@@ -118,6 +118,34 @@ class Work:
         )
 
 
+class Spell:
+    """Work that mostly is short: only if it takes long is it told of, from time to time."""
+
+    def __init__(self, title: str, parts: str) -> None:
+        """Prepare for work that is one of these parts."""
+        self._title = title
+        self._parts = parts
+        self._began = math.inf
+        self._work: Work | None = None
+
+    def __enter__(self) -> None:
+        self._began = time.monotonic()
+
+    def __exit__(self, *error: object) -> None:
+        self._began = math.inf
+        if self._work is not None:
+            self._work.advance()
+            self._work = None
+
+    def wait(self) -> None:
+        """Tell of it if it takes long: called again and again while it goes on."""
+        if time.monotonic() - self._began < RETOLD_EVERY:
+            return
+        if self._work is None:
+            self._work = Work(self._parts, 1, title=self._title, small_parts=True)
+        self._work.wait()
+
+
 def duration(seconds: float) -> str:
     """Write a time in hours, minutes and seconds, the largest two of them."""
     minutes, rest = divmod(round(seconds), 60)

@@ -8,7 +8,6 @@ parameters.
 """
 
 import io
-import math
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,7 +38,7 @@ from psmpc_cli.ocp.window import (
     window_numbers,
     window_shape,
 )
-from psmpc_cli.progress import RETOLD_EVERY, Work
+from psmpc_cli.progress import Spell
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.bounded import LONGEST_CALL, BoundedCalls
@@ -406,9 +405,8 @@ class NlpSolver(Solver):
         self._compiled: dict[ProgramKey, ca.Function] = {}
         self._clocks: dict[ProgramKey, _Clock] = {}
         self._ready = set[ProgramKey]()  # those that the copy of the process has compiled
-        self._calls = BoundedCalls(self._answer, self._wait)
-        self._began = math.inf
-        self._told: Work | None = None
+        self._solving = Spell(f"{self._plugin} compiles and solves a large window", "windows")
+        self._calls = BoundedCalls(self._answer, self._solving.wait)
 
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
@@ -453,15 +451,6 @@ class NlpSolver(Solver):
     def _answer(self, method: str, *arguments: Any) -> Any:
         """Answer a call in the copy of the process, in which programs are compiled and solved."""
         return getattr(self, method)(*arguments)
-
-    def _wait(self) -> None:
-        """Tell from time to time that a window takes long; most take so little that nothing is told."""
-        if time.perf_counter() - self._began < RETOLD_EVERY:
-            return
-        if self._told is None:
-            title = f"{self._plugin} compiles and solves a large window"
-            self._told = Work("windows", 1, title=title, small_parts=True)
-        self._told.wait()
 
     def _compile(self, key: ProgramKey, numbers: Parameters[np.ndarray]) -> None:
         """Compile the solver of a program; it may take a minute, during which no signal would be noticed."""
@@ -515,21 +504,17 @@ class NlpSolver(Solver):
         nlp, x0, p = self._posed(window, start, has_all_rows)
         key = nlp.shape, has_all_rows
         bounds = nlp.bounds(window, guess, within)
-        self._began = time.perf_counter()
         try:
-            if key not in self._ready:
-                self._calls(LONGEST_COMPILATION, "_compile", key, window_numbers(window, start.instants))
-                self._ready.add(key)
-            until = self.stop_time(time.perf_counter())
-            arguments = nlp.arguments(x0, p, bounds)
-            result, stats, wall_time, written = self._calls(LONGEST_CALL, "_call", key, arguments, until)
+            with self._solving:
+                if key not in self._ready:
+                    self._calls(LONGEST_COMPILATION, "_compile", key, window_numbers(window, start.instants))
+                    self._ready.add(key)
+                until = self.stop_time(time.perf_counter())
+                arguments = nlp.arguments(x0, p, bounds)
+                result, stats, wall_time, written = self._calls(LONGEST_CALL, "_call", key, arguments, until)
         except BaseException:
             self._ready.clear()  # the copy has ended with what it had compiled
             raise
-        finally:
-            if self._told is not None:
-                self._told.advance()
-                self._told = None
         if self._report is not None:
             for line in filter(ITERATION.match, written.splitlines()):
                 self._report(line)

@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.configuration import configuration_space, pose_frames
-from psmpc_cli.robot.dynamics import Dynamics, InertialParameters, derive_dynamics, function, solve_spd
+from psmpc_cli.robot.dynamics import (
+    Dynamics,
+    InertialParameters,
+    TaskSpaceDynamics,
+    derive_dynamics,
+    derive_task_space_dynamics,
+    function,
+)
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
@@ -24,9 +31,6 @@ from psmpc_cli.specs.robot import RobotSpec, labels, units
 Array = NDArray[np.float64]
 
 T = TypeVar("T")
-
-DAMPING = 1e-2
-"""Of the inverse of J_C in f_2."""
 
 
 class RobotModel:
@@ -132,12 +136,18 @@ class RobotModel:
         return function("J_C", {"Q": Q}, {"J_C": ca.densify(ca.vertcat(*rows))})
 
     @cached_property
-    def Jdot_Qdot(self) -> ca.Function:
-        """Q, Qdot -> Jdot_C Qdot (m,), the acceleration of xi at Qddot = 0; of a planar robot."""
-        Q = ca.SX.sym("Q", self.n)
-        Qdot = ca.SX.sym("Qdot", self.n)
-        rate = ca.jtimes(self.J_C(Q) @ Qdot, Q, Qdot)
-        return function("Jdot_Qdot", {"Q": Q, "Qdot": Qdot}, {"Jdot_Qdot": ca.densify(rate)})
+    def Jdot_v(self) -> ca.Function:
+        """Q, v -> Jdot_C v (rows of J_C,), the rates of the frames' velocities at vdot = 0."""
+        Q = ca.SX.sym("Q", self.nq)
+        v = ca.SX.sym("v", self.n)
+        Qdot = ca.vertcat(*self.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
+        rate = ca.jtimes(self.J_C(Q) @ v, Q, Qdot)
+        return function("Jdot_v", {"Q": Q, "v": v}, {"Jdot_v": ca.densify(rate)})
+
+    @cached_property
+    def task_space(self) -> TaskSpaceDynamics:
+        """The equations of motion of the velocities of base and end-effectors. Paper eqs. (5) and (6)."""
+        return derive_task_space_dynamics(self.dynamics, self.J_C, self.Jdot_v)
 
     @cached_property
     def f_1(self) -> ca.Function:
@@ -148,19 +158,26 @@ class RobotModel:
 
     @cached_property
     def f_2(self) -> ca.Function:
-        """x, u -> xdot (2n,), x = [Q; Qdot], u = acceleration of xi (m,), by the damped inverse of J_C; planar.
+        """x, u -> xdot (2n,), x = [Q; Qdot], u = acceleration of xi (m,), of a planar robot. Below paper eq. (8).
 
-        Along a singular value sigma of J_C it reduces the commanded xi-acceleration by
-        DAMPING^2 / (sigma^2 + DAMPING^2); one unit of xi-acceleration never gives more than 1 / (2 DAMPING) of Qddot.
+        The paper's state is [xi; xidot], a double integrator under u. x are other coordinates of the same state, in
+        which limits of joints are boxes, and which other stages share.
         """
         x = ca.SX.sym("x", 2 * self.n)
         u = ca.SX.sym("u", self.m)
-        Q = x[: self.n]
         Qdot = x[self.n :]
-        J_C = self.J_C(Q)
-        normal = J_C.T @ J_C + DAMPING**2 * ca.SX.eye(self.n)
-        acceleration = solve_spd(normal, J_C.T @ (u - self.Jdot_Qdot(Q, Qdot)))
+        acceleration = self.task_space.acceleration(x[: self.n], Qdot, u, self.nominal.vector)
         return function("f_2", {"x": x, "u": u}, {"xdot": ca.vertcat(Qdot, acceleration)})
+
+    def task_space_condition(self, Q: ArrayLike) -> Array:
+        """Return the condition number of J_C in SI units, () at coordinates (nq,), or (K,) at (K, nq).
+
+        It is infinite where J_C has lost rank: there the law in task space has no finite force.
+        """
+        columns = self._evaluate("J_C", Q)
+        singular = np.linalg.svd(columns.reshape(*np.shape(Q)[:-1], self.n, -1), compute_uv=False)
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.divide(singular[..., 0], singular[..., -1]))
 
     @property
     def neutral(self) -> Array:
@@ -278,10 +295,16 @@ class RobotModel:
         """Return a CasADi function on arrays, and the sizes of its arguments by name, Q first."""
 
         def build() -> tuple[RowFunction, dict[str, int]]:
-            function = self.g if name == "g" else self._of_motion[name]
+            function = self.g if name == "g" else self._columns_of_J_C if name == "J_C" else self._of_motion[name]
             return RowFunction(function), {function.name_in(i): function.size1_in(i) for i in range(function.n_in())}
 
         return self.owned(("on arrays", name), build)
+
+    @cached_property
+    def _columns_of_J_C(self) -> ca.Function:
+        """Q -> the columns of J_C one below the other."""
+        Q = ca.SX.sym("Q", self.nq)
+        return function("J_C", {"Q": Q}, {"columns": ca.vec(self.J_C(Q))})
 
     @cached_property
     def _of_motion(self) -> dict[str, ca.Function]:

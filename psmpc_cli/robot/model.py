@@ -247,6 +247,38 @@ class RobotModel:
         """
         return self._evaluate("law", Q, v, u, self._w(parameters))
 
+    def task_space_force(
+        self, Q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: InertialParameters | None = None
+    ) -> Array:
+        """Return the force F = J' F_m, (n,) [N, N m], that gives the rows of J_C v the rates a (k,). Eqs. (5), (6).
+
+        Arms that are redundant come to rest in their null space; see `TaskSpaceDynamics`. The base needs thrusters.
+
+        Raises:
+            InputError: An arm has fewer joints than its pose has coordinates.
+        """
+        return self._evaluate("task_law", Q, v, a, self._w(parameters))
+
+    def task_space_acceleration(
+        self, Q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: InertialParameters | None = None
+    ) -> Array:
+        """Return the rates of v (n,) [m/s^2, rad/s^2] under `task_space_force`."""
+        return self._evaluate("task_acceleration", Q, v, a, self._w(parameters))
+
+    def twists(self, Q: ArrayLike, v: ArrayLike) -> Array:
+        """Return the velocities J_C v of base and end-effectors (k,) [m/s, rad/s]. Paper eq. (2).
+
+        At coordinates (nq,) and velocities (n,), or at each of (K, nq) and (K, n).
+        """
+        return self._evaluate("twists", Q, v)
+
+    def twist_rates(self, Q: Array, v: Array, u: Array, tick: float) -> Array:
+        """Return the mean rates of J_C v over ticks [s] (M, k) while accelerations u (M, n) hold for one each.
+
+        Under these rates the frames have at every tick the velocities to which the accelerations lead.
+        """
+        return np.diff(self.twists(*motion.over_ticks(self.space, Q, v, u, tick)), axis=0) / tick
+
     def forward_dynamics(
         self, Q: ArrayLike, v: ArrayLike, F: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
@@ -295,16 +327,30 @@ class RobotModel:
         """Return a CasADi function on arrays, and the sizes of its arguments by name, Q first."""
 
         def build() -> tuple[RowFunction, dict[str, int]]:
-            function = self.g if name == "g" else self._columns_of_J_C if name == "J_C" else self._of_motion[name]
+            function = self._array_source(name)
             return RowFunction(function), {function.name_in(i): function.size1_in(i) for i in range(function.n_in())}
 
         return self.owned(("on arrays", name), build)
 
+    def _array_source(self, name: str) -> ca.Function:
+        """Return the CasADi function of this name, built on first use: those in task space take seconds."""
+        if name == "g":
+            return self.g
+        if name in ("J_C", "twists"):
+            return self._of_velocity[name]
+        if name in ("task_law", "task_acceleration"):
+            task_space = self.task_space
+            return task_space.law if name == "task_law" else task_space.acceleration
+        return self._of_motion[name]
+
     @cached_property
-    def _columns_of_J_C(self) -> ca.Function:
-        """Q -> the columns of J_C one below the other."""
+    def _of_velocity(self) -> dict[str, ca.Function]:
+        """The columns of J_C one below the other, and J_C v."""
         Q = ca.SX.sym("Q", self.nq)
-        return function("J_C", {"Q": Q}, {"columns": ca.vec(self.J_C(Q))})
+        v = ca.SX.sym("v", self.n)
+        J_C = self.J_C(Q)
+        columns = function("J_C", {"Q": Q}, {"columns": ca.vec(J_C)})
+        return {"J_C": columns, "twists": function("twists", {"Q": Q, "v": v}, {"twists": J_C @ v})}
 
     @cached_property
     def _of_motion(self) -> dict[str, ca.Function]:

@@ -1,4 +1,4 @@
-"""Poses, their Jacobians, points, angles and the field f_2, for any robot."""
+"""Poses, their Jacobians, points and angles, for any robot."""
 
 import math
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import given
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.skills import SKILLS
@@ -59,16 +59,3 @@ def test_a_turn_of_the_base_changes_the_angle_rows_alone(state: State) -> None:
     turned[SKILLS["joint"].angles(model)] += 2 * math.pi
     expected[SKILLS["task"].angles(model)] = 2 * math.pi
     np.testing.assert_allclose((model.poses(turned) - model.poses(Q)).ravel(), expected, atol=1e-12)
-
-
-@given(moving_robots(fewest=3, most=4))
-@laws
-def test_f_2_makes_the_poses_a_double_integrator(state: State) -> None:
-    model, Q, v, drawn = state
-    u = drawn[: model.m]
-    J_C = model.J_C(Q).full()
-    assume(np.linalg.cond(J_C) < 1e3)
-    xdot = flat(model.f_2(np.concatenate([Q, v]), u))
-    np.testing.assert_array_equal(xdot[: model.n], v)
-    acceleration = J_C @ xdot[model.n :] + flat(model.Jdot_v(Q, v))
-    np.testing.assert_allclose(acceleration, u, rtol=0, atol=1e-11 * (1 + np.abs(xdot).max()))

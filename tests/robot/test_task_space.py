@@ -160,6 +160,20 @@ def test_the_law_in_task_space_is_the_one_in_joint_space_for_the_same_accelerati
     np.testing.assert_allclose(J @ vdot + case.exact_drift, a, rtol=0, atol=RELATIVE * (1 + np.abs(vdot).max()))
 
 
+@pytest.mark.parametrize("joints", [3, 4])
+@pytest.mark.parametrize("seed", range(3))
+def test_f_2_makes_the_poses_a_double_integrator(joints: int, seed: int) -> None:
+    model = planar_robot(joints, 0)
+    random = np.random.default_rng(seed)
+    Q, v, u = (random.uniform(-1, 1, size) for size in (model.n, model.n, model.m))
+    J = model.J_C(Q).full()
+    assert np.linalg.cond(J) < 1e3
+    xdot = flat(model.f_2(np.concatenate([Q, v]), u))
+    np.testing.assert_array_equal(xdot[: model.n], v)
+    acceleration = J @ xdot[model.n :] + flat(model.Jdot_v(Q, v))
+    np.testing.assert_allclose(acceleration, u, rtol=0, atol=1e-11 * (1 + np.abs(xdot).max()))
+
+
 def test_motion_in_the_null_space_comes_to_rest() -> None:
     model = spatial_robot(7, 0)
     Q = np.r_[0, 0, 0, 1, 0, 0, 0, np.linspace(0.3, 1.0, model.nq - 7)]

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from psmpc_cli.control.interface import Command, State
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.feasibility import load_task
 from psmpc_cli.report.texts import measure_rows, warnings_of
 from psmpc_cli.robot.model import RobotModel, load_robot
@@ -109,6 +111,18 @@ def test_the_force_of_a_command_is_that_of_the_law_in_task_space(robot: RobotMod
     moved = np.abs(other.X[-1] - x).max()
     assert moved > 1e-3
     np.testing.assert_allclose(one.X, other.X, rtol=0, atol=0.01 * moved)  # each law is exact where a tick begins
+
+
+def test_rates_of_twists_reach_a_disturbed_plant_as_late_as_accelerations(robot: RobotModel) -> None:
+    keys = {"uncertainty": {"friction": {"viscous": 0.1}, "delay": 1}, "time_limit": 0.3}
+    samples: list[Sample] = []
+    simulate(load_task(reaching(robot, **keys)), watch=samples.append)
+    assert not samples[0].ticks.F.any()  # at rest, and nothing has reached the plant yet
+    for before, now in pairwise(samples):
+        Q, v = np.split(now.ticks.X[0], 2)
+        rates = before.command.twist_rates
+        assert rates is not None
+        np.testing.assert_allclose(now.ticks.F[0], robot.task_space_force(Q, v, rates[0]), rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(

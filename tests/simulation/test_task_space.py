@@ -165,6 +165,31 @@ arms:
 """
 
 
+@pytest.mark.slow
+def test_a_redundant_arm_reaches_and_comes_to_rest_in_its_null_space(tmp_path: Path) -> None:
+    path = tmp_path / "one_arm.yaml"
+    path.write_text(ONE_ARM + 2 * ONE_ARM.splitlines(keepends=True)[-1])
+    skill = {"space": "task", "input": "task", "weights": {"base": [100, 100, 100], "arm": [100, 100, 100]}}
+    skill["weights"]["control"] = 0.1
+    target = {"base": [0.05, 0, 0], "arm": [0.9, 1.3, 2.1]}
+    ends = {"coordinates": ["base", "arm"], "tolerance": 5e-3}
+    task = {
+        "robot": str(path),
+        "initial": {"base": [0, 0, 0], "arm": [0.5, 0.6, 0.4, 0.5]},
+        "controller": {"horizon": 1.0, "nodes": 2},
+        "solver": "ipopt",
+        "skills": {"reach": skill},
+        "stages": [{"name": "reach", "skill": "reach", "target": target, "ends_when": ends}],
+        "time_limit": 3.0,
+    }
+    run = simulate(load_task(task))
+    assert run.summary().succeeded
+    model = run.problem.model
+    null = np.array([np.linalg.svd(model.J_C(Q).full())[2][-1] for Q in run["state/Q"]])
+    in_null_space = np.abs(np.einsum("kn,kn->k", null, run["state/Qdot"]))
+    assert in_null_space[-1] < 0.2 * in_null_space.max()  # undamped it would go on
+
+
 def test_arms_with_too_few_joints_for_their_poses_are_rejected(tmp_path: Path) -> None:
     path = tmp_path / "one_arm.yaml"
     path.write_text(ONE_ARM)

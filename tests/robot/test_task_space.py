@@ -9,6 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import InputError
+from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import (
     Arm,
@@ -158,6 +159,18 @@ def test_the_law_in_task_space_is_the_one_in_joint_space_for_the_same_accelerati
     assert_same(flat(model.task_space.acceleration(Q, v, a, model.nominal.vector)), vdot)
     assert_same(case.law, model.computed_torque(Q, v, vdot))
     np.testing.assert_allclose(J @ vdot + case.exact_drift, a, rtol=0, atol=RELATIVE * (1 + np.abs(vdot).max()))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_both_laws_are_equal_up_to_the_largest_condition_number(model: RobotModel, seed: int) -> None:
+    """Nearly outstretched: rounding grows with the condition number."""
+    random = np.random.default_rng(seed)
+    Q = random.uniform(-1, 1, 9)
+    Q[4] = 0.025
+    assert 850 < model.task_space_condition(Q) < LARGEST_CONDITION
+    case = Case(model, Q, random.uniform(-1, 1, 9), random.uniform(-1, 1, 9))
+    vdot = np.linalg.solve(case.J, case.a - case.exact_drift)
+    assert_same(case.law, model.computed_torque(Q, case.v, vdot))
 
 
 @pytest.mark.parametrize("joints", [3, 4])

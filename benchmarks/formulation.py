@@ -3,6 +3,7 @@
 python benchmarks/formulation.py starts [NODES]      both measures of an actual start; some half a minute
 python benchmarks/formulation.py effort              control effort of two tasks on several meshes; some minutes
 python benchmarks/formulation.py gradient [NODES]    windows by both gradients of solver adjoint; some two minutes
+python benchmarks/formulation.py reach [NODES]       Capture by accelerations of joints and of poses; some five minutes
 python benchmarks/formulation.py ablations [NODES]   and docs/figures/ablation_*.png; about half an hour
 """
 
@@ -47,6 +48,56 @@ WINDOWS = 10
 SAME_J = 1e-6
 SAME_INSTANT = 1e-3
 """Within what part of J, and what time [s], two solutions of a window are one."""
+
+
+POSED = ("[20 deg, 30 deg, 30 deg]", "[-20 deg, -30 deg, -30 deg]")
+"""Joints of both arms at the end of Approach with which J_C is far from singular."""
+
+REACH = "{space: task, input: %s, weights: {base: [100, 100, 100], arm_1: [10, 10, 1], arm_2: [10, 10, 1], control: 4}}"
+"""The skill of Capture: `reach` of the task `transport`, with either input."""
+
+REACHES: Mapping[str, tuple[bool, str, str]] = {
+    "as shipped, outstretched": (False, "joint", "sqp"),
+    "posed": (True, "joint", "ipopt"),
+    "posed, `input: task`": (True, "task", "ipopt"),
+}
+"""Whether Approach poses the arms, the input of Capture, and the solver."""
+
+
+SINGULAR = 1e9
+"""Condition number beyond which it is that of rounding."""
+
+
+def reach(nodes: str = "12") -> Iterator[str]:
+    """Yield the table of the transport task with Capture in joint space and in task space."""
+    return markdown(_reach(name, *how, nodes=nodes) for name, how in REACHES.items())
+
+
+def _reach(name: str, posed: bool, capture_input: str, solver: str, nodes: str) -> dict[str, str]:
+    """Run the transport task and return its row."""
+    changes = [f"controller.nodes={nodes}", f"solver.kind={solver}", "log.shares=false", "log.plans=false"]
+    changes += [f"skills.grasp={REACH % capture_input}", "stages.capture.skill=grasp"]
+    if posed:
+        changes += [f"stages.approach.target.arm_{i}={joints}" for i, joints in enumerate(POSED, start=1)]
+    run = psmpc.simulate(psmpc.load_task("transport", changes))
+    summary = run.summary()
+    model = run.problem.model
+    in_capture = run["window/first"] == run.stage_names.index("capture")
+    condition = model.task_space_condition(run["state/Q"][in_capture])
+    ends = {f"{stage.name} ends [s]": f"{stage.switch_time:.2f}" for stage in summary.stages}
+    return {
+        "arms at the end of Approach": name,
+        "solver": solver,
+        **ends,
+        "mission": "succeeded" if summary.succeeded else "failed",
+        "`control_effort`": f"{summary.control_effort:.2f}",
+        "`squared_acceleration`": f"{summary.squared_acceleration:.2f}",
+        "cond J_C in Capture, first / largest": f"{_condition(condition[0])} / {_condition(condition.max())}",
+    }
+
+
+def _condition(number: float) -> str:
+    return f"{number:.3g}" if number < SINGULAR else "singular"
 
 
 def starts(nodes: str = "100") -> Iterator[str]:
@@ -153,4 +204,4 @@ def _by_variant(numbers: Mapping[str, float]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(starts, effort, gradient, ablations)
+    command_line(starts, effort, gradient, reach, ablations)

@@ -23,6 +23,7 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.solvers import Solution, Solver, build_solver
@@ -418,6 +419,12 @@ class ControlLaw:
         if self._load is not None and closed.any():
             planned = self._load.followed(Q[0], v[0], planned, closed, self._tick)
         estimate, u = self._estimator.command(situation.estimate, planned, measurement.state.v)
+        twist_rates = None
+        if situation.stages[decision.sequence.first].input == "task":
+            if self.problem.model.task_space_condition(Q[0]) > LARGEST_CONDITION:
+                events = events | {"near_singular"}
+            elif decision.solved:
+                twist_rates = self.problem.model.twist_rates(Q[0], v[0], u, self._tick)
         command = Command(
             time=situation.time,
             x=np.concatenate([Q[0], v[0]]),
@@ -437,6 +444,7 @@ class ControlLaw:
             closed=closed,
             load=self._load,
             route_progress=situation.route.progress.get(decision.sequence.first, np.nan),
+            twist_rates=twist_rates,
         )
         return estimate, command
 

@@ -165,7 +165,8 @@ class Command:
         events: Names of what happened: `appended` (a stage entered the window), `postponed` (the next stage was seen,
             but the window with it has no solution yet), `solve_failed` (the shifted plan goes on), `braking` (the plan
             is used up, and `plan` brakes to rest), `unmeasured` (the state was not finite, the plan's was used for it),
-            `gap` (more than a sample has passed since the last one).
+            `gap` (more than a sample has passed since the last one), `near_singular` (J_C is too near a singular one
+            for the law in task space, and that in joint space applies the plan).
         switches: Stages that ended since the sample before.
         disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
         levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
@@ -175,6 +176,9 @@ class Command:
         closed: Whether the grippers are to be closed on the object at each tick (M,).
         load: The law of a robot that knows what it holds, for a task whose grasps are `known`.
         route_progress: Share of the length of the current stage's route from which on it counts; NaN without one.
+        twist_rates: Rates of the velocities J_C v of base and end-effectors over the ticks (M, k) [m/s^2, rad/s^2] to
+            which u leads: what the law in task space applies, of a stage with `input: task`; None where the law is that
+            in joint space.
     """
 
     time: float
@@ -195,10 +199,12 @@ class Command:
     closed: np.ndarray
     load: HeldLoad | None = field(default=None, repr=False)
     route_progress: float = np.nan
+    twist_rates: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""
         make_read_only(self.x, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
+        make_read_only(self.twist_rates)
         for solution in (self.solution, *self.levels):
             make_read_only(solution.plan, solution.guess, solution.costs, solution.violations, solution.duals)
 
@@ -239,7 +245,8 @@ class Command:
         That of the base is along the axes of the inertial frame, as Qdot is, in space its moment about the base's axes;
         limits of the base's force are along its own axes, into which `model.space.along_base_axes(Q, F)` turns it.
 
-        While grippers are to be closed on an object of `known` grasps it counts as held by all of them.
+        While grippers are to be closed on an object of `known` grasps it counts as held by all of them. Of a stage with
+        `input: task` the law is that in task space otherwise.
 
         Args:
             time: Beginning of the tick, in the coming sample [s].
@@ -251,5 +258,8 @@ class Command:
         check_time(time)
         check_state(state, self.model)
         tick = int(np.clip(np.floor((time - self.time) / self.tick + 1e-6), 0, len(self.u) - 1))
-        law = self.load.force if self.load is not None and self.closed[tick] else self.model.computed_torque
-        return law(state.Q, state.v, self.u[tick])
+        if self.load is not None and self.closed[tick]:
+            return self.load.force(state.Q, state.v, self.u[tick])
+        if self.twist_rates is not None:
+            return self.model.task_space_force(state.Q, state.v, self.twist_rates[tick])
+        return self.model.computed_torque(state.Q, state.v, self.u[tick])

@@ -210,9 +210,9 @@ def _level_costs(sample: Sample) -> Mapping[int, float]:
     return dict(enumerate(costs[-1], start=sample.command.sequence.first)) if costs else {}
 
 
-def _event(name: str, long_name: str) -> Column:
+def _event(name: str, long_name: str, only: str = "") -> Column:
     """Define the dataset that flags the samples of an event of the controller."""
-    return Column(f"events/{name}", "1", long_name, lambda s: name in s.command.events, "i1", ("time",))
+    return Column(f"events/{name}", "1", long_name, lambda s: name in s.command.events, "i1", ("time",), only)
 
 
 def _plan(name: str, long_name: str, value: str) -> Column:
@@ -389,6 +389,7 @@ SCHEMA = (
         only="routes",
     ),
     _column("pose/xi", POSITION_UNITS, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
+    _sampled("pose/condition", "1", "condition number of J_C, lengths in metres", only="task input"),
     _sampled_count("window/first", "1", "index of the current stage", "command.sequence.first"),
     _sampled_count("window/count", "1", "number of stages in the window", "command.sequence.count"),
     _window("window/instants", "s", "planned switch time that ends each stage", "command.instants"),
@@ -416,6 +417,11 @@ SCHEMA = (
     _event("solve_failed", "the solve failed and the shifted plan went on"),
     _event("braking", "the plan was used up and the robot braked to rest"),
     _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
+    _event(
+        "near_singular",
+        "J_C was too near a singular one for the law in task space, and that in joint space acted",
+        only="task input",
+    ),
     _sampled("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
     _sampled("solver/warm", "1", "the solve started from the last solution, shifted", "command.solution.warm", "i1"),
     _sampled_count("solver/iterations", "1", "iterations of the solve", "command.iterations"),

@@ -181,6 +181,9 @@ class Summary:
         monitors: The verdicts.
         distances: Distance between the first two end-effectors at the end of each stage [m]; NaN with one arm.
         off_plan: Largest deviations of a position and of a velocity at a sample from the prediction of the plan before.
+        largest_condition: The largest condition number of J_C at a sample of a stage with `input: task` [1]; None
+            without such a stage.
+        near_singular: Samples of such stages at which it was too large for the law in task space.
         beyond_limits: Largest violations of a position and of a velocity limit at a tick, where there are any.
         closing_samples: The samples in which a gripper closes, numbered from 0.
         beyond_limits_elsewhere: The largest violations outside these samples, where there are any.
@@ -247,6 +250,8 @@ class Summary:
             largest(np.abs(arrays["deviation/Q"]), coordinates, time, units=units["position"]),
             largest(np.abs(arrays["deviation/Qdot"]), velocities, time, units=units["velocity"]),
         )
+        self.near_singular = int(np.sum(arrays.get("events/near_singular", 0)))
+        self.largest_condition = _largest_condition(arrays, problem.stages)
         self.closing_samples = _closing_samples(arrays)
         elsewhere = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
         beyond = {"position": -arrays["margin/position"], "velocity": -arrays["margin/velocity"]}
@@ -403,6 +408,15 @@ def _violation(
         return None
     planned = -arrays[f"margin/planned_{kind}"][found.sample, list(names).index(found.where)]
     return replace(found, planned=max(float(planned), 0.0))
+
+
+def _largest_condition(arrays: Arrays, stages: tuple[Stage, ...]) -> Largest | None:
+    """Find the largest condition number of J_C in stages whose control is the acceleration of poses."""
+    if "pose/condition" not in arrays:
+        return None
+    in_task_space = np.array([stage.input == "task" for stage in stages])[arrays["window/first"]]
+    condition = np.where(in_task_space, arrays["pose/condition"], np.nan)
+    return largest(condition[:, None], ("J_C",), arrays["time"])
 
 
 def _distances(arrays: Arrays) -> tuple[float, ...]:

@@ -26,6 +26,7 @@ from psmpc_cli.ocp.problem import in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.targets import clearance_remarks, cone_remarks, monitor_faults
 from psmpc_cli.robot.configuration import configuration_space
+from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.reach import furthest_centre
 from psmpc_cli.robot.rotations import conjugate, log, product
 from psmpc_cli.specs.arguments import require
@@ -91,6 +92,7 @@ def review(task: Task) -> list[Fault]:
         *(problem for forecast in forecasts for problem in _out_of_reach(task, forecast, certain=True)),
         *(problem for now, then in pairwise(forecasts) for problem in _handover(task, now.stage, then.stage)),
         *_times(task, forecasts),
+        *_singular_postures(task, forecasts),
         *_grasps(task, forecasts),
         *monitor_faults(task, forecasts[0].model),
     ]
@@ -244,6 +246,22 @@ def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
     for row in rows[_outside(values[rows], low[rows] - within, high[rows] + within)]:
         message = f"{_beyond(task, row, values[row], then)}, where {quoted(then.name)} keeps it"
         yield Fault(("stages", stage.index, "ends_when"), message)
+
+
+def _singular_postures(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
+    """Give the nearly singular postures in which a stage begins or ends whose control is the acceleration of poses."""
+    if not task.spec.acts_in_task_space:
+        return
+    stops = forecast_configurations(task, forecasts)
+    condition = forecasts[0].model.task_space_condition(np.array(stops))
+    for index, forecast in enumerate(forecasts):
+        name = quoted(forecast.stage.name)
+        before = ("initial",) if index == 0 else ("stages", index - 1, "target")
+        for stop, path, does in ((index, before, "begins"), (index + 1, ("stages", index, "target"), "ends")):
+            if forecast.stage.input == "task" and condition[stop] > LARGEST_CONDITION:
+                found = f"a posture with a condition number of J_C of {condition[stop]:.3g}, in which {name} {does}"
+                wanted = f"at most {LARGEST_CONDITION:g} for input task: arms that are bent, not outstretched"
+                yield Fault(path, f"found {found}, expected {wanted}")
 
 
 def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:

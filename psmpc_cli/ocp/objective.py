@@ -513,7 +513,7 @@ class StageCosts:
     @cached_property
     def _pose_acceleration(self) -> RowFunction:
         Q, Qdot, u = (ca.SX.sym(name, self.model.n) for name in ("Q", "Qdot", "u"))
-        acceleration = self.model.J_C(Q) @ u + self.model.Jdot_Qdot(Q, Qdot)
+        acceleration = self.model.J_C(Q) @ u + self.model.Jdot_v(Q, Qdot)
         return RowFunction(ca.Function("a", [Q, Qdot, u], [ca.densify(acceleration)]))
 
     def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:

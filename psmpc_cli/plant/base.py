@@ -9,6 +9,7 @@ import numpy as np
 
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.model import RobotModel
 
 
 @dataclass(frozen=True)
@@ -208,6 +209,17 @@ class Disturbance:
         return cls(robot, robot, np.zeros((ticks, 2 * n)), np.zeros((ticks, n)))
 
 
+Law = Callable[[np.ndarray, np.ndarray, np.ndarray, InertialParameters], np.ndarray]
+"""Q, v, inputs of a tick and the inertial parameters that it knows -> generalized force (n,) [N, N m]."""
+
+
+def low_level_law(model: RobotModel, u: np.ndarray, twist_rates: np.ndarray | None) -> tuple[Law, np.ndarray]:
+    """Return the law that is in force over a sample and its inputs over the ticks: in task space, or (7)."""
+    if twist_rates is None:
+        return model.computed_torque, u
+    return model.task_space_force, twist_rates
+
+
 class Plant(Protocol):
     """Simulated physics of a robot under its low-level controller."""
 
@@ -218,8 +230,11 @@ class Plant(Protocol):
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
+        twist_rates: np.ndarray | None = None,
     ) -> Ticks:
         """Advance from the state x (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
+
+        Where rates of the frames' velocities (M, k) are given, they are applied instead, by the law in task space.
 
         Without a disturbance nothing disturbs a plant; one is for plants built with a resistance. Those with an object
         close their grippers, and open them, at the ticks at which they are to be closed (M,).

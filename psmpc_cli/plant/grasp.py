@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, ForceLimits, GraspEvent, ObjectTicks, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, GraspEvent, ObjectTicks, Resistance, Ticks, low_level_law
 from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -442,8 +442,12 @@ class CapturePlant:
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
+        twist_rates: np.ndarray | None = None,
     ) -> Ticks:
-        """Advance over len(u) ticks, at some of which the grippers are to be closed (M,)."""
+        """Advance over len(u) ticks, at some of which the grippers are to be closed (M,).
+
+        The law that knows what closed hands hold takes accelerations u of the joints in any case.
+        """
         model = self.model
         capture = self.capture
         M = len(u)
@@ -451,6 +455,7 @@ class CapturePlant:
         commanded = np.empty((M, model.n))
         F = np.empty((M, model.n))
         total = np.zeros(model.parts["base"].stop + 1)
+        law, inputs = low_level_law(model, u, twist_rates)
         other = disturbance or Disturbance.none(model.nominal, M, model.n)
         is_noisy = bool(other.noise.any())
         time = start + self.tick * np.arange(M + 1)
@@ -461,18 +466,17 @@ class CapturePlant:
             if is_noisy:
                 read = np.array(model.space.integrate(read, other.noise[k, : model.n]))
                 v = v + other.noise[k, model.n :]
-            F[k] = commanded[k] = self._force(read, v, u[k], other.law)
+            if self._chain is not None and capture.closed.all():
+                commanded[k] = self._chain.force(read, v, u[k], other.law, capture.parameters[:, :-2])
+            else:
+                commanded[k] = law(read, v, inputs[k], other.law)
+            F[k] = commanded[k]
             if self._force_limits is not None:
                 F[k] = self._force_limits.limited(model.space, X[k, : model.nq], commanded[k])
             acting = F[k] + other.push[k]
             X[k + 1], capture.state, gained = self._step(X[k], capture.state, acting, capture.parameters, other.robot)
             total += gained
         return Ticks(time, X, F, total, capture.ticks(), None if self._force_limits is None else commanded)
-
-    def _force(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, law: InertialParameters) -> np.ndarray:
-        if self._chain is None or not self.capture.closed.all():
-            return self.model.computed_torque(Q, v, u, law)
-        return self._chain.force(Q, v, u, law, self.capture.parameters[:, :-2])
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,19 +24,36 @@ class IdealPlant:
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
+        twist_rates: np.ndarray | None = None,
     ) -> Ticks:
         """Advance the state x (nq + n,) over the M ticks of a sample, tick k under exactly the acceleration u[k] (n,).
 
         F is the force that this acceleration needs at the beginning of its tick, by inverse dynamics. `gained` is the
         change of momentum and kinetic energy from the first state to the last: the external impulse and the work of all
         forces. `disturbance` and `closed` have no effect: this plant knows neither disturbances nor grippers.
+        Rates of the frames' velocities are turned into accelerations where each tick begins.
         """
         model = self.model
+        if twist_rates is not None:
+            u = self._accelerations(x, twist_rates)
         Q, v = over_ticks(model.space, x[: model.nq], x[model.nq :], u, self.tick)
         (F,) = self._force(Q[:-1], v[:-1], u, model.nominal.vector, rows=len(u))
         momentum_and_energy = model.balance(Q[[0, -1]], v[[0, -1]])
         gained = momentum_and_energy[1] - momentum_and_energy[0]
         return Ticks(start + self.tick * np.arange(len(u) + 1), np.hstack([Q, v]), F, gained)
+
+    def _accelerations(self, x: np.ndarray, twist_rates: np.ndarray) -> np.ndarray:
+        """Return the accelerations (M, n) that give twists these rates (M, k), one a tick, from x on."""
+        model = self.model
+        Q = x[: model.nq]
+        v = x[model.nq :]
+        u = np.empty((len(twist_rates), model.n))
+        for k, rates in enumerate(twist_rates):
+            u[k] = model.task_space_acceleration(Q, v, rates)
+            path, velocities = over_ticks(model.space, Q, v, u[k : k + 1], self.tick)
+            Q = path[-1]
+            v = velocities[-1]
+        return u
 
 
 def build(setup: PlantSetup) -> IdealPlant:

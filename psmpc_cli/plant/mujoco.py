@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks, low_level_law
 from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -74,6 +74,7 @@ class MujocoPlant:
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
+        twist_rates: np.ndarray | None = None,
     ) -> Ticks:
         """Advance over len(u) ticks."""
         n = self.model.n
@@ -83,12 +84,13 @@ class MujocoPlant:
         commanded = np.empty((M, n))
         F = np.empty((M, n))
         work = 0.0
+        law, inputs = low_level_law(self.model, u, twist_rates)
         other = disturbance or Disturbance.none(self.model.nominal, M, n)
         self.set_inertial_parameters(other.robot)
         for k in range(M):
             read = self.model.space.integrate(X[k, :nq], other.noise[k, :n])
             v = X[k, nq:] + other.noise[k, n:]
-            F[k] = commanded[k] = self.model.computed_torque(read, v, u[k], other.law)
+            F[k] = commanded[k] = law(np.array(read), v, inputs[k], other.law)
             if self.force_limits is not None:
                 F[k] = self.force_limits.limited(self.model.space, X[k, :nq], commanded[k])
             X[k + 1], done = self._step(X[k], F[k] + other.push[k])

@@ -34,9 +34,11 @@ class Rk4Plant:
         self.tick = tick
         self.resistance = resistance
         self.force_limits = force_limits
-        one = tick_function(model, tick, substeps, resistance is not None, force_limits is not None)
-        self._tick = compiled(one) if native else one
-        self._sample: dict[int, ArrayFunction] = {}
+        self._native = native
+        self._substeps = substeps
+        self._ticks: dict[bool, ca.Function] = {}
+        self._sample: dict[tuple[int, bool], ArrayFunction] = {}
+        self._tick_by(in_task_space=False)
 
     def advance(
         self,
@@ -45,6 +47,7 @@ class Rk4Plant:
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
+        twist_rates: np.ndarray | None = None,
     ) -> Ticks:
         """Simulate the robot over one sample: len(u) ticks of the low-level law, integrated in one compiled call.
 
@@ -53,15 +56,18 @@ class Rk4Plant:
         """
         ticks = len(u)
         nx = len(x)
-        if ticks not in self._sample:
-            self._sample[ticks] = ArrayFunction(self._tick.mapaccum(ticks))
+        in_task_space = twist_rates is not None
+        inputs = u if twist_rates is None else twist_rates
+        key = ticks, in_task_space
+        if key not in self._sample:
+            self._sample[key] = ArrayFunction(self._tick_by(in_task_space).mapaccum(ticks))
         what_differs: tuple[np.ndarray, ...] = ()  # from the robot that the low-level law knows
         if self.resistance is not None and disturbance is not None:
             parameters = disturbance.robot.vector, disturbance.law.vector, self.resistance.vector
             what_differs = disturbance.noise, disturbance.push, np.concatenate(parameters)
         limits = () if self.force_limits is None else (self.force_limits.vector,)
         nothing_gained = np.zeros(self.model.parts["base"].stop + 1)
-        Z, F, *commanded = self._sample[ticks](np.concatenate([x, nothing_gained]), u, *what_differs, *limits)
+        Z, F, *commanded = self._sample[key](np.concatenate([x, nothing_gained]), inputs, *what_differs, *limits)
         return Ticks(
             time=start + self.tick * np.arange(ticks + 1),
             X=np.concatenate([x[None], Z[:, :nx]]),
@@ -69,6 +75,15 @@ class Rk4Plant:
             gained=Z[-1, nx:],
             commanded=commanded[0] if commanded else None,
         )
+
+    def _tick_by(self, in_task_space: bool) -> ca.Function:
+        """Return one tick under one of the two laws, built on first use."""
+        if in_task_space not in self._ticks:
+            disturbed = self.resistance is not None
+            limited = self.force_limits is not None
+            one = tick_function(self.model, self.tick, self._substeps, disturbed, limited, in_task_space)
+            self._ticks[in_task_space] = compiled(one) if self._native else one
+        return self._ticks[in_task_space]
 
 
 class Rk4Step:
@@ -131,8 +146,12 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     return ca.Function("capture", symbols, [after])
 
 
-def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool) -> ca.Function:
+def tick_function(
+    model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool = False
+) -> ca.Function:
     """Return one tick z, u -> z_next, F with z = [x; impulse (3,) or (6,); work]: the law (7) sets F once.
+
+    In task space the law is `F = J' F_m`, and in the place of u are the rates of the frames' velocities.
 
     A disturbed one has the further arguments noise (2n,), push (n,) and p: the inertial parameters of the robot and of
     the law, then the vector of a `Resistance`. A limited one has the vector of `ForceLimits` as its last argument, and
@@ -140,8 +159,8 @@ def tick_function(model: RobotModel, tick: float, substeps: int, disturbed: bool
     """
     n = model.n
     nx = model.nq + model.n
-    law, flow = _law_and_flow(model, disturbed)
-    sizes = ("z", flow.size1_in(0)), ("u", n), ("noise", 2 * n), ("push", n), ("limits", 2 * n)
+    law, flow = _law_and_flow(model, disturbed, in_task_space)
+    sizes = ("z", flow.size1_in(0)), ("u", law.size1_in(1)), ("noise", 2 * n), ("push", n), ("limits", 2 * n)
     z, u, noise, push, limits = (ca.MX.sym(*each) for each in sizes)
     p = ca.MX.sym("p", flow.size1_in(2) if disturbed else 0)
     commanded = law(z[:nx], u, noise, p) if disturbed else law(z[:nx], u)
@@ -168,7 +187,7 @@ def _cut(model: RobotModel) -> ca.Function:
     return ca.Function("cut", [Q, F, limits], [ca.cse(ca.vertcat(*within))])
 
 
-def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.Function]:
+def _law_and_flow(model: RobotModel, disturbed: bool, in_task_space: bool) -> tuple[ca.Function, ca.Function]:
     """Return the low-level law x, u, noise, p -> F, and the rate of z at z, F, p with the external force in F.
 
     Of an undisturbed plant noise and p are constant, and no arguments. Friction acts between the links: it does work,
@@ -182,14 +201,15 @@ def _law_and_flow(model: RobotModel, disturbed: bool) -> tuple[ca.Function, ca.F
     known = np.concatenate([w, w, Resistance.none(n).vector])
     p = ca.SX.sym("p", known.size) if disturbed else ca.SX(known)
     robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
-    sizes = ("x", nq + n), ("u", n), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
+    of_inputs = model.task_space.law if in_task_space else model.dynamics.law
+    sizes = ("x", nq + n), ("u", of_inputs.size1_in(2)), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
     x, u, noise, z, F = (ca.SX.sym(*each) for each in sizes)
     measured_Q = x[:nq]
     measured_v = x[nq:]
     if disturbed:
         measured_Q = _integrated(model.space, measured_Q, noise[:n])
         measured_v = measured_v + noise[n:]
-    commanded = model.dynamics.law(measured_Q, measured_v, u, believed)
+    commanded = of_inputs(measured_Q, measured_v, u, believed)
     Q = z[:nq]
     v = z[nq : nq + n]
     acting = F - viscous * v - coulomb * ca.tanh(v / width)

@@ -80,17 +80,26 @@ class Uncertainty:
         return change(self._model, x, self._true, self._with_payload(self._true))
 
     def advance(
-        self, plant: Plant, sample: int, start: float, x: np.ndarray, u: np.ndarray, stage: int, closed: np.ndarray
+        self,
+        plant: Plant,
+        sample: int,
+        start: float,
+        x: np.ndarray,
+        u: np.ndarray,
+        stage: int,
+        closed: np.ndarray,
+        twist_rates: np.ndarray | None = None,
     ) -> Ticks:
-        """Advance the plant over a sample of a stage from the true state x, u (M, n) and closed (M,) one a tick."""
+        """Advance the plant over a sample of a stage from the true state x; see `Plant.advance`."""
         if self.resistance is None:
-            return plant.advance(start, x, u, None, closed)
+            return plant.advance(start, x, u, None, closed, twist_rates)
         robot = self.true_parameters(stage)
         law = self._model.nominal
         payload = self.spec.payload
         if payload is not None and payload.known and self.holds(stage):
             law = self._with_payload(law)
-        return plant.advance(start, x, u, Disturbance(robot, law, self._noise(sample), self._push(start)), closed)
+        disturbance = Disturbance(robot, law, self._noise(sample), self._push(start))
+        return plant.advance(start, x, u, disturbance, closed, twist_rates)
 
     def true_parameters(self, stage: int) -> InertialParameters:
         """Return the inertial parameters of the simulated robot and what it holds in a stage."""

@@ -128,6 +128,12 @@ def describe_tightest_force(summary: Summary) -> str:
     return "" if force is None else f"{force.where}: {number(100 * force.value, 0.1)} % at {number(force.time, 0.1)} s"
 
 
+def _condition(summary: Summary) -> str:
+    """Write the largest condition number of J_C under the law in task space, and when."""
+    largest = summary.largest_condition
+    return "" if largest is None else f"{number(largest.value)} at {number(largest.time, 0.1)} s"
+
+
 def _nearest(parts: NearestParts) -> str:
     """Write how near two parts came to each other, when, and how far that is from what the task keeps."""
     return (
@@ -235,6 +241,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("largest commanded force, of its limit", describe_tightest_force, shown=BOTH),
     Measure("forces cut at their limits", lambda run: 100 * run.saturated, "% of the time", resolution=0.1),
     Measure(FORCES_FAR_BEYOND, lambda run: 100 * run.far_beyond, "% of the time", resolution=0.1),
+    Measure("largest condition number of J_C", _condition, shown=BOTH),
     Measure("smallest distance of parts, any tick", _smallest_distance, shown=BOTH),
     Measure("smallest margin of clearance, any tick", _smallest_margin),
     Measure(
@@ -338,6 +345,11 @@ def warnings_of(summary: Summary) -> Iterator[str]:
         )
     if summary.unmeasured:
         yield f"{summary.unmeasured} of {summary.solves.count} samples came without a measurement"
+    if summary.near_singular:
+        yield (
+            f"{summary.near_singular} of {summary.solves.count} samples were too near a singular posture for the law "
+            f"in task space (condition number of J_C {_condition(summary)}): the law in joint space was used"
+        )
     if summary.failed_solves:
         yield f"{summary.failed_solves} of {summary.solves.count} solves failed"
     if summary.unsolved_levels:

@@ -9,6 +9,9 @@ mass matrix is H + diag(0, a). This is the armature of MuJoCo and of Pinocchio: 
 links, and the spin momentum G I_r qd that a rotor adds to that of the body it sits on is neglected, being 1/G of what a
 stands for. That is why neither the wrench on the base nor the momentum has a term of it. Featherstone (2008), chapter
 9, on gears.
+
+In task space the same equations are those of the twists of base and end-effectors, paper eqs. (5) and (6); see
+`TaskSpaceDynamics`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,12 +22,20 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from psmpc_cli.errors import InputError
 from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.rotations import add, cross, dot, exp, matrix, scaled, turn_matrix
 from psmpc_cli.specs.robot import Joint, RobotSpec
 
 EXACT = 1e-15
 """Entries of a constant rotation matrix this near to 0 and 1 are meant to be: right angles cost no operations."""
+
+NULL_SPACE_DAMPING = 1.0
+"""Rate at which motion in the null space of the task decays under the task-space law [1/s]."""
+
+LARGEST_CONDITION = 1e3
+"""Condition number of J_C, lengths in metres, up to which the law in task space is used. There its forces are equal to
+those in joint space to 1e-9; beyond, small accelerations of poses are large ones of joints."""
 
 Vector = list[Any]
 Matrix = list[list[Any]]
@@ -149,6 +160,116 @@ def _by_mobility(spec: RobotSpec, H: ca.SX, bias: ca.SX, force: ca.SX, vdot: ca.
         return ca.vertcat(none, law[joints]), solve_spd(H, F - bias)
     law = ca.substitute(force, vdot[base], none)
     return ca.vertcat(none, law[joints]), ca.vertcat(none, solve_spd(H[joints, joints], (F - bias)[joints]))
+
+
+@dataclass(frozen=True, eq=False)
+class TaskSpaceDynamics:
+    """Equations of motion of the twists of base and end-effectors, as CasADi functions. Paper eqs. (5) and (6).
+
+    With `xidot = J v` and the derivative of that, `a = J vdot + Jdot v`, they are
+
+        H_x a + C_x = F_m,    H_x = (J H^-1 J')^-1,    C_x = H_x (J H^-1 C v - Jdot v).
+
+    Where J is square these are (6): `H_x = J^-T H J^-1` and `C_x = J^-T C v - H_x Jdot v`. Arms with more joints than
+    their pose has coordinates have a null space, which the force F_0 moves. With `Jbar = H^-1 J' H_x` the law is
+
+        F = J' F_m + (I - J' Jbar') F_0,    F_0 = C v - H v / T,
+
+    which has the null space come to rest with the time constant T: under F the robot has the accelerations
+    `Jbar (a - Jdot v) - (I - Jbar J) v / T`. Khatib: A unified approach for motion and force control of robot
+    manipulators: the operational space formulation (1987).
+
+    Q, v and w are as in `Dynamics`; a (k,) are accelerations of the rows of J. Where J loses rank, none of them is
+    finite.
+
+    Attributes:
+        H_x: Q, w -> (k, k).
+        C_x: Q, v, w -> (k,).
+        law: Q, v, a, w -> F (n,) [N, N m].
+        acceleration: Q, v, a, w -> vdot (n,), the rates of v under that force.
+    """
+
+    H_x: ca.Function
+    C_x: ca.Function
+    law: ca.Function
+    acceleration: ca.Function
+
+
+def derive_task_space_dynamics(dynamics: Dynamics, J_C: ca.Function, Jdot_v: ca.Function) -> TaskSpaceDynamics:
+    """Derive the equations of motion in task space.
+
+    With `H = L L'` and the factors of `L^-1 J' = Y R`, where `Y'Y = I` and R is triangular, it is `H_x = R^-1 R^-T` and
+    `Jbar = L^-T Y R^-T`. Neither forms J H^-1 J', whose condition number is the square of that of J.
+
+    Args:
+        dynamics: Those of Q and v.
+        J_C: Q -> J (k, n), of full row rank.
+        Jdot_v: Q, v -> Jdot v (k,).
+
+    Raises:
+        InputError: J has more rows than columns: not every acceleration of the poses is possible.
+    """
+    J_rows, n = J_C.size_out(0)
+    if J_rows > n:
+        raise InputError(
+            f"task space: found {J_rows} coordinates of poses and {n} of base and joints, "
+            "expected as many joints in every arm as its pose has coordinates, 3 in the plane and 6 in space"
+        )
+    Q = ca.SX.sym("Q", J_C.size1_in(0))
+    v = ca.SX.sym("v", n)
+    a = ca.SX.sym("a", J_rows)
+    w = ca.SX.sym("w", dynamics.H.size1_in(1))
+    J = ca.sparsify(J_C(Q))
+    LT = ca.chol(dynamics.H(Q, w))
+    L = LT.T
+    Y, R = ca.qr(ca.solve(L, J.T))
+    bias = dynamics.inverse(Q, v, 0, w)
+    whitened_bias = ca.solve(L, bias)
+    drift = Jdot_v(Q, v)
+
+    inverse_R = ca.solve(R, ca.SX.eye(J_rows))
+    H_x = inverse_R @ inverse_R.T
+    C_x = ca.solve(R, Y.T @ whitened_bias - ca.solve(R.T, drift))
+    F_m = ca.solve(R, ca.solve(R.T, a - drift) + Y.T @ whitened_bias)
+
+    F_0 = bias - NULL_SPACE_DAMPING * (L @ (LT @ v))
+    if n == J_rows:  # no null space, and Jbar is J^-1, whatever the inertia
+        F = J.T @ F_m
+        acceleration = _solve_by_blocks(J, a - drift)
+    else:
+        null_rate = ca.solve(LT, _rest(Y, LT @ v))
+        F = J.T @ F_m + L @ _rest(Y, ca.solve(L, F_0))
+        acceleration = ca.solve(LT, Y @ ca.solve(R.T, a - drift)) - NULL_SPACE_DAMPING * null_rate
+    motion = {"Q": Q, "v": v}
+    return TaskSpaceDynamics(
+        H_x=function("H_x", {"Q": Q, "w": w}, {"H_x": ca.densify(H_x)}),
+        C_x=function("C_x", {**motion, "w": w}, {"C_x": ca.densify(C_x)}),
+        law=function("task_law", {**motion, "a": a, "w": w}, {"F": ca.densify(F)}),
+        acceleration=function("task_acceleration", {**motion, "a": a, "w": w}, {"vdot": ca.densify(acceleration)}),
+    )
+
+
+def _solve_by_blocks(A: ca.SX, b: ca.SX) -> ca.SX:
+    """Solve A x = b (n,) block by block of the block triangular form of A: each arm by itself, after the base.
+
+    Blocks of up to three rows are inverted by their adjugates: derivatives then have a tenth of the operations of those
+    of a factorization. Duff, Reid: An implementation of Tarjan's algorithm for the block triangularization of a matrix
+    (1978).
+    """
+    count, rows, columns, first_row, first_column, *_ = A.sparsity().btf()
+    x = ca.SX.zeros(A.size2())
+    for k in range(count):  # lower triangular
+        at = rows[first_row[k] : first_row[k + 1]]
+        of = columns[first_column[k] : first_column[k + 1]]
+        block = ca.densify(A[at, of])
+        left = b[at] - A[at, :] @ x
+        x[of] = ca.inv_minor(block) @ left if len(at) <= 3 else ca.solve(block, left)
+    return x
+
+
+def _rest(Y: ca.SX, b: ca.SX) -> ca.SX:
+    """Return the part of b (n,) that is orthogonal to the orthonormal columns of Y (n, k)."""
+    return b - Y @ (Y.T @ b)
 
 
 def solve_spd(A: ca.SX, b: ca.SX) -> ca.SX:

@@ -12,7 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.configuration import configuration_space, pose_frames
-from psmpc_cli.robot.dynamics import Dynamics, InertialParameters, derive_dynamics, function, solve_spd
+from psmpc_cli.robot.dynamics import (
+    Dynamics,
+    InertialParameters,
+    TaskSpaceDynamics,
+    derive_dynamics,
+    derive_task_space_dynamics,
+    function,
+)
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
@@ -24,9 +31,6 @@ from psmpc_cli.specs.robot import RobotSpec, labels, units
 Array = NDArray[np.float64]
 
 T = TypeVar("T")
-
-DAMPING = 1e-2
-"""Of the inverse of J_C in f_2."""
 
 
 class RobotModel:
@@ -132,12 +136,18 @@ class RobotModel:
         return function("J_C", {"Q": Q}, {"J_C": ca.densify(ca.vertcat(*rows))})
 
     @cached_property
-    def Jdot_Qdot(self) -> ca.Function:
-        """Q, Qdot -> Jdot_C Qdot (m,), the acceleration of xi at Qddot = 0; of a planar robot."""
-        Q = ca.SX.sym("Q", self.n)
-        Qdot = ca.SX.sym("Qdot", self.n)
-        rate = ca.jtimes(self.J_C(Q) @ Qdot, Q, Qdot)
-        return function("Jdot_Qdot", {"Q": Q, "Qdot": Qdot}, {"Jdot_Qdot": ca.densify(rate)})
+    def Jdot_v(self) -> ca.Function:
+        """Q, v -> Jdot_C v (rows of J_C,), the rates of the frames' velocities at vdot = 0."""
+        Q = ca.SX.sym("Q", self.nq)
+        v = ca.SX.sym("v", self.n)
+        Qdot = ca.vertcat(*self.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
+        rate = ca.jtimes(self.J_C(Q) @ v, Q, Qdot)
+        return function("Jdot_v", {"Q": Q, "v": v}, {"Jdot_v": ca.densify(rate)})
+
+    @cached_property
+    def task_space(self) -> TaskSpaceDynamics:
+        """The equations of motion of the velocities of base and end-effectors. Paper eqs. (5) and (6)."""
+        return derive_task_space_dynamics(self.dynamics, self.J_C, self.Jdot_v)
 
     @cached_property
     def f_1(self) -> ca.Function:
@@ -148,19 +158,26 @@ class RobotModel:
 
     @cached_property
     def f_2(self) -> ca.Function:
-        """x, u -> xdot (2n,), x = [Q; Qdot], u = acceleration of xi (m,), by the damped inverse of J_C; planar.
+        """x, u -> xdot (2n,), x = [Q; Qdot], u = acceleration of xi (m,), of a planar robot. Below paper eq. (8).
 
-        Along a singular value sigma of J_C it reduces the commanded xi-acceleration by
-        DAMPING^2 / (sigma^2 + DAMPING^2); one unit of xi-acceleration never gives more than 1 / (2 DAMPING) of Qddot.
+        The paper's state is [xi; xidot], a double integrator under u. x are other coordinates of the same state, in
+        which limits of joints are boxes, and which other stages share.
         """
         x = ca.SX.sym("x", 2 * self.n)
         u = ca.SX.sym("u", self.m)
-        Q = x[: self.n]
         Qdot = x[self.n :]
-        J_C = self.J_C(Q)
-        normal = J_C.T @ J_C + DAMPING**2 * ca.SX.eye(self.n)
-        acceleration = solve_spd(normal, J_C.T @ (u - self.Jdot_Qdot(Q, Qdot)))
+        acceleration = self.task_space.acceleration(x[: self.n], Qdot, u, self.nominal.vector)
         return function("f_2", {"x": x, "u": u}, {"xdot": ca.vertcat(Qdot, acceleration)})
+
+    def task_space_condition(self, Q: ArrayLike) -> Array:
+        """Return the condition number of J_C in SI units, () at coordinates (nq,), or (K,) at (K, nq).
+
+        It is infinite where J_C has lost rank: there the law in task space has no finite force.
+        """
+        columns = self._evaluate("J_C", Q)
+        singular = np.linalg.svd(columns.reshape(*np.shape(Q)[:-1], self.n, -1), compute_uv=False)
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.divide(singular[..., 0], singular[..., -1]))
 
     @property
     def neutral(self) -> Array:
@@ -230,6 +247,38 @@ class RobotModel:
         """
         return self._evaluate("law", Q, v, u, self._w(parameters))
 
+    def task_space_force(
+        self, Q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: InertialParameters | None = None
+    ) -> Array:
+        """Return the force F = J' F_m, (n,) [N, N m], that gives the rows of J_C v the rates a (k,). Eqs. (5), (6).
+
+        Arms that are redundant come to rest in their null space; see `TaskSpaceDynamics`. The base needs thrusters.
+
+        Raises:
+            InputError: An arm has fewer joints than its pose has coordinates.
+        """
+        return self._evaluate("task_law", Q, v, a, self._w(parameters))
+
+    def task_space_acceleration(
+        self, Q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: InertialParameters | None = None
+    ) -> Array:
+        """Return the rates of v (n,) [m/s^2, rad/s^2] under `task_space_force`."""
+        return self._evaluate("task_acceleration", Q, v, a, self._w(parameters))
+
+    def twists(self, Q: ArrayLike, v: ArrayLike) -> Array:
+        """Return the velocities J_C v of base and end-effectors (k,) [m/s, rad/s]. Paper eq. (2).
+
+        At coordinates (nq,) and velocities (n,), or at each of (K, nq) and (K, n).
+        """
+        return self._evaluate("twists", Q, v)
+
+    def twist_rates(self, Q: Array, v: Array, u: Array, tick: float) -> Array:
+        """Return the mean rates of J_C v over ticks [s] (M, k) while accelerations u (M, n) hold for one each.
+
+        Under these rates the frames have at every tick the velocities to which the accelerations lead.
+        """
+        return np.diff(self.twists(*motion.over_ticks(self.space, Q, v, u, tick)), axis=0) / tick
+
     def forward_dynamics(
         self, Q: ArrayLike, v: ArrayLike, F: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
@@ -278,10 +327,30 @@ class RobotModel:
         """Return a CasADi function on arrays, and the sizes of its arguments by name, Q first."""
 
         def build() -> tuple[RowFunction, dict[str, int]]:
-            function = self.g if name == "g" else self._of_motion[name]
+            function = self._array_source(name)
             return RowFunction(function), {function.name_in(i): function.size1_in(i) for i in range(function.n_in())}
 
         return self.owned(("on arrays", name), build)
+
+    def _array_source(self, name: str) -> ca.Function:
+        """Return the CasADi function of this name, built on first use: those in task space take seconds."""
+        if name == "g":
+            return self.g
+        if name in ("J_C", "twists"):
+            return self._of_velocity[name]
+        if name in ("task_law", "task_acceleration"):
+            task_space = self.task_space
+            return task_space.law if name == "task_law" else task_space.acceleration
+        return self._of_motion[name]
+
+    @cached_property
+    def _of_velocity(self) -> dict[str, ca.Function]:
+        """The columns of J_C one below the other, and J_C v."""
+        Q = ca.SX.sym("Q", self.nq)
+        v = ca.SX.sym("v", self.n)
+        J_C = self.J_C(Q)
+        columns = function("J_C", {"Q": Q}, {"columns": ca.vec(J_C)})
+        return {"J_C": columns, "twists": function("twists", {"Q": Q, "v": v}, {"twists": J_C @ v})}
 
     @cached_property
     def _of_motion(self) -> dict[str, ca.Function]:

@@ -65,6 +65,7 @@ class Meter:
         self._noise = standard_deviations(problem.spec.uncertainty.noise, problem.model.spec)
         self._force_limits = force_limits_of(problem.spec, problem.model.spec)
         self._clearance = ClearanceMeter(problem) if problem.spec.keeps_clear else None
+        self._acts_in_task_space = problem.spec.acts_in_task_space
         self._base = problem.model.parts["base"]
         self._slides = np.array([joint.prismatic for joint in problem.model.spec.joints], bool)
         self._number = 0
@@ -166,6 +167,7 @@ class Meter:
             "state/Qdot_true": x[:, model.nq :],
             "payload/held": [held] * len(x),
             "payload/energy": [0.0 if each is None else each.gained[-1] for each in contacts],
+            **({"pose/condition": model.task_space_condition(x[:, : model.nq])} if self._acts_in_task_space else {}),
             **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
             **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),
         }

@@ -27,6 +27,7 @@ from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import Capture
 from psmpc_cli.plant.uncertainty import Uncertainty, force_limits_of
+from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.model import shape_of
 from psmpc_cli.simulation.clearance import clearance_header
 from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, StageClock
@@ -202,6 +203,9 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
         logger.warning("%.2f s: the state was not measured; %s", command.time, instead)
     elif "solve_failed" in command.events:
         logger.warning("%.2f s: solve failed (%s); %s", command.time, command.outcome.name.lower(), goes_on)
+    if "near_singular" in command.events:
+        instead = "the law in joint space is used until then: bend the arms"
+        logger.warning("%.2f s: J_C has a condition number above %g; %s", command.time, LARGEST_CONDITION, instead)
 
 
 def header(loop: RecordedLoop) -> Header:
@@ -220,6 +224,7 @@ def header(loop: RecordedLoop) -> Header:
         "commanded at ticks": has_force_limits and task.log.ticks and loop.knows_ticks,
         "clearance": task.keeps_clear and loop.knows_ticks,
         "routes": task.routes is not None,
+        "task input": task.acts_in_task_space,
         "plans": task.log.plans,
         "free end": task.controller.traits.one_stage and task.controller.plans_ends,
         "levels": task.controller.traits.has_levels,

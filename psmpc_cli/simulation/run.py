@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -87,18 +88,19 @@ def compile_for(problem: Problem) -> bool:
         return False
     libraries = libraries_of(problem)
     if task.plant.traits.compiles:
-        libraries.append(library_of(_tick_function(task, problem.model)))
+        libraries.extend(map(library_of, _tick_functions(task, problem.model)))
     return make_all(libraries)
 
 
-def _tick_function(task: TaskSpec, model: RobotModel) -> ca.Function:
-    """Build the function that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand."""
+def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
+    """Build the functions that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand."""
     tick, substeps = ticks_of(task.plant)
     capture = build_capture(task, model)
-    if capture is None:
-        is_limited = force_limits_of(task, model.spec) is not None
-        return tick_function(model, tick, substeps, disturbs(task), is_limited)
-    return capture_tick(capture.law, tick, substeps)
+    if capture is not None:
+        return [capture_tick(capture.law, tick, substeps)]
+    is_limited = force_limits_of(task, model.spec) is not None
+    laws = [False, True] if task.acts_in_task_space else [False]
+    return [tick_function(model, tick, substeps, disturbs(task), is_limited, law) for law in laws]
 
 
 DIVERGED = 1e9
@@ -137,18 +139,26 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         previous_stage = stage
         stage = command.sequence.first
         contact = None
-        u, closed = delays.commanded(command.u, command.closed)
+        u, closed, twist_rates = delays.commanded(command)
         if uncertainty is None:
-            ticks = plant.advance(now, x, u, None, closed)
+            ticks = plant.advance(now, x, u, None, closed, twist_rates)
         else:
             contact = uncertainty.contact(x, previous_stage, stage)
-            ticks = uncertainty.advance(plant, sample_number, now, contact.x, u, stage, closed)
+            ticks = uncertainty.advance(plant, sample_number, now, contact.x, u, stage, closed, twist_rates)
         if not np.vdot(ticks.X, ticks.X) + np.vdot(ticks.F, ticks.F) < DIVERGED**2:  # nor where it is not a number
             reason = "the motion diverged, faster than it can be simulated"
             return Ending(False, reason, now, command.x, x, command.switches, stuck=True)
         yield meter.measure(command, ticks, x, u, contact)
         x = ticks.X[-1]
         sample_number += 1
+
+
+class _Applied(NamedTuple):
+    """What reaches the robot over a sample: accelerations, whether to close, and rates of twists; see `Command`."""
+
+    u: np.ndarray
+    closed: np.ndarray
+    twist_rates: np.ndarray | None = None
 
 
 class _Delays:
@@ -167,7 +177,7 @@ class _Delays:
         before = (-back * task.controller.sample_time * v for back in range(known, 0, -1))
         self._measured: deque[np.ndarray] = deque(np.r_[np.array(space.integrate(Q, step)), v] for step in before)
         self._poses: deque[np.ndarray | None] = deque([None] * known)
-        self._commanded = deque([(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
+        self._commanded = deque([_Applied(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
 
     def measured(self, x: np.ndarray) -> np.ndarray:
         """Take in the state x that is measured now, and return the one that reaches the controller now."""
@@ -182,9 +192,9 @@ class _Delays:
         self._poses.append(pose)
         return self._poses.popleft()
 
-    def commanded(self, u: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Take in accelerations (M, n) and whether to close (M,) as commanded now, and return those that act now."""
-        self._commanded.append((u, closed))
+    def commanded(self, command: Command) -> "_Applied":
+        """Take in what is commanded now, and return what acts now."""
+        self._commanded.append(_Applied(command.u, command.closed, command.twist_rates))
         return self._commanded.popleft()
 
 

@@ -755,15 +755,25 @@ def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -
     for name, skill in skills.items():
         if skill.input == "task" and joint_only:
             yield (name, "input"), expected('"joint" (task needs solver ipopt, and another controller than htmpc)')
-        if skill.input == "task" and not context.moved_by.actuated:
-            yield (
-                (name, "input"),
-                expected('"joint": task takes bases with thrusters alone', f"a {context.mobility} base"),
-            )
-        if skill.input == "task" and context.sizes.get("base") == 6:
-            yield (name, "input"), expected('"joint": task takes planar robots alone')
+        if skill.input == "task":
+            yield from (((name, *at), error) for at, error in _not_in_task_space(context))
         for at, error in wider(skill.limits, outer, context.sizes):
             yield (name, "limits", *at), error
+
+
+def _not_in_task_space(context: Context) -> RuleErrors:
+    """Give why the accelerations of a robot's poses cannot be the control of its windows."""
+    at = ("input",)
+    rows_of_pose = context.sizes.get("base", 0)  # as many as the base has coordinates
+    if not context.moved_by.actuated:
+        yield at, expected('"joint": task takes bases with thrusters alone', f"a {context.mobility} base")
+    if rows_of_pose == 6:
+        yield at, expected('"joint": task takes planar robots alone; plants have its law in space too')
+        return
+    for part, joints in context.sizes.items():
+        if joints < rows_of_pose:
+            wanted = f'"joint": task needs {rows_of_pose} joints in every arm'
+            yield at, expected(wanted, f"{counted(joints, 'joint', 'joints')} in {part}")
 
 
 def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> RuleErrors:
@@ -953,6 +963,11 @@ class TaskSpec(Spec):
     def capture(self) -> CaptureSpec | None:
         """The task's object, where it has a mass; None where the task has no such object."""
         return None if self.object is None else self.object.capture
+
+    @property
+    def acts_in_task_space(self) -> bool:
+        """Whether the control of any stage is the acceleration of poses."""
+        return any(self.skills[stage.skill].input == "task" for stage in self.stages)
 
     @property
     def keeps_clear(self) -> bool:

@@ -24,9 +24,10 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     [
         lambda model: model.f_2,
         lambda model: tick_function(model, 1e-3, 1, False, False),
+        lambda model: tick_function(model, 1e-3, 1, False, False, in_task_space=True),
         lambda model: tick_function(model, 1e-3, 2, True, True),
     ],
-    ids=["pose acceleration", "a tick", "two substeps, disturbed, limited"],
+    ids=["pose acceleration", "a tick", "a tick in task space", "two substeps, disturbed, limited"],
 )
 def test_a_compiled_function_equals_the_interpreted_one(
     model: RobotModel, build: Callable[[RobotModel], ca.Function]

@@ -42,10 +42,25 @@ def test_euler_step_converges_to_the_exact_one_with_first_order(model: RobotMode
 def test_task_input_is_the_acceleration_of_the_poses(
     model: RobotModel, costs: StageCosts, stages: tuple[Stage, ...], x_u: X_U
 ) -> None:
-    (x, u), h = x_u, 1e-4
-    after = np.asarray(stage_functions(model, StageShape("joint", "task")).step("exact")(x, u, h)).ravel()
-    acceleration = costs.inputs(replace(stages[0], input="task"), x[None], (after[9:] - x[9:])[None] / h)[0]
-    np.testing.assert_allclose(acceleration, u, atol=2e-2)
+    x, u = x_u
+    acceleration = np.asarray(model.f_2(x, u)).ravel()[9:]
+    found = costs.inputs(replace(stages[0], input="task"), x[None], acceleration[None])[0]
+    np.testing.assert_allclose(found, u, rtol=0, atol=1e-12)
+
+
+def test_under_task_input_poses_and_their_rates_are_a_double_integrator(model: RobotModel, x_u: X_U) -> None:
+    """The paper's state [xi; xidot], to the fourth order of the step."""
+    x, u = x_u
+    xi = model.poses(x[:9]).ravel()
+    rate = model.twists(x[:9], x[9:])
+    errors = []
+    for steps in (2, 4):
+        after = advance(model, "task", "exact", x, u, steps)
+        of_poses = model.poses(after[:9]).ravel() - (xi + 0.4 * rate + 0.4**2 / 2 * u)
+        of_rates = model.twists(after[:9], after[9:]) - (rate + 0.4 * u)
+        errors.append(np.abs([of_poses, of_rates]).max())
+    assert errors[1] < 1e-5
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.3)
 
 
 @pytest.fixture(scope="module", params=sorted(SKILLS))

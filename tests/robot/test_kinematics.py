@@ -1,4 +1,4 @@
-"""Poses, their Jacobians, points, angles and the field f_2, for any robot."""
+"""Poses, their Jacobians, points and angles, for any robot."""
 
 import math
 from typing import Any
@@ -12,7 +12,7 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.robot.model import RobotModel, load_robot
 
-from .strategies import Array, State, assert_close_to_differences, flat, jacobian_by_differences, laws, moving_robots
+from .strategies import State, assert_close_to_differences, flat, jacobian_by_differences, laws, moving_robots
 
 
 def test_a_robot_is_loaded_by_name() -> None:
@@ -42,7 +42,7 @@ def test_jacobians_are_derivatives_of_the_poses(state: State) -> None:
     model, Q, v, _ = state
     assert_close_to_differences(model.J_C(Q).full(), jacobian_by_differences(lambda q: model.poses(q).ravel(), Q))
     by_differences = jacobian_by_differences(lambda q: np.asarray(model.J_C(q).full() @ v), Q) @ v
-    assert_close_to_differences(flat(model.Jdot_Qdot(Q, v)), by_differences)
+    assert_close_to_differences(flat(model.Jdot_v(Q, v)), by_differences)
 
 
 @pytest.mark.parametrize("kind", [ca.SX, ca.MX])
@@ -59,24 +59,3 @@ def test_a_turn_of_the_base_changes_the_angle_rows_alone(state: State) -> None:
     turned[SKILLS["joint"].angles(model)] += 2 * math.pi
     expected[SKILLS["task"].angles(model)] = 2 * math.pi
     np.testing.assert_allclose((model.poses(turned) - model.poses(Q)).ravel(), expected, atol=1e-12)
-
-
-def pose_acceleration(model: RobotModel, Q: Array, v: Array, vdot: Array) -> Array:
-    return np.asarray(model.J_C(Q).full() @ vdot + flat(model.Jdot_Qdot(Q, v)))
-
-
-@given(moving_robots())
-@laws
-def test_f_2_applies_the_damped_inverse(state: State) -> None:
-    model, Q, v, vdot = state
-    u = pose_acceleration(model, Q, v, vdot)
-    J_C, wanted = model.J_C(Q).full(), u - flat(model.Jdot_Qdot(Q, v))
-    damped = J_C.T @ np.linalg.solve(J_C @ J_C.T + 1e-4 * np.eye(model.m), wanted)
-    xdot = flat(model.f_2(np.concatenate([Q, v]), u))
-    np.testing.assert_array_equal(xdot[: model.n], v)
-    np.testing.assert_allclose(xdot[model.n :], damped, rtol=0, atol=1e-8 * (1 + np.abs(damped).max()))
-
-
-def test_f_2_stays_bounded_where_the_jacobian_is_singular(model: RobotModel) -> None:
-    for u in np.eye(9):
-        assert np.linalg.norm(flat(model.f_2(np.zeros(18), u))[9:]) <= 50.0

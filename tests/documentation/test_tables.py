@@ -119,7 +119,7 @@ def test_the_long_tables_are_those_of_the_results() -> None:
 
 
 @pytest.mark.slow
-def test_who_follows_the_tutorial_sees_what_it_shows() -> None:
+def test_who_follows_a_page_sees_what_it_shows() -> None:
     ran = run_benchmark("tutorial.py", "--check")
     assert (ran.returncode, ran.stdout) == (0, ""), "python benchmarks/tutorial.py writes the page anew"
 

@@ -20,6 +20,7 @@ from typer.main import get_command
 import psmpc_cli as psmpc
 from psmpc_cli.cli.app import app
 from psmpc_cli.logs import schema
+from psmpc_cli.solvers.base import Outcome
 from psmpc_cli.specs.fields import ANGLE_PATTERN, COORDINATE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
@@ -182,6 +183,11 @@ def quantities() -> Iterator[str]:
     return markdown(rows, "array", "units", "what", "recorded by")
 
 
+def outcomes() -> Iterator[str]:
+    """Yield the table of how solves end, by what logs have in `solver/status`."""
+    return markdown(((f"`{outcome.name.lower()}`", outcome.value) for outcome in Outcome), "status", "meaning")
+
+
 def commands() -> Iterator[str]:
     """Yield the table of the commands."""
     given = vars(get_command(app))["commands"]
@@ -268,7 +274,7 @@ def posed() -> Iterator[str]:
 
 TABLES: Mapping[str, Callable[..., Iterable[str]]] = {
     function.__name__: function
-    for function in (keys, datasets, quantities, commands, options, baseline, transport, posed)
+    for function in (keys, datasets, quantities, outcomes, commands, options, baseline, transport, posed)
 }
 
 

@@ -1,4 +1,4 @@
-"""Follows docs/tutorial.md and README.md to the letter, each in an empty folder; writes what their commands print.
+"""Follows pages, such as the tutorial, to the letter, each in an empty folder; writes what their commands print.
 
     python benchmarks/tutorial.py                  some minutes; writes the figures of the tutorial too
     python benchmarks/tutorial.py --check          prints how the pages would change, and writes nothing
@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 from gallery import FIGURES, shrink
 from pages import ROOT, run_psmpc
 
-PAGES = (ROOT / "docs" / "tutorial.md", ROOT / "README.md")
+PAGES = (ROOT / "docs" / "tutorial.md", ROOT / "docs" / "own_task.md", ROOT / "README.md")
 
 BLOCK = re.compile(
     r'^```(?:yaml title="(?P<file>[\w.]+)(?:, line (?P<line>\d+))?"\n|sh\n(?P<command>[^\n]+)\n```\n+```text\n)'

@@ -21,7 +21,7 @@ PAGES = {
 
 
 def examples(page: str) -> Iterator[dict[str, Data]]:
-    for text in re.findall(r"^```yaml\n(.*?)^```", PAGES[page], re.DOTALL | re.MULTILINE):
+    for text in re.findall(r"^```yaml(?: title=\S+)?\n(.*?)^```", PAGES[page], re.DOTALL | re.MULTILINE):
         data = read(page, text).data
         assert isinstance(data, dict)
         yield data

@@ -14,6 +14,7 @@ from psmpc_cli.cli.app import app
 from psmpc_cli.figures import registry
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.paper.figures import ABLATIONS
+from psmpc_cli.report.texts import MEASURES
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 
@@ -67,6 +68,13 @@ def test_every_command_is_in_the_reference_of_the_command_line() -> None:
     assert sorted(f"{QUICK} options {name}" for name in names) == sorted(c for c in commands if "options" in c)
 
 
+def test_every_row_of_a_summary_is_explained_once() -> None:
+    page = (ROOT / "docs" / "summary.md").read_text(encoding="utf-8")
+    rows_of_measures = page.partition("## End and solves")[2].partition("## Monitors")[0]
+    explained = re.findall(r"^\| `(.+?)` \| ", rows_of_measures.replace(r"\|", "/"), re.MULTILINE)
+    assert sorted(explained) == sorted(measure.label.replace("|", "/") for measure in MEASURES)
+
+
 DIGITS = re.compile(r"\d+\.\d+(e[+-]\d+)?|\d+e[+-]\d+|(?<=after )\d+")
 """Numbers that rounding on another machine may change: decimals, and counts of iterations."""
 
@@ -111,7 +119,7 @@ def test_the_long_tables_are_those_of_the_results() -> None:
 
 
 @pytest.mark.slow
-def test_who_follows_the_tutorial_sees_what_it_shows() -> None:
+def test_who_follows_a_page_sees_what_it_shows() -> None:
     ran = run_benchmark("tutorial.py", "--check")
     assert (ran.returncode, ran.stdout) == (0, ""), "python benchmarks/tutorial.py writes the page anew"
 

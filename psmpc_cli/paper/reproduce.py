@@ -168,7 +168,7 @@ def load_grasps(changes: Sequence[str] = ()) -> dict[str, Task]:
         SpecError: The changes do not fit the task.
     """
     task = load_task(built_ins("task")[GRASP], (*BARE_ROBOT, *_shared_changes(changes, SHARED_KEYS[:2])))
-    return compared_tasks(task, ("smpc", "psmpc"))
+    return compared_tasks(task, ("smpc", "psmpc"), own_settings=True)
 
 
 def _shared_changes(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, ...]:

@@ -1,9 +1,9 @@
 """Hierarchical task MPC: at each sample the remaining stages one after another, none at an earlier one's expense.
 
-Paper eq. (32), with J_i <= J_i* for all earlier stages. The first level is the window over the current stage alone;
-stages advance one by one when their end condition holds. Each later level is a window over its own stage, which keeps
-the earlier ones; limits and constraints are those of the current stage. Where the first level has a planned end, the
-others have the same mesh, and keep the end condition at that instant.
+Paper eq. (32), with J_i <= J_i* for all earlier stages, but for a small part of J_i*. The first level is the window
+over the current stage alone; stages advance one by one when their end condition holds. Each later level is a window
+over its own stage, which keeps the earlier ones; limits and constraints are those of the current stage. Where the first
+level has a planned end, the others have the same mesh, and keep the end condition at that instant.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from psmpc_cli.solvers import NlpSolver, Solution
 from psmpc_cli.specs.robot import labels
 
 LEAST_COST = 1e-2
-"""Cost below which a level may get worse by the tolerance times this one, so that the later levels have an interior."""
+"""Least cost of which a level may get worse by a part, so that later levels have an interior where it is zero [1]."""
 
 
 class Hierarchy:

@@ -529,7 +529,9 @@ class NlpSolver(Solver):
         return vectors, counted, wall_time, text.getvalue()
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        duals = previous.duals if previous and window_shape(previous.window) == window_shape(window) else NO_DUALS
+        duals = NO_DUALS
+        if self._has_duals and previous is not None and window_shape(previous.window) == window_shape(window):
+            duals = previous.duals
         found = self._solved(window, guess, guess, within, has_all_rows=False, duals=duals)
         if found.outcome.usable and missing_row_violation(self._problem.model, window, found.plan) > FEASIBLE:
             complete = self._solved(window, guess, found.plan, within, has_all_rows=True)

@@ -177,8 +177,9 @@ def test_levels_start_from_the_multipliers_of_the_sample_before(experiment_of: B
         for level, base in zip(levels[1:], levels, strict=False):
             assert (len(level.guess_duals) > 0) == (window_shape(level.window) in shapes)
             if len(level.guess_duals) and level.outcome.usable:
-                cold = cold_solver.solve(level.window, base.plan, within=0.0)
-                by_other = other.solve(level.window, base.plan, within=0.0)
+                cold = cold_solver.solve(level.window, base.plan, level, within=0.0)
+                by_other = other.solve(level.window, base.plan, level, within=0.0)
+                assert not len(cold.guess_duals) and not len(by_other.guess_duals)
                 iterations.append((level.iterations, cold.iterations))
                 for found in (found for found in (cold, by_other) if found.outcome.usable):
                     assert level.objective == pytest.approx(found.objective, rel=1e-5)

@@ -23,6 +23,12 @@ def compare(
     controllers: Annotated[
         str, typer.Option(metavar="KIND,...", help="Of psmpc, smpc, htmpc, hard; differences are to the first.")
     ] = "psmpc,smpc,htmpc,hard",
+    own_settings: Annotated[
+        bool,
+        typer.Option(
+            "--own-settings", help="Apply all of by_controller; else weights, tolerances and limits are equal."
+        ),
+    ] = False,
     output: Annotated[Path | None, options.output("runs/<task>-comparison.h5", what="File of all logs.")] = None,
     force: options.Force = False,
     changes: options.Changes = None,
@@ -38,7 +44,7 @@ def compare(
     from psmpc_cli.logs.schema import COMPARISON
     from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
-    tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [])
+    tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [], own_settings)
     path = common.output_file(
         output, f"{next(iter(tasks.values())).spec.name}-comparison", COMPARISON, force, figures, inputs=[task]
     )

@@ -54,7 +54,7 @@ from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits, units
 from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec
 from psmpc_cli.studies import fronts
-from psmpc_cli.studies.compare import recommend_controller
+from psmpc_cli.studies.compare import describe_terms, recommend_controller
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
@@ -139,6 +139,7 @@ def print_comparison(runs: Mapping[str, Run], path: Path, verbose: bool) -> None
             echo(f"{name}: warning: {warning}", colour=WARNING)
     rows = [[name, *(of(summary) for _, of in COMPARED)] for name, summary in summaries.items()]
     print_table(("controller", *(heading for heading, _ in COMPARED)), rows)
+    echo(describe_terms(runs))
     if verbose:
         _print_all_compared(summaries)
     if not any(summary.limits_dynamics for summary in summaries.values()):

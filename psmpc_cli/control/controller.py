@@ -45,6 +45,7 @@ class Memory:
         time: Of the last sample [s].
         plans: The plans in force.
         solution: The last solve.
+        levels: The last solutions of the levels of HTMPC.
         unfinished: A solve with a stage that had appeared, which ran out of iterations or time.
         estimate: What is known of the robot; None before the first measurement.
         target_object: What is known of an object that moves; None without one.
@@ -57,6 +58,7 @@ class Memory:
     time: float = -np.inf
     plans: PlansInForce = field(default_factory=PlansInForce)
     solution: Solution | None = None
+    levels: tuple[Solution, ...] = ()
     unfinished: Solution | None = None
     estimate: Estimate | None = None
     target_object: ObjectEstimate | None = None
@@ -359,7 +361,9 @@ class ControlLaw:
                 sequence = replace(sequence, instants=solution.plan.instants)
             if self._hierarchy is not None:
                 stages = situation.stages[sequence.first :]
-                levels = self._hierarchy.solve_levels(stages, sequence.entered, solution, prediction, until)
+                levels = self._hierarchy.solve_levels(
+                    stages, sequence.entered, solution, prediction, memory.levels, until
+                )
             plan = (levels or (solution,))[-1].plan
             plans = memory.plans.with_plan(plan, sequence)
         else:
@@ -457,6 +461,7 @@ def _remembered(memory: Memory, situation: Situation, decision: Decision, estima
         time=situation.time,
         plans=decision.plans,
         solution=decision.attempt.solution,
+        levels=decision.levels,
         unfinished=decision.attempt.unfinished,
         estimate=estimate,
     )

@@ -1,9 +1,9 @@
 """Hierarchical task MPC: at each sample the remaining stages one after another, none at an earlier one's expense.
 
-Paper eq. (32), with J_i <= J_i* for all earlier stages. The first level is the window over the current stage alone;
-stages advance one by one when their end condition holds. Each later level is a window over its own stage, which keeps
-the earlier ones; limits and constraints are those of the current stage. Where the first level has a planned end, the
-others have the same mesh, and keep the end condition at that instant.
+Paper eq. (32), with J_i <= J_i* for all earlier stages, but for a small part of J_i*. The first level is the window
+over the current stage alone; stages advance one by one when their end condition holds. Each later level is a window
+over its own stage, which keeps the earlier ones; limits and constraints are those of the current stage. Where the first
+level has a planned end, the others have the same mesh, and keep the end condition at that instant.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,11 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Kept, Window, normalization
-from psmpc_cli.solvers import Solution, build_solver
+from psmpc_cli.solvers import NlpSolver, Solution
 from psmpc_cli.specs.robot import labels
+
+LEAST_COST = 1e-2
+"""Least cost of which a level may get worse by a part, so that later levels have an interior where it is zero [1]."""
 
 
 class Hierarchy:
@@ -25,19 +28,27 @@ class Hierarchy:
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.spec = problem.spec.controller
-        # Bounded costs need their curvature, so `sqp` leaves its levels to fatrop.
-        self._solver = build_solver(problem, problem.spec.solver.to_optimum())
+        self._solver = NlpSolver(problem, problem.spec.solver.of_levels(), has_duals=True)
 
     def solve_levels(
-        self, stages: Sequence[PlacedStage], entered: float, first: Solution, prediction: Plan, until: float
+        self,
+        stages: Sequence[PlacedStage],
+        entered: float,
+        first: Solution,
+        prediction: Plan,
+        previous: Sequence[Solution],
+        until: float,
     ) -> tuple[Solution, ...]:
         """Solve level after level, each from the plan of the one before; none follows a level that fails.
+
+        What a level starts from besides are the multipliers that the level of its stage had at the sample before.
 
         Args:
             stages: The current stage and those after it.
             entered: When the current stage began [s].
             first: The first level: the solution of the window over the current stage.
             prediction: The shifted plan; it normalizes the costs.
+            previous: The levels of the sample before.
             until: When solves have to stop, an instant of `time.perf_counter` [s].
         """
         spec = self.spec
@@ -52,7 +63,8 @@ class Hierarchy:
         for i, stage in enumerate(stages[1:], start=1):
             kept.append(self._kept(stages[i - 1], float(scale[i - 1]), levels[-1], begins[i - 1]))
             level = _level(first.window, stage, scale[i], tuple(kept))
-            solved = solver.solve(level, levels[-1].plan, within=0.0)
+            before = next((each for each in previous if each.window.stages[-1].index == stage.index), None)
+            solved = solver.solve(level, levels[-1].plan, before, within=0.0)
             if not solved.outcome.usable:
                 levels.append(replace(solved, plan=levels[-1].plan))
                 break
@@ -61,16 +73,18 @@ class Hierarchy:
 
     def _kept(self, stage: PlacedStage, scale: float, solved: Solution, begins: float) -> Kept:
         """Return what later levels must keep of a level's stage: its cost, or its weighted errors at the nodes."""
-        bound = solved.costs_of_stages[-1]
+        cost = solved.costs_of_stages[-1]
+        bound = cost + self.spec.htmpc.tolerance * max(cost, LEAST_COST)
         if self.spec.htmpc.constraint == "error":
             bound = np.abs(self.problem.costs.errors(stage, solved.plan.X[1:], solved.plan.times[1:] - begins))
             named = len(labels(self.problem.task.robot, stage.space))  # not those of the posture
+            bound += self.spec.htmpc.tolerance
             bound[:, (stage.weights == 0) | (np.arange(len(stage.weights)) >= named)] = np.inf
         begun = begins < solved.plan.end
         return Kept(
             stage=stage if begun else _waiting(stage),
             scale=scale,
-            bound=bound + self.spec.htmpc.tolerance,
+            bound=bound,
             ends=begun and len(solved.plan.instants) > 0,
         )
 

@@ -210,6 +210,13 @@ def _level_costs(sample: Sample) -> Mapping[int, float]:
     return dict(enumerate(costs[-1], start=sample.command.sequence.first)) if costs else {}
 
 
+def _level_rises(sample: Sample) -> Mapping[int, float]:
+    """Return by what part of it the cost of each stage is higher at the last level than at its own."""
+    first = sample.command.sequence.first
+    costs = _level_costs(sample)
+    return {stage: costs[stage] / _optimum(sample.command.levels[stage - first]) - 1 for stage in costs}
+
+
 def _event(name: str, long_name: str, only: str = "") -> Column:
     """Define the dataset that flags the samples of an event of the controller."""
     return Column(f"events/{name}", "1", long_name, lambda s: name in s.command.events, "i1", ("time",), only)
@@ -454,6 +461,12 @@ SCHEMA = (
     _sampled("balance/energy", "J", "kinetic energy less the work of the generalized forces"),
     _level("objective", "1", "optimum of the cost each level minimizes; NaN where none converged", _optimum),
     _level_metric("levels/cost", "1", "cost of each level's stage at the last level that converged", _level_costs),
+    _level_metric(
+        "levels/rise",
+        "1",
+        "by what part of it each level's cost is higher at the last level that converged",
+        _level_rises,
+    ),
     _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),
     _level_flag("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable"),
     _sampled_coordinates("state/Q_true", POSITION_UNITS, "generalized coordinates, true", only="true state"),

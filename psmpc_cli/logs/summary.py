@@ -29,6 +29,9 @@ WARNED_OF = 1e-3
 FAR_BEYOND = 1.05
 """Commanded force over its limit beyond which more is cut than small peaks at the limit [1]."""
 
+LEVEL_ACCURACY = 1e-5
+"""By what part of a cost solvers leave its bound in a level violated."""
+
 
 @dataclass(frozen=True)
 class StageSummary:
@@ -162,6 +165,8 @@ class Summary:
         unmeasured: Samples whose state was not measured, at least in part.
         basins: How often another guess of the switch times than the last plan's won; None if there was no other.
         unsolved_levels: Levels of a lexicographic controller that did not converge; None under any other.
+        level_rise: Largest part by which later levels raised the cost of an earlier one; NaN without levels.
+        raised_levels: How many they raised further than the tolerance allows; None where not costs are kept.
         limits: The tightest position and velocity margins.
         control_effort: Sum over samples of T_s |dv / T_s|^2, dv the integral of the commanded accelerations.
         squared_acceleration: Integral of |u|^2, which grows where the last interval before a switch shrinks.
@@ -221,6 +226,11 @@ class Summary:
         levels = arrays.get("levels/solved")
         self.basins = int(np.sum(basin > 0)) if np.any(basin >= 0) else None
         self.unsolved_levels = None if levels is None else int(np.sum(levels == 0))
+        rise = arrays.get("levels/rise", np.full((len(time), 0), np.nan))
+        self.level_rise = float(np.nanmax(rise, initial=-np.inf)) if np.isfinite(rise).any() else np.nan
+        keeps_costs = spec.controller.traits.has_levels and spec.controller.htmpc.constraint == "cost"
+        raised = rise > spec.controller.htmpc.tolerance + LEVEL_ACCURACY
+        self.raised_levels = int(np.sum(raised)) if keeps_costs else None
         self.limits = _limits(arrays, problem.stages, problem.model.units)
         self.control_effort = float(arrays["effort/control"].sum())
         self.squared_acceleration = float(arrays["effort/squared_acceleration"].sum())

@@ -182,7 +182,8 @@ def load_grasps(changes: Sequence[str] = (), task: str = SHIPPED) -> dict[str, T
         SpecError: The changes do not fit the task.
     """
     shared = _shared_changes((*_printed(task), *changes), SHARED_KEYS[:2])
-    return compared_tasks(load_task(built_ins("task")[GRASP], (*BARE_ROBOT, *shared)), ("smpc", "psmpc"))
+    loaded = load_task(built_ins("task")[GRASP], (*BARE_ROBOT, *shared))
+    return compared_tasks(loaded, ("smpc", "psmpc"), own_settings=True)
 
 
 def _printed(task: str) -> list[str]:

@@ -222,6 +222,8 @@ class Measure:
 
 FORCES_FAR_BEYOND = f"forces beyond {100 * FAR_BEYOND:g} % of a limit"
 
+LEVELS_RAISED = "levels whose cost later ones raised beyond the tolerance"
+
 MEASURES: tuple[Measure, ...] = (
     Measure("end of the run", lambda run: run.reason, shown=Shown.NOWHERE),
     Measure("solve time, median / p95 / p99 / max", lambda run: _solves(run.solves), "ms", BOTH),
@@ -233,6 +235,8 @@ MEASURES: tuple[Measure, ...] = (
     Measure("failed solves", lambda run: run.failed_solves),
     Measure("samples not measured", lambda run: run.unmeasured or math.nan),
     Measure("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels),
+    Measure("largest rise of a level's cost by later levels", lambda run: 100 * run.level_rise, "%", resolution=1e-3),
+    Measure(LEVELS_RAISED, lambda run: math.nan if run.raised_levels is None else run.raised_levels),
     Measure("stages appended", lambda run: run.appended),
     Measure("stages postponed", lambda run: run.postponed),
     Measure("other guesses of the switch times chosen", lambda run: math.nan if run.basins is None else run.basins),
@@ -354,6 +358,8 @@ def warnings_of(summary: Summary) -> Iterator[str]:
         yield f"{summary.failed_solves} of {summary.solves.count} solves failed"
     if summary.unsolved_levels:
         yield f"{summary.unsolved_levels} levels were not solved"
+    if summary.raised_levels:
+        yield f"{LEVELS_RAISED}: {summary.raised_levels}"
     if brief := _brief_stages(summary):
         yield brief
 

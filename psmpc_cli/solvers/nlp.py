@@ -70,9 +70,31 @@ first window of `inspect` fatrop stops 8e-7 above the least J, and goes on for 2
 BARRIER_START = 1e-4
 """fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
 
+WARM_START: Mapping[str, Any] = {
+    "warm_start_init_point": "yes",
+    "mu_init": 1e-6,
+    **dict.fromkeys(
+        (
+            "warm_start_bound_push",
+            "warm_start_bound_frac",
+            "warm_start_slack_bound_push",
+            "warm_start_slack_bound_frac",
+            "warm_start_mult_bound_push",
+        ),
+        1e-6,
+    ),
+}
+"""IPOPT: options of solves that start from multipliers too. Its iterates are then near the optimum already: a barrier
+parameter of the size that multipliers have there, 1e-6, and points that are not pushed farther off their bounds."""
 
 ProgramKey = tuple[WindowShape, bool]
 """What programs differ in: the shape of the window, and whether they have the rows that are rarely active."""
+
+CompiledKey = tuple[ProgramKey, bool]
+"""What compiled solvers differ in: the program, and whether their solves start from multipliers."""
+
+NO_DUALS = np.zeros(0)
+"""Multipliers of a solve that starts from a plan alone."""
 
 LONGEST_COMPILATION = 600.0
 """Processor time after which the compilation of a program is ended [s]."""
@@ -381,6 +403,8 @@ class NlpSolver(Solver):
         spec: The back-end and its settings.
         report: Takes the lines of the table of iterations.
         options: Replace the options of the plug-in itself.
+        has_duals: Solutions have their multipliers, and solves start from those of the sample before where the window
+            has the same shape. IPOPT alone takes them: fatrop sets multipliers of bounds to 1 and computes the others.
     """
 
     def __init__(
@@ -389,9 +413,11 @@ class NlpSolver(Solver):
         spec: SolverSpec,
         report: Report | None = None,
         options: Mapping[str, Any] | None = None,
+        has_duals: bool = False,
     ) -> None:
         self._problem = problem
         self._spec = spec
+        self._has_duals = has_duals and spec.kind == "ipopt"
         self._plugin = "fatrop" if spec.kind == "fatrop" else "ipopt"
         self._report = report
         settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
@@ -402,9 +428,9 @@ class NlpSolver(Solver):
             settings["mu_init"] = BARRIER_START
         self._settings = settings if options is None else dict(options)
         self._nlps: dict[ProgramKey, Nlp] = {}
-        self._compiled: dict[ProgramKey, ca.Function] = {}
-        self._clocks: dict[ProgramKey, _Clock] = {}
-        self._ready = set[ProgramKey]()  # those that the copy of the process has compiled
+        self._compiled: dict[CompiledKey, ca.Function] = {}
+        self._clocks: dict[CompiledKey, _Clock] = {}
+        self._ready = set[CompiledKey]()  # those that the copy of the process has compiled
         self._solving = Spell(f"{self._plugin} compiles and solves a large window", "windows")
         self._calls = BoundedCalls(self._answer, self._solving.wait)
 
@@ -452,13 +478,14 @@ class NlpSolver(Solver):
         """Answer a call in the copy of the process, in which programs are compiled and solved."""
         return getattr(self, method)(*arguments)
 
-    def _compile(self, key: ProgramKey, numbers: Parameters[np.ndarray]) -> None:
+    def _compile(self, key: CompiledKey, numbers: Parameters[np.ndarray]) -> None:
         """Compile the solver of a program; it may take a minute, during which no signal would be noticed."""
         if key in self._compiled:
             return
-        nlp = self._nlp(key, numbers)
+        program, is_warm = key
+        nlp = self._nlp(program, numbers)
         options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
-        settings = self._settings
+        settings = {**self._settings, **(WARM_START if is_warm else {})}
         if self._plugin == "fatrop":
             options |= {"structure_detection": "manual", **nlp.sizes}
             if nlp.has_interval_rows:
@@ -470,12 +497,12 @@ class NlpSolver(Solver):
         self._compiled[key] = ca.nlpsol("window", self._plugin, nlp.program, {**options, **nlp.derivatives})
 
     def _call(
-        self, key: ProgramKey, arguments: Mapping[str, np.ndarray], until: float
+        self, key: CompiledKey, arguments: Mapping[str, np.ndarray], until: float
     ) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
         """Call a compiled solver; return vectors, statistics, the wall time [s], and what it wrote, if it is reported.
 
         Args:
-            key: Of its program.
+            key: Which solver.
             arguments: Its arguments.
             until: When it has to stop, if it can, an instant of `time.perf_counter` [s].
         """
@@ -485,13 +512,16 @@ class NlpSolver(Solver):
         with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as text:
             result = self._compiled[key](**arguments)
         wall_time = time.perf_counter() - began
-        vectors = {name: _array(result[name]) for name in ("x", "f", "g", "lam_g")}
+        vectors = {name: _array(result[name]) for name in ("x", "f", "g", "lam_x", "lam_g")}
         stats = self._compiled[key].stats()
         counted = {name: stats[name] for name in ("success", "return_status", "iter_count")}
         return vectors, counted, wall_time, text.getvalue()
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        found = self._solved(window, guess, guess, within, has_all_rows=False)
+        duals = NO_DUALS
+        if self._has_duals and previous is not None and window_shape(previous.window) == window_shape(window):
+            duals = previous.duals
+        found = self._solved(window, guess, guess, within, has_all_rows=False, duals=duals)
         if found.outcome.usable and missing_row_violation(self._problem.model, window, found.plan) > FEASIBLE:
             complete = self._solved(window, guess, found.plan, within, has_all_rows=True)
             iterations = found.iterations + complete.iterations
@@ -499,10 +529,19 @@ class NlpSolver(Solver):
             found = replace(complete, iterations=iterations, wall_time=wall_time)
         return replace(found, warm=previous is not None)
 
-    def _solved(self, window: Window, guess: Plan, start: Plan, within: float, has_all_rows: bool) -> Solution:
-        """Return the solution of a window's NLP, started from a plan, its bounds about the guess."""
+    def _solved(
+        self,
+        window: Window,
+        guess: Plan,
+        start: Plan,
+        within: float,
+        has_all_rows: bool,
+        duals: np.ndarray = NO_DUALS,
+    ) -> Solution:
+        """Return the solution of a window's NLP, started from a plan and multipliers, its bounds about the guess."""
         nlp, x0, p = self._posed(window, start, has_all_rows)
-        key = nlp.shape, has_all_rows
+        is_warm = len(duals) > 0
+        key = (nlp.shape, has_all_rows), is_warm
         bounds = nlp.bounds(window, guess, within)
         try:
             with self._solving:
@@ -511,6 +550,8 @@ class NlpSolver(Solver):
                     self._ready.add(key)
                 until = self.stop_time(time.perf_counter())
                 arguments = nlp.arguments(x0, p, bounds)
+                if is_warm:
+                    arguments["lam_x0"], arguments["lam_g0"] = np.split(duals, [len(arguments["x0"])])
                 result, stats, wall_time, written = self._calls(LONGEST_CALL, "_call", key, arguments, until)
         except BaseException:
             self._ready.clear()  # the copy has ended with what it had compiled
@@ -538,6 +579,8 @@ class NlpSolver(Solver):
             costs=_array(costs),
             terminal=float(terminal),
             violations=violations,
+            duals=np.concatenate([result["lam_x"], result["lam_g"]]) if self._has_duals else NO_DUALS,
+            guess_duals=duals,
             bound_multiplier=float(result["lam_g"][-1]) if np.isfinite(window.cost_bound) else np.nan,
         )
 

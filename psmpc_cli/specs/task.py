@@ -121,7 +121,9 @@ class HtmpcSpec(Spec):
 
     depth: fields.Whole | None = Field(None, ge=1, description="levels a sample solves; default all remaining stages")
     constraint: Literal["cost", "error"] = Field("cost", description="what may not get worse: costs, or errors by node")
-    tolerance: fields.Positive = Field(1e-3, description="by how much a normalized cost, or an error, may get worse")
+    tolerance: fields.Positive = Field(
+        1e-3, description="by what part of it a cost, or by how much an error, may get worse"
+    )
 
 
 @dataclass(frozen=True)
@@ -284,6 +286,13 @@ class SolverSpec(Choice):
     def to_optimum(self) -> "SolverSpec":
         """Return the settings of a solver that solves each window to its optimum."""
         return self.model_copy(update={"kind": "fatrop"}) if self.traits.real_time else self
+
+    def of_levels(self) -> "SolverSpec":
+        """Return the settings of the solver of HTMPC's levels.
+
+        Bounded costs need their curvature, so `sqp` leaves them to IPOPT, which starts from multipliers.
+        """
+        return self.model_copy(update={"kind": "ipopt"}) if self.traits.real_time else self
 
     kind: Literal["sqp", "fatrop", "ipopt", "adjoint"] = Field("sqp", description="which solver")
     tolerance: fields.Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
@@ -715,8 +724,6 @@ def _solver(solver: SolverSpec, before: Fields, context: Context) -> RuleErrors:
             ("deadline",),
             expected("none with solver fatrop, which cannot stop early, or solver sqp, ipopt or adjoint"),
         )
-    elif controller and controller.traits.has_levels and not solver.to_optimum().traits.stops_early:
-        yield ("deadline",), expected("none, or solver ipopt, with controller htmpc")
 
 
 def _plant(plant: PlantSpec, before: Fields, context: Context) -> RuleErrors:

@@ -1,6 +1,7 @@
 """Comparisons: several controllers on one task, in parallel, with their logs in one file."""
 
 import logging
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, get_args
@@ -14,8 +15,9 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import rejected, require, require_options
-from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.task import ControllerSpec
+from psmpc_cli.specs.document import BY_CONTROLLER, mapping
+from psmpc_cli.specs.load import Task, TaskDocuments
+from psmpc_cli.specs.task import FREE_END, ControllerSpec, TaskSpec
 from psmpc_cli.studies.runner import compute_all, documents_of, with_changes
 
 CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")
@@ -25,7 +27,16 @@ SAME_SAMPLE = 1e-6
 """Part of a sample by which two missions may differ beyond one and still count as equally soon: rounding."""
 
 VARIED = "controller.kind"
-"""The one key in which the tasks of a comparison differ."""
+"""The key in which the tasks of a comparison differ."""
+
+ONE_STAGE = "controller.one_stage"
+"""The key that says whether windows over one stage have its end."""
+
+OF_THE_METHOD = ("controller", "solver")
+"""Sections of a task that say how a controller works, not what it is asked for."""
+
+MAY_DIFFER = {"controller", "solver", BY_CONTROLLER}
+"""Fields of tasks that are compared on equal terms in which they may differ all the same."""
 
 
 def compare(
@@ -34,8 +45,9 @@ def compare(
     path: Path | str | None = None,
     jobs: int | None = None,
     force: bool = False,
+    own_settings: bool = False,
 ) -> dict[str, Run]:
-    """Run a task under several controllers; nothing else differs.
+    """Run a task under several controllers, on equal terms; see `compared_tasks`.
 
     Args:
         task: The task, its file or the name of a built-in one.
@@ -43,6 +55,7 @@ def compare(
         path: File of all logs; None for none that stays.
         jobs: Processes; by default one for each core.
         force: Whether an existing file is overwritten.
+        own_settings: Whether each controller has what the task's `by_controller` sets for it.
 
     Returns:
         The runs by controller.
@@ -58,11 +71,23 @@ def compare(
     for kind in controllers:
         require("controllers", kind, str, wanted)
     path = require_options(path, jobs, force)
-    return run_tasks(compared_tasks(task, controllers), path, jobs, force)
+    require("own_settings", own_settings, bool, "True or False")
+    return run_tasks(compared_tasks(task, controllers, own_settings=own_settings), path, jobs, force)
 
 
-def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes: Sequence[str] = ()) -> dict[str, Task]:
-    """Build the task with keys changed under each controller, each once; nothing else differs.
+def compared_tasks(
+    task: Task | str | Path, controllers: Iterable[str], changes: Sequence[str] = (), own_settings: bool = False
+) -> dict[str, Task]:
+    """Build the task with keys changed under each controller, each once.
+
+    They are on equal terms: the same weights, tolerances and limits, and windows over one stage have its end, at a free
+    switch time. What the task says of `controller` and `solver`, for all or below `by_controller`, stays.
+
+    Args:
+        task: The task, its file or the name of a built-in one.
+        controllers: Their kinds.
+        changes: Keys to change, each `path=value`.
+        own_settings: They are not: each is as `psmpc simulate` runs it, with all of the task's `by_controller`.
 
     Raises:
         InputError: A controller is unknown, or there is none; or the changes are of the controller itself.
@@ -76,7 +101,40 @@ def compared_tasks(task: Task | str | Path, controllers: Iterable[str], changes:
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
     documents = documents_of(with_changes(task, changes))
-    return {name: documents.changed((f"{VARIED}={name}",)) for name in wanted}
+    if own_settings:
+        return {name: documents.changed({VARIED: name}) for name in wanted}
+    return {name: _on_equal_terms(documents, name) for name in wanted}
+
+
+def _on_equal_terms(documents: TaskDocuments, kind: str) -> Task:
+    """Build a task under a controller without what `by_controller` asks of it otherwise than of others."""
+    own = mapping(documents.task.value((BY_CONTROLLER,)))
+    methods = {name: {key: keys[key] for key in keys if _is_of_the_method(key)} for name, keys in own.items()}
+    changes = {BY_CONTROLLER: methods, VARIED: kind}
+    task = documents.changed(changes)
+    controller = task.spec.controller
+    says_end = "one_stage" in controller.model_fields_set
+    return task if says_end or not controller.traits.one_stage else documents.changed({**changes, ONE_STAGE: FREE_END})
+
+
+def _is_of_the_method(key: str) -> bool:
+    return re.split(r"[.\[]", key)[0].strip() in OF_THE_METHOD
+
+
+def describe_terms(runs: Mapping[str, Run]) -> str:
+    """Say whether runs are of one task on equal terms, and what of it differs between controllers."""
+    specs = {name: run.task.spec for name, run in runs.items()}
+    fields = [key for key in TaskSpec.model_fields if key not in MAY_DIFFER]
+    first, *_ = specs.values()
+    differing = [key for key in fields if any(getattr(spec, key) != getattr(first, key) for spec in specs.values())]
+    if differing:
+        return f"terms: not equal: {' and '.join(differing)} of the controllers differ (by_controller of the task)"
+    one_stage = [name for name, spec in specs.items() if spec.controller.traits.one_stage]
+    free = [name for name in one_stage if specs[name].controller.plans_ends]
+    published = [name for name in one_stage if name not in free]
+    ends = [f"{' and '.join(free)} with a free end"] if free else []
+    ends += [f"{' and '.join(published)} without a planned end"] if published else []
+    return "; ".join(["terms: the same weights, tolerances and limits", *ends])
 
 
 def run_tasks(

@@ -26,7 +26,8 @@ def rows(ran: Ran) -> dict[str, list[str]]:
 
 @pytest.mark.slow
 def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
-    ran = psmpc("compare", "task.yaml", "--jobs", "1", "--controllers", "psmpc,smpc,hard", "--set", "log.plans=false")
+    changes = ("--set", "log.plans=false", "--set", "controller.one_stage=as_published")
+    ran = psmpc("compare", "task.yaml", "--jobs", "1", "--controllers", "psmpc,smpc,hard", *changes)
     assert ran.code == 0
     lines = ran.stderr.splitlines()
     assert lines[0] == "0 of 3 runs" and "3 of 3 runs, hard done" in lines
@@ -46,6 +47,7 @@ def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
     assert table["go ends [s]"][1].endswith("(=) [0.9]")
     assert table["back actually starts [s]"][0].startswith("early ")
     assert "levels not solved" not in table
+    assert "terms: the same weights, tolerances and limits; hard without a planned end" in lines
     assert "psmpc and smpc are the same controller for this task: all its priorities are equal" in lines
     assert {path.stem for path in Path("runs/task-comparison").iterdir()} == set(figures_of("comparison"))
     assert "limits of forces and accelerations: none declared: nothing bounds the largest values above" in lines
@@ -62,6 +64,19 @@ def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
         ran = psmpc("plot", path, *arguments)
         assert (ran.code, ran.stdout) == (2, "")
         assert word in ran.stderr
+
+
+def test_own_settings_are_applied_when_asked_for(psmpc: Psmpc, tmp_path: Path) -> None:
+    text = (tmp_path / "task.yaml").read_text()
+    (tmp_path / "own.yaml").write_text(f"{text}by_controller: {{hard: {{skills.move.weights.control: 0.5}}}}\n")
+    options = ("--jobs", "1", "--controllers", "psmpc,hard", "--no-figures", "--set", "time_limit=0.2", "-q")
+    assert psmpc("compare", "own.yaml", *options, "-o", "equal.h5").code == 0
+    assert psmpc("compare", "own.yaml", *options, "-o", "own.h5", "--own-settings").code == 0
+    for name, weight, terms in (("equal", 1.0, "same weights"), ("own", 0.5, "not equal: skills of")):
+        logs = read_comparison(Path(f"{name}.h5"))
+        assert logs["psmpc"].task.spec.skills["move"].weights.control == 1.0
+        assert logs["hard"].task.spec.skills["move"].weights.control == weight
+        assert terms in psmpc("show", f"{name}.h5").stdout
 
 
 @pytest.mark.slow

@@ -8,11 +8,12 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.logs.run import read_comparison, read_run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.studies.compare import (
     CONTROLLERS,
     compare,
     compared_tasks,
+    describe_terms,
     recommend_controller,
     run_tasks,
 )
@@ -37,10 +38,71 @@ def test_tasks_differ_in_the_controller_alone(reference: str) -> None:
     assert [task.spec.controller.kind for task in tasks.values()] == list(CONTROLLERS)
     alike = []
     for task in tasks.values():
-        controller = task.spec.controller.model_copy(update={"kind": "psmpc"})
+        controller = task.spec.controller.model_copy(update={"kind": "psmpc", "one_stage": "as_published"})
         alike.append(task.spec.model_copy(update={"controller": controller}))
     assert all(spec == alike[0] for spec in alike)
     assert (alike[0].controller.nodes, alike[0].plant.kind) == (7, "rk4")
+
+
+OWN = """\
+by_controller:
+  hard: {skills.move.weights.control: 0.05, "stages[0].ends_when.tolerance": 0.01, solver.max_iterations: 150}
+  htmpc:
+    stages.go.ends_when.tolerance: 0.01
+    limits.base.velocity: [0.15, 0.15, 0.1]
+    controller.one_stage: as_published
+  smpc: {stages.go.priority: 3}
+"""
+
+
+@pytest.fixture
+def with_own_settings(tmp_path: Path) -> str:
+    path = tmp_path / "own.yaml"
+    path.write_text(TASK + OWN)
+    return str(path)
+
+
+def test_controllers_are_compared_on_equal_terms(with_own_settings: str) -> None:
+    """Weights, tolerances and limits are those of the task; how a controller and its solver work stays its own."""
+    tasks = {name: task.spec for name, task in compared_tasks(with_own_settings, CONTROLLERS).items()}
+    asked_for = [
+        [getattr(spec, name) for name in ("skills", "stages", "limits", "monitors", "object", "plant")]
+        for spec in tasks.values()
+    ]
+    assert all(each == asked_for[0] for each in asked_for)
+    ends = {name: spec.controller.one_stage for name, spec in tasks.items() if spec.controller.traits.one_stage}
+    assert ends == {"hard": "free_end", "htmpc": "as_published"}  # the task says so of htmpc
+    assert (tasks["hard"].solver.max_iterations, tasks["htmpc"].solver.max_iterations) == (150, 200)
+    published = compared_tasks(with_own_settings, CONTROLLERS, ["controller.one_stage=as_published"])
+    assert published["hard"].spec.controller.one_stage == "as_published"
+
+
+def test_own_settings_are_those_of_a_run_alone(with_own_settings: str) -> None:
+    for name, task in compared_tasks(with_own_settings, CONTROLLERS, own_settings=True).items():
+        assert task.digest == load_task(with_own_settings, {"controller.kind": name}).digest
+
+
+def test_the_built_in_transport_is_compared_on_equal_terms() -> None:
+    tasks = compared_tasks("transport", CONTROLLERS)
+    control = {name: task.spec.skills["move"].weights.control for name, task in tasks.items()}
+    assert control == dict.fromkeys(CONTROLLERS, load_task("transport").spec.skills["move"].weights.control)
+    assert (
+        tasks["psmpc"].spec.model_copy(update={"by_controller": {}})
+        == load_task("transport", {"by_controller": {}}).spec
+    )
+
+
+@pytest.mark.parametrize(
+    ("own_settings", "sentence"),
+    [
+        (False, "terms: the same weights, tolerances and limits; hard with a free end; htmpc without a planned end"),
+        (True, "terms: not equal: limits and skills and stages of the controllers differ (by_controller of the task)"),
+    ],
+    ids=["equal", "own"],
+)
+def test_a_comparison_says_on_which_terms_it_is(with_own_settings: str, own_settings: bool, sentence: str) -> None:
+    tasks = compared_tasks(with_own_settings, ("psmpc", "hard", "htmpc"), ["time_limit=0.2"], own_settings)
+    assert describe_terms({name: simulate(task) for name, task in tasks.items()}) == sentence
 
 
 @pytest.mark.slow

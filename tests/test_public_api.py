@@ -283,6 +283,7 @@ def test_a_pose_that_is_not_finite_is_predicted(api: Api) -> None:
         assert np.isfinite(controller.step(0.0, at_rest(controller), pose).u).all()
 
 
+@pytest.mark.slow
 def test_studies_take_paths_as_texts(api: Api) -> None:
     task = psmpc.load_task("transport", set={"controller.nodes": 8, "plant.kind": "ideal", "time_limit": 0.2})
     path = str(api.folder / "sweep.h5")

@@ -24,6 +24,7 @@ class WindowBuilder:
         self._uniform_nodes = self._spec.uniform_nodes
         # strict priorities do not depend on the scale; "range", eq. (12) as printed, divides by 0 for a robot at rest
         self._normalization = "nadir" if self._spec.traits.has_levels else self._spec.normalization
+        self._normalization_step = self._spec.normalization_step
         self._priorities = priorities_in_force(self._spec, problem.stages)
 
     def build(
@@ -47,7 +48,7 @@ class WindowBuilder:
         own = tuple(stages[sequence.first : sequence.last + 1])
         # a stage's cost L is normalized to (L - offset) / scale; zeta keeps scale from being 0
         offset, scale = normalization(
-            self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, spec.normalization_step
+            self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, self._normalization_step
         )
         if sequence.continues:  # one stage in two parts, with one scale
             own = (own[0], own[0].continued)

@@ -163,6 +163,7 @@ def test_a_standard_output_that_is_full_is_named(folder: Path, line: str) -> Non
     assert "standard output cannot be written" in ran.stderr
 
 
+@pytest.mark.slow
 def test_progress_that_cannot_be_shown_stops_nothing(folder: Path) -> None:
     (folder / "task.yaml").write_text(TASK)
     line = "simulate task.yaml --no-figures -o log.h5"
@@ -222,6 +223,7 @@ main()
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "warning: ours\n")
 
 
+@pytest.mark.slow
 def test_a_file_whose_name_is_no_text_is_shown_with_escapes(folder: Path, ended: Path) -> None:
     strict = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}  # as in most locales
     show = [*PROGRAM, "show", b"\xff.h5"]

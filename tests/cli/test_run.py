@@ -64,6 +64,7 @@ def test_a_repeated_run_says_how_long_it_takes_yet(psmpc: Psmpc, ended: Path) ->
     assert re.search(r"about \d+ s left$", lines[1])
 
 
+@pytest.mark.slow
 def test_long_work_is_one_line_of_a_terminal_and_few_lines_elsewhere(
     psmpc: Psmpc, part: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -75,6 +76,7 @@ def test_long_work_is_one_line_of_a_terminal_and_few_lines_elsewhere(
     assert any(re.match(r"5 of 6 samples, about \d+ s left", line) for line in re.split(r"[\r\n]+", plain_text(sent)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["plot", "report"])
 def test_drawing_shows_how_far_it_has_come(psmpc: Psmpc, part: Path, command: str) -> None:
     sent = plain_text(on_terminal(command, str(part), stream="stderr"))

@@ -66,6 +66,7 @@ def test_a_comparison_is_one_table_one_file_and_figures(psmpc: Psmpc) -> None:
         assert word in ran.stderr
 
 
+@pytest.mark.slow
 def test_own_settings_are_applied_when_asked_for(psmpc: Psmpc, tmp_path: Path) -> None:
     text = (tmp_path / "task.yaml").read_text()
     (tmp_path / "own.yaml").write_text(f"{text}by_controller: {{hard: {{skills.move.weights.control: 0.5}}}}\n")

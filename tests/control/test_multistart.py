@@ -116,6 +116,7 @@ def test_time_and_iterations_count_every_solve(counting: Counting, switching: Co
     assert best.basin == 0
 
 
+@pytest.mark.slow
 def test_several_switches_are_guessed_in_their_order(counting: Counting, decisions: list[Command]) -> None:
     command = next(d for d in decisions if len(d.plan.instants) == 2 and "appended" not in d.events)
     window = replace(command.solution.window, pending_cost=0.0)

@@ -128,6 +128,7 @@ def test_a_missing_planner_is_said_with_what_brings_it(monkeypatch: pytest.Monke
         route_among(ONE_DISC)
 
 
+@pytest.mark.slow
 def test_a_seed_has_one_route_whatever_was_planned_before_and_in_every_process(
     capfd: pytest.CaptureFixture[str],
 ) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from matplotlib.axes import Axes
 
 from psmpc_cli.figures.coordinates import plot_controls, plot_errors, plot_forces, plot_states, plot_velocities
@@ -93,6 +94,7 @@ def test_forces_are_those_of_every_tick_where_logged_else_of_the_samples(run: Ru
     np.testing.assert_array_equal(drawn, np.column_stack([fine.ticks["time"], fine.ticks["F"][:, 0]]))
 
 
+@pytest.mark.slow
 def test_forces_have_their_limits_and_what_was_commanded_where_they_are_cut(tmp_path: Path) -> None:
     """The base's are along its own axes; limits that are far off are not drawn."""
     cut = there_and_back(tmp_path, *CUT, name="cut")

@@ -51,6 +51,7 @@ def test_a_loop_with_ticks_is_recorded_as_simulate_records_it(task: Task) -> Non
 CLEAR = {"obstacles": [{"name": "post", "shape": {"sphere": 0.1}, "pose": [1.9, 0.6, 0]}], "clearance": {}}
 
 
+@pytest.mark.slow
 def test_without_ticks_nobody_knows_whether_something_touched() -> None:
     task = psmpc.load_task("transport", {"controller.nodes": 8, "time_limit": 0.5, **CLEAR})
     for with_ticks, held in ((True, True), (False, False)):

@@ -60,6 +60,7 @@ def test_windows_before_at_and_after_the_append_are_solved_on_every_mesh(bench: 
         assert all(solve.times.shape == (2,) and (solve.times > 0).all() for solve in solves)
 
 
+@pytest.mark.slow
 def test_every_back_end_finds_the_optimum(bench: Bench) -> None:
     for (_, solver, _), solves in bench.solves.items():
         tight = solver in ("fatrop", "ipopt", "reference")
@@ -100,6 +101,7 @@ def test_a_run_without_an_append_is_rejected(task: str) -> None:
         run_bench(load_bench(task, changes, "5"))
 
 
+@pytest.mark.slow
 def test_windows_of_a_robot_in_space_have_one_optimum_from_every_start() -> None:
     """A turn about one axis and a flight along another: limits of the angular velocity depend on the attitudes."""
     pose = {"position": [0.1, 0.1, -0.1], "attitude": free_flyer.attitude([0.6, 0, 0.8], 30)}

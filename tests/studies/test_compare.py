@@ -122,6 +122,7 @@ def test_runs_in_parallel_are_the_runs_alone(tmp_path: Path, tasks: dict[str, Ta
             np.testing.assert_array_equal(found[name][column], alone[column])
 
 
+@pytest.mark.slow
 def test_the_python_call_returns_the_runs(reference: str) -> None:
     runs = compare(reference, ["smpc", "hard"], jobs=2)
     assert {name: str(run.attributes["controller"]) for name, run in runs.items()} == {"smpc": "smpc", "hard": "hard"}

@@ -66,6 +66,7 @@ def doubled(*lost: int) -> dict[int, int | None]:
     return {item: None if item in lost else 2 * item for item in range(6)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_every_item_gets_its_result(jobs: int) -> None:
     assert dict(compute(doubling(), ITEMS, jobs)) == doubled()
@@ -205,6 +206,7 @@ def test_a_cell_that_kills_its_process_is_lost_and_the_others_are_computed(tmp_p
     assert results["reason"][0, 1] == LOST
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "grid", "every_cell", "named"),
     [

@@ -128,9 +128,9 @@ def test_a_cell_whose_mission_takes_too_long_fails_with_the_reason() -> None:
     results = swept("2", changes=(*COARSE, "time_limit=7"))
     assert results["status"].tolist() == [FAILED, FAILED]
     assert results["reason"].tolist() == ["time limit of 7 s reached"] * 2
-    ratio, why, _ = recommend(SweepCells(results))
-    assert ratio is None
-    assert "fails with the task's own priorities (time limit of 7 s reached)" in why
+    found = recommend(SweepCells(results))
+    assert found.ratio is None
+    assert "fails with the task's own priorities (time limit of 7 s reached)" in found.sentence
     assert np.all(results["detection_time"] > 0)
 
 

@@ -163,7 +163,9 @@ def test_own_priorities_that_no_cell_has_are_compared_with_all_the_same(recommen
 
 def test_where_runs_of_one_ratio_differ_a_pair_of_priorities_is_recommended(recommended: Recommended) -> None:
     """Since the stages after them keep their priorities."""
-    sentence = recommended("3x3", of=lambda ratio: {**numbers(ratio), "control_effort": 1 / ratio}, task="transport")[1]
+    sentence = recommended(
+        "3x3", of=lambda ratio: {**numbers(ratio), "control_effort": 1 / ratio}, task="transport"
+    ).sentence
     assert sentence.startswith("recommended omega_2/omega_1: 1e+06 (omega_1 = 0.001, omega_2 = 1000), ")
 
 
@@ -196,10 +198,10 @@ def test_it_is_told_in_one_line_with_what_speaks_for_it(recommended: Recommended
     ],
 )
 def test_why_there_is_none_is_told(recommended: Recommended, given: dict[str, object], why: str) -> None:
-    ratio, line, _ = recommended(**given)
-    assert ratio is None
-    assert line.startswith("no ratio is recommended: ")
-    assert why in line
+    found = recommended(**given)
+    assert found.ratio is None
+    assert found.sentence.startswith("no ratio is recommended: ")
+    assert why in found.sentence
 
 
 def test_a_file_whose_runs_end_with_the_second_stage_is_told_in_one_line(path: Path) -> None:

@@ -123,6 +123,7 @@ def consistent_inverse(J: Array, H: Array) -> Array:
     return np.asarray(np.linalg.solve(root, np.linalg.pinv(np.linalg.solve(root.T, J.T).T)))
 
 
+@pytest.mark.slow
 @given(cases())
 @laws
 def test_inertia_and_bias_in_task_space_are_those_of_the_formulas(case: Case) -> None:

@@ -196,7 +196,7 @@ def test_ctrl_c_ends_a_sweep_that_can_be_resumed(start: Start) -> None:
 
 def test_a_signal_ends_a_comparison_that_leaves_nothing(start: Start, tmp_path: Path) -> None:
     process = start("compare", "transport", "--set", "controller.nodes=12", "-o", "a.h5")
-    assert process.stderr is not None and any("done, 1 of 4" in line for line in process.stderr)
+    assert process.stderr is not None and any("1 of 4 runs" in line for line in process.stderr)
     process.send_signal(signal.SIGTERM)
     found, _, err = finish(process)
     assert (found, err.splitlines()[-1]) == (143, "psmpc: terminated; no comparison was written")

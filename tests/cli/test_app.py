@@ -69,6 +69,7 @@ def test_the_help_of_a_command_imports_nothing_heavy() -> None:
     assert imported_by(*((command, "--help") for command in get_command(app).commands)) & (HEAVY - typers_own) == set()
 
 
+@pytest.mark.slow
 def test_what_prints_imports_no_statistics() -> None:
     """SciPy's statistics take as long to import as all the rest that a command needs to print a summary."""
     code = "import sys, psmpc_cli.cli.tables; sys.exit('scipy.stats' in sys.modules)"

@@ -184,6 +184,7 @@ def test_check_prints_a_urdf_s_bodies_limits_and_what_was_assumed(psmpc: Psmpc) 
         assert words in found
 
 
+@pytest.mark.slow
 def test_check_prints_the_object_its_grasps_and_its_destination(psmpc: Psmpc) -> None:
     found = " ".join(psmpc("check", "catch_drifting").stdout.split())
     for words in (

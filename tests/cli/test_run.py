@@ -194,6 +194,7 @@ def test_a_run_that_differs_is_not_continued(psmpc: Psmpc, part: Path) -> None:
     assert read_run(Path("whole.h5")).attributes["finished"]
 
 
+@pytest.mark.slow
 def test_a_rerun_says_whether_everything_is_equal(psmpc: Psmpc, part: Path) -> None:
     ran = psmpc("rerun", "part.h5", "--quiet", "--strict", "-o", "again.h5")
     assert (ran.code, ran.stderr) == (0, "")
@@ -241,6 +242,7 @@ def test_a_closed_loop_that_is_left_out_has_no_table(psmpc: Psmpc, tmp_path: Pat
     assert "closed loop, " not in out
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_where_and_as_asked(psmpc: Psmpc, ended: Path) -> None:
     assert psmpc("plot", "ended.h5", "--only", "states", "--only", "errors").stdout.split() == [
         "ended/states.png",

@@ -41,6 +41,7 @@ def test_a_page_goes_beside_the_log_numbered_and_replaces_nothing_unasked(psmpc:
     assert "https://" not in Path("kept.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_page_says_what_its_log_lacks(psmpc: Psmpc, ended: Path, part: Path) -> None:
     assert psmpc("view", str(part), "-o", "part.html").code == 0
     (run,) = shown("part.html")
@@ -54,6 +55,7 @@ def test_a_page_says_what_its_log_lacks(psmpc: Psmpc, ended: Path, part: Path) -
     assert len({run["name"] for run in shown("both.html")}) == 2
 
 
+@pytest.mark.slow
 def test_a_run_writes_its_page_names_it_and_opens_it(psmpc: Psmpc, monkeypatch: pytest.MonkeyPatch) -> None:
     opened = list[str]()
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)

@@ -78,6 +78,7 @@ def test_a_short_summary_has_the_first_stages_and_says_how_many_more_there_are(t
     assert {f"s{k}" for k in range(15)} <= {line.split()[0] for line in shown(tmp_path / "log.h5", "-v")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("no_colour", "begins"), [("", "\x1b[33mwarning: "), ("1", "warning: ")])
 def test_warnings_have_a_colour_on_a_terminal(tmp_path: Path, no_colour: str, begins: str) -> None:
     log = write_story(tmp_path / "log.h5", Story(ends=(10.0, 10.001, 23.0, 29.6), early={}))

@@ -76,6 +76,7 @@ def test_no_earlier_error_gets_worse_by_more_than_the_tolerance(
     assert compared > 4
 
 
+@pytest.mark.slow
 def test_all_levels_are_within_the_constraints_of_the_current_stage(experiment_of: Build) -> None:
     """While an object is caught, the levels of the stages that hold it ask for the force of a robot without it."""
     short = ("controller.nodes=8", "controller.horizon=2", "controller.kind=htmpc", "log.shares=false")

@@ -51,6 +51,7 @@ def test_a_frame_for_each_key_instant_all_to_one_scale(run: Run) -> None:
     )
 
 
+@pytest.mark.slow
 def test_instants_within_a_sample_share_a_frame(load: Load) -> None:
     assert titles(plot_snapshots(load(early={1: 0.1})))[0] == "0.0 s: start, capture starts"
     assert titles(plot_snapshots(load(early={1: 0.3})))[:2] == ["0.0 s: start", "0.3 s: capture starts"]

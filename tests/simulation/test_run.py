@@ -172,6 +172,7 @@ def test_events_are_reported_to_who_asks(finished: Run, told: Kept) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_run_whose_log_finds_no_room_ends_with_what_it_has(tmp_path: Path) -> None:
     path, seen = tmp_path / "log.h5", list[Sample]()
 

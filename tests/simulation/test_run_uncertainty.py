@@ -50,6 +50,7 @@ def held(log: Run) -> np.ndarray:
     return log["payload/held"].astype(bool)
 
 
+@pytest.mark.slow
 def test_a_block_of_zeros_is_no_block(logged: Logged) -> None:
     zeros = "uncertainty={mass: 0, inertia: {base: 0}, friction: {viscous: 0}, noise: {angle: 0}, delay: 0}"
     one, other = logged(), logged(zeros)
@@ -80,6 +81,7 @@ def test_the_log_tells_what_was_drawn_with_units(logged: Logged) -> None:
 UNFILTERED = "controller.measurement_noise={}"
 
 
+@pytest.mark.slow
 def test_the_filtered_state_is_nearer_to_the_true_one_and_no_measurement_less(logged: Logged) -> None:
     errors = []
     for changes in ((UNFILTERED,), ()):
@@ -113,6 +115,7 @@ def test_a_payload_is_held_from_the_end_of_one_stage_to_the_beginning_of_another
     assert np.abs(log["balance/energy"]).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_knowing_the_payload_brings_the_robot_nearer_to_its_plans(logged: Logged) -> None:
     off = [
         np.abs(log["deviation/Qdot"][held(log)][1:]).max()

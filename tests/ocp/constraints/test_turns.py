@@ -114,6 +114,7 @@ def test_soft_limits_and_straight_lines_have_no_rows() -> None:
         assert farthest > HIGH + 5e-3
 
 
+@pytest.mark.slow
 def test_the_attitude_of_a_spatial_base_has_no_row() -> None:
     task = load_task("servicing")
     found = numbers(task.spec, build_problem(task).model, 0)

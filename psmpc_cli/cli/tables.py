@@ -537,10 +537,10 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     numbers = iter(stage.target)
     row = count()
     parts = []
-    rests = [""] * len(stage.end_rows)
-    if stage.end_velocity is not None:
-        rests = [f" ({each:g}/s)" for each in np.broadcast_to(stage.end_velocity, len(stage.end_rows))]
-    asked_of = zip(stage.end_rows, stage.tolerance, rests, strict=True)
+    rests = [""] * len(stage.end.rows)
+    if stage.end.rate_tolerance is not None:
+        rests = [f" ({each:g}/s)" for each in stage.end.rate_tolerance]
+    asked_of = zip(stage.end.rows, stage.end.tolerance, rests, strict=True)
     tolerances = {row: f"{tolerance:g}{rest}" for row, tolerance, rest in asked_of}
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
         target = ("to " if stage.trajectory else "") + _target(

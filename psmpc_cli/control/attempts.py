@@ -102,18 +102,18 @@ class Attempts:
             return Attempt(sequence, solved, unfinished)
         if self._hands_over(sequence):
             return Attempt(sequence, replace(solved, outcome=Outcome.INFEASIBLE), unfinished)
-        if sequence.plans_end and solved.warm:
+        if len(sequence.segments) == 1:
+            return Attempt(sequence, solved, unfinished)
+        if solved.warm:
             cold = self._solve(sequence, unfinished, self._solver, is_warm=False)
             if cold.outcome.usable and self._keeps_limits(cold):
                 return Attempt(sequence, _with_time_of(cold, solved), unfinished)
             solved = _with_time_of(solved, cold)
-        if sequence.plans_end:
-            alone = self._solve(sequence.alone, unfinished, self._solver)
-            better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, alone)
-            if alone.outcome.usable and better:
-                return Attempt(sequence.alone, _with_time_of(solved, alone), unfinished)
-            solved = _with_time_of(alone, solved)
-        return Attempt(sequence, solved, unfinished)
+        alone = self._solve(sequence.alone, unfinished, self._solver)
+        better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, alone)
+        if alone.outcome.usable and better:
+            return Attempt(sequence.alone, _with_time_of(solved, alone), unfinished)
+        return Attempt(sequence, _with_time_of(alone, solved), unfinished)
 
     def _keeps_limits(self, solved: Solution, shorter: Solution | None = None) -> bool:
         """Tell whether a window violates soft limits no further than the measured state, or than a shorter one."""
@@ -133,7 +133,7 @@ class Attempts:
     def _hands_over(self, sequence: MovingSequence) -> bool:
         """Tell whether the next stage begins before the next sample, from near the target of the current one."""
         prediction = self._prediction
-        if not sequence.plans_end or sequence.instants[0] > prediction.start + self._spec.sample_time:
+        if sequence.planned_end > prediction.start + self._spec.sample_time:
             return False
         stage = self._stages[sequence.first]
         return bool(self._costs.met(stage, prediction.X[:1], self._spec.detection_margin)[0])

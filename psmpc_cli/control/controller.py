@@ -15,13 +15,13 @@ from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
-from psmpc_cli.control.tracking import ROUNDING, Grip, ObjectEstimate, to_be_closed
+from psmpc_cli.control.tracking import Grip, ObjectEstimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
+from psmpc_cli.ocp.end import PlannedEnd
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import PlacedStage
-from psmpc_cli.ocp.window import SHORTEST
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.free_body import body_of
@@ -138,7 +138,6 @@ class ControlLaw:
         self.solver = solver or build_solver(problem, _solver_spec(spec))
         self.builder = WindowBuilder(problem)
         self._spec = spec.controller
-        self._plans_ends = spec.controller.plans_ends
         self._one_stage = spec.controller.traits.one_stage
         self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
@@ -155,7 +154,7 @@ class ControlLaw:
         """What is known before the first sample."""
         capture = self.problem.capture
         known = ObjectEstimate.of(capture) if capture else None
-        return Memory(MovingSequence(0, np.zeros(0), 0.0), target_object=known)
+        return Memory(MovingSequence.of(0, 0.0), target_object=known)
 
     def decide(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Command]:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
@@ -245,7 +244,7 @@ class ControlLaw:
         stages = situation.stages
         costs = self.problem.costs
         sequence = memory.sequence.with_measurement(stages, costs, time, x)
-        may_end = self._plan_may_end_stage(sequence, memory.solution, situation)
+        may_end = stages[sequence.first].end.accepts(self._planned_end(sequence, memory.solution, situation))
         sequence, passed = drop_passed(sequence if may_end else sequence.alone, time)
         sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x), stages, costs, time, x)
         sequence = sequence.with_measurement(stages, costs, time, x)
@@ -269,28 +268,19 @@ class ControlLaw:
         placement = placement.with_arguments(arguments)
         return memory, replace(situation, x=x, placement=placement, switches=(*passed, *met))
 
-    def _plan_may_end_stage(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> bool:
-        """Tell whether the plan may end the current stage, if it wants to.
-
-        One at whose end the grippers have closed or opened by now has ended the stage. While the object is not where
-        the end condition wants it, which is not seen before the next sample, none may before then. One that could not
-        be renewed may not where the measured state is far from where it had the stage end.
-        """
+    def _planned_end(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> PlannedEnd:
+        """Return the end of the current stage as the last plan has it."""
         stage = situation.stages[sequence.first]
-        if stage.is_on_route:
-            return False
-        renewed = solution is None or solution.outcome.usable
-        if not sequence.plans_end:
-            return True
         holding = self.problem.held_stages
-        has_passed = bool(sequence.instants[0] < situation.time - ROUNDING)
-        if has_passed and sequence.first + 1 in (holding.start, holding.stop):
-            return True
-        if stage.awaits_object:
-            return has_passed or bool(sequence.instants[0] > situation.time + self._spec.sample_time)
-        if renewed or stage.at is not None or sequence.instants[0] > situation.time + SHORTEST:
-            return True
-        return bool(self.problem.costs.met(stage, situation.x[None], self._spec.detection_margin)[0])
+        x = situation.x[None]
+        return PlannedEnd(
+            instant=sequence.planned_end,
+            now=situation.time,
+            next_sample=situation.time + self._spec.sample_time,
+            is_renewed=solution is None or solution.outcome.usable,
+            moves_grippers=sequence.first + 1 in (holding.start, holding.stop),
+            is_near=lambda: bool(self.problem.costs.met(stage, x, self._spec.detection_margin)[0]),
+        )
 
     def _with_predicted(self, memory: Memory, time: float, x: np.ndarray) -> np.ndarray:
         """Return the state x (2n,) with that of the plan in force wherever it is not finite."""
@@ -316,11 +306,10 @@ class ControlLaw:
 
         Of a controller whose windows are over one stage the current stage follows upon its own end.
         """
-        if not self._plans_ends or situation.stages[memory.sequence.last].is_on_route:
-            return None
         margin = self._spec.detection_margin
-        longer = detect(memory.sequence, situation.stages, self.problem.costs, prediction, margin)
-        return longer and replace(longer, continues=self._one_stage)
+        return detect(
+            memory.sequence, situation.stages, self.problem.costs, prediction, margin, is_of_one_stage=self._one_stage
+        )
 
     def _with_targets_at(self, longer: MovingSequence | None, memory: Memory, situation: Situation) -> Situation:
         """Return the situation with targets relative to the object where it is when stages of a sequence end."""
@@ -357,21 +346,20 @@ class ControlLaw:
         levels: tuple[Solution, ...] = ()
         solved = solution.outcome.usable and (situation.is_measured or not used_up)
         if solved:
-            if sequence.plans_end:
-                sequence = replace(sequence, instants=solution.plan.instants)
+            sequence = replace(sequence, instants=solution.plan.instants)
             if self._hierarchy is not None:
                 stages = situation.stages[sequence.first :]
                 levels = self._hierarchy.solve_levels(
-                    stages, sequence.entered, solution, prediction, memory.levels, until
+                    stages, sequence.progress.entered, solution, prediction, memory.levels, until
                 )
             plan = (levels or (solution,))[-1].plan
             plans = memory.plans.with_plan(plan, sequence)
         else:
             plans = memory.plans
-            if stage.awaits_object:
+            if stage.end.awaits_object:
                 plans = plans.trusted_to_end_of(sequence.first)
-                if sequence.plans_end and sequence.instants[0] < situation.time + self._spec.sample_time:
-                    sequence = sequence.alone
+                is_due = sequence.planned_end < situation.time + self._spec.sample_time
+                sequence = sequence.alone if is_due else sequence
             plans, plan = plans.without_plan(
                 situation.time,
                 situation.x,

@@ -98,7 +98,9 @@ def _level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ..
     """Return the window of a later level: its stage within the limits and the constraints of the current one."""
     current = first.stages[0]
     parts = len(first.stages)
-    own = replace(_waiting(stage), limits=current.limits, constraints=current.constraints, dwell=0.0)
+    own = replace(
+        _waiting(stage), limits=current.limits, constraints=current.constraints, end=stage.end.with_dwell(0.0)
+    )
     return replace(
         first,
         stages=(own,) * parts,

@@ -9,8 +9,9 @@ from math import comb
 
 import numpy as np
 
+from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import SHORTEST, Window, shortest_durations
+from psmpc_cli.ocp.window import Window, shortest_durations
 from psmpc_cli.solvers import Outcome, Solution, Solver
 from psmpc_cli.specs.task import ControllerSpec
 
@@ -45,7 +46,7 @@ def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: So
     those of all solves.
     """
     own = solver.solve(window, guess, previous)
-    if not own.outcome.usable or all(stage.at is not None for stage in window.stages[:-1]):
+    if not own.outcome.usable or all(stage.end.shape.is_fixed for stage in window.stages[:-1]):
         return own
     earliest = solver.solve(replace(window, pending_cost=window.pending_cost + EARLIEST_PENDING_COST), guess)
     room = _room(window, earliest.plan.instants)
@@ -81,8 +82,7 @@ def _room(window: Window, earliest: np.ndarray) -> np.ndarray:
     bound = window.start + window.horizon
     shortest = shortest_durations(window)
     for s in reversed(range(len(earliest))):
-        at = window.stages[s].at
-        bound = latest[s] = bound - shortest[s + 1] if at is None else at
+        bound = latest[s] = min(bound - shortest[s + 1], window.stages[s].end.latest)
     return np.asarray(np.maximum(latest - earliest, 0.0))
 
 

@@ -9,10 +9,9 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, SampleView, Stage
+from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, SampleView
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.task import ControllerSpec
 
 QUATERNION_FLIP_THRESHOLD = -0.17
 """Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
@@ -163,7 +162,7 @@ class Placer:
         xi = np.asarray(model.charted(x[: model.n], chart.anchor)).ravel()
         pose, v = target_object.at(time)
         grippers = {frame: xi[rows] for frame, rows in model.pose_rows.items()}
-        return tuple(stage.holding(grippers, pose, v) for stage in stages)
+        return tuple(stage.with_held_object(grippers, pose, v) for stage in stages)
 
     def _at_object(
         self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_ends: bool
@@ -176,10 +175,9 @@ class Placer:
                 when = float(ends.get(stage.index, time + self._horizon)) if at_ends else time
                 placed[stage.index] = stage.at_object(rows, *target_object.at(when))
         current = placed[sequence.first]
-        ends_in_plan = end_is_planned(self._problem.spec.controller, sequence.first, placed)
-        if at_ends and current.on_object and not ends_in_plan:
+        if at_ends and current.on_object and not current.end.is_planned:
             now = np.concatenate(target_object.at(time))
-            elapsed = time - sequence.entered
+            elapsed = time - sequence.progress.entered
             placed[sequence.first] = current.following(rows, target_object.body, now, elapsed, self._horizon)
         return tuple(placed)
 
@@ -190,7 +188,7 @@ class Placer:
         if not stage.attitudes:
             return known
         time = plan.end if begins is None else begins
-        since = time - sequence.entered if stage.index == sequence.first else 0.0
+        since = time - sequence.progress.entered if stage.index == sequence.first else 0.0
         wanted = stage.reference(since)
         model = self._problem.model
         Q = plan.states_at(np.array([time]))[0, : model.n]
@@ -212,8 +210,3 @@ def _ahead(plan: Plan, time: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _argument(numbers: ConstraintNumbers, model: RobotModel, sample: SampleView) -> np.ndarray | None:
     return None if numbers.at_sample is None else numbers.at_sample(model, sample)
-
-
-def end_is_planned(controller: ControllerSpec, first: int, stages: Sequence[Stage]) -> bool:
-    """Tell whether the end of a current stage, the first in the window, is ever planned under a controller."""
-    return controller.plans_ends and first < len(stages) - 1

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.ocp.end import ROUNDING
 from psmpc_cli.robot.free_body import FreeBody, body_of, velocity_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import conjugate, rotate
@@ -122,7 +123,3 @@ def to_be_closed(holding: range, sequence: MovingSequence, ticks: np.ndarray) ->
     taken = end(holding.start - 1)
     released = end(holding.stop - 1)
     return np.asarray((ticks >= taken - ROUNDING) & (ticks < released - ROUNDING))
-
-
-ROUNDING = 1e-9
-"""By how much a tick may miss an instant [s]."""

@@ -8,7 +8,7 @@ import numpy as np
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import PlacedStage, Stage
+from psmpc_cli.ocp.stage import PlacedStage, Stage, in_segments
 from psmpc_cli.ocp.window import Window, first_counts, node_counts, normalization
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.task import ControllerSpec
@@ -45,32 +45,26 @@ class WindowBuilder:
             before: The previous solve, for the numbers of nodes it had; None without one.
         """
         spec = self._spec
-        own = tuple(stages[sequence.first : sequence.last + 1])
+        begun = stages[sequence.first : sequence.last + 1]
         # a stage's cost L is normalized to (L - offset) / scale; zeta keeps scale from being 0
         offset, scale = normalization(
-            self._normalization, spec.zeta, own, sequence.begins, self._costs, prediction, self._normalization_step
+            self._normalization, spec.zeta, begun, sequence.begins, self._costs, prediction, self._normalization_step
         )
-        if sequence.continues:  # one stage in two parts, with one scale
-            own = (own[0], own[0].continued)
-            offset = np.repeat(offset, 2)
-            scale = np.repeat(scale, 2)
-        # for how long the first stage's end condition must still be met before the stage may end
-        hold = sequence.hold_left(stages, prediction.start)
-        if own[0].awaits_object:
-            hold = max(hold, spec.sample_time)  # the object cannot be seen to be there before the next sample
+        segments = list(sequence.segments)
+        of_segments = np.array(segments) - sequence.first  # a stage that continues has one scale
         window = Window(
-            stages=own,
+            stages=in_segments([stages[index] for index in segments]),
             start=prediction.start,
-            elapsed=prediction.start - sequence.entered,
-            hold=hold,
+            elapsed=prediction.start - sequence.progress.entered,
+            hold=begun[0].end.time_left(sequence.progress, prediction.start, spec.sample_time),
             x0=prediction.X[0],
-            omega=self._priorities[list(sequence.parts)],
-            offset=offset,
-            scale=scale,
+            omega=self._priorities[segments],
+            offset=offset[of_segments],
+            scale=scale[of_segments],
             horizon=spec.horizon,
             pending_cost=spec.pending_cost,
             terminal_cost=spec.terminal_cost,
-            nodes=(self._uniform_nodes,) * len(own),
+            nodes=(self._uniform_nodes,) * len(segments),
             discretization=spec.discretization,
             soft=self._soft,
             chart=prediction.chart,
@@ -89,8 +83,7 @@ class WindowBuilder:
 
 def _parts(window: Window) -> list[tuple[int, bool]]:
     """Return by what the parts of a window are the same in the next one: index of the stage, and if it continues."""
-    indices = [stage.index for stage in window.stages]
-    return [(index, index in indices[:number]) for number, index in enumerate(indices)]
+    return [(index, index in window.indices[:number]) for number, index in enumerate(window.indices)]
 
 
 def priorities_in_force(spec: ControllerSpec, stages: Sequence[Stage]) -> np.ndarray:

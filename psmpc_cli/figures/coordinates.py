@@ -421,7 +421,7 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
         stage = run.followed[span.index]
         Q = np.array([motion.coordinates_at(t) for t in time])
         errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
-        tolerances = dict(zip(stage.end_rows, stage.tolerance, strict=True))
+        tolerances = dict(zip(stage.end.rows, stage.end.tolerance, strict=True))
 
         first_row = 0
         for part, axes in axes_of(parts, stage.space).items():

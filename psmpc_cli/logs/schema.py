@@ -196,7 +196,7 @@ def _costs(sample: Sample) -> ArrayLike:
 def _nodes_after_end(sample: Sample) -> int:
     """Return the intervals of a stage that the window has again after its planned end; 0 of other windows."""
     window = sample.command.solution.window
-    return window.nodes[-1] if window.continues else 0
+    return sum(window.nodes[window.count :])
 
 
 def _optimum(level: Any) -> float:

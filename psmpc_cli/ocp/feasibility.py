@@ -105,7 +105,7 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
         return
     stage = forecasts[task.spec.held_stages.start - 1].stage
     envelope = target_object.grasp.envelope
-    if stage.space != "task" or not stage.end_rows:
+    if stage.space != "task" or not stage.end.rows:
         return
 
     def norms(motion: np.ndarray) -> list[float]:
@@ -116,10 +116,10 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     frames = ["base", *task.robot.arms]
     poses = dict(zip(frames, stage.target.reshape(len(frames), -1), strict=True))
     tolerance = np.full(len(stage.weights), np.inf)
-    tolerance[list(stage.end_rows)] = stage.tolerance
+    tolerance[list(stage.end.rows)] = stage.end.tolerance
     rate = np.full(len(stage.weights), np.inf)
-    if stage.end_velocity is not None:
-        rate[list(stage.end_rows)] = stage.end_velocity
+    if stage.end.rate_tolerance is not None:
+        rate[list(stage.end.rows)] = stage.end.rate_tolerance
     widths = dict[str, list[float]]()
     for arm, at in target_object.grasp.at.items():
         own = slice(size * frames.index(arm), size * (frames.index(arm) + 1))
@@ -281,9 +281,9 @@ def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
             limits = _span(task, row if row < len(names) - 1 else 3, stage, "velocity")
             message = f"found {names[row]} to be moved, expected velocity limits that allow it, not {limits}"
             yield Fault((*path, "ends_when"), message)
-        if stage.at is not None and stage.at < before + stage.dwell:
+        if stage.end.latest < before + stage.end.dwell:
             since = dotted(("stages", stage.index - 1))
-            message = f"found {stage.at:g} s, expected later: {since} cannot end before {before:.4g} s"
+            message = f"found {stage.end.latest:g} s, expected later: {since} cannot end before {before:.4g} s"
             yield Fault((*path, "at"), f"{message} under the velocity limits")
         before = max(before, forecast.earliest_end)
 
@@ -394,16 +394,17 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
     deviations = standard_deviations(noise, task.robot)
     at_rest = np.zeros(model.n)
     for stage, Q in zip([each.stage for each in forecasts], forecast_configurations(task, forecasts)[1:], strict=True):
-        if not stage.end_rows:
+        if not stage.end.rows:
             continue
         placed, x = in_own_chart(model, stage, Q, at_rest)
-        least = 3 * costs.end_deviations(placed, x, deviations)[: len(stage.end_rows)]
-        worst = int(np.argmax(least / stage.tolerance))
-        if stage.tolerance[worst] < least[worst]:
-            name = labels(task.robot, stage.space)[stage.end_rows[worst]]
+        least = 3 * costs.end_deviations(placed, x, deviations)[: len(stage.end.rows)]
+        worst = int(np.argmax(least / stage.end.tolerance))
+        if stage.end.tolerance[worst] < least[worst]:
+            name = labels(task.robot, stage.space)[stage.end.rows[worst]]
             message = (
-                f"found a tolerance of {stage.tolerance[worst]:.3g} for {name}, expected at least {least[worst]:.2g}, "
-                "three standard deviations of its measurement: when the stage ends depends on the noise"
+                f"found a tolerance of {stage.end.tolerance[worst]:.3g} for {name}, "
+                f"expected at least {least[worst]:.2g}, three standard deviations of its measurement: "
+                "when the stage ends depends on the noise"
             )
             yield Fault(("stages", stage.index, "ends_when"), message)
 
@@ -428,7 +429,7 @@ def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]
     stage = then.stage
     first = stage.waypoints[0]
     left = before.target[configuration_space(task.robot).base_coordinates]
-    if not set(range(task.robot.parts["base"])) <= set(before.end_rows):
+    if not set(range(task.robot.parts["base"])) <= set(before.end.rows):
         return
     own = then.along[0]
     moved = reaches_of(stage, then.model, first, left)

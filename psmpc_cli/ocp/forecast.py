@@ -92,8 +92,9 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
         stuck = (distance > 0) & (rate <= 0)
         begins = np.where(known[rows], rate, np.minimum(np.sign(way) * speed[rows], rate))
         arrivals = since[rows] + shortest_time(distance, rate, gain, begins)
-        end = max(end + max(stage.dwell, stage.hold), *(arrivals[~stuck] + stage.hold), 0.0)
-        end = stage.at if stage.at is not None else end
+        hold = stage.end.hold
+        shortest = max(end + max(stage.end.dwell, hold), *(arrivals[~stuck] + hold), 0.0)
+        end = min(max(shortest, stage.end.earliest), stage.end.latest)
         value[rows] = target[rows]
         tolerance[rows] = within
         since[rows] = end
@@ -147,7 +148,7 @@ def tolerances_of(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
 
     Row n is the attitude of a spatial base, where the end condition has all of it.
     """
-    asked = dict(zip(stage.end_rows, stage.tolerance.tolist(), strict=True))
+    asked = dict(zip(stage.end.rows, stage.end.tolerance.tolist(), strict=True))
     known = coordinates_of(space, stage, stage.target)
     found = {row: t for row, t in asked.items() if row < len(known) and np.isfinite(known[row])}
     rotation = range(space.rotation.start, space.rotation.stop)

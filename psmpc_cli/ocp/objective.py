@@ -12,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.ocp.end import MEASURES, OPEN, component_counts
 from psmpc_cli.ocp.loads import Load
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.skills.base import anchored_poses
-from psmpc_cli.ocp.stage import MEASURES, Stage, StageShape, component_counts, stage_shape, without_end
+from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
@@ -274,8 +275,7 @@ class StageFunctions:
         self._native = native
         self.rows = skill.rows(model)
         self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
-        self._measures = shape.object_end[1:]
-        of_object = 2 * model.space.n_pose if shape.object_end else 0
+        of_object = 2 * model.space.n_pose if shape.object_names else 0
         self.numbers = self._numbers_of_skill + of_object
         self.inputs = n if shape.input == "joint" else model.m
         self._Q = ca.SX.sym("Q", n)
@@ -345,11 +345,11 @@ class StageFunctions:
     @cached_property
     def _end(self) -> ca.SX:
         """Rows of the error the stage ends by, then of its rate where that counts, then of the object. Eq. (18)."""
-        rows = list(self.shape.end_rows)
+        end = self.shape.end
+        rows = list(end.rows)
         if not rows:
             return self._object_end
-        end = self._e[rows]
-        return ca.vertcat(end, self._rate[rows] if self.shape.end_velocity else ca.SX(0, 1), self._object_end)
+        return ca.vertcat(self._e[rows], self._rate[rows] if end.has_rates else ca.SX(0, 1), self._object_end)
 
     @property
     def _object_end(self) -> ca.SX:
@@ -360,10 +360,11 @@ class StageFunctions:
         quaternion's vector doubled. Windows bound each of c components by tolerance / sqrt(c), which keeps |d| within
         the tolerance: the rows of velocities then are linear in the rates.
         """
-        if not self.shape.ends_by_object:
+        measures = self.shape.end.measures
+        if not measures:
             return ca.SX(0, 1)
         space = self.model.space
-        frame = self.model.pose_rows[self.shape.object_end[0]]
+        frame = self.model.pose_rows[self.shape.object_names[0]]
         of_skill = self._target[: self._numbers_of_skill]
         inside, destination = ca.vertsplit(self._target[self._numbers_of_skill :], space.n_pose)
         p, q = space.lifted(ca.vertsplit(anchored_poses(self.model, self._Q, of_skill)[frame]))
@@ -379,7 +380,7 @@ class StageFunctions:
         distance, angle = self._of_space(apart, scaled(turned[1:], 2))
         speed, rate = self._of_space(ca.vertsplit(velocity), scaled(spin[1:], 2))
         rows = dict(zip(MEASURES, (distance, angle, speed, rate), strict=True))
-        return ca.SX(ca.vertcat(*(component for measure in self._measures for component in rows[measure])))
+        return ca.SX(ca.vertcat(*(component for measure in measures for component in rows[measure])))
 
     def _of_space(self, linear: Sequence[ca.SX], angular: Sequence[ca.SX]) -> tuple[list[ca.SX], list[ca.SX]]:
         """Return the components of two vectors (3,) that count."""
@@ -390,13 +391,13 @@ class StageFunctions:
     @property
     def end_rows(self) -> int:
         """Number of rows of the end condition, rates and those of the object included."""
-        return len(self.shape.end_rows) * (2 if self.shape.end_velocity else 1) + sum(self._object_rows)
+        end = self.shape.end
+        return len(end.rows) * (2 if end.has_rates else 1) + sum(self._object_rows)
 
     @property
     def _object_rows(self) -> tuple[int, ...]:
         """Number of rows of each of the measures of the object that count."""
-        measures = self._measures if self.shape.ends_by_object else ()
-        return component_counts(measures, self.model.space.dimension)
+        return component_counts(self.shape.end.measures, self.model.space.dimension)
 
     @cached_property
     def end(self) -> "ConstraintFunctions":
@@ -410,7 +411,7 @@ class StageFunctions:
 
     @cached_property
     def met(self) -> RowFunction:
-        """x, [target; drift; tolerance], margin -> whether the end condition holds within margin * tolerance.
+        """x, [target; centers; half widths], margin -> whether the end condition holds within margin * tolerance.
 
         What is bounded of the object is the length of its components.
         """
@@ -475,11 +476,10 @@ class StageCosts:
 
     def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
         """Return the functions of a stage; without its end condition stages of one skill share them."""
-        end = (stage.end_rows, stage.end_velocity is not None) if with_end else ()
-        key = (stage.space, stage.input, stage.object_end.names, stage.force_load, *end)
+        end = replace(stage.end.shape, is_fixed=False) if with_end else OPEN
+        key = (stage.space, stage.input, stage.end.object_names, stage.force_load, end)
         if key not in self._functions:
-            shape = stage_shape(stage) if with_end else without_end(stage_shape(stage))
-            shape = replace(shape, fixed_end=False, moving=False)
+            shape = replace(stage_shape(stage), end=end, moving=False)
             self._functions[key] = stage_functions(self.model, shape, self._native)
         return self._functions[key]
 
@@ -492,7 +492,7 @@ class StageCosts:
 
     def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
-        return np.asarray(self._of(stage, True).end.value(X, stage.target, rows=len(X))[0] - stage.end_drift)
+        return np.asarray(self._of(stage, True).end.value(X, stage.target, rows=len(X))[0] - stage.end.centers)
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
@@ -518,7 +518,7 @@ class StageCosts:
 
     def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
-        if not stage.has_end_condition:
+        if not stage.end.has_condition:
             return np.zeros(len(X), bool)
         return np.asarray(self._of(stage, True).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
 
@@ -530,10 +530,10 @@ class StageCosts:
             x: The state.
             allowance: What is added to the tolerance of each row, (rows,) or () [m, rad, m/s, rad/s].
         """
-        if not stage.has_end_condition:
+        if not stage.end.has_condition:
             return np.nan
-        first = np.cumsum([0, *stage.end_counts[:-1]])
-        squares = np.square([self.ends(stage, x[None])[0], stage.end_tolerance + allowance])
+        first = np.cumsum([0, *stage.end.counts[:-1]])
+        squares = np.square([self.ends(stage, x[None])[0], stage.end.half_widths + allowance])
         length, most = np.sqrt(np.add.reduceat(squares, first, axis=1))
         ratios = length / most
         return float(np.max(ratios))

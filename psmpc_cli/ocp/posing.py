@@ -105,7 +105,7 @@ def _may_pose(task: Task, stages: Sequence[Stage], index: int) -> bool:
         stage.space != "joint"
         or stage.trajectory is not None
         or then.trajectory is not None
-        or then.at is not None
+        or then.end.shape.is_fixed
         or task.robot.moved_by.reacts
         or index in spec.held_stages
         or spec.stages[index].cones
@@ -132,7 +132,7 @@ def _posing(
     of_joints = slice(space.base.stop, model.n)
     held = np.zeros(model.n + 1, bool)
     held[of_joints] = stage.weights[of_joints] > 0
-    held[list(stage.end_rows)] = False
+    held[list(stage.end.rows)] = False
     held &= asked
     if not held.any():
         return
@@ -148,7 +148,7 @@ def _posing(
     rates = largest_rates(space, stage)[:2, :-1]
     posed_at = _moved(begin, need, rates, duration)
     left_at = _moved(_moved(begin, hold, rates, duration - lead), need, rates, lead)
-    is_free = np.isin(np.arange(model.n), stage.end_rows, invert=True) & ~held[:-1]
+    is_free = np.isin(np.arange(model.n), stage.end.rows, invert=True) & ~held[:-1]
     is_free[space.base] = False
     others_at = np.where(is_free, _moved(begin, need, rates, lead), hold)
 
@@ -156,11 +156,11 @@ def _posing(
     others = _times(space, then, need - others_at, turn)
     unposed = np.where(held, _times(space, then, need - left_at, turn), others)
     posed = np.where(held, _times(space, then, need - posed_at, turn), others)
-    shortest = max(then.dwell, posed[asked].max() + then.hold)
-    saved = max(then.dwell, unposed[asked].max() + then.hold) - shortest - LOST
+    shortest = max(then.end.dwell, posed[asked].max() + then.end.hold)
+    saved = max(then.end.dwell, unposed[asked].max() + then.end.hold) - shortest - LOST
     if not (np.isfinite(saved) and saved > LEAST_GAIN):
         return
-    late = held & (unposed + then.hold > shortest)
+    late = held & (unposed + then.end.hold > shortest)
     arms = tuple(arm for arm in task.robot.arms if late[:-1][model.parts[arm]].any())
     Q = _with_arms(model, stops[index + 1], needed, arms)
     from_held = _times(space, then, need - hold, turn)
@@ -214,7 +214,7 @@ def _rows_asked(model: RobotModel, stage: Stage) -> np.ndarray:
     For those of an arm and of the base it waits through the pose of an end-effector, where all of the pose is wanted.
     """
     asked = np.zeros(model.n + 1, bool)
-    ends = set(stage.end_rows)
+    ends = set(stage.end.rows)
     base = range(model.space.base.stop)
     if stage.space == "joint":
         asked[list(ends)] = True
@@ -234,16 +234,16 @@ def _duration(
 ) -> float:
     """Return how long a stage lasts at least, from the target of the one before on [s]."""
     stage = stages[index]
-    if stage.at is not None:
+    if stage.end.shape.is_fixed:
         before = earliest_ends(task, stages)[index - 1][0] if index else 0.0
-        return max(stage.at - before, 0.0)
+        return max(stage.end.latest - before, 0.0)
     begin, hold = stops[index : index + 2]
     turn = angle_between(begin[space.attitude], hold[space.attitude])
     times = _times(space, stage, space.in_order_of_v(hold) - space.in_order_of_v(begin), turn)
-    rows = list(stage.end_rows)
+    rows = list(stage.end.rows)
     if set(range(space.rotation.start, space.rotation.stop)) <= set(rows):
         rows.append(len(times) - 1)
-    return max(stage.dwell, float(times[rows].max(initial=0.0)) + stage.hold)
+    return max(stage.end.dwell, float(times[rows].max(initial=0.0)) + stage.end.hold)
 
 
 def _times(space: ConfigurationSpace, stage: Stage, way: np.ndarray, turn: float) -> np.ndarray:

@@ -1,23 +1,17 @@
 """A task made computable: the robot's model, the stages as numbers, the functions of the skills on arrays."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from psmpc_cli.ocp.constraints import CONSTRAINTS
 from psmpc_cli.ocp.constraints.base import numbers_by_name
+from psmpc_cli.ocp.end import MEASURES, AtTime, ByObject, ByState, End
 from psmpc_cli.ocp.loads import known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.ocp.stage import (
-    MEASURES,
-    ConstraintNumbers,
-    ObjectEnd,
-    PlacedStage,
-    Stage,
-    Trajectory,
-)
+from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage, Trajectory
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
@@ -106,8 +100,7 @@ def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[S
     """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""
     waypoints = _unwrapped_waypoints(task, robot, model)
     stages = (_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
-    stages = (_ends_by_object(_on_object(stage, task, model), task, model) for stage in stages)
-    return tuple(_with_constraints(stage, task, model) for stage in stages)
+    return tuple(_with_constraints(_on_object(stage, task, model), task, model) for stage in stages)
 
 
 def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
@@ -118,24 +111,38 @@ def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     return replace(stage, constraints=found)
 
 
-def _ends_by_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
-    """Return a stage with what its end condition asks of the object, which is in its gripper as the task has it."""
-    end = task.stages[stage.index].ends_when
+def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
+    """Return how a stage ends that lasts at least so long [s]; what it holds is in its gripper as the task has it."""
+    spec = task.stages[index]
+    space = task.skills[spec.skill].space
+    condition = spec.ends_when
+    dwell = max(spec.dwell, lasts)
+    is_planned = task.controller.plans_ends and index < len(task.stages) - 1
+    if condition is None:
+        return AtTime(dwell, is_planned, at=np.inf if spec.at is None else spec.at)
+    by_state = ByState(
+        dwell=dwell,
+        is_planned=is_planned,
+        rows=rows(condition.coordinates, robot, space),
+        tolerance=condition.tolerances(robot, space),
+        rate_tolerance=condition.velocities(robot, space),
+        hold=condition.hold,
+    )
     capture = task.capture
-    if end is None or end.object is None or capture is None or capture.destination is None:
-        return stage
+    if condition.object is None or capture is None or capture.destination is None:
+        return by_state
     frame, at = next(iter(capture.grasp.at.items()))
-    space = space_of_pose(len(at))
-    bounds = {measure: getattr(end.object, measure) for measure in MEASURES}
+    pose_space = space_of_pose(len(at))
+    bounds = {measure: getattr(condition.object, measure) for measure in MEASURES}
     given = {measure: bound for measure, bound in bounds.items() if bound is not None}
-    object_end = ObjectEnd(
+    return ByObject(
+        **{each.name: getattr(by_state, each.name) for each in fields(by_state)},
         frame=frame,
         measures=tuple(given),
-        tolerance=np.array(list(given.values())),
+        object_tolerance=np.array(list(given.values())),
         destination=np.array(capture.destination.pose),
-        inside=space.relative(space.neutral, at),
+        inside=pose_space.relative(pose_space.neutral, at),
     )
-    return replace(stage, object_end=object_end)
 
 
 def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
@@ -157,7 +164,6 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     attitudes = SKILLS[skill.space].attitudes(model)
     if isinstance(spec.target, TrajectorySpec):
         trajectory = Trajectory(np.array(spec.target.times), waypoints, tuple(attitudes.values()))
-    end = spec.ends_when if spec.at is None else None
     control = skill.weights.control
     if isinstance(control, float | int):
         control_weights = np.full(model.n if skill.input == "joint" else model.m, float(control))
@@ -179,12 +185,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
         force_load=known_load(task, model, index) if skill.weights.weighs_force else None,
-        end_rows=() if end is None else rows(end.coordinates, robot, skill.space),
-        tolerance=np.zeros(0) if end is None else end.tolerances(robot, skill.space),
-        end_velocity=None if end is None else end.velocities(robot, skill.space),
-        hold=0.0 if end is None else end.hold,
-        at=spec.at,
-        dwell=spec.dwell if trajectory is None else max(spec.dwell, float(trajectory.times[-1])),
+        end=_end(index, task, robot, lasts=0.0 if trajectory is None else float(trajectory.times[-1])),
         limits=resolve_limits(robot, task.limits, skill.limits),
         onset_rows=tuple(row for row in onset if model.actuated[row]),
         attitudes=attitudes,

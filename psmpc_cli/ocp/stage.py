@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from psmpc_cli.ocp.end import OPEN, End, EndShape
 from psmpc_cli.ocp.loads import Load
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import FreeBody
@@ -83,73 +84,6 @@ def _sinc(angle: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectEnd:
-    """The part of an end condition that is about the object a stage holds: near its destination, and at rest.
-
-    In a window the object moves rigidly with the first gripper that holds it.
-
-    Attributes:
-        frame: The gripper.
-        measures: What is bounded, of `MEASURES`; empty: nothing, and all else is empty too.
-        tolerance: Its bounds, one for each measure [m, rad, m/s, rad/s].
-        destination: Where the object has to be, (3,) or (7,).
-        inside: Its pose in the frame of the gripper, (3,) or (7,).
-    """
-
-    frame: str
-    measures: tuple[str, ...]
-    tolerance: np.ndarray
-    destination: np.ndarray
-    inside: np.ndarray
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The gripper and the measures, which decide the structure of an optimization; empty without any."""
-        return (self.frame, *self.measures) if self.measures else ()
-
-    @property
-    def numbers(self) -> np.ndarray:
-        """What `StageFunctions` takes of it behind the numbers of a target."""
-        return np.concatenate([self.inside, self.destination])
-
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """Number of components of each measure."""
-        return component_counts(self.measures, space_of_pose(len(self.inside)).dimension) if self.measures else ()
-
-    @property
-    def row_tolerance(self) -> np.ndarray:
-        """The bound of each component in a window, of c of them tolerance / sqrt(c): their length then keeps it."""
-        counts = np.array(self.counts, int)
-        return np.repeat(self.tolerance / np.sqrt(counts), counts)
-
-    def is_met(self, pose: np.ndarray, v: np.ndarray) -> bool:
-        """Tell whether an object of a pose, (3,) or (7,), and a velocity, (3,) or (6,), is where it has to be."""
-        space = space_of_pose(len(pose))
-        d = space.dimension
-        error = space.pose_error(pose, self.destination)
-        found = dict(zip(MEASURES, map(np.linalg.norm, (error[:d], error[d:], v[:d], v[d:])), strict=True))
-        return all(found[measure] <= most for measure, most in zip(self.measures, self.tolerance, strict=True))
-
-
-MEASURES = ("position", "angle", "velocity", "angular_velocity")
-"""What an object's end condition may bound [m, rad, m/s, rad/s]."""
-
-OF_ROTATION = ("angle", "angular_velocity")
-"""Those of them that have as many components as a rotation."""
-
-
-def component_counts(measures: Sequence[str], dimension: int) -> tuple[int, ...]:
-    """Return how many components each of some `MEASURES` has in the plane or in space."""
-    rotations = dimension * (dimension - 1) // 2
-    return tuple(rotations if measure in OF_ROTATION else dimension for measure in measures)
-
-
-NO_OBJECT_END = ObjectEnd("", (), np.zeros(0), np.zeros(0), np.zeros(0))
-"""Of a stage that does not end by an object."""
-
-
-@dataclass(frozen=True, eq=False)
 class SampleView:
     """What a sample has for the arguments of constraints.
 
@@ -213,16 +147,10 @@ class Stage:
         weights: Diagonal of W_q or W_p, as `target`.
         control_weights: Diagonal of W_r, one per input; behind it that of W_F, one per coordinate, where force costs.
         force_load: What the grippers are known to hold, where force costs; None where it does not.
-        end_rows: Rows of the error on which the end condition (18) stands; empty where `at` is given.
-        tolerance: Its tolerance, one per end row [m, rad].
-        end_velocity: Bounds on the rates of those rows, as `tolerance` [m/s, rad/s], or None.
-        hold: How long the end condition must be met without a break [s].
-        at: Fixed switching time [s], or None.
-        dwell: Minimum duration [s], that of the trajectory at least.
+        end: How it ends.
         onset_rows: Rows of the control whose norm marks the actual start.
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
         on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
-        object_end: What the end condition asks of the object that the stage holds.
         constraints: What constraints have of it, by their name, where they concern it.
     """
 
@@ -235,17 +163,11 @@ class Stage:
     trajectory: Trajectory | None
     weights: np.ndarray
     control_weights: np.ndarray
-    end_rows: tuple[int, ...]
-    tolerance: np.ndarray
-    end_velocity: np.ndarray | float | None
-    hold: float
-    at: float | None
-    dwell: float
+    end: End
     limits: Limits
     onset_rows: tuple[int, ...]
     attitudes: Mapping[str, int] = field(default_factory=dict)
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
-    object_end: ObjectEnd = NO_OBJECT_END
     constraints: Mapping[str, ConstraintNumbers] = field(default_factory=dict)
     force_load: Load | None = None
 
@@ -258,31 +180,8 @@ class Stage:
     def asked(self) -> np.ndarray:
         """Which rows of the error the weights or the end condition ask for (rows,)."""
         found = self.weights > 0
-        found[list(self.end_rows)] = True
+        found[list(self.end.rows)] = True
         return np.asarray(found)
-
-    @property
-    def has_end_condition(self) -> bool:
-        """Whether an end condition (18) ends the stage, by the robot or by the object that it holds."""
-        return bool(self.end_rows or self.object_end.measures)
-
-    @cached_property
-    def end_tolerance(self) -> np.ndarray:
-        """Tolerance of each end row, positions first, then rates where they count, then the object's. Eq. (18)."""
-        none = np.zeros(0)
-        rates = none if self.end_velocity is None else np.broadcast_to(self.end_velocity, len(self.end_rows))
-        return np.concatenate([self.tolerance, rates, self.object_end.row_tolerance])
-
-    @property
-    def end_counts(self) -> tuple[int, ...]:
-        """Number of rows of each quantity that the end condition bounds: 1 of the robot's, the components of others."""
-        of_robot = len(self.end_tolerance) - sum(self.object_end.counts)
-        return (*(1,) * of_robot, *self.object_end.counts)
-
-    @property
-    def end_drift(self) -> np.ndarray:
-        """About what each end row is bounded: 0 where the target stands still."""
-        return np.zeros(len(self.end_tolerance))
 
     @property
     def sampled_constraints(self) -> dict[str, ConstraintNumbers]:
@@ -291,8 +190,8 @@ class Stage:
 
     @cached_property
     def end_numbers(self) -> np.ndarray:
-        """Target, drift and tolerance, as `StageFunctions.met` takes them."""
-        return np.concatenate([self.target, self.end_drift, self.end_tolerance])
+        """Target, and the bounds of the end condition, as `StageFunctions.met` takes them."""
+        return np.concatenate([self.target, self.end.centers, self.end.half_widths])
 
     @property
     def waypoints(self) -> np.ndarray:
@@ -317,16 +216,12 @@ class PlacedStage(Stage):
 
     Attributes:
         signs: In a chart, by which each of the target's quaternions was multiplied.
-        drift: Rate of the target's rows of error, due to an object that moves, (rows,) [m/s, rad/s]; 0 of one at rest.
-        awaits_object: The object that it holds is not yet where the end condition wants it.
         object_state: Pose and velocity of the object that the target is for, (6,) or (13,); empty if it is for none.
         via: Numbers of the target at the point of a route that the cost follows instead; NaN where it is the target,
             empty in a task without routes.
     """
 
     signs: tuple[float, ...] = ()
-    drift: np.ndarray | float = 0.0
-    awaits_object: bool = False
     object_state: np.ndarray = field(default_factory=lambda: np.zeros(0))
     via: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
@@ -346,32 +241,11 @@ class PlacedStage(Stage):
         if not stage.is_on_route:
             return stage
         standing = Trajectory(np.array([0.0, 1.0]), np.array([via, via]), tuple(self.attitudes.values()))
-        return replace(stage, trajectory=standing)
+        return replace(stage, trajectory=standing, end=self.end.unplanned())
 
-    @cached_property
-    def end_drift(self) -> np.ndarray:
-        """About what each end row is bounded: 0, or the rate that a moving target gives its error."""
-        rows = list(self.end_rows)
-        counts = self.end_velocity is not None
-        drift = np.broadcast_to(self.drift, self.weights.shape)[rows]
-        return np.concatenate([np.zeros(len(rows)), drift[: len(rows) * counts], np.zeros(sum(self.object_end.counts))])
-
-    def holding(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
-        """Return a stage that ends by the object with the object where it is in the gripper that holds it.
-
-        Args:
-            grippers: Poses of all frames, (3,) or (7,).
-            pose: Estimated pose of the object, as theirs.
-            v: Its estimated velocity, (3,) or (6,).
-        """
-        if not self.object_end.measures:
-            return self
-        inside = space_of_pose(len(pose)).relative(pose, grippers[self.object_end.frame])
-        return replace(
-            self,
-            object_end=replace(self.object_end, inside=inside),
-            awaits_object=not self.object_end.is_met(pose, v),
-        )
+    def with_held_object(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
+        """Return the stage with the object where it is seen in the gripper that holds it, see `End`."""
+        return replace(self, end=self.end.with_held_object(grippers, pose, v))
 
     def with_arguments(self, found: Mapping[str, np.ndarray]) -> "PlacedStage":
         """Return a stage with the arguments (numbers,) of constraints that samples set, by name; others are unknown."""
@@ -394,7 +268,9 @@ class PlacedStage(Stage):
             number = list(pose_rows).index(frame)
             target[pose_rows[frame]] = space.composed(pose, inside)
             drift[len(rate) * number : len(rate) * (number + 1)] = rate
-        return replace(self, target=target, drift=drift, object_state=np.concatenate([pose, v]))
+        return replace(
+            self, target=target, end=self.end.with_target_rates(drift), object_state=np.concatenate([pose, v])
+        )
 
     def following(
         self, pose_rows: Mapping[str, slice], body: FreeBody, state: np.ndarray, elapsed: float, horizon: float
@@ -430,7 +306,7 @@ class PlacedStage(Stage):
             more = np.broadcast_to(of_sample, (*numbers.shape[:-1], len(of_sample)))
             return np.concatenate([numbers, more], axis=-1)
 
-        of_sample = np.concatenate([anchor, joints, self.object_end.numbers])
+        of_sample = np.concatenate([anchor, joints, self.end.object_numbers])
         if not self.attitudes and not len(of_sample):
             return self
         path = self.trajectory and replace(self.trajectory, values=placed(self.trajectory.values))
@@ -445,12 +321,9 @@ class StageShape:
     Attributes:
         space: Space of its skill.
         input: Whether its control is the acceleration of Q (`joint`) or of xi (`task`).
-        end_rows: Rows of the error with an end condition at the stage's end; empty: none.
-        end_velocity: The rates of those rows are bounded too.
-        object_end: What the target's numbers say of the object behind those of the skill: the gripper that holds it,
+        end: What is imposed at its end.
+        object_names: What the target's numbers say of the object behind those of the skill: the gripper that holds it,
             and what is bounded; empty: nothing.
-        ends_by_object: This is an end condition at the stage's end.
-        fixed_end: The stage switches at a given instant.
         moving: The cost follows a desired trajectory.
         force_load: What the grippers are known to hold, where force costs; None where it does not.
         constraints: Names and structures of the constraints that have rows in it.
@@ -458,11 +331,8 @@ class StageShape:
 
     space: str
     input: str = "joint"
-    end_rows: tuple[int, ...] = ()
-    end_velocity: bool = False
-    object_end: tuple[str, ...] = ()
-    ends_by_object: bool = False
-    fixed_end: bool = False
+    end: EndShape = OPEN
+    object_names: tuple[str, ...] = ()
     moving: bool = False
     force_load: Load | None = None
     constraints: tuple[tuple[str, Hashable], ...] = ()
@@ -473,11 +343,8 @@ def stage_shape(stage: Stage) -> StageShape:
     return StageShape(
         space=stage.space,
         input=stage.input,
-        end_rows=stage.end_rows,
-        end_velocity=stage.end_velocity is not None,
-        object_end=stage.object_end.names,
-        ends_by_object=bool(stage.object_end.measures),
-        fixed_end=stage.at is not None,
+        end=stage.end.shape,
+        object_names=stage.end.object_names,
         moving=stage.trajectory is not None,
         force_load=stage.force_load,
         constraints=tuple((name, each.structure) for name, each in stage.constraints.items() if each.is_known),
@@ -486,9 +353,15 @@ def stage_shape(stage: Stage) -> StageShape:
 
 def without_end(shape: StageShape) -> StageShape:
     """Return the shape of a stage whose end is not imposed: of the last one in a window."""
-    return replace(shape, end_rows=(), end_velocity=False, ends_by_object=False, fixed_end=False)
+    return replace(shape, end=OPEN)
 
 
 def cost_shape(shape: StageShape) -> StageShape:
     """Return the shape that all stages share whose error and target are the same functions; force is left out."""
-    return StageShape(shape.space, object_end=shape.object_end)
+    return StageShape(shape.space, object_names=shape.object_names)
+
+
+def in_segments(stages: Sequence[PlacedStage]) -> tuple[PlacedStage, ...]:
+    """Return the stages between the switch times of a window, where one that comes again is continued."""
+    indices = [stage.index for stage in stages]
+    return tuple(stage.continued if stage.index in indices[:place] else stage for place, stage in enumerate(stages))

@@ -10,6 +10,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage, StageShape, stage_shape, without_end
@@ -17,9 +18,6 @@ from psmpc_cli.robot.configuration import IDENTITY, Chart
 
 T = TypeVar("T")
 U = TypeVar("U")
-
-SHORTEST = 1e-3
-"""Shortest duration of a stage in a window [s], eps of (14)."""
 
 COUNTS = (4, 6, 8, 11, 16, 23, 32, 45, 64, 90, 128, 180, 200)
 """Numbers of intervals a stage may have: few, so that what is built for a window serves again."""
@@ -104,7 +102,7 @@ class Window:
         times = [self.elapsed, self.hold]
         signs = [stage.signs for stage in self.stages]
         objects = [stage.object_state for stage in self.stages]
-        inside = [stage.object_end.inside for stage in self.stages]
+        inside = [stage.end.record for stage in self.stages]
         arguments = [each.argument for stage in self.stages for each in stage.sampled_constraints.values()]
         vias = [stage.via for stage in self.stages]
         numbers = (*signs, *objects, *inside, *arguments, *vias)
@@ -116,9 +114,14 @@ class Window:
         return sum(self.nodes)
 
     @property
-    def continues(self) -> bool:
-        """Whether the window has one stage before and after a switch."""
-        return len(self.stages) > 1 and self.stages[0].index == self.stages[1].index
+    def indices(self) -> tuple[int, ...]:
+        """Index of the stage between each two switch times: one may be there before and after its own end."""
+        return tuple(stage.index for stage in self.stages)
+
+    @property
+    def count(self) -> int:
+        """Number of stages; one before and after its own end counts once."""
+        return len(set(self.indices))
 
     def about(self, plan: Plan) -> "Window":
         """Return the window with limits of v as they are about a plan, whatever a solve starts from.
@@ -339,7 +342,7 @@ def slope_at(p: Parameters[Any], s: int, node: int) -> Any:
 
 def shortest_durations(window: Window) -> np.ndarray:
     """Return the shortest duration of each stage (S + 1,): eps, or what is left of its dwell and hold times."""
-    dwell = np.array([stage.dwell for stage in window.stages])
+    dwell = np.array([stage.end.dwell for stage in window.stages])
     dwell[0] = max(dwell[0] - window.elapsed, window.hold)
     dwell[-1] = 0.0
     return np.asarray(np.maximum(dwell, SHORTEST))

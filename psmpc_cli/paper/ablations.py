@@ -12,9 +12,10 @@ import numpy as np
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.run import Run
+from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.ocp.window import SHORTEST, Window, normalization
+from psmpc_cli.ocp.window import Window, normalization
 from psmpc_cli.progress import Watch
 from psmpc_cli.robot.motion import rollout
 from psmpc_cli.simulation.replay import logged_solve

@@ -6,10 +6,11 @@ import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.window_builder import WindowBuilder
+from psmpc_cli.ocp.end import NEVER, StageProgress
 from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import in_own_chart
-from psmpc_cli.ocp.stage import NO_OBJECT_END, PlacedStage
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Window, durations
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
@@ -96,7 +97,9 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     nodes = controller.uniform_nodes
     instants = np.array([0.4 * controller.horizon])
     prediction = resting_plan(0.0, controller.horizon, nodes, x0, chart)
-    window = WindowBuilder(problem).build(MovingSequence(first, instants, 0.0), placed, prediction)
+    window = WindowBuilder(problem).build(
+        MovingSequence(tuple(range(first, first + len(instants) + 1)), instants, StageProgress(0.0)), placed, prediction
+    )
     return replace(window, nodes=(nodes, nodes), terminal_cost=0.0), instants
 
 
@@ -126,11 +129,6 @@ def _unconstrained(stage: PlacedStage) -> PlacedStage:
     return replace(
         stage,
         limits=limits,
-        end_rows=(),
-        tolerance=np.zeros(0),
-        end_velocity=None,
-        object_end=NO_OBJECT_END,
+        end=NEVER,
         constraints={},
-        at=None,
-        dwell=0.0,
     )

@@ -16,10 +16,11 @@ from psmpc_cli.control.controller import Controller
 from psmpc_cli.control.interface import Command, make_read_only
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.logs.schema import Sample
+from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.plan import Plan, shift, states_of
 from psmpc_cli.ocp.problem import ObjectState, in_own_chart
 from psmpc_cli.ocp.stage import Stage
-from psmpc_cli.ocp.window import SHORTEST, Window
+from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant import ForceLimits, Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
 from psmpc_cli.plant.uncertainty import Contact, Uncertainty, force_limits_of
@@ -128,7 +129,7 @@ class Meter:
         Q, v = chart.leave(states_of([each.plan for each in commands], [each.time[-1] for each in ticks]))
         about = model.space.chart_at(Q[0])
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
-        since = np.array([each.time - each.sequence.entered for each in commands])
+        since = np.array([each.time - each.sequence.progress.entered for each in commands])
         gained = [t.gained if c is None else t.gained + c.gained for t, c in zip(ticks, contacts, strict=True)]
         expected = np.cumsum([self._expected, *gained], axis=0)[1:]
         kept = self._kept(stage.index, ends) + np.array(of_object).reshape(len(x), -1) - expected
@@ -274,7 +275,7 @@ class Meter:
     def _end_errors(self, stage: Stage, x: np.ndarray) -> tuple[float, float]:
         """Return the error of a stage's end condition over its tolerance, and over that plus 2 sigma of the rows."""
         costs = self._problem.costs
-        if not stage.has_end_condition:
+        if not stage.end.has_condition:
             return np.nan, np.nan
         allowance = 2 * costs.end_deviations(stage, x, self._noise)
         return costs.end_error(stage, x), costs.end_error(stage, x, allowance)
@@ -331,14 +332,14 @@ class Counterfactuals:
         for stage in range(sequence.first + 1, sequence.last + 1):
             if stage in self._started:
                 continue
-            shorter = MovingSequence(sequence.first, sequence.instants[: stage - sequence.first - 1], sequence.entered)
+            shorter = sequence.up_to(stage - 1)
             without, _ = self._plan(shorter, command)
             rows = list(command.stages[stage].onset_rows)
             applied, other = (plan.mean_control(edges)[0, rows] for plan in (command.plan, without))
             if self.onset.kind == "control":
                 presence[stage] = float(np.linalg.norm(applied - other))
             else:
-                own, usable = self._plan(MovingSequence(stage, np.zeros(0), command.time), command)
+                own, usable = self._plan(MovingSequence.of(stage, command.time), command)
                 if not usable:
                     continue
                 presence[stage] = closeness(applied, other, own.mean_control(edges)[0, rows])
@@ -362,9 +363,9 @@ class Counterfactuals:
         controls = []
         edges = command.edges[:2]
         for stage in range(first, first + count):
-            alone = MovingSequence(stage, np.zeros(0), command.time)
+            alone = MovingSequence.of(stage, command.time)
             if stage == first:
-                alone = command.sequence if command.sequence.continues else command.sequence.alone
+                alone = command.sequence.up_to(stage)
             plan, usable = self._plan(alone, command)
             if not usable:
                 return {}

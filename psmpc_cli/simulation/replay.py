@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli import __version__
-from psmpc_cli.control.placement import end_is_planned
 from psmpc_cli.errors import LogError
 from psmpc_cli.logs.comparison import Comparison, compare_runs
 from psmpc_cli.logs.files import check_output
@@ -60,17 +59,15 @@ def _frame(run: Run, sample: int) -> WindowFrame:
     """Read what a log says of a window beside its record: stages, nodes, time and state."""
     first = int(run["window/first"][sample])
     count = int(run["window/count"][sample])
-    problem = run.problem
-    nodes = [int(each) for each in run["window/nodes"][sample, first : first + count]]
+    stages = range(first, first + count)
+    nodes = [int(run["window/nodes"][sample, stage]) for stage in stages]
     after_end = int(run["window/nodes_after_end"][sample]) if "window/nodes_after_end" in run else 0
     return WindowFrame(
-        first=first,
+        segments=(*stages, first) if after_end else tuple(stages),
         nodes=(*nodes, after_end) if after_end else tuple(nodes),
         start=float(run.time[sample]),
         Q=run["state/Q"][sample],
         v=run["state/Qdot"][sample],
-        end_is_planned=end_is_planned(problem.spec.controller, first, problem.stages),
-        continues=after_end > 0,
     )
 
 

@@ -94,10 +94,12 @@ class Solution:
     @property
     def costs_of_stages(self) -> np.ndarray:
         """The costs with those of one stage before and after a switch as one."""
-        if not self.window.continues or not len(self.costs):
+        if not len(self.costs):
             return self.costs
-        parts = len(self.window.stages)
-        return np.append(self.costs[:-parts], self.costs[-parts:].sum())
+        indices = self.window.indices
+        kept = len(self.costs) - len(indices)
+        first = [place for place, index in enumerate(indices) if index not in indices[:place]]
+        return np.add.reduceat(self.costs, [*range(kept), *(kept + place for place in first)])
 
     @property
     def J(self) -> float:
@@ -161,5 +163,4 @@ class Solver(ABC):
 
 def _continues(previous: Solution, window: Window) -> bool:
     """Tell whether a solution can start the solve of a window."""
-    same = [stage.index for stage in previous.window.stages] == [stage.index for stage in window.stages]
-    return same and previous.outcome.usable
+    return previous.window.indices == window.indices and previous.outcome.usable

@@ -23,11 +23,11 @@ from numpy.typing import ArrayLike
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.constraints import IntervalRows, NodeRows, interval_rows, missing_row_violation, node_rows
 from psmpc_cli.ocp.constraints.boxes import PENALTY, node_limits, scaled_violations, shift_limits
+from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid, Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import (
-    SHORTEST,
     Parameters,
     Window,
     WindowShape,
@@ -312,7 +312,7 @@ class Nlp:
             yield ca.vertcat(X - p.x0, sums), _zero
             if len(stages) > 1:
                 yield self._duration(len(stages) - 1, k), lambda *_: (SHORTEST, np.inf)
-            fixed = [s for s, stage in enumerate(stages[:-1]) if stage.fixed_end]
+            fixed = [s for s, stage in enumerate(stages[:-1]) if stage.end.is_fixed]
             yield from ((ca.sum1(tau[: s + 1]), partial(_fixed_end, s)) for s in fixed)
         first = 0
         for rows in self._rows_at(k):
@@ -343,8 +343,8 @@ def _zero(*_: object) -> tuple[float, float]:
 
 
 def _fixed_end(s: int, window: Window, *_: object) -> tuple[float, float]:
-    at = (window.stages[s].at or 0.0) - window.start
-    return at, at
+    end = window.stages[s].end
+    return end.earliest - window.start, end.latest - window.start
 
 
 def _soft_count(rows: NodeRows) -> int:

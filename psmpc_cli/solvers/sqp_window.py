@@ -21,9 +21,10 @@ from psmpc_cli.ocp.constraints.boxes import (
     shares_of_time,
     shift_limits,
 )
+from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm, marked
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.ocp.window import SHORTEST, Parameters, Window, shortest_durations
+from psmpc_cli.ocp.window import Parameters, Window, shortest_durations
 from psmpc_cli.solvers.base import FEASIBLE
 
 NEAR_BOUND = 0.5
@@ -134,10 +135,9 @@ def window_bounds(
     low[first : first + S] = np.maximum(shortest_durations(window)[:-1], tau - within)
     high[first : first + S] = tau + within
     if S:
-        high[first + 2 * S - 1] = window.horizon - SHORTEST
-    for s, stage in enumerate(window.stages[:-1]):
-        if stage.at is not None:
-            low[first + S + s] = high[first + S + s] = stage.at - window.start
+        low[first + S : first + 2 * S] = [stage.end.earliest - window.start for stage in window.stages[:-1]]
+        high[first + S : first + 2 * S] = [stage.end.latest - window.start for stage in window.stages[:-1]]
+        high[first + 2 * S - 1] = min(high[first + 2 * S - 1], window.horizon - SHORTEST)
     return replace(shared, low=low, high=high)
 
 

@@ -15,8 +15,9 @@ from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.results import Quantity, Results, new_results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import PARETO
+from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.ocp.window import SHORTEST, Window
+from psmpc_cli.ocp.window import Window
 from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.replay import logged_solve

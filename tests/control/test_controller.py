@@ -7,7 +7,6 @@ import pytest
 import yaml
 
 from psmpc_cli.control import Command, Controller, State
-from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
@@ -15,6 +14,7 @@ from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.robot import stack
 
+from ..ocp.transport_windows import sequence_of
 from ..short_runs import TASK
 from .short_transports import SHORT, Unreliable, run
 
@@ -144,7 +144,7 @@ def test_a_stage_is_over_once_grippers_have_acted_at_its_planned_end(stage: str,
     names = [each.name for each in problem.stages]
     state = State(stack(task.spec.initial, task.robot, "joint") + 0.2, np.zeros(problem.model.n))
     controller.step(0.9, state)
-    sequence = MovingSequence(names.index(stage), np.array([0.95]), 0.0)
+    sequence = sequence_of(names.index(stage), [0.95])
     controller.memory = replace(controller.memory, sequence=sequence)
     assert names.index(stage) + 1 in (problem.held_stages.start, problem.held_stages.stop) or not ends
     controller.step(1.0, state)

@@ -6,11 +6,11 @@ import numpy as np
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.control.fallback import PlansInForce
-from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop
 from psmpc_cli.specs.load import load_task
 
+from ..ocp.transport_windows import sequence_of
 from .short_transports import QUICK, SHORT, run, states, with_failures
 
 Build = Callable[..., Experiment]
@@ -57,7 +57,7 @@ def test_a_robot_that_moves_brakes_at_once_where_its_first_solve_fails() -> None
 
 def test_a_plan_is_trusted_no_further_than_to_the_end_of_a_stage() -> None:
     plan = resting_plan(0.0, 8.0, 4, np.zeros(18))
-    plans = PlansInForce().with_plan(plan, MovingSequence(2, np.array([3.0, 5.0]), 0.0)).measured()
+    plans = PlansInForce().with_plan(plan, sequence_of(2, [3.0, 5.0])).measured()
     for stage, end in ((2, 3.0), (3, 5.0), (4, 8.0)):
         trusted = plans.trusted_to_end_of(stage)
         assert not trusted.used_up(end - 0.11, 0.1)
@@ -76,7 +76,7 @@ def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_t
         if len(command.instants) and command.instants[0] < command.time + 0.105:
             break
     planned, x = command.instants[0], sample.ticks.X[-1].copy()
-    x[0] -= 4 * command.stage.tolerance[0]
+    x[0] -= 4 * command.stage.end.tolerance[0]
     due = controller.step(command.time + 0.1, State.of(x))
     assert 0.001 < planned - due.time < 0.005
     np.testing.assert_array_equal(due.instants, planned)

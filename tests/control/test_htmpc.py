@@ -66,7 +66,7 @@ def test_no_earlier_error_gets_worse_by_more_than_the_tolerance(
         levels, sequence = sample.command.levels, sample.command.sequence
         if sequence.first == stage and len(levels) > 1 and levels[1].outcome.usable:
             first, second = (level.plan for level in levels[:2])
-            since = first.times[1:] - sequence.entered
+            since = first.times[1:] - sequence.progress.entered
             sizes = [
                 np.abs(experiment.problem.costs.errors(experiment.problem.stages[stage], p.X[1:], since))
                 for p in (first, second)
@@ -125,7 +125,7 @@ def test_later_levels_keep_the_planned_end_of_the_current_stage(experiment_of: B
         first, *later = command.levels
         if not len(command.instants):
             continue
-        assert first.window.continues
+        assert first.window.count == 1
         for level in (level for level in later if level.outcome.usable):
             compared += 1
             np.testing.assert_array_equal(level.plan.times, first.plan.times)
@@ -134,7 +134,7 @@ def test_later_levels_keep_the_planned_end_of_the_current_stage(experiment_of: B
             if constraint == "cost":
                 assert level.costs_of_stages[0] <= first.costs_of_stages[-1] * (1 + tolerance + LEVEL_ACCURACY)
             else:
-                since = first.plan.times[1:] - command.sequence.entered
+                since = first.plan.times[1:] - command.sequence.progress.entered
                 errors = [
                     np.abs(experiment.problem.costs.errors(command.stage, solved.plan.X[1:], since))
                     for solved in (first, level)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from psmpc_cli.control import Command
 from psmpc_cli.control.multistart import even_shares, multistart_for, solve_from_several
+from psmpc_cli.ocp.end import AtTime
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.run import Experiment, closed_loop
@@ -136,7 +137,9 @@ def test_a_window_without_a_solution_is_solved_once(counting: Counting, switchin
 
 def test_a_fixed_time_leaves_nothing_to_guess(counting: Counting, switching: Command) -> None:
     first, second = switching.solution.window.stages
-    timed = replace(switching.solution.window, stages=(replace(first, at=float(switching.plan.instants[0])), second))
+    timed = replace(
+        switching.solution.window, stages=(replace(first, end=AtTime(at=float(switching.plan.instants[0]))), second)
+    )
     solve_from_several(counting, timed, switching.prediction, None, 3)
     assert len(counting.solved) == 1
 

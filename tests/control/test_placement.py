@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control import Controller, State
-from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.ocp.end import ByState
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robot import stack
+
+from ..ocp.transport_windows import sequence_of
 
 DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
 
@@ -24,7 +26,10 @@ assert OBJECT is not None
 
 def test_targets_follow_the_object() -> None:
     """Before their stage is seen they are where the object will be at the end of the horizon."""
+    everywhere = ByState(rows=tuple(range(9)), tolerance=np.ones(9), rate_tolerance=np.ones(9))
     problem = build_problem(DRIFTING)
+    approach, capture, *later = problem.stages
+    problem = replace(problem, stages=(approach, replace(capture, end=everywhere), *later))
     controller = Controller(problem)
     Q = stack(DRIFTING.spec.initial, DRIFTING.robot, "joint")
     pose = np.array([-2.4, 2.8, 0.5])
@@ -34,12 +39,11 @@ def test_targets_follow_the_object() -> None:
     assert found[2] == pytest.approx(angle + np.radians(135))
     grip = 0.6415 * np.array([np.cos(angle), np.sin(angle)])
     assert found[:2] == pytest.approx(grip + np.array([(-2.4 - 2.489) / 2 + 0.08, (2.8 + 2.847) / 2]))
-    drift = stages[1].drift
-    assert isinstance(drift, np.ndarray)
+    drift = stages[1].end.target_rates
     assert drift[3:6] == pytest.approx([0.02 - np.radians(2) * grip[1], np.radians(2) * grip[0], np.radians(2)])
     x = np.concatenate([Q, np.zeros(9)])
-    moving = replace(stages[1], end_rows=tuple(range(9)), end_velocity=1.0)
-    apart = problem.costs.ends(replace(moving, drift=0.0), x[None]) - problem.costs.ends(moving, x[None])
+    at_rest = replace(stages[1], end=everywhere)
+    apart = problem.costs.ends(at_rest, x[None]) - problem.costs.ends(stages[1], x[None])
     assert apart[0] == pytest.approx([*np.zeros(9), *drift])
 
 
@@ -54,7 +58,7 @@ BESIDE = {"object": [0, -0.978, 0]}
 def test_cost_follows_the_object_where_no_end_is_planned(stage: int, keys: dict[str, object]) -> None:
     task = load_task("catch_drifting", {"controller.nodes": 12, **keys})
     controller, pose_rows = Controller(task), build_problem(task).model.pose_rows
-    controller.memory = replace(controller.memory, sequence=MovingSequence(stage, np.zeros(0), -1.5))
+    controller.memory = replace(controller.memory, sequence=sequence_of(stage, entered=-1.5))
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
     stages = controller.step(0.0, state, np.array(OBJECT.pose)).stages
     since = np.array([0.0, 2.03, 4.0])
@@ -73,8 +77,8 @@ def test_a_target_is_where_the_object_will_be_at_the_planned_end_of_a_stage_that
     pose_rows = build_problem(task).model.pose_rows
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
     for sequence, ahead in (
-        (MovingSequence(0, np.zeros(0), -1.5), 4.0),
-        (MovingSequence(0, np.array([2.0]), -1.5, continues=True), 2.0),
+        (sequence_of(0, entered=-1.5), 4.0),
+        (replace(sequence_of(0, [2.0], -1.5), segments=(0, 0)), 2.0),
     ):
         controller.memory = replace(controller.law.first, sequence=sequence)
         stage = controller.step(0.0, state, np.array(OBJECT.pose)).stages[0]

@@ -1,12 +1,15 @@
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from psmpc_cli.control.sequence import MovingSequence, detect, drop_met, drop_passed
+from psmpc_cli.ocp.end import ByObject
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.stage import PlacedStage
+
+from ..ocp.transport_windows import ending, sequence_of
 
 AT_TARGET = np.r_[-2.0, 2.0, np.pi / 6, np.zeros(15)]
 
@@ -20,27 +23,27 @@ def arriving(at: float, end: float = 4.0) -> Plan:
 
 
 def test_every_stage_whose_instant_has_passed_is_dropped() -> None:
-    sequence, switches = drop_passed(MovingSequence(0, np.array([1.0, 1.05, 3.0]), 0.0), 1.1)
+    sequence, switches = drop_passed(sequence_of(0, [1.0, 1.05, 3.0]), 1.1)
     assert [(s.stage, s.time) for s in switches] == [(0, 1.0), (1, 1.05)]
-    assert (sequence.first, sequence.entered, sequence.instants.tolist()) == (2, 1.05, [3.0])
+    assert (sequence.first, sequence.progress.entered, sequence.instants.tolist()) == (2, 1.05, [3.0])
 
 
 def test_the_current_stage_is_dropped_when_the_measured_state_meets_its_condition(
     stages: tuple[PlacedStage, ...], costs: StageCosts
 ) -> None:
-    sequence, switches = drop_met(MovingSequence(0, np.array([3.0]), 0.0), stages, costs, 2.0, AT_TARGET)
+    sequence, switches = drop_met(sequence_of(0, [3.0]), stages, costs, 2.0, AT_TARGET)
     assert [(s.stage, s.time) for s in switches] == [(0, 2.0)]
     assert sequence.first == 1
-    away, none = drop_met(MovingSequence(0, np.array([3.0]), 0.0), stages, costs, 2.0, np.zeros(18))
+    away, none = drop_met(sequence_of(0, [3.0]), stages, costs, 2.0, np.zeros(18))
     assert (away.first, none) == (0, [])
 
 
 def test_a_stage_stays_for_its_dwell_time(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
-    dwelling = (replace(stages[0], dwell=2.5), *stages[1:])
-    kept, _ = drop_met(MovingSequence(0, np.zeros(0), 0.0), dwelling, costs, 2.4, AT_TARGET)
-    dropped, _ = drop_met(MovingSequence(0, np.zeros(0), 0.0), dwelling, costs, 2.5, AT_TARGET)
+    dwelling = (ending(stages[0], dwell=2.5), *stages[1:])
+    kept, _ = drop_met(sequence_of(0), dwelling, costs, 2.4, AT_TARGET)
+    dropped, _ = drop_met(sequence_of(0), dwelling, costs, 2.5, AT_TARGET)
     assert (kept.first, dropped.first) == (0, 1)
-    longer = detect(MovingSequence(0, np.zeros(0), 0.0), dwelling, costs, arriving(1.0), 10)
+    longer = detect(sequence_of(0), dwelling, costs, arriving(1.0), 10)
     assert longer is not None
     assert longer.instants[0] >= 2.5
 
@@ -48,14 +51,14 @@ def test_a_stage_stays_for_its_dwell_time(stages: tuple[PlacedStage, ...], costs
 def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_margin(
     stages: tuple[PlacedStage, ...], costs: StageCosts
 ) -> None:
-    longer = detect(MovingSequence(0, np.zeros(0), 0.0), stages, costs, arriving(2.0), 10)
+    longer = detect(sequence_of(0), stages, costs, arriving(2.0), 10)
     assert longer is not None
     assert abs(longer.instants[0] - (2.0 - 0.02 / 0.2)) < 0.02
-    assert detect(MovingSequence(0, np.zeros(0), 0.0), stages, costs, arriving(4.5), 10) is None
+    assert detect(sequence_of(0), stages, costs, arriving(4.5), 10) is None
 
 
 def test_nothing_is_detected_after_the_last_stage(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
-    assert detect(MovingSequence(3, np.zeros(0), 0.0), stages, costs, arriving(1.0), 10) is None
+    assert detect(sequence_of(3), stages, costs, arriving(1.0), 10) is None
 
 
 AT_TARGET = np.r_[-2.0, 2.0, np.pi / 6, np.zeros(15)]
@@ -66,12 +69,12 @@ HOLD = 0.5
 
 @pytest.fixture
 def holding(stages: tuple[PlacedStage, ...]) -> tuple[PlacedStage, ...]:
-    return (replace(stages[0], hold=HOLD), *stages[1:])
+    return (ending(stages[0], hold=HOLD), *stages[1:])
 
 
 def seen(states: list[np.ndarray], stages: tuple[PlacedStage, ...], costs: StageCosts) -> MovingSequence:
     """The sequence after samples 0.1 s apart."""
-    sequence = MovingSequence(0, np.zeros(0), 0.0)
+    sequence = sequence_of(0)
     for k, x in enumerate(states):
         sequence = sequence.with_measurement(stages, costs, 0.1 * k, x)
     return sequence
@@ -82,7 +85,7 @@ def test_a_stage_ends_when_its_condition_was_met_long_enough(
 ) -> None:
     for samples, over in ((5, False), (6, True)):
         sequence, now = seen([np.zeros(18), *[AT_TARGET] * samples], holding, costs), 0.1 * samples
-        assert sequence.hold_left(holding, now) == pytest.approx(HOLD + 0.1 - now)
+        assert holding[0].end.hold_left(sequence.progress, now) == pytest.approx(HOLD + 0.1 - now)
         assert bool(drop_met(sequence, holding, costs, now, AT_TARGET)[1]) is over
 
 
@@ -91,47 +94,57 @@ def test_a_break_begins_the_hold_again_and_keeps_the_next_stage_out(
 ) -> None:
     prediction = resting_plan(0.3, 4.0, 10, AT_TARGET)
     unbroken, broken = (seen([AT_TARGET, x, AT_TARGET, AT_TARGET], holding, costs) for x in (AT_TARGET, np.zeros(18)))
-    assert (unbroken.met_since, broken.met_since) == (0.0, pytest.approx(0.2))
+    assert (unbroken.progress.met_since, broken.progress.met_since) == (0.0, pytest.approx(0.2))
     longer = detect(unbroken, holding, costs, prediction, 10)
     assert longer is not None
     assert longer.instants.tolist() == pytest.approx([HOLD])
     assert detect(broken, holding, costs, prediction, 10) is None
     assert detect(seen([np.zeros(18)], holding, costs), holding, costs, prediction, 10) is None
     lost = longer.with_measurement(holding, costs, 0.4, np.zeros(18))
-    assert (lost.count, lost.broken) == (1, True)
+    assert (lost.count, lost.progress.hold_lost) == (1, True)
 
 
 def test_a_stage_that_awaits_its_object_does_not_end(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
-    awaiting = (replace(stages[0], awaits_object=True), *stages[1:])
-    kept, _ = drop_met(MovingSequence(0, np.array([3.0]), 0.0), awaiting, costs, 2.0, AT_TARGET)
+    of_state = {each.name: getattr(stages[0].end, each.name) for each in fields(stages[0].end)}
+    end = ByObject(**of_state, awaits_object=True, inside=np.zeros(3))
+    awaiting = (replace(stages[0], end=end), *stages[1:])
+    kept, _ = drop_met(sequence_of(0, [3.0]), awaiting, costs, 2.0, AT_TARGET)
     assert (kept.first, kept.instants.tolist()) == (0, [3.0])
 
 
-CONTINUING = MovingSequence(1, np.array([2.0]), 0.5, continues=True)
+CONTINUING = replace(sequence_of(1, [2.0], 0.5), segments=(1, 1))
 """Capture, which began at 0.5 s, before and after its end, planned at 2 s."""
 
 
 def test_a_stage_that_continues_is_alone_in_its_window() -> None:
-    assert (CONTINUING.parts, CONTINUING.count, CONTINUING.last) == ((1, 1), 1, 1)
-    assert (CONTINUING.plans_end, CONTINUING.begins) == (True, (0.5,))
-    several = replace(CONTINUING, continues=False)
-    assert (several.parts, several.count, several.last, several.begins) == ((1, 2), 2, 2, (0.5, 2.0))
+    assert (CONTINUING.count, CONTINUING.first, CONTINUING.last) == (1, 1, 1)
+    assert (CONTINUING.planned_end, CONTINUING.begins) == (2.0, (0.5,))
+    several = sequence_of(1, [2.0], 0.5)
+    assert (several.count, several.last, several.begins) == (2, 2, (0.5, 2.0))
     alone = CONTINUING.alone
-    assert (alone.parts, alone.plans_end, alone.continues) == ((1,), False, False)
+    assert (alone.segments, alone.planned_end) == ((1,), np.inf)
+    assert CONTINUING.up_to(1).segments == (1, 1)
+    assert several.up_to(1).segments == (1,)
 
 
 def test_the_next_stage_follows_one_that_continued(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
     passed, switches = drop_passed(CONTINUING, 2.1)
     assert [(s.stage, s.time) for s in switches] == [(1, 2.0)]
-    assert (passed.first, passed.entered, passed.parts, passed.continues) == (2, 2.0, (2,), False)
-    approaching = replace(CONTINUING, first=0)
+    assert (passed.segments, passed.progress.entered, len(passed.instants)) == ((2,), 2.0, 0)
+    approaching = replace(CONTINUING, segments=(0, 0))
     met, switches = drop_met(approaching, stages, costs, 1.5, AT_TARGET)
     assert [(s.stage, s.time) for s in switches] == [(0, 1.5)]
-    assert (met.first, met.parts, met.continues) == (1, (1,), False)
+    assert met.segments == (1,)
 
 
-def test_nothing_is_detected_after_a_stage_that_continues(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
-    alone = MovingSequence(0, np.zeros(0), 0.0)
-    longer = detect(alone, stages, costs, arriving(1.0), 10)
+def test_a_stage_alone_in_its_window_continues_once(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
+    longer = detect(sequence_of(0), stages, costs, arriving(1.0), 10, is_of_one_stage=True)
     assert longer is not None
-    assert detect(replace(longer, continues=True), stages, costs, arriving(1.0), 10) is None
+    assert longer.segments == (0, 0)
+    assert detect(longer, stages, costs, arriving(1.0), 10, is_of_one_stage=True) is None
+
+
+def test_an_end_that_no_window_plans_is_not_detected(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
+    unplanned = (replace(stages[0], end=stages[0].end.unplanned()), *stages[1:])
+    assert detect(sequence_of(0), unplanned, costs, arriving(1.0), 10) is None
+    assert drop_met(sequence_of(0), unplanned, costs, 1.5, AT_TARGET)[0].first == 1

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import Grip, ObjectEstimate, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.object import CaptureSpec, MotionSpec
+
+from ..ocp.transport_windows import sequence_of
 
 DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
 
@@ -100,5 +101,5 @@ def test_a_held_object_is_where_its_gripper_has_it_however_that_accelerates(task
 )
 def test_grippers_close_and_open_at_planned_switches(first: int, instants: list[float], closed: list[bool]) -> None:
     holding = build_problem(DRIFTING).held_stages
-    sequence = MovingSequence(first, np.array(instants), 0.0)
+    sequence = sequence_of(first, instants)
     assert to_be_closed(holding, sequence, 2.0 + 0.01 * np.arange(4)).tolist() == closed

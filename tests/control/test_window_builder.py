@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.window_builder import WindowBuilder, priorities_in_force
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import build_problem
@@ -14,7 +13,9 @@ from psmpc_cli.ocp.window import COUNTS
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.load import load_task
 
-SEQUENCE = MovingSequence(1, np.array([3.0]), 0.5)
+from ..ocp.transport_windows import sequence_of
+
+SEQUENCE = sequence_of(1, [3.0], 0.5)
 """Capture, which began at 0.5 s, and Transport, planned to begin at 3 s."""
 
 
@@ -58,10 +59,10 @@ def test_a_stage_that_continues_has_one_scale_and_meshes_of_its_own_before_and_a
     stages[1] = moving
     builder = WindowBuilder(problem)
     prediction = resting_plan(2.0, 4.0, 1, np.linspace(-0.4, 0.4, 18))
-    sequence = replace(SEQUENCE, instants=np.array([2.5]), continues=True)
+    sequence = replace(SEQUENCE, segments=(1, 1), instants=np.array([2.5]))
     window = builder.build(sequence, stages, prediction)
     before, after = window.stages
-    assert (before.name, after.name, window.continues) == ("capture", "capture", True)
+    assert (before.name, after.name, window.count) == ("capture", "capture", 1)
     assert before.trajectory is moving.trajectory
     assert after.trajectory is None
     np.testing.assert_array_equal(window.omega, [100, 100])

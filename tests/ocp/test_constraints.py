@@ -88,7 +88,7 @@ def test_an_end_condition_stands_at_the_last_node_of_its_stage(problem: Problem)
     low, high = rows.bounds(window)
     found = rows.functions.value(x, rows.argument(p))[0].ravel()
     np.testing.assert_allclose(found - (low + high) / 2, problem.costs.ends(stage, x[None])[0], atol=1e-12)
-    np.testing.assert_allclose((high - low) / 2, stage.end_tolerance)
+    np.testing.assert_allclose((high - low) / 2, stage.end.half_widths)
 
 
 def test_kept_errors_stand_at_every_node_after_the_first(problem: Problem) -> None:
@@ -179,7 +179,7 @@ def test_numbers_that_a_constraint_has_of_a_stage_are_in_windows_and_those_of_th
     problem = build_problem(load_task("transport"))
     Q = stack(problem.spec.initial, problem.task.robot, "joint")
     window = window_of(problem, kept=False)
-    frame = WindowFrame(0, window.nodes, 0.0, Q, np.zeros(problem.model.n), end_is_planned=True)
+    frame = WindowFrame(window.indices, window.nodes, 0.0, Q, np.zeros(problem.model.n))
     for each in (window, read_window(problem, frame, window.record)):
         (rows,) = (rows for rows in rows_of(problem, each) if rows.name == "disc")
         argument = rows.argument(window_numbers(each, np.array([INSTANT])))

@@ -1,5 +1,4 @@
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
 from ..solvers.optimality import hessian
-from .transport_windows import coasting, moving, window_over
+from .transport_windows import coasting, ending, moving, window_over
 
 H = 1e-6
 
@@ -23,7 +22,7 @@ class Case:
     """A window at a point off its guess, with a terminal cost, an offset and a target that moves."""
 
     def __init__(self, model: RobotModel, stages: tuple[Stage, ...], discretization: str) -> None:
-        slow = [replace(stage, end_velocity=0.1) for stage in stages]
+        slow = [ending(stage, rate_tolerance=0.1) for stage in stages]
         stages = (*slow[:-1], moving(slow[-1])) if len(slow) > 1 else (moving(slow[0]),)
         changes = {"terminal_cost": 0.3, "offset": np.full(len(stages), 0.2), "discretization": discretization}
         self.window: Window = window_over(stages, **changes)

@@ -5,10 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from psmpc_cli.ocp.end import NEVER, ByState
 from psmpc_cli.ocp.objective import StageCosts, stage_functions
 from psmpc_cli.ocp.skills import SKILLS
 from psmpc_cli.ocp.stage import Stage, StageShape, Trajectory
 from psmpc_cli.robot.model import RobotModel
+
+from .transport_windows import ending
 
 X_U = tuple[np.ndarray, np.ndarray]
 
@@ -73,8 +76,7 @@ def stage(request: pytest.FixtureRequest, model: RobotModel, stages: tuple[Stage
         space=request.param,
         target=random.standard_normal(skill.numbers(model)),
         weights=random.uniform(0.5, 2.0, rows),
-        end_rows=tuple(range(rows)),
-        tolerance=np.full(rows, 0.1),
+        end=ByState(rows=tuple(range(rows)), tolerance=np.full(rows, 0.1)),
     )
 
 
@@ -93,7 +95,7 @@ def test_the_rate_is_that_of_the_error(stage: Stage, costs: StageCosts, seed: in
     X = np.array([x + sign * h * np.r_[x[9:], np.zeros(9)] for sign in (-1, 0, 1)])
     before, _, after = costs.errors(stage, X)
     rows = tuple(range(len(stage.weights)))
-    rates = costs.ends(replace(stage, end_rows=rows, end_velocity=1.0), X[1:2])[0, len(rows) :]
+    rates = costs.ends(ending(stage, rows=rows, rate_tolerance=1.0), X[1:2])[0, len(rows) :]
     np.testing.assert_allclose(rates, (after - before) / (2 * h), rtol=1e-5, atol=1e-6)
 
 
@@ -105,14 +107,14 @@ def test_a_target_that_moves_through_one_value_costs_what_it_costs_at_rest(stage
 
 def test_an_end_condition_is_met_within_tolerance_and_velocity(stage: Stage, model: RobotModel) -> None:
     costs, X = StageCosts(model), np.zeros((1, 18))
-    here = replace(stage, tolerance=np.abs(costs.errors(stage, X)[0]))
-    closer = replace(stage, tolerance=here.tolerance - 1e-3)
+    here = ending(stage, tolerance=np.abs(costs.errors(stage, X)[0]))
+    closer = ending(stage, tolerance=here.end.tolerance - 1e-3)
     assert [bool(costs.met(each, X)[0]) for each in (here, closer)] == [True, False]
-    assert costs.met(closer, X, margin=1.5)[0] or here.tolerance.min() < 3e-3
+    assert costs.met(closer, X, margin=1.5)[0] or here.end.tolerance.min() < 3e-3
     X[0, 9:] = 1.0
-    assert costs.met(replace(here, end_velocity=10.0), X)[0]
-    assert not costs.met(replace(here, end_velocity=0.5), X)[0]
-    assert not costs.met(replace(here, end_rows=()), X)[0]
+    assert costs.met(ending(here, rate_tolerance=10.0), X)[0]
+    assert not costs.met(ending(here, rate_tolerance=0.5), X)[0]
+    assert not costs.met(replace(here, end=NEVER), X)[0]
 
 
 @pytest.mark.parametrize("tolerance", [1e-7, 1e-3, 0.1])
@@ -120,7 +122,7 @@ def test_an_end_condition_is_met_within_its_tolerance_however_small_it_is(
     costs: StageCosts, stages: tuple[Stage, ...], tolerance: float
 ) -> None:
     """Solvers stop at a tolerance: 1e-6, but never more than a thousandth of the condition's own, is let through."""
-    stage = replace(stages[0], tolerance=np.full(len(stages[0].end_rows), tolerance))
+    stage = ending(stages[0], tolerance=np.full(len(stages[0].end.rows), tolerance))
     x = np.zeros(18)
     x[:9] = stage.target
     slack = min(1e-6, 1e-3 * tolerance)

@@ -5,10 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
+from psmpc_cli.ocp.end import ByObject
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
 from psmpc_cli.ocp.stage import PlacedStage, cost_shape, stage_shape
 from psmpc_cli.specs.load import load_task
+
+from .transport_windows import ending
 
 BOUNDS = {"position": 0.02, "angle": 0.05, "velocity": 0.03, "angular_velocity": 0.04}
 
@@ -19,6 +22,12 @@ def carrying(task: str, stage: str, bounds: Mapping[str, float]) -> Problem:
     return build_problem(load_task(task, [f"stages.{stage}.ends_when.object={{{end}}}"]))
 
 
+def by_object(stage: PlacedStage) -> ByObject:
+    """The end of a stage that ends by the object."""
+    assert isinstance(stage.end, ByObject)
+    return stage.end
+
+
 def at_random(problem: Problem, index: int, seed: int) -> tuple[PlacedStage, np.ndarray, np.ndarray, np.ndarray]:
     """The stage, a state in its chart, and the object as it is in a gripper: pose and velocity by differences."""
     model = problem.model
@@ -27,7 +36,7 @@ def at_random(problem: Problem, index: int, seed: int) -> tuple[PlacedStage, np.
     Q = np.array(space.integrate(space.neutral, rng.normal(scale=0.4, size=model.n)))
     v = rng.normal(scale=0.05, size=model.n)
     placed, x = in_own_chart(model, problem.stages[index], Q, v)
-    end = placed.object_end
+    end = by_object(placed)
 
     def pose_at(time: float) -> np.ndarray:
         gripper = model.poses(np.array(space.integrate(Q, time * v)))[list(model.pose_rows).index(end.frame)]
@@ -44,14 +53,15 @@ def test_the_rows_are_the_components_that_the_object_has_in_the_gripper(task: st
     index = [each.name for each in problem.stages].index(stage)
     for seed in range(5):
         placed, x, pose, rate = at_random(problem, index, seed)
-        end = placed.object_end
+        end = by_object(placed)
         space = problem.model.space
         d = space.dimension
         error = space.pose_error(pose, end.destination)
         angle = 2 * np.sin(np.linalg.norm(error[d:]) / 2)
         expected = [np.linalg.norm(error[:d]), angle, np.linalg.norm(rate[:d]), np.linalg.norm(rate[d:])]
-        rows = problem.costs.ends(placed, x[None])[0][-sum(end.counts) :]
-        found = np.split(rows, np.cumsum(end.counts)[:-1])
+        of_object = end.counts[-len(BOUNDS) :]
+        rows = problem.costs.ends(placed, x[None])[0][-sum(of_object) :]
+        found = np.split(rows, np.cumsum(of_object)[:-1])
         np.testing.assert_allclose([np.linalg.norm(each) for each in found], expected, rtol=1e-6, atol=1e-9)
         np.testing.assert_allclose(found[0], pose[:d] - end.destination[:d], atol=1e-9)
         np.testing.assert_allclose(found[2], rate[:d], rtol=1e-6, atol=1e-9)
@@ -60,29 +70,24 @@ def test_the_rows_are_the_components_that_the_object_has_in_the_gripper(task: st
 def test_windows_keep_the_lengths_within_their_tolerances() -> None:
     """A corner of the box that bounds the components is at the tolerance."""
     placed, *_ = at_random(carrying("catch_tumbling", "carry", BOUNDS), 2, seed=0)
-    end = placed.object_end
-    corners = np.split(end.row_tolerance, np.cumsum(end.counts)[:-1])
+    end = by_object(placed)
+    of_object = end.counts[-len(BOUNDS) :]
+    corners = np.split(end.half_widths[-sum(of_object) :], np.cumsum(of_object)[:-1])
     assert [np.linalg.norm(corner) for corner in corners] == pytest.approx(list(BOUNDS.values()))
 
 
 def test_a_row_is_at_its_tolerance_where_the_object_is() -> None:
     problem = carrying("transport_grasp", "transport", {"position": 0.02})
     placed, x, pose, _ = at_random(problem, 2, seed=1)
-    end = placed.object_end
+    end = by_object(placed)
     distance = float(np.linalg.norm(problem.model.space.pose_error(pose, end.destination)[:2]))
-    only_object = {"end_rows": (), "tolerance": np.zeros(0), "end_velocity": None}
     for factor, is_met in ((1.001, True), (0.999, False)):
         problem = carrying("transport_grasp", "transport", {"position": factor * distance})
         placed, x, pose, rate = at_random(problem, 2, seed=1)
-        stage = type(placed)(**{**vars_of(placed), **only_object})
+        stage = ending(placed, rows=(), tolerance=np.zeros(0), rate_tolerance=None)
         assert bool(problem.costs.met(stage, x[None])[0]) == is_met
-        assert placed.object_end.is_met(pose, rate) == is_met
+        assert by_object(placed)._is_delivered(pose, rate) == is_met
         assert problem.costs.end_error(stage, x) == pytest.approx(1 / factor, rel=1e-6)
-
-
-def vars_of(stage: PlacedStage) -> dict[str, object]:
-    """The fields of a stage by name."""
-    return {name: getattr(stage, name) for name in type(stage).__dataclass_fields__}
 
 
 def test_derivatives_of_the_rows_are_those_of_differences() -> None:

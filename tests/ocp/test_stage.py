@@ -69,7 +69,7 @@ def test_attitudes_turn_at_a_constant_rate_between_rows(signs: int) -> None:
 @pytest.mark.parametrize(("dwell", "least"), [(0, 16), (3, 16), (20, 20)])
 def test_stage_lasts_as_long_as_its_trajectory(dwell: float, least: float, model: RobotModel) -> None:
     task = load_task("tracking", [f"stages.trace.dwell={dwell}"])
-    assert build_stages(task.spec, task.robot, model)[1].dwell == least
+    assert build_stages(task.spec, task.robot, model)[1].end.dwell == least
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
 from ..solvers.recorded import RecordedSolve, recorded, windows_over
-from .transport_windows import coasting, moving, window_over
+from .transport_windows import coasting, ending, moving, window_over
 
 STEP, TOLERANCE = 0.1, 5e-3
 
@@ -103,7 +103,7 @@ def test_a_plan_is_rebuilt_from_its_vector(stages: tuple[Stage, ...]) -> None:
 def test_a_stage_lasts_what_is_left_of_its_dwell_and_hold(
     stages: tuple[Stage, ...], elapsed: float, hold: float
 ) -> None:
-    dwelling = tuple(replace(stage, dwell=3.0) for stage in stages[:3])
+    dwelling = tuple(ending(stage, dwell=3.0) for stage in stages[:3])
     shortest = shortest_durations(window_over(dwelling, elapsed=elapsed, hold=hold))
     np.testing.assert_allclose(shortest, [max(3.0 - elapsed, hold, 1e-3), 3.0, 1e-3])
 

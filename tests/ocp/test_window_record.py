@@ -62,7 +62,7 @@ def test_a_window_in_space_has_its_chart_and_the_signs_of_its_targets_again() ->
     )
     window = window_over(stages, np.asarray(chart.enter(Q[None], v[None])[0]), chart)
     window = replace(window, soft=problem.spec.limits_are_soft)
-    read = read_window(problem, WindowFrame(0, window.nodes, window.start, Q, v, end_is_planned=True), window.record)
+    read = read_window(problem, WindowFrame(window.indices, window.nodes, window.start, Q, v), window.record)
     assert_same(read, window)
     for found, expected in zip(read.stages, window.stages, strict=True):
         assert_same(found, expected)
@@ -70,7 +70,7 @@ def test_a_window_in_space_has_its_chart_and_the_signs_of_its_targets_again() ->
 
 @pytest.mark.parametrize("planned", [True, False])
 def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: bool) -> None:
-    task = load_task("catch_drifting", {"controller.nodes": 12})
+    task = load_task("catch_drifting", {"controller.nodes": 12, "controller.kind": "psmpc" if planned else "hard"})
     problem = build_problem(task)
     capture = problem.capture
     assert capture is not None
@@ -86,7 +86,7 @@ def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: boo
     v = np.linspace(0.1, -0.1, 9)
     chart = problem.model.space.chart_at(Q)
     window = replace(window_over((first,), np.concatenate([Q, v]), chart), soft=problem.spec.limits_are_soft)
-    read = read_window(problem, WindowFrame(1, (12,), 2.5, Q, v, end_is_planned=planned), window.record)
+    read = read_window(problem, WindowFrame((1,), (12,), 2.5, Q, v), window.record)
     assert_same(read, window)
     assert_same(read.stages[0], first)
     assert (read.stages[0].trajectory is None) == planned
@@ -103,9 +103,9 @@ def test_a_stage_stands_in_the_window_before_and_after_its_planned_end() -> None
     chart = problem.model.space.chart_at(Q)
     window = window_over((placed, placed.continued), np.concatenate([Q, v]), chart)
     window = replace(window, nodes=(5, 7), soft=problem.spec.limits_are_soft, horizon=problem.spec.controller.horizon)
-    frame = WindowFrame(stage.index, window.nodes, window.start, Q, v, end_is_planned=True, continues=True)
+    frame = WindowFrame(window.indices, window.nodes, window.start, Q, v)
     read = read_window(problem, frame, window.record)
-    assert read.continues
+    assert read.count == 1
     for found, expected in zip(read.stages, window.stages, strict=True):
         assert (found.index, found.trajectory is None) == (expected.index, expected.trajectory is None)
         assert_same(found, expected)

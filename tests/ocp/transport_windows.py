@@ -1,15 +1,20 @@
 """Windows of the transport task's stages, for tests of ocp and solvers."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from psmpc_cli.control.sequence import MovingSequence
+from psmpc_cli.ocp.end import StageProgress
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.stage import Stage, Trajectory
 from psmpc_cli.ocp.window import Window, on_mesh
 
 N = 4
+
+AnyStage = TypeVar("AnyStage", bound=Stage)
 
 
 def window_over(stages: tuple[Stage, ...], **changes: Any) -> Window:
@@ -40,3 +45,17 @@ def moving(stage: Stage, seed: int = 1) -> Stage:
     """The stage with a target that moves along a line for 30 s."""
     values = np.random.default_rng(seed).standard_normal((2, len(stage.target)))
     return replace(stage, trajectory=Trajectory(np.array([0.0, 30.0]), values), target=values[-1])
+
+
+def ending(stage: AnyStage, **changes: Any) -> AnyStage:
+    """Return a stage with other fields of its end; bounds on rates may be one number for all."""
+    rates = changes.get("rate_tolerance")
+    if isinstance(rates, float):
+        changes["rate_tolerance"] = np.full(len(changes.get("rows", stage.end.rows)), rates)
+    return replace(stage, end=replace(stage.end, **changes))
+
+
+def sequence_of(first: int, instants: Sequence[float] = (), entered: float = 0.0) -> MovingSequence:
+    """Return a sequence of the current stage and one more for each planned switch time."""
+    segments = tuple(range(first, first + len(instants) + 1))
+    return MovingSequence(segments, np.array(instants, float), StageProgress(entered))

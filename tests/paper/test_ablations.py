@@ -110,8 +110,10 @@ def test_j_at_the_optimal_instant_is_the_optimum(one: SwitchWindow, log: Run) ->
 def test_the_scan_ends_at_the_earliest_feasible_instant(one: SwitchWindow) -> None:
     instants, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
     target = one.window.stages[0]
-    away = np.abs(one.problem.costs.errors(target, one.window.x0[None])[0, list(target.end_rows)]) - target.tolerance
-    least = float(np.max(away / target.limits.velocity_high[list(target.end_rows)]))
+    away = (
+        np.abs(one.problem.costs.errors(target, one.window.x0[None])[0, list(target.end.rows)]) - target.end.tolerance
+    )
+    least = float(np.max(away / target.limits.velocity_high[list(target.end.rows)]))
     assert least <= instants[0] <= least + CLOSE + 0.02
     assert np.all(np.diff(instants) > 0)
     assert np.all(np.isfinite(cost))

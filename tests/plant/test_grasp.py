@@ -285,7 +285,7 @@ def test_a_commands_force_counts_a_known_load_in(known: bool) -> None:
     """At the tick of closing it is what the plant applies, but for the pose recorded then, some mm from the task's."""
     task = planar({**FREE, "object.grasp.known": known, "controller.nodes": 12})
     controller, model = Controller(task), model_of(task.robot.name)
-    controller.memory = replace(controller.memory, sequence=MovingSequence(2, np.zeros(0), 0.0))
+    controller.memory = replace(controller.memory, sequence=MovingSequence.of(2, 0.0))
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n))
     command = controller.step(0.0, state)
     plant = build_plant(task.spec.plant, model, False, None, build_capture(task.spec, model))

@@ -123,12 +123,11 @@ def recorded(mission: str) -> Mapping[int, RecordedSolve]:
     solves = dict[int, RecordedSolve]()
     for sample, found in arrays.items():
         frame = WindowFrame(
-            first=int(found["first"]),
+            segments=tuple(int(found["first"]) + place for place in range(len(found["nodes"]))),
             nodes=tuple(int(each) for each in found["nodes"]),
             start=float(found["start"]),
             Q=found["Q"],
             v=found["v"],
-            end_is_planned=True,
         )
         window = read_window(problem, frame, found["record"])
         guess = on_mesh(window.plan_of(found["guess"].astype(float)), window)

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from psmpc_cli.ocp.end import NEVER, ByState
 from psmpc_cli.ocp.gradient import Rollout
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
@@ -89,8 +90,7 @@ def free_coordinate(stage: PlacedStage, target: float, ends: bool) -> PlacedStag
         weights=np.r_[100.0, np.zeros(8)],
         control_weights=np.ones(9),
         limits=Limits(-none, none, -none, none, -none, none, -none, none),
-        end_rows=(0,) if ends else (),
-        tolerance=np.full(int(ends), 1e-3),
+        end=ByState(rows=(0,), tolerance=np.array([1e-3])) if ends else NEVER,
         constraints={},
     )
 

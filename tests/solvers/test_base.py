@@ -14,7 +14,7 @@ from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, Solver, bu
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
-from ..ocp.transport_windows import moving
+from ..ocp.transport_windows import ending, moving
 from .recorded import RecordedSolve, windows_over
 from .solving import ADJOINT, CONVERGED, FATROP, IPOPT, ONE, again, changed, far_away, middle_window_over
 
@@ -70,7 +70,7 @@ def weak(stage: Stage) -> Stage:
 
 
 def at_rest(stage: Stage) -> Stage:
-    return replace(stage, end_velocity=1e-2)
+    return ending(stage, rate_tolerance=1e-2)
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from psmpc_cli.solvers import Outcome, build_solver
 from psmpc_cli.specs.task import SolverSpec
 
 from ..free_flyer import reaching
+from ..ocp.transport_windows import ending
 from .recorded import RecordedSolve, recorded
 from .solving import changed
 
@@ -44,7 +45,7 @@ def test_windows_of_a_mission(problem: Problem, sample: int, stages: int) -> Non
 
 
 def at_rest(one: RecordedSolve) -> RecordedSolve:
-    return changed(one, lambda stage: replace(stage, end_velocity=1e-2), 0)
+    return changed(one, lambda stage: ending(stage, rate_tolerance=1e-2), 0)
 
 
 def weak(stage: Stage) -> Stage:

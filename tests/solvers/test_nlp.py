@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from psmpc_cli.ocp.end import AtTime
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
@@ -16,7 +17,7 @@ from psmpc_cli.solvers import NlpSolver, Outcome
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec
 
-from ..ocp.transport_windows import N, coasting, moving, window_over
+from ..ocp.transport_windows import N, coasting, ending, moving, window_over
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +100,7 @@ def test_a_compilation_is_told_of_and_can_be_ended(
 def test_a_plan_violates_what_it_breaks(solver: NlpSolver, stages: tuple[Stage, ...]) -> None:
     x0 = np.zeros(18)
     x0[9] = 0.15
-    free = tuple(replace(stage, end_rows=(), tolerance=np.zeros(0)) for stage in stages[:2])
+    free = tuple(ending(stage, rows=(), tolerance=np.zeros(0)) for stage in stages[:2])
     window = window_over(free, x0=x0)
     coast = coasting(window, 3.0)
     assert solver.violation(window, coast) == pytest.approx(0.0, abs=1e-12)
@@ -108,11 +109,11 @@ def test_a_plan_violates_what_it_breaks(solver: NlpSolver, stages: tuple[Stage, 
     assert solver.violation(replace(fast, soft=True), coasting(fast, 3.0)) == pytest.approx(0.0, abs=1e-12)
     gap = replace(coast, X=coast.X + 0.2 * np.outer(np.arange(9) == 3, np.eye(18)[4]))
     assert solver.violation(window, gap) == pytest.approx(0.2)
-    ends = window_over((replace(free[0], end_rows=(0,), tolerance=np.array([0.1])), free[1]), x0=x0)
+    ends = window_over((ending(free[0], rows=(0,), tolerance=np.array([0.1])), free[1]), x0=x0)
     assert solver.violation(ends, coast) == pytest.approx(abs(0.15 * 2.0 - stages[0].target[0]) - 0.1)
-    timed = window_over((replace(free[0], at=3.4), free[1]), x0=x0)
+    timed = window_over((replace(free[0], end=AtTime(at=3.4)), free[1]), x0=x0)
     assert solver.violation(timed, coast) == pytest.approx(0.4)
-    dwelling = window_over((replace(free[0], dwell=3.5), free[1]), x0=x0)
+    dwelling = window_over((ending(free[0], dwell=3.5), free[1]), x0=x0)
     assert solver.violation(dwelling, coast) == pytest.approx(3.5 - 0.5 - 2.0)
     late = coasting(window, 5.0 - 1e-4)
     assert solver.violation(window, late) == pytest.approx(1e-3 - 1e-4)

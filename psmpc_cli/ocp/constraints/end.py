@@ -39,8 +39,8 @@ def _target(s: int, p: Parameters[Any]) -> Any:
 
 def _bounds(s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     """Return the tolerances about 0, or about the rate that a moving target gives its error."""
-    stage = [*window.stages, *(each.stage for each in window.kept)][s]
-    return stage.end_drift - stage.end_tolerance, stage.end_drift + stage.end_tolerance
+    end = [*window.stages, *(each.stage for each in window.kept)][s].end
+    return end.centers - end.half_widths, end.centers + end.half_widths
 
 
 CONSTRAINT = Constraint(rows)

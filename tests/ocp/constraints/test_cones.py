@@ -239,9 +239,7 @@ def test_rows_are_finite_where_the_apex_is_at_the_point_and_where_the_axis_point
 def test_a_window_reads_its_cones_from_the_task(problem: Problem) -> None:
     window = window_of(problem)
     Q = stack(problem.spec.initial, problem.task.robot, "joint")
-    again = read_window(
-        problem, WindowFrame(0, (NODES,), 0.0, Q, np.zeros(problem.model.n), end_is_planned=True), window.record
-    )
+    again = read_window(problem, WindowFrame((0,), (NODES,), 0.0, Q, np.zeros(problem.model.n)), window.record)
     np.testing.assert_array_equal(
         again.stages[0].constraints["cones 0"].argument, window.stages[0].constraints["cones 0"].argument
     )

@@ -132,7 +132,7 @@ def test_the_band_is_about_the_pose_that_the_hands_have_at_each_sample(problem: 
 def test_a_window_reads_the_relative_poses_from_its_record(problem: Problem) -> None:
     relative = relative_pose(problem, some_coordinates(problem))
     window = window_of(problem, relative)
-    frame = WindowFrame(HELD, NODES, 0.0, some_coordinates(problem), np.zeros(problem.model.n), end_is_planned=True)
+    frame = WindowFrame(window.indices, NODES, 0.0, some_coordinates(problem), np.zeros(problem.model.n))
     again = read_window(problem, frame, window.record)
     np.testing.assert_array_equal(again.stages[0].constraints["hands"].argument, relative)
     assert window_shape(again) == window_shape(window)

@@ -52,7 +52,7 @@ from psmpc_cli.specs.object import GRASP_LOADS, ObjectSpec
 from psmpc_cli.specs.parts import ANGLE, LENGTH, QUANTITIES, TARGET_AXES, axes_of, units_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits, units
-from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec
+from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec, TrajectorySpec
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.compare import describe_terms, recommend_controller
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
@@ -530,7 +530,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     sizes = task.robot.parts
     space = task.spec.skills[spec.skill].space
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
-    about += [f"follows {stage.trajectory.times[-1]:g} s"] if stage.trajectory else []
+    about += [f"follows {spec.target.times[-1]:g} s"] if isinstance(spec.target, TrajectorySpec) else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
     if spec.ends_when and spec.ends_when.object:
         about += [f"object within {_object_end(spec.ends_when.object)}"]
@@ -543,7 +543,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     asked_of = zip(stage.end.rows, stage.end.tolerance, rests, strict=True)
     tolerances = {row: f"{tolerance:g}{rest}" for row, tolerance, rest in asked_of}
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):
-        target = ("to " if stage.trajectory else "") + _target(
+        target = ("to " if stage.reference.moves else "") + _target(
             part, list(zip(axes, numbers, strict=False)), task.robot.sliding
         )
         if part == "base" and not stage.asked[: len(rows)].any() and not task.robot.moved_by.actuated:

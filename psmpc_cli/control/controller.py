@@ -227,7 +227,7 @@ class ControlLaw:
             plan=memory.plans.solved,
             target_object=memory.target_object,
             signs=memory.signs,
-            vias=memory.route.vias,
+            waypoints=memory.route.waypoints,
             at_ends=at_ends,
         )
 

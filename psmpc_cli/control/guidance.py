@@ -41,11 +41,11 @@ class RouteProgress:
 
     Attributes:
         progress: Share of the length of each stage's route, by stage index; 1 and no entry: the target itself counts.
-        vias: Numbers of the targets there, by stage index, where the target itself does not count yet.
+        waypoints: Numbers of the targets there, by stage index, where the target itself does not count yet.
     """
 
     progress: Mapping[int, float] = field(default_factory=dict)
-    vias: Mapping[int, np.ndarray] = field(default_factory=dict)
+    waypoints: Mapping[int, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class Guide:
         spec = self._problem.spec
         clearance = spec.clearance_of(stage)
         own = self._problem.stages[stage]
-        can_be_routed = SPACES[own.space].has_posture and own.trajectory is None
+        can_be_routed = SPACES[own.space].has_posture and not own.reference.moves
         if clearance is None or spec.routes is None or not can_be_routed:
             return
         space = self._problem.model.space
@@ -169,7 +169,7 @@ class Guide:
     ) -> RouteProgress:
         """Return how far a robot in a state has come on the routes of the current stage and those after it."""
         progress = dict(before.progress)
-        vias = dict[int, np.ndarray]()
+        waypoints = dict[int, np.ndarray]()
         n = self._problem.model.n
         for stage, planned in self.routes.items():
             route = planned.route
@@ -190,8 +190,8 @@ class Guide:
             if stage == first:
                 progress[stage] = reached
             if reached < 1.0:
-                vias[stage] = self._numbers(stage, planned.chart, point)
-        return RouteProgress(progress, vias)
+                waypoints[stage] = self._numbers(stage, planned.chart, point)
+        return RouteProgress(progress, waypoints)
 
     def _numbers(self, stage: int, chart: Chart, point: np.ndarray) -> np.ndarray:
         """Return the numbers of a stage's target at a configuration (n,) in a chart."""

@@ -91,7 +91,7 @@ class Hierarchy:
 
 def _waiting(stage: PlacedStage) -> PlacedStage:
     """Return a stage that is yet to begin: its cost follows the first row of its trajectory."""
-    return replace(stage, trajectory=None, target=stage.waypoints[0])
+    return stage.with_target(stage.reference.points[0])
 
 
 def _level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ...]) -> Window:

@@ -92,7 +92,7 @@ def _solve_near(solver: Solver, window: Window, plan: Plan, instants: np.ndarray
     A moving target is known about the guessed instants alone, so the window is solved again about those it found.
     """
     solved = solver.solve(window, _stretched(plan, instants), None, within)
-    if solved.outcome is Outcome.OPTIMAL and any(stage.trajectory is not None for stage in window.stages):
+    if solved.outcome is Outcome.OPTIMAL and any(stage.reference.moves for stage in window.stages):
         again = solver.solve(window, solved.plan, None, within)
         return _counting(again, solved, again)
     return solved

@@ -67,7 +67,7 @@ class Placer:
         plan: Plan | None,
         target_object: ObjectEstimate | None,
         signs: Signs,
-        vias: Mapping[int, np.ndarray],
+        waypoints: Mapping[int, np.ndarray],
         at_ends: bool = False,
     ) -> Placement:
         """Place the stages at a sample.
@@ -82,7 +82,7 @@ class Placer:
             plan: The plan in force, in the chart; None before the first.
             target_object: What is known of the object; None without one that moves.
             signs: Those of the sample before.
-            vias: Points of routes that costs follow, by stage index: numbers of its target.
+            waypoints: Points of routes that costs follow, by stage index: numbers of its target.
             at_ends: Targets relative to the object are where it is when their stage is planned to end, or at the end of
                 the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
@@ -90,8 +90,7 @@ class Placer:
         if self.follows_object and target_object:
             stages = self._at_object(time, sequence, target_object, at_ends)
         if self._problem.spec.routes is not None:
-            of_targets = (vias.get(stage.index, np.full(len(stage.target), np.nan)) for stage in stages)
-            stages = tuple(stage.heading_for(via) for stage, via in zip(stages, of_targets, strict=True))
+            stages = tuple(stage.with_waypoint(waypoints.get(stage.index)) for stage in stages)
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
         begins = dict(enumerate([time, *sequence.instants][: sequence.count], start=sequence.first))
         found = {
@@ -189,7 +188,7 @@ class Placer:
             return known
         time = plan.end if begins is None else begins
         since = time - sequence.progress.entered if stage.index == sequence.first else 0.0
-        wanted = stage.reference(since)
+        wanted = stage.wanted(since)
         model = self._problem.model
         Q = plan.states_at(np.array([time]))[0, : model.n]
         xi = np.asarray(model.charted(Q, plan.chart.anchor)).ravel()

@@ -133,7 +133,7 @@ class Scene:
         followed = self.run.followed[stage]
         skill = SKILLS[followed.space]
         start = next((s.start for s in self.run.spans if s.index == stage), time)
-        aim = followed.reference(time - start)
+        aim = followed.wanted(time - start)
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
         frames = pose_frames(skill.after(model, before, aim).xi.reshape(len(model.pose_rows), -1))
         frames[:, : model.dimension, 3] = skill.aims(model, aim)

@@ -38,7 +38,8 @@ from psmpc_cli.logs.summary import Summary, early_starts
 from psmpc_cli.logs.walk import RUNS, misfit
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import ObjectState, Problem, build_problem
-from psmpc_cli.ocp.stage import Stage, Trajectory
+from psmpc_cli.ocp.reference import Trajectory
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.specs.arguments import as_path, rejected, require
 from psmpc_cli.specs.document import quoted
@@ -310,7 +311,7 @@ class Run:
             states = zip(self["object/pose"], self["object/velocity"], strict=True)
             values = np.array([stage.placed().at_object(rows, *state).target for state in states])
             path = Trajectory(self.time - starts[stage.index], values, tuple(stage.attitudes.values()))
-            return replace(stage, trajectory=path)
+            return replace(stage, reference=path)
 
         return tuple(map(following_the_object, self.problem.stages))
 

@@ -35,6 +35,7 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.load import load_task as load_valid_task
 from psmpc_cli.specs.parts import LENGTH
 from psmpc_cli.specs.robot import labels, units
+from psmpc_cli.specs.task import TrajectorySpec
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 SLACK = 1e-9
@@ -152,7 +153,7 @@ def _initial(task: Task, first: Stage) -> Iterator[Fault]:
 def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
     """Give what of a stage's target, or of any row of its trajectory, lies outside its limits."""
     space = configuration_space(task.robot)
-    for index, numbers in enumerate(stage.waypoints):
+    for index, numbers in enumerate(stage.reference.points):
         values = coordinates_of(space, stage, numbers)
         for row in _rows_outside(stage, values):
             yield Fault(_place(task, stage, row, stage.space, index), _beyond(task, row, values[row], stage))
@@ -169,7 +170,7 @@ def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterato
     Where joint coordinates were looked for and none were found, that is certain of short planar arms alone.
     """
     robot = task.robot
-    for index, (numbers, reaches) in enumerate(zip(forecast.stage.waypoints, forecast.along, strict=True)):
+    for index, (numbers, reaches) in enumerate(zip(forecast.stage.reference.points, forecast.along, strict=True)):
         base = f"with the base at {configuration_space(robot).written(numbers)}"
         for arm, reach in reaches.items():
             known = True
@@ -232,7 +233,7 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
             f"found the base at least {distance:.4g} m from the common centre of mass, which momentum keeps, expected "
             f"at most {most:.4g} m, with all arms stretched"
         )
-        yield Fault(_place_of_part(task, stage, "base", len(stage.waypoints) - 1), found)
+        yield Fault(_place_of_part(task, stage, "base", len(stage.reference.points) - 1), found)
 
 
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
@@ -427,7 +428,7 @@ def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]
     """
     d = task.robot.dimension
     stage = then.stage
-    first = stage.waypoints[0]
+    first = stage.reference.points[0]
     left = before.target[configuration_space(task.robot).base_coordinates]
     if not set(range(task.robot.parts["base"])) <= set(before.end.rows):
         return
@@ -451,15 +452,16 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     target in task space, are NaN and left out. So are those that neither the stage's weights nor its end condition ask
     for.
     """
-    if stage.trajectory is None:
+    target = task.spec.stages[stage.index].target
+    if not isinstance(target, TrajectorySpec):
         return
-    times = stage.trajectory.times
+    times = np.array(target.times)
     low, high = bounds_of(stage, "velocity")
     space = configuration_space(task.robot)
-    at_times = np.array([coordinates_of(space, stage, numbers) for numbers in stage.trajectory.values])
+    at_times = np.array([coordinates_of(space, stage, numbers) for numbers in stage.reference.points])
     changes = np.diff(at_times, axis=0)  # of position and joints; a spatial base's attitude is set below
     if stage.attitudes:
-        q = stage.trajectory.values[:, space.attitude].T  # every target begins with the base's pose, as Q does
+        q = stage.reference.points[:, space.attitude].T  # every target begins with the base's pose, as Q does
         before = list(q[:, :-1])
         after = list(q[:, 1:])
         # rotation vectors about the body's axes: of two neighbouring quaternions `Trajectory` has the nearer signs
@@ -515,4 +517,4 @@ def _place_of_part(task: Task, of: Stage | Location, part: str, index: int = 0) 
     parts = ("stages", of.index, "target") if isinstance(of, Stage) else of
     own = (*parts, part)
     path = own if own in task.source.origins or part == "base" else (*parts, "arms")
-    return (*path, index) if isinstance(of, Stage) and of.trajectory is not None else path
+    return (*path, index) if isinstance(of, Stage) and of.reference.moves else path

@@ -45,7 +45,7 @@ def forecast_stages(task: Task) -> tuple[StageForecast, ...]:
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
     ends = earliest_ends(task, stages)
-    along = ([reaches_of(stage, model, xi) for xi in stage.waypoints] for stage in stages)
+    along = ([reaches_of(stage, model, xi) for xi in stage.reference.points] for stage in stages)
     forecasts = zip(stages, along, ends, strict=True)
     return tuple(StageForecast(model, stage, reaches, *end) for stage, reaches, end in forecasts)
 

@@ -488,7 +488,7 @@ class StageCosts:
 
         Against what its cost follows at times `since` its start (K,) [s]; without them against its target.
         """
-        return self._of(stage).error(X[:, : self.model.n], stage.reference(since), rows=len(X))[0]
+        return self._of(stage).error(X[:, : self.model.n], stage.wanted(since), rows=len(X))[0]
 
     def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
@@ -499,11 +499,11 @@ class StageCosts:
         W = stage.weights
         W_r = stage.control_weights
         u = self.inputs(stage, X, u)
-        return self._of(stage).cost(X, u, stage.reference(since), W, W_r, rows=len(X))[0][:, 0]
+        return self._of(stage).cost(X, u, stage.wanted(since), W, W_r, rows=len(X))[0][:, 0]
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
-        return self._of(stage).cost(X, 0.0, stage.reference(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
+        return self._of(stage).cost(X, 0.0, stage.wanted(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
 
     def inputs(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the inputs of a stage at Qddot = u: u (K, n), or the acceleration of xi (K, m), J_C u + Jdot_C v."""

@@ -103,8 +103,8 @@ def _may_pose(task: Task, stages: Sequence[Stage], index: int) -> bool:
     spec = task.spec
     return not (
         stage.space != "joint"
-        or stage.trajectory is not None
-        or then.trajectory is not None
+        or stage.reference.moves
+        or then.reference.moves
         or then.end.shape.is_fixed
         or task.robot.moved_by.reacts
         or index in spec.held_stages

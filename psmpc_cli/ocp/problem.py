@@ -10,8 +10,9 @@ from psmpc_cli.ocp.constraints.base import numbers_by_name
 from psmpc_cli.ocp.end import MEASURES, AtTime, ByObject, ByState, End
 from psmpc_cli.ocp.loads import known_load
 from psmpc_cli.ocp.objective import StageCosts
+from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import SKILLS, Posture
-from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage, Trajectory
+from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
@@ -47,7 +48,7 @@ def in_own_chart(
     chart = model.space.chart_at(Q)
     x = np.asarray(chart.enter(Q[None], v[None])[0])
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
-    target = placed.reference(since)
+    target = placed.wanted(since)
     nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}
     signs = {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}
     return placed.in_chart(chart.anchor, model.space.posture(Q[model.space.joint_coordinates]), signs), x
@@ -160,10 +161,12 @@ def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
 def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
     spec = task.stages[index]
     skill = task.skills[spec.skill]
-    trajectory = None
     attitudes = SKILLS[skill.space].attitudes(model)
+    reference: Reference = Constant(waypoints[-1])
+    lasts = 0.0
     if isinstance(spec.target, TrajectorySpec):
-        trajectory = Trajectory(np.array(spec.target.times), waypoints, tuple(attitudes.values()))
+        reference = Trajectory(np.array(spec.target.times), waypoints, tuple(attitudes.values()))
+        lasts = spec.target.times[-1]
     control = skill.weights.control
     if isinstance(control, float | int):
         control_weights = np.full(model.n if skill.input == "joint" else model.m, float(control))
@@ -181,11 +184,11 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         input=skill.input,
         priority=spec.priority,
         target=waypoints[-1],
-        trajectory=trajectory,
+        reference=reference,
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
         force_load=known_load(task, model, index) if skill.weights.weighs_force else None,
-        end=_end(index, task, robot, lasts=0.0 if trajectory is None else float(trajectory.times[-1])),
+        end=_end(index, task, robot, lasts),
         limits=resolve_limits(robot, task.limits, skill.limits),
         onset_rows=tuple(row for row in onset if model.actuated[row]),
         attitudes=attitudes,

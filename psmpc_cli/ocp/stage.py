@@ -3,12 +3,13 @@
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 
 from psmpc_cli.ocp.end import OPEN, End, EndShape
 from psmpc_cli.ocp.loads import Load
+from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
@@ -17,70 +18,6 @@ from psmpc_cli.specs.robot import Limits
 
 FOLLOWED = 41
 """Points of the object's predicted motion that a cost follows: at 10 deg/s over 4 s straight to 0.03 mm at 0.6 m."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """A desired trajectory: values (T, rows) at times (T,) [s] since the stage began.
-
-    Between them numbers change at a constant rate, and attitudes turn at one about an axis (Shoemake: Animating
-    rotation with quaternion curves, 1985).
-
-    Attributes:
-        attitudes: First columns of unit quaternions; from row to row each is the nearer one of the two for an attitude.
-    """
-
-    times: np.ndarray
-    values: np.ndarray
-    attitudes: tuple[int, ...] = ()
-
-    def __repr__(self) -> str:
-        return f"<Trajectory of {self.values.shape[1]} numbers: {len(self.times)} times to {self.times[-1]:g} s>"
-
-    @cached_property
-    def _angles(self) -> np.ndarray:
-        """Angle by which the quaternion of each column turns from row to row (T - 1, rows) [rad]; 0 of a number."""
-        angles = np.zeros((len(self.times) - 1, self.values.shape[1]))
-        for at in self.attitudes:
-            q = self.values[:, at : at + 4]
-            difference = np.linalg.norm(q[1:] - q[:-1], axis=1)
-            total = np.linalg.norm(q[1:] + q[:-1], axis=1)
-            angles[:, at : at + 4] = 2 * np.arctan2(difference, total)[:, None]
-        return angles
-
-    def at(self, since: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Interpolate the trajectory: what a stage's cost is to follow at given times, and how fast that moves.
-
-        Between the rows a and b, which lie an angle phi apart, at the fraction s of the interval (Shoemake's slerp),
-
-            value(s) = (sin((1 - s) phi) a + sin(s phi) b) / sin(phi).
-
-        A number has phi = 0, where the limit is linear interpolation; so sin(x) is written as x sinc(x), which needs no
-        case of its own. Before the first time and after the last one the trajectory stands still.
-
-        Args:
-            since: Times since the stage began (...,) [s].
-
-        Returns:
-            The values (..., rows) [m, rad], and their rates just after these times (..., rows) [m/s, rad/s].
-        """
-        interval = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
-        duration = np.diff(self.times)[interval][..., None]
-        fraction = np.clip((since - self.times[interval])[..., None] / duration, 0.0, 1.0)
-        moves = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
-        phi = self._angles[interval]
-        before = self.values[interval]
-        after = self.values[interval + 1]
-        weight_before = (1 - fraction) * _sinc((1 - fraction) * phi) / _sinc(phi)
-        weight_after = fraction * _sinc(fraction * phi) / _sinc(phi)
-        values = weight_before * before + weight_after * after
-        rates = (np.cos(fraction * phi) * after - np.cos((1 - fraction) * phi) * before) / _sinc(phi) / duration
-        return values, rates * moves[..., None]
-
-
-def _sinc(angle: np.ndarray) -> np.ndarray:
-    """Return sin(angle) / angle."""
-    return np.asarray(np.sinc(angle / np.pi))
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,8 +79,8 @@ class Stage:
     """One stage of the task, resolved for one robot: what does not change while the robot moves.
 
     Attributes:
-        target: Target in the order of Q (n,) or xi (m,) [m, rad]; of a trajectory, its last value.
-        trajectory: The desired trajectory the cost follows, or None where it is the target throughout.
+        target: The numbers of its target [m, rad], which end conditions are about; of a trajectory, its last value.
+        reference: What its cost follows.
         weights: Diagonal of W_q or W_p, as `target`.
         control_weights: Diagonal of W_r, one per input; behind it that of W_F, one per coordinate, where force costs.
         force_load: What the grippers are known to hold, where force costs; None where it does not.
@@ -160,7 +97,7 @@ class Stage:
     input: str
     priority: float
     target: np.ndarray
-    trajectory: Trajectory | None
+    reference: Reference
     weights: np.ndarray
     control_weights: np.ndarray
     end: End
@@ -193,17 +130,21 @@ class Stage:
         """Target, and the bounds of the end condition, as `StageFunctions.met` takes them."""
         return np.concatenate([self.target, self.end.centers, self.end.half_widths])
 
-    @property
-    def waypoints(self) -> np.ndarray:
-        """What the target leads through (T, rows) [m, rad]: the rows of the trajectory, or the target alone."""
-        return self.target[None] if self.trajectory is None else self.trajectory.values
+    def with_target(self, target: np.ndarray) -> Self:
+        """Return the stage with another target (numbers,), at rest."""
+        return replace(self, target=target, reference=Constant(target))
 
-    def reference(self, since: np.ndarray | float | None) -> np.ndarray:
-        """Return what the cost follows at times since the stage began (...,) [s], (..., rows).
+    def wanted(self, since: np.ndarray | float | None) -> np.ndarray:
+        """Return what the cost follows at times since the stage began (...,) [s], (..., numbers).
 
-        The target alone (rows,) where it stands still, or without times.
+        That alone (numbers,) where it stands still; without times the target.
         """
-        return self.target if self.trajectory is None or since is None else self.trajectory.at(since)[0]
+        return self.target if since is None else self.reference.at(since)[0]
+
+    @property
+    def standing(self) -> np.ndarray:
+        """What a cost that does not move follows; else the target (numbers,)."""
+        return self.target if self.reference.moves else self.reference.points[0]
 
     def placed(self) -> "PlacedStage":
         """Return the stage as a sample finds it before it sets anything."""
@@ -217,31 +158,24 @@ class PlacedStage(Stage):
     Attributes:
         signs: In a chart, by which each of the target's quaternions was multiplied.
         object_state: Pose and velocity of the object that the target is for, (6,) or (13,); empty if it is for none.
-        via: Numbers of the target at the point of a route that the cost follows instead; NaN where it is the target,
-            empty in a task without routes.
+        waypoint: For the record: numbers of the point of a route that the cost follows instead of the target; NaN
+            where it is the target, empty in a task without routes.
     """
 
     signs: tuple[float, ...] = ()
     object_state: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    via: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    @property
-    def is_on_route(self) -> bool:
-        """Whether its cost follows a point of a route instead of the target."""
-        return bool(len(self.via) and np.isfinite(self.via).all())
+    waypoint: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def continued(self) -> "PlacedStage":
         """The stage as it goes on after its end: a trajectory is over before its stage may end, so the target rests."""
-        return replace(self, trajectory=None)
+        return self.with_target(self.target)
 
-    def heading_for(self, via: np.ndarray) -> "PlacedStage":
-        """Return the stage with a cost that follows a point of a route (numbers,); NaN: its target."""
-        stage = replace(self, via=via)
-        if not stage.is_on_route:
-            return stage
-        standing = Trajectory(np.array([0.0, 1.0]), np.array([via, via]), tuple(self.attitudes.values()))
-        return replace(stage, trajectory=standing, end=self.end.unplanned())
+    def with_waypoint(self, waypoint: np.ndarray | None) -> "PlacedStage":
+        """Return the stage of a task with routes, its cost following a point of its own (numbers,), or its target."""
+        if waypoint is None:
+            return replace(self, waypoint=np.full(len(self.target), np.nan))
+        return replace(self, waypoint=waypoint, reference=Constant(waypoint), end=self.end.unplanned())
 
     def with_held_object(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
         """Return the stage with the object where it is seen in the gripper that holds it, see `End`."""
@@ -269,7 +203,9 @@ class PlacedStage(Stage):
             target[pose_rows[frame]] = space.composed(pose, inside)
             drift[len(rate) * number : len(rate) * (number + 1)] = rate
         return replace(
-            self, target=target, end=self.end.with_target_rates(drift), object_state=np.concatenate([pose, v])
+            self.with_target(target),
+            end=self.end.with_target_rates(drift),
+            object_state=np.concatenate([pose, v]),
         )
 
     def following(
@@ -288,7 +224,7 @@ class PlacedStage(Stage):
         ahead = np.linspace(0.0, horizon, FOLLOWED)
         placed = [self.at_object(pose_rows, *body.predicted(pose, v, each)) for each in ahead]
         values = np.array([stage.target for stage in placed])
-        return replace(placed[0], trajectory=Trajectory(elapsed + ahead, values, tuple(self.attitudes.values())))
+        return replace(placed[0], reference=Trajectory(elapsed + ahead, values, tuple(self.attitudes.values())))
 
     def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "PlacedStage":
         """Return the stage of a spatial robot with the numbers of its target that a sample sets.
@@ -309,9 +245,8 @@ class PlacedStage(Stage):
         of_sample = np.concatenate([anchor, joints, self.end.object_numbers])
         if not self.attitudes and not len(of_sample):
             return self
-        path = self.trajectory and replace(self.trajectory, values=placed(self.trajectory.values))
         taken = tuple(signs[frame] for frame in self.attitudes)
-        return replace(self, target=placed(self.target), trajectory=path, signs=taken)
+        return replace(self, target=placed(self.target), reference=self.reference.mapped(placed), signs=taken)
 
 
 @dataclass(frozen=True)
@@ -345,7 +280,7 @@ def stage_shape(stage: Stage) -> StageShape:
         input=stage.input,
         end=stage.end.shape,
         object_names=stage.end.object_names,
-        moving=stage.trajectory is not None,
+        moving=stage.reference.moves,
         force_load=stage.force_load,
         constraints=tuple((name, each.structure) for name, each in stage.constraints.items() if each.is_known),
     )

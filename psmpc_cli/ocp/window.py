@@ -104,8 +104,8 @@ class Window:
         objects = [stage.object_state for stage in self.stages]
         inside = [stage.end.record for stage in self.stages]
         arguments = [each.argument for stage in self.stages for each in stage.sampled_constraints.values()]
-        vias = [stage.via for stage in self.stages]
-        numbers = (*signs, *objects, *inside, *arguments, *vias)
+        waypoints = [stage.waypoint for stage in self.stages]
+        numbers = (*signs, *objects, *inside, *arguments, *waypoints)
         return np.concatenate([times, self.omega, self.offset, self.scale, *numbers])
 
     @property
@@ -255,7 +255,7 @@ def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarra
         scale=np.append(window.scale, [each.scale for each in window.kept]),
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
-        targets=tuple(stage.target for stage in stages),
+        targets=tuple(stage.standing for stage in stages),
         paths=_paths(window, instants),
         constraints=_of_constraints(window, instants),
     )
@@ -299,17 +299,17 @@ def _paths(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def _kept_path(stage: Stage, window: Window, instants: np.ndarray) -> np.ndarray:
     """Return what a kept stage's cost follows at all nodes, as `Parameters.paths`; its instants are held."""
-    if stage.trajectory is None:
+    if not stage.reference.moves:
         return np.zeros((len(stage.target), 0))
-    values, _ = stage.trajectory.at(window.elapsed + window.times(instants) - window.start)
+    values, _ = stage.reference.at(window.elapsed + window.times(instants) - window.start)
     return np.vstack([values, np.zeros_like(values)]).T
 
 
 def _path(stage: Stage, N: int, tau: float, elapsed: float) -> np.ndarray:
-    if stage.trajectory is None:
+    if not stage.reference.moves:
         return np.zeros((len(stage.target), 0))
     share = np.arange(N + 1) / N
-    values, rates = stage.trajectory.at(elapsed + share * tau)
+    values, rates = stage.reference.at(elapsed + share * tau)
     slopes = rates * share[:, None]
     return np.vstack([values - tau * slopes, slopes]).T
 

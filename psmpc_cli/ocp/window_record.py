@@ -42,21 +42,22 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     object_sizes = [(space.n_pose + space.n_twist) * bool(stage.on_object) for stage in stages]
     end_sizes = [len(stage.end.record) for stage in stages]
     argument_sizes = [sum(len(each.argument) for each in stage.sampled_constraints.values()) for stage in stages]
-    via_sizes = [len(stage.target) * (spec.routes is not None) for stage in stages]
-    sizes = (*signs_sizes, *object_sizes, *end_sizes, *argument_sizes, *via_sizes)
+    waypoint_sizes = [len(stage.target) * (spec.routes is not None) for stage in stages]
+    sizes = (*signs_sizes, *object_sizes, *end_sizes, *argument_sizes, *waypoint_sizes)
     ends = np.cumsum([2, count, count, count, *sizes])
     (elapsed, hold), omega, offset, scale, *parts = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
     posture = space.posture(frame.Q[space.joint_coordinates])
     placed = list[PlacedStage]()
     by_kind = (parts[first : first + count] for first in range(0, len(parts), count))
-    for stage, signs, object_state, of_end, arguments, via in zip(stages, *by_kind, strict=True):
+    for stage, signs, object_state, of_end, arguments, waypoint in zip(stages, *by_kind, strict=True):
         at_sample = replace(stage.placed(), end=stage.end.recorded(of_end))
         at_sample = at_sample.with_arguments(_arguments(stage, arguments))
         if stage.on_object:
             follows = stage.index == frame.segments[0] and not stage.end.is_planned
             at_sample = _about_object(problem, at_sample, object_state, float(elapsed), follows)
-        at_sample = at_sample.heading_for(via)
+        if len(waypoint):
+            at_sample = at_sample.with_waypoint(waypoint if np.isfinite(waypoint).all() else None)
         placed.append(at_sample.in_chart(chart.anchor, posture, dict(zip(stage.attitudes, signs, strict=True))))
     return Window(
         stages=in_segments(placed),

@@ -32,7 +32,7 @@ def errors(tracked: Run) -> tuple[np.ndarray, np.ndarray]:
     during = [record for record in records if ends[0] <= record.command.time <= ends[1]]
     since = np.array([record.command.time for record in during]) - ends[0]
     xi = np.array([record.metrics["pose/xi"] for record in during])
-    return since, xi - experiment.problem.stages[1].reference(since)
+    return since, xi - experiment.problem.stages[1].wanted(since)
 
 
 def test_trajectory_is_followed(tracked: Run) -> None:

@@ -140,12 +140,12 @@ def test_a_trajectory_does_not_begin_again_after_the_planned_end(experiment_of: 
     experiment = experiment_of(*changes, task="tracking")
     samples, ending = run(experiment)
     assert ending.completed
-    moving = {stage.index for stage in experiment.problem.stages[:-1] if stage.trajectory is not None}
+    moving = {stage.index for stage in experiment.problem.stages[:-1] if stage.reference.moves}
     planned = [sample.command for sample in samples if len(sample.command.instants)]
     windows = [command.solution.window for command in planned if command.stage.index in moving]
     assert windows
     for window in windows:
-        assert [stage.trajectory is None for stage in window.stages] == [False, True]
+        assert [stage.reference.moves for stage in window.stages] == [True, False]
         np.testing.assert_array_equal(window.stages[1].target, window.stages[0].target)
 
 

@@ -76,7 +76,7 @@ def test_a_robot_sees_further_along_its_route_as_it_flies(guide: Guide) -> None:
         state = State(route.at(np.array([share]))[0], np.zeros(9))
         now = guide.followed(before, 0, 1.0, state, None)
         assert now.progress[0] >= max(before.progress.get(0, 0.0), share - 1e-9)
-        assert (0 in now.vias) == (now.progress[0] < 1)
+        assert (0 in now.waypoints) == (now.progress[0] < 1)
         before = now
     back = guide.followed(before, 0, 2.0, State(route.waypoints[0], np.zeros(9)), None)
     assert back.progress[0] == before.progress[0], "it never moves back"

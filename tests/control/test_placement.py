@@ -62,7 +62,7 @@ def test_cost_follows_the_object_where_no_end_is_planned(stage: int, keys: dict[
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
     stages = controller.step(0.0, state, np.array(OBJECT.pose)).stages
     since = np.array([0.0, 2.03, 4.0])
-    found = stages[stage].reference(1.5 + since)[:, pose_rows["base"]]
+    found = stages[stage].wanted(1.5 + since)[:, pose_rows["base"]]
     angle = np.radians(30 + 2 * since)
     beside = np.stack([0.02 * since - 2.489 + 0.978 * np.sin(angle), 2.847 - 0.978 * np.cos(angle)], axis=1)
     assert found == pytest.approx(np.c_[beside, angle], abs=1e-5)
@@ -84,7 +84,7 @@ def test_a_target_is_where_the_object_will_be_at_the_planned_end_of_a_stage_that
         stage = controller.step(0.0, state, np.array(OBJECT.pose)).stages[0]
         angle = np.radians(30 + 2 * ahead)
         beside = [0.02 * ahead - 2.489 + 0.978 * np.sin(angle), 2.847 - 0.978 * np.cos(angle), angle]
-        assert stage.trajectory is None
+        assert not stage.reference.moves
         assert stage.target[pose_rows["base"]] == pytest.approx(beside, abs=1e-5)
 
 
@@ -94,7 +94,7 @@ def test_cost_follows_an_object_that_tumbles() -> None:
     body, state = FreeBody(20.0, [2.0, 3.0, 4.0]), np.array([1, 2, 3, 1, 0, 0, 0, 0.02, 0, 0.01, 0.1, -0.05, 0.2])
     found = stage.placed().following(problem.model.pose_rows, body, state, 1.5, 4.0)
     wanted = SPACE.composed(body.predicted(state[:7], state[7:], 2.53)[0], inside)
-    assert found.reference(np.array([4.03]))[0, problem.model.pose_rows["left"]] == pytest.approx(wanted, abs=1e-4)
+    assert found.wanted(np.array([4.03]))[0, problem.model.pose_rows["left"]] == pytest.approx(wanted, abs=1e-4)
     assert (found.target == stage.placed().at_object(problem.model.pose_rows, state[:7], state[7:]).target).all()
 
 

@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.control.window_builder import WindowBuilder, priorities_in_force
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.ocp.stage import Trajectory
+from psmpc_cli.ocp.reference import Trajectory
 from psmpc_cli.ocp.window import COUNTS
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.load import load_task
@@ -55,7 +55,7 @@ def test_an_automatic_mesh_is_for_the_prediction_where_that_comes_from_a_solve()
 def test_a_stage_that_continues_has_one_scale_and_meshes_of_its_own_before_and_after_its_end() -> None:
     problem = build_problem(load_task("transport", ["controller.nodes=auto"]))
     stages = [stage.placed() for stage in problem.stages]
-    moving = replace(stages[1], trajectory=Trajectory(np.array([0.0, 1.0]), np.array([stages[1].target] * 2)))
+    moving = replace(stages[1], reference=Trajectory(np.array([0.0, 1.0]), np.array([stages[1].target] * 2)))
     stages[1] = moving
     builder = WindowBuilder(problem)
     prediction = resting_plan(2.0, 4.0, 1, np.linspace(-0.4, 0.4, 18))
@@ -63,8 +63,8 @@ def test_a_stage_that_continues_has_one_scale_and_meshes_of_its_own_before_and_a
     window = builder.build(sequence, stages, prediction)
     before, after = window.stages
     assert (before.name, after.name, window.count) == ("capture", "capture", 1)
-    assert before.trajectory is moving.trajectory
-    assert after.trajectory is None
+    assert before.reference is moving.reference
+    assert not after.reference.moves
     np.testing.assert_array_equal(window.omega, [100, 100])
     assert window.scale[0] == window.scale[1] == builder.build(sequence.alone, stages, prediction).scale[0]
     assert window.nodes[0] < window.nodes[1]

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from psmpc_cli.ocp.end import NEVER, ByState
 from psmpc_cli.ocp.objective import StageCosts, stage_functions
+from psmpc_cli.ocp.reference import Trajectory
 from psmpc_cli.ocp.skills import SKILLS
-from psmpc_cli.ocp.stage import Stage, StageShape, Trajectory
+from psmpc_cli.ocp.stage import Stage, StageShape
 from psmpc_cli.robot.model import RobotModel
 
 from .transport_windows import ending
@@ -72,9 +73,8 @@ def stage(request: pytest.FixtureRequest, model: RobotModel, stages: tuple[Stage
     skill, random = SKILLS[request.param], np.random.default_rng(2)
     rows = skill.rows(model)
     return replace(
-        stages[0],
+        stages[0].with_target(random.standard_normal(skill.numbers(model))),
         space=request.param,
-        target=random.standard_normal(skill.numbers(model)),
         weights=random.uniform(0.5, 2.0, rows),
         end=ByState(rows=tuple(range(rows)), tolerance=np.full(rows, 0.1)),
     )
@@ -101,7 +101,7 @@ def test_the_rate_is_that_of_the_error(stage: Stage, costs: StageCosts, seed: in
 
 def test_a_target_that_moves_through_one_value_costs_what_it_costs_at_rest(stage: Stage, costs: StageCosts) -> None:
     X, u = np.random.default_rng(0).standard_normal((4, 18)), np.ones((4, 9))
-    still = replace(stage, trajectory=Trajectory(np.array([0.0, 5.0]), np.tile(stage.target, (2, 1))))
+    still = replace(stage, reference=Trajectory(np.array([0.0, 5.0]), np.tile(stage.target, (2, 1))))
     np.testing.assert_allclose(costs.at(still, X, u, np.arange(4.0)), costs.at(stage, X, u))
 
 

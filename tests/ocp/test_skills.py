@@ -27,7 +27,7 @@ def pointing(model: RobotModel, stages: tuple[Stage, ...], costs: StageCosts) ->
     def angle(direction: float, distance: float) -> float:
         x, y, theta = np.asarray(model.g(np.zeros(9))).ravel()[frame]
         point = [x + distance * np.cos(theta + direction), y + distance * np.sin(theta + direction)]
-        stage = replace(stages[0], space="point", target=np.r_[0, 0, 0, point, 1e3, 1e3])
+        stage = replace(stages[0].with_target(np.r_[0, 0, 0, point, 1e3, 1e3]), space="point")
         return float(costs.errors(stage, np.zeros((1, 18)))[0, 3])
 
     return angle

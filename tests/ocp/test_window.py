@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.ocp.stage import Stage, Trajectory
+from psmpc_cli.ocp.reference import Constant, Trajectory
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import (
     COUNTS,
     durations,
@@ -61,8 +62,8 @@ def test_nadir_of_a_trajectory_counts_from_where_its_stage_begins(
 ) -> None:
     stage, plan, times = moving(stages[1]), moving_plan(40), np.linspace(0, 4, 41)
     _, scale = normalization("nadir", 0.0, [stage], np.array([begins]), costs, plan, STEP)
-    wanted = np.array([np.interp(times - begins, [0, 30], column) for column in stage.waypoints.T]).T
-    errors = costs.errors(replace(stage, trajectory=None), plan.X) + stage.target - wanted
+    wanted = np.array([np.interp(times - begins, [0, 30], column) for column in stage.reference.points.T]).T
+    errors = costs.errors(replace(stage, reference=Constant(stage.target)), plan.X) + stage.target - wanted
     assert scale[0] == pytest.approx(np.max(errors**2 @ stage.weights))
 
 
@@ -110,7 +111,7 @@ def test_a_stage_lasts_what_is_left_of_its_dwell_and_hold(
 
 def test_a_path_bends_where_its_trajectory_does(stages: tuple[Stage, ...]) -> None:
     bent = Trajectory(np.array([0.0, 1.0, 2.0]), np.outer([0.0, 1.0, 5.0], np.ones(9)))
-    window = window_over((stages[0], replace(stages[1], trajectory=bent)))
+    window = window_over((stages[0], replace(stages[1], reference=bent)))
     wanted, slopes = reference(window_numbers(window, np.array([3.0])), 1, 2.0)
     np.testing.assert_allclose(wanted[:, 0], [0, 0.5, 1, 3, 5])
     np.testing.assert_allclose(slopes[:, 0], [0, 0.25, 2, 3, 0])
@@ -123,7 +124,7 @@ def test_a_straight_trajectory_is_followed_wherever_the_optimizer_moves_its_end(
     window = window_over((moving(stages[1]), moving(stages[2])), elapsed=elapsed)
     for s, (since, duration) in enumerate([(elapsed, tau), (0.0, 4.0 - tau)]):
         found, _ = reference(window_numbers(window, np.array([1.0 + guess])), s, duration)
-        wanted = window.stages[s].reference(since + duration * np.arange(5) / 4)
+        wanted = window.stages[s].wanted(since + duration * np.arange(5) / 4)
         np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 

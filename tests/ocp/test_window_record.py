@@ -89,14 +89,14 @@ def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: boo
     read = read_window(problem, WindowFrame((1,), (12,), 2.5, Q, v), window.record)
     assert_same(read, window)
     assert_same(read.stages[0], first)
-    assert (read.stages[0].trajectory is None) == planned
+    assert read.stages[0].reference.moves != planned
     since = np.array([0.7, 2.0])
-    np.testing.assert_allclose(read.stages[0].reference(since), first.reference(since), atol=1e-12)
+    np.testing.assert_allclose(read.stages[0].wanted(since), first.wanted(since), atol=1e-12)
 
 
 def test_a_stage_stands_in_the_window_before_and_after_its_planned_end() -> None:
     problem = build_problem(load_task("tracking", {"controller.nodes": 12}))
-    stage = next(each for each in problem.stages if each.trajectory is not None)
+    stage = next(each for each in problem.stages if each.reference.moves)
     Q = np.linspace(-0.4, 0.4, 9)
     v = np.linspace(0.1, -0.1, 9)
     placed = stage.placed()
@@ -107,5 +107,5 @@ def test_a_stage_stands_in_the_window_before_and_after_its_planned_end() -> None
     read = read_window(problem, frame, window.record)
     assert read.count == 1
     for found, expected in zip(read.stages, window.stages, strict=True):
-        assert (found.index, found.trajectory is None) == (expected.index, expected.trajectory is None)
+        assert (found.index, found.reference.moves) == (expected.index, expected.reference.moves)
         assert_same(found, expected)

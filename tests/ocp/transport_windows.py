@@ -9,7 +9,8 @@ import numpy as np
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.end import StageProgress
 from psmpc_cli.ocp.plan import Plan, resting_plan
-from psmpc_cli.ocp.stage import Stage, Trajectory
+from psmpc_cli.ocp.reference import Trajectory
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window, on_mesh
 
 N = 4
@@ -44,7 +45,7 @@ def coasting(window: Window, *instants: float) -> Plan:
 def moving(stage: Stage, seed: int = 1) -> Stage:
     """The stage with a target that moves along a line for 30 s."""
     values = np.random.default_rng(seed).standard_normal((2, len(stage.target)))
-    return replace(stage, trajectory=Trajectory(np.array([0.0, 30.0]), values), target=values[-1])
+    return replace(stage, reference=Trajectory(np.array([0.0, 30.0]), values), target=values[-1])
 
 
 def ending(stage: AnyStage, **changes: Any) -> AnyStage:

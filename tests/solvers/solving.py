@@ -52,4 +52,4 @@ def changed(solve: RecordedSolve, change: Callable[[Stage], Stage], *stages: int
 
 def far_away(stage: Stage) -> Stage:
     """Return the stage with its target 10 m away: no window has a solution that ends it."""
-    return replace(stage, target=stage.target + np.r_[10.0, np.zeros(8)])
+    return stage.with_target(stage.target + np.r_[10.0, np.zeros(8)])

@@ -85,8 +85,7 @@ def free_coordinate(stage: PlacedStage, target: float, ends: bool) -> PlacedStag
     """The stage as one for the first coordinate alone, without limits: |Q_0 - target|^2 * 100 + |u|^2."""
     none = np.full(9, np.inf)
     return replace(
-        stage,
-        target=np.r_[target, np.zeros(8)],
+        stage.with_target(np.r_[target, np.zeros(8)]),
         weights=np.r_[100.0, np.zeros(8)],
         control_weights=np.ones(9),
         limits=Limits(-none, none, -none, none, -none, none, -none, none),

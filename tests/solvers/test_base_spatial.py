@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.ocp.stage import Stage, Trajectory
+from psmpc_cli.ocp.reference import Trajectory
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.solvers import Outcome, build_solver
 from psmpc_cli.specs.task import SolverSpec
 
@@ -57,7 +58,7 @@ def weak(stage: Stage) -> Stage:
 def on_a_path(one: RecordedSolve) -> RecordedSolve:
     def moving(stage: Stage) -> Stage:
         later = stage.target + np.r_[0.3, -0.2, np.zeros(len(stage.target) - 2)]
-        return replace(stage, trajectory=Trajectory(np.array([0.0, 5.0]), np.array([stage.target, later])))
+        return replace(stage, reference=Trajectory(np.array([0.0, 5.0]), np.array([stage.target, later])))
 
     return changed(one, moving, 1)
 

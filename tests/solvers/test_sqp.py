@@ -195,7 +195,7 @@ def out_of_reach(window: Window) -> Window:
     reach, home = window.stages
     target = reach.target.copy()
     target[HAND_X] += 10.0
-    return replace(window, stages=(replace(reach, target=target), home))
+    return replace(window, stages=(reach.with_target(target), home))
 
 
 def test_a_cold_window_of_a_robot_without_thrusters_goes_on_by_elastic_programs(floating: Problem) -> None:

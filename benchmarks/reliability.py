@@ -35,7 +35,7 @@ from faults import Fault, during, injected, meaningless, not_converging, pushed,
 
 import psmpc_cli as psmpc
 from psmpc_cli.cli.main import main
-from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.plant.mujoco import MujocoPlant
 
 WINDOW = 5.0
@@ -110,7 +110,7 @@ def physics(nodes: str = "100") -> Iterator[str]:
     tasks = (psmpc.load_task("transport", {**changes, "plant.kind": kind}) for kind in ("rk4", "mujoco"))
     runs = ours, theirs = [psmpc.simulate(task) for task in tasks]
     rows = {f"open loop, {name}": f"{replayed_apart(ours, *how):.1e}" for name, how in REPLAYS.items()}
-    pose, angles = np.abs(ours.final["xi"] - theirs.final["xi"]), SKILLS["task"].angles(ours.problem.model)
+    pose, angles = np.abs(ours.final["xi"] - theirs.final["xi"]), skill_in("task").angles(ours.problem.model)
     rows["closed loop: final pose"] = f"{np.delete(pose, angles).max():.1e} m, {pose[angles].max():.1e} rad"
     for name, key in {"switch times": "switch_time", "actual starts": "actual_start"}.items():
         rows[f"closed loop: {name}"] = f"{np.abs(ours.stages[key] - theirs.stages[key]).max():.1e} s"

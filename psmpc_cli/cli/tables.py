@@ -528,7 +528,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     stage = forecast.stage
     spec = task.spec.stages[forecast.stage.index]
     sizes = task.robot.parts
-    space = task.spec.skills[spec.skill].space
+    space = task.spec.skills[spec.skill].wanted_in
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
     about += [f"follows {spec.target.times[-1]:g} s"] if isinstance(spec.target, TrajectorySpec) else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []

@@ -18,10 +18,11 @@ from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, kept_groups, poses_at
 from psmpc_cli.ocp.postures import configurations, held_pose, unforeseen
 from psmpc_cli.ocp.problem import Problem
+from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.progress import Work
 from psmpc_cli.robot.configuration import Chart
-from psmpc_cli.specs.parts import SPACES
+from psmpc_cli.specs.parts import has_posture
 
 logger = logging.getLogger(__name__)
 
@@ -91,7 +92,7 @@ class Guide:
         spec = self._problem.spec
         clearance = spec.clearance_of(stage)
         own = self._problem.stages[stage]
-        can_be_routed = SPACES[own.space].has_posture and not own.reference.moves
+        can_be_routed = has_posture(self._problem.model.spec.arms, own.space) and not own.reference.moves
         if clearance is None or spec.routes is None or not can_be_routed:
             return
         space = self._problem.model.space
@@ -197,5 +198,5 @@ class Guide:
         """Return the numbers of a stage's target at a configuration (n,) in a chart."""
         model = self._problem.model
         Q, _ = chart.leave(np.append(point, np.zeros(model.n))[None])
-        in_joint_space = self._problem.stages[stage].space == "joint"
-        return np.asarray(Q[0] if in_joint_space else model.g(Q[0])).ravel()
+        posture = Posture(Q[0], np.asarray(model.g(Q[0])).ravel())
+        return skill_in(self._problem.stages[stage].space).numbers_at(model, posture)

@@ -166,18 +166,17 @@ class Placer:
     def _at_object(
         self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_ends: bool
     ) -> tuple[PlacedStage, ...]:
-        rows = self._problem.model.pose_rows
         ends = dict(enumerate(sequence.instants, start=sequence.first))
         placed = list(self._stages)
         for stage in placed[sequence.first :]:
             if stage.on_object:
                 when = float(ends.get(stage.index, time + self._horizon)) if at_ends else time
-                placed[stage.index] = stage.at_object(rows, *target_object.at(when))
+                placed[stage.index] = stage.at_object(*target_object.at(when))
         current = placed[sequence.first]
         if at_ends and current.on_object and not current.end.is_planned:
             now = np.concatenate(target_object.at(time))
             elapsed = time - sequence.progress.entered
-            placed[sequence.first] = current.following(rows, target_object.body, now, elapsed, self._horizon)
+            placed[sequence.first] = current.following(target_object.body, now, elapsed, self._horizon)
         return tuple(placed)
 
     def _signs(

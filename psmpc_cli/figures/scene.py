@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike
 from psmpc_cli.figures.style import readable
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.verdicts import judge_monitor
-from psmpc_cli.ocp.skills import SKILLS, Posture
+from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.geometry import Piece
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.geometry import ObstacleSpec, Shape
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.parts import axes_of
+from psmpc_cli.specs.parts import BASE
 from psmpc_cli.specs.task import MonitorSpec
 
 OBSTACLE_ROOM = 0.25
@@ -131,7 +131,7 @@ class Scene:
         """
         model = self.run.problem.model
         followed = self.run.followed[stage]
-        skill = SKILLS[followed.space]
+        skill = skill_in(followed.space)
         start = next((s.start for s in self.run.spans if s.index == stage), time)
         aim = followed.wanted(time - start)
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
@@ -264,30 +264,26 @@ def asked_frames(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np.ndarra
     Joints have their end-effector at one place and attitude only with the base at its own. An arm that points at a
     point has no attitude to take.
     """
-    skill = SKILLS[stage.space]
-    parts = model.spec.parts
-    axes = axes_of(parts, stage.space)
-    ends = np.cumsum([len(each) for each in axes.values()])
-    rows = dict(zip(axes, np.split(stage.asked[: ends[-1]], ends[:-1]), strict=True))
-    positions = list[bool]()
-    attitudes = list[bool]()
-    for part in parts:
-        asked = rows[part]
-        if part == "base" or skill.poses:
-            positions.append(bool(asked[: model.dimension].any()))
-            attitudes.append(bool(asked[model.dimension :].any()))
+    asks_for_base = stage.asked[stage.parts[BASE].rows].all()
+    positions = dict.fromkeys(model.pose_rows, False)
+    attitudes = dict.fromkeys(model.pose_rows, False)
+    for name in positions.keys() & stage.parts.keys():
+        kind = stage.parts[name].kind
+        asked = stage.asked[stage.parts[name].rows]
+        if kind.is_pose:
+            positions[name] = bool(asked[: model.dimension].any())
+            attitudes[name] = bool(asked[model.dimension :].any())
         else:
-            positions.append(bool(asked.any() and (skill.points or rows["base"].all())))
-            attitudes.append(positions[-1] and not skill.points)
-    return np.array(positions), np.array(attitudes)
+            positions[name] = bool(asked.any() and (kind.is_point or asks_for_base))
+            attitudes[name] = positions[name] and not kind.is_point
+    return np.array(list(positions.values())), np.array(list(attitudes.values()))
 
 
 def pointing_targets(model: RobotModel, stage: Stage) -> np.ndarray:
     """Return the points (arms, 3) [m] that a stage points at, none if it does not point; NaN of an arm without one."""
-    skill = SKILLS[stage.space]
-    aims = skill.aims(model, stage.target)
-    points = aims[1:] if skill.points else aims[:0]
-    return np.pad(points, ((0, 0), (0, 3 - model.dimension)))
+    aims = dict(zip(model.pose_rows, skill_in(stage.space).aims(model, stage.target), strict=True))
+    points = [aims[name] for name, part in stage.parts.items() if part.kind.is_point]
+    return np.pad(np.reshape(points, (-1, model.dimension)), ((0, 0), (0, 3 - model.dimension)))
 
 
 def scene_of(run: Run) -> Scene:

@@ -302,14 +302,13 @@ class Run:
     @cached_property
     def followed(self) -> tuple[Stage, ...]:
         """The stages of the problem, with targets relative to an object with a mass where that object was over time."""
-        rows = self.problem.model.pose_rows
         starts = {span.index: span.start for span in self.spans}
 
         def following_the_object(stage: Stage) -> Stage:
             if not stage.on_object or "object/pose" not in self or len(self.time) < 2 or stage.index not in starts:
                 return stage
             states = zip(self["object/pose"], self["object/velocity"], strict=True)
-            values = np.array([stage.placed().at_object(rows, *state).target for state in states])
+            values = np.array([stage.placed().at_object(*state).target for state in states])
             path = Trajectory(self.time - starts[stage.index], values, tuple(stage.attitudes.values()))
             return replace(stage, reference=path)
 

@@ -106,16 +106,14 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
         return
     stage = forecasts[task.spec.held_stages.start - 1].stage
     envelope = target_object.grasp.envelope
-    if stage.space != "task" or not stage.end.rows:
+    poses = stage.poses_of_arms
+    if not set(target_object.grasp.at) <= set(poses) or not stage.end.rows:
         return
 
     def norms(motion: np.ndarray) -> list[float]:
         return [float(np.linalg.norm(part)) for part in np.split(motion, [task.robot.dimension])]
 
     space = configuration_space(task.robot)
-    size = space.n_twist
-    frames = ["base", *task.robot.arms]
-    poses = dict(zip(frames, stage.target.reshape(len(frames), -1), strict=True))
     tolerance = np.full(len(stage.weights), np.inf)
     tolerance[list(stage.end.rows)] = stage.end.tolerance
     rate = np.full(len(stage.weights), np.inf)
@@ -123,8 +121,8 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
         rate[list(stage.end.rows)] = stage.end.rate_tolerance
     widths = dict[str, list[float]]()
     for arm, at in target_object.grasp.at.items():
-        own = slice(size * frames.index(arm), size * (frames.index(arm) + 1))
-        widths[arm] = norms(tolerance[own]) + norms(rate[own])
+        rows = stage.parts[arm].rows
+        widths[arm] = norms(tolerance[rows]) + norms(rate[rows])
         metres, angle = norms(space.pose_error(poses[arm], space.composed(target_object.pose, at)))
         fixed = not target_object.motion.moves and arm not in stage.on_object
         if fixed and (metres > envelope.position or angle > envelope.angle):
@@ -147,7 +145,7 @@ def _initial(task: Task, first: Stage) -> Iterator[Fault]:
     position = coordinates_of(space, first, Q)
     for key, kind, values in (("initial", "position", position), ("initial_velocity", "velocity", v)):
         for row in _outside(values, *bounds_of(first, kind)):
-            yield Fault(_place(task, (key,), row, "joint"), _beyond(task, row, values[row], first, kind))
+            yield Fault(_place(task, (key,), row), _beyond(task, row, values[row], first, kind))
 
 
 def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
@@ -156,7 +154,7 @@ def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
     for index, numbers in enumerate(stage.reference.points):
         values = coordinates_of(space, stage, numbers)
         for row in _rows_outside(stage, values):
-            yield Fault(_place(task, stage, row, stage.space, index), _beyond(task, row, values[row], stage))
+            yield Fault(_place(task, stage, row, index), _beyond(task, row, values[row], stage))
 
 
 def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
@@ -477,7 +475,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
                 f"found {name} to move at {rate} from {times[worst]:g} s to {times[worst + 1]:g} s, expected within "
                 f"its velocity limits {_span(task, i, stage, 'velocity')}: the robot falls behind"
             )
-            yield Fault(_place(task, stage, i, stage.space, worst + 1), message)
+            yield Fault(_place(task, stage, i, worst + 1), message)
 
 
 def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]:
@@ -504,9 +502,9 @@ def _span(task: Task, row: int, stage: Stage, kind: str) -> str:
     return f"[{low}, {high}]"
 
 
-def _place(task: Task, of: Stage | Location, row: int, space: str, index: int = 0) -> Location:
-    """Return where a row of Q or xi is in numbers by part, of a stage's target at one of its waypoints."""
-    names = labels(task.robot, "joint" if space == "joint" else "task")
+def _place(task: Task, of: Stage | Location, row: int, index: int = 0) -> Location:
+    """Return where a coordinate is in numbers by part, of a stage's target at one of its waypoints."""
+    names = labels(task.robot, "joint")
     part = names[row].rpartition(".")[0]
     before = sum(name.rpartition(".")[0] == part for name in names[:row])
     return (*_place_of_part(task, of, part, index), before)

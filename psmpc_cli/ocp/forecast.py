@@ -12,6 +12,7 @@ from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_spac
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.parts import BASE
 from psmpc_cli.specs.robot import stack
 
 
@@ -138,9 +139,19 @@ def shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, begi
 
 def coordinates_of(space: ConfigurationSpace, stage: Stage, numbers: np.ndarray) -> np.ndarray:
     """Return the coordinates that a target's numbers say, in the order of v (n,); NaN for those that they do not."""
-    if stage.space != "joint":
-        numbers = np.concatenate([numbers[space.base_coordinates], np.full(space.joints, np.nan)])
-    return space.in_order_of_v(numbers)
+    known = np.full(space.nq, np.nan)
+    for part in stage.parts_in_Q:
+        known[part.coordinates] = numbers[part.numbers]
+    return space.in_order_of_v(known)
+
+
+def coordinate_of_row(stage: Stage) -> dict[int, int]:
+    """Return which coordinate of v each row of the error is of; those of poses of arms, and of points, are of none."""
+    by_row = dict[int, int]()
+    for part in stage.parts_in_Q:
+        rows = range(part.rows.start, part.rows.stop)
+        by_row |= zip(rows, range(part.rates.start, part.rates.stop), strict=True)
+    return by_row
 
 
 def tolerances_of(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
@@ -149,11 +160,11 @@ def tolerances_of(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
     Row n is the attitude of a spatial base, where the end condition has all of it.
     """
     asked = dict(zip(stage.end.rows, stage.end.tolerance.tolist(), strict=True))
-    known = coordinates_of(space, stage, stage.target)
-    found = {row: t for row, t in asked.items() if row < len(known) and np.isfinite(known[row])}
+    coordinates = coordinate_of_row(stage)
+    found = {coordinates[row]: tolerance for row, tolerance in asked.items() if row in coordinates}
     rotation = range(space.rotation.start, space.rotation.stop)
     if stage.attitudes and set(rotation) <= set(asked):
-        found[len(known)] = float(np.linalg.norm([asked[row] for row in rotation]))
+        found[space.n] = float(np.linalg.norm([asked[row] for row in rotation]))
     return found
 
 
@@ -162,22 +173,25 @@ def counts(stage: Stage, rows: Sequence[int]) -> bool:
     return bool(stage.asked[list(rows)].all())
 
 
-def reaches_of(stage: Stage, model: RobotModel, xi: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
-    """Return how far poses xi (m,) of a stage's target are, of the arms whose poses count, under the stage's limits.
+def reaches_of(
+    stage: Stage, model: RobotModel, numbers: np.ndarray, base: np.ndarray | None = None
+) -> dict[str, Reach]:
+    """Return how far the poses are that a target's numbers have, of arms whose poses count, under the stage's limits.
 
     With the base at its own pose, or elsewhere.
     """
     robot = model.spec
     size = robot.parts["base"]
-    if stage.space != "task" or not counts(stage, range(size)):
+    if not counts(stage, range(size)):
         return {}
-    poses = xi.reshape(len(robot.parts), -1)
-    ends = np.cumsum(list(robot.parts.values()))
+    low, high = bounds_of(stage, "position")
+    of_base = numbers[stage.parts[BASE].numbers] if base is None else base
     found = {}
-    low, high = (np.split(bound, ends[:-1]) for bound in bounds_of(stage, "position"))
-    for i, arm in enumerate(robot.arms, start=1):
-        if counts(stage, range(size * i, size * (i + 1))):
-            found[arm] = reach_of(model, arm, poses[0] if base is None else base, poses[i], (low[i], high[i]))
+    for arm in stage.poses_of_arms:
+        part = stage.parts[arm]
+        if counts(stage, range(part.rows.start, part.rows.stop)):
+            joints = model.parts[arm]
+            found[arm] = reach_of(model, arm, of_base, numbers[part.numbers], (low[joints], high[joints]))
     return found
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.end import MEASURES, OPEN, component_counts
 from psmpc_cli.ocp.loads import Load
-from psmpc_cli.ocp.skills import SKILLS
-from psmpc_cli.ocp.skills.base import anchored_poses
+from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.kinematics import runge_kutta
@@ -268,7 +267,7 @@ class StageFunctions:
     """
 
     def __init__(self, model: RobotModel, shape: StageShape, native: bool = False) -> None:
-        skill = SKILLS[shape.space]
+        skill = skill_in(shape.space)
         n = model.n
         self.model = model
         self.shape = shape
@@ -367,7 +366,7 @@ class StageFunctions:
         frame = self.model.pose_rows[self.shape.object_names[0]]
         of_skill = self._target[: self._numbers_of_skill]
         inside, destination = ca.vertsplit(self._target[self._numbers_of_skill :], space.n_pose)
-        p, q = space.lifted(ca.vertsplit(anchored_poses(self.model, self._Q, of_skill)[frame]))
+        p, q = space.lifted(ca.vertsplit(self.model.charted(self._Q, of_skill[self.anchor])[frame]))
         r, q_r = space.lifted(ca.vertsplit(inside))
         wanted_position, wanted_attitude = space.lifted(ca.vertsplit(destination))
         position = add(p, rotate(q, r))

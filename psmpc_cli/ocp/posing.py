@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.forecast import angle_between, counts, earliest_ends, largest_rates, shortest_time
+from psmpc_cli.ocp.forecast import angle_between, coordinate_of_row, counts, earliest_ends, largest_rates, shortest_time
 from psmpc_cli.ocp.postures import unforeseen
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import ConfigurationSpace
@@ -16,7 +16,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.document import Fault, quoted
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.parts import LENGTH
+from psmpc_cli.specs.parts import BASE, LENGTH
 from psmpc_cli.specs.robot import units
 
 LEAST_GAIN = 0.5
@@ -102,7 +102,7 @@ def _may_pose(task: Task, stages: Sequence[Stage], index: int) -> bool:
     then = stages[index + 1]
     spec = task.spec
     return not (
-        stage.space != "joint"
+        set(stage.arms_at_joints) != set(task.robot.arms)
         or stage.reference.moves
         or then.reference.moves
         or then.end.shape.is_fixed
@@ -178,15 +178,13 @@ def _needed(model: RobotModel, stage: Stage, begin: np.ndarray, hold: np.ndarray
         target: Where the motion from there leads, of `configurations` (nq,).
     """
     needed = target.copy()
-    if stage.space != "task":
-        return needed
     space = model.space
     before = model.nq - model.n
     rates = np.minimum(*largest_rates(space, stage)[:2, :-1])
-    for arm in model.spec.arms:
+    for arm, pose in stage.poses_of_arms.items():
         rows = model.parts[arm]
         limits = stage.limits.position_low[rows], stage.limits.position_high[rows]
-        base, pose = stage.target[model.pose_rows["base"]], stage.target[model.pose_rows[arm]]
+        base = stage.target[stage.parts[BASE].numbers]
         held = hold[before:][rows]
         found = [target[before:][rows]]
         if not counts(stage, range(space.base.stop)) or np.array_equal(found[0], held):
@@ -216,13 +214,12 @@ def _rows_asked(model: RobotModel, stage: Stage) -> np.ndarray:
     asked = np.zeros(model.n + 1, bool)
     ends = set(stage.end.rows)
     base = range(model.space.base.stop)
-    if stage.space == "joint":
-        asked[list(ends)] = True
-    asked[list(ends & set(base))] = True
-    size = len(base)
-    for number, arm in enumerate(model.spec.arms, start=1):
-        rows = range(size * number, size * (number + 1))
-        if stage.space == "task" and ends & set(rows) and counts(stage, [*base, *rows]):
+    coordinates = coordinate_of_row(stage)
+    asked[[coordinates[row] for row in ends & coordinates.keys()]] = True
+    for arm in stage.poses_of_arms:
+        part = stage.parts[arm]
+        rows = range(part.rows.start, part.rows.stop)
+        if ends & set(rows) and counts(stage, [*base, *rows]):
             asked[model.parts[arm]] = True
             asked[list(base)] = True
     asked[-1] = asked[model.space.rotation].all()

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.skills import SKILLS, Posture
+from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
@@ -57,7 +57,7 @@ def configurations(
 ) -> list[np.ndarray]:
     """Return the robot's coordinates at the start and at every stage's target, (nq,) each.
 
-    Where a target is in task space the arms are those of inverse kinematics, on the branch to which the motion from the
+    Where a target wants arms at poses they are those of inverse kinematics, on the branch to which the motion from the
     posture before leads; an arm that cannot reach stays as it was.
 
     Args:
@@ -70,15 +70,14 @@ def configurations(
     stops = [stack(task.spec.initial, task.robot, "joint")]
     for stage, known in zip(stages, reaches or [{}] * len(stages), strict=True):
         before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
-        Q = SKILLS[stage.space].after(model, before, stage.target).Q.copy()
-        base = stage.target[model.pose_rows["base"]]
+        Q = skill_in(stage.space).after(model, before, stage.target).Q
+        base = stage.target[stage.parts["base"].numbers]
         joints = Q[model.nq - model.n :]
         limits = stage.limits
-        for arm in task.robot.arms if stage.space == "task" else ():
+        for arm, pose in stage.poses_of_arms.items():
             at = model.parts[arm]
             if arm in known and not known[arm].reachable:
                 continue
-            pose = stage.target[model.pose_rows[arm]]
             bounds = limits.position_low[at], limits.position_high[at]
             reach = reach_of(model, arm, base, pose, limits=bounds, near=joints[at])
             if reach.configuration is not None:
@@ -108,7 +107,7 @@ def unforeseen(task: TaskSpec, stages: Sequence[Stage]) -> dict[int, str]:
 
 
 def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> Iterator[ArmPosture]:
-    """Yield each arm at the target of each stage that says where the arms are: in joint space, or in task space.
+    """Yield each arm at the target of each stage that says where the arms are: at joint coordinates, or at a pose.
 
     None of a robot whose base reacts to its arms: where the base is at a target depends on the way there.
 
@@ -118,10 +117,12 @@ def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.
         stops: Their `configurations`.
     """
     for stage, Q in zip(stages, stops[1:], strict=True):
-        if model.spec.moved_by.reacts or stage.space not in ("joint", "task"):
+        if model.spec.moved_by.reacts:
             continue
         for arm, pose in zip(model.spec.arms, model.poses(Q)[1:], strict=True):
-            wanted = pose if stage.space == "joint" else stage.target[model.pose_rows[arm]]
+            if arm not in (*stage.poses_of_arms, *stage.arms_at_joints):
+                continue
+            wanted = stage.poses_of_arms.get(arm, pose)
             apart = model.space.pose_error(pose, wanted)
             taken = bool(np.abs(apart).max() <= TAKEN)
             joints = Q[model.nq - model.n :][model.parts[arm]] if taken else None

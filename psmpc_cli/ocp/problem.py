@@ -11,7 +11,7 @@ from psmpc_cli.ocp.end import MEASURES, AtTime, ByObject, ByState, End
 from psmpc_cli.ocp.loads import known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
-from psmpc_cli.ocp.skills import SKILLS, Posture
+from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel
@@ -44,7 +44,7 @@ def in_own_chart(
     """
     placed = stage.placed()
     if stage.on_object and object_state is not None:
-        placed = placed.at_object(model.pose_rows, *object_state)
+        placed = placed.at_object(*object_state)
     chart = model.space.chart_at(Q)
     x = np.asarray(chart.enter(Q[None], v[None])[0])
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
@@ -115,7 +115,7 @@ def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
 def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
     """Return how a stage ends that lasts at least so long [s]; what it holds is in its gripper as the task has it."""
     spec = task.stages[index]
-    space = task.skills[spec.skill].space
+    space = task.skills[spec.skill].wanted_in
     condition = spec.ends_when
     dwell = max(spec.dwell, lasts)
     is_planned = task.controller.plans_ends and index < len(task.stages) - 1
@@ -153,7 +153,7 @@ def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     if target_object is None or isinstance(target, TrajectorySpec):
         return stage
     frames = [frame for frame, aim in target.items() if isinstance(aim, OnObject)]
-    targets = {frame: stage.target[model.pose_rows[frame]] for frame in frames}
+    targets = {frame: stage.target[stage.parts[frame].numbers] for frame in frames}
     inside = {frame: model.space.relative(target, target_object.pose) for frame, target in targets.items()}
     return replace(stage, on_object=inside)
 
@@ -161,7 +161,8 @@ def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
 def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
     spec = task.stages[index]
     skill = task.skills[spec.skill]
-    attitudes = SKILLS[skill.space].attitudes(model)
+    space = skill.wanted_in
+    attitudes = skill_in(space).attitudes(model)
     reference: Reference = Constant(waypoints[-1])
     lasts = 0.0
     if isinstance(spec.target, TrajectorySpec):
@@ -180,7 +181,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     return Stage(
         index=index,
         name=spec.name,
-        space=skill.space,
+        space=space,
         input=skill.input,
         priority=spec.priority,
         target=waypoints[-1],
@@ -191,6 +192,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         end=_end(index, task, robot, lasts),
         limits=resolve_limits(robot, task.limits, skill.limits),
         onset_rows=tuple(row for row in onset if model.actuated[row]),
+        parts=skill_in(space).parts(model),
         attitudes=attitudes,
     )
 
@@ -207,16 +209,17 @@ def _force_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.
 
 def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
     """Return the weights of the rows of the error; those of the posture of redundant arms follow from the poses'."""
-    weights = stack(skill.weights.parts, robot, skill.space, missing=0.0, of_error=True)
-    if SKILLS[skill.space].rows(model) == len(weights):
+    space = skill.wanted_in
+    weights = stack(skill.weights.parts, robot, space, missing=0.0, of_error=True)
+    parts = skill_in(space).parts(model)
+    if skill_in(space).rows(model) == len(weights):
         return weights
     posture = []
-    size = model.space.n_twist
-    for number, arm in enumerate(robot.arms, start=1):
-        own = weights[size * number : size * (number + 1)]
+    for arm in robot.arms:
         links = robot.parts[arm]
-        free = links > np.count_nonzero(own)
-        posture.append(np.full(links, POSTURE * own.max() if free else 0.0))
+        of_arm = weights[parts[arm].rows] if arm in parts and parts[arm].kind.draws_joints else np.ones(links)
+        is_free = links > np.count_nonzero(of_arm)
+        posture.append(np.full(links, POSTURE * of_arm.max() if is_free else 0.0))
     return np.concatenate([weights, *posture])
 
 
@@ -231,12 +234,15 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     posture = Posture(Q, np.asarray(model.g(Q)).ravel())
     found = []
     for spec in task.stages:
-        space = task.skills[spec.skill].space
-        skill = SKILLS[space]
-        waypoints = _waypoints(spec, robot, space, task.object, posture.Q[model.space.base_coordinates])
+        space = task.skills[spec.skill].wanted_in
+        skill = skill_in(space)
+        waypoints = _waypoints(
+            spec, robot, space, task.object, skill.absent(model), posture.Q[model.space.base_coordinates]
+        )
         turning = skill.angles(model)
         if spec.angles == "nearest":
-            waypoints[:, turning] = np.unwrap(np.vstack([posture.xi[turning], waypoints[:, turning]]), axis=0)[1:]
+            before = skill.numbers_at(model, posture)[turning]
+            waypoints[:, turning] = np.unwrap(np.vstack([before, waypoints[:, turning]]), axis=0)[1:]
         for at in skill.attitudes(model).values():
             q = waypoints[:, at : at + 4]  # a view
             q /= np.linalg.norm(q, axis=1, keepdims=True)
@@ -247,11 +253,17 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
 
 
 def _waypoints(
-    spec: StageSpec, robot: RobotSpec, space: Space, target_object: ObjectSpec | None, base: np.ndarray
+    spec: StageSpec,
+    robot: RobotSpec,
+    space: Space,
+    target_object: ObjectSpec | None,
+    absent: np.ndarray,
+    base: np.ndarray,
 ) -> np.ndarray:
     """Return the rows of a stage's target as given, (T, rows); those relative to the object where it is first.
 
-    A base that is left out, having no thrusters, is wanted at the pose `base` (n_pose,), with weight 0.
+    A base that is left out, having no thrusters, is wanted at the pose `base` (n_pose,), with weight 0; other parts
+    have the numbers `absent`.
     """
     if isinstance(spec.target, TrajectorySpec):
         values = spec.target.stacked(robot, space)
@@ -260,7 +272,7 @@ def _waypoints(
         values = stack(parts, robot, space)[None]
     of_base = values[:, : len(base)]  # a view: every target begins with the base's pose
     of_base[...] = np.where(np.isnan(of_base), base, of_base)
-    return np.where(np.isnan(values), SKILLS[space].absent, values)
+    return np.where(np.isnan(values), absent, values)
 
 
 def _placed(aim: tuple[float, ...] | OnObject, target_object: ObjectSpec | None) -> tuple[float, ...]:

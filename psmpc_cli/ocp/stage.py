@@ -10,10 +10,11 @@ import numpy as np
 from psmpc_cli.ocp.end import OPEN, End, EndShape
 from psmpc_cli.ocp.loads import Load
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
+from psmpc_cli.ocp.skills import TargetPart
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.parts import Space
+from psmpc_cli.specs.parts import BASE, Space
 from psmpc_cli.specs.robot import Limits
 
 FOLLOWED = 41
@@ -86,6 +87,7 @@ class Stage:
         force_load: What the grippers are known to hold, where force costs; None where it does not.
         end: How it ends.
         onset_rows: Rows of the control whose norm marks the actual start.
+        parts: Of its target, by their name.
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
         on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
         constraints: What constraints have of it, by their name, where they concern it.
@@ -103,6 +105,7 @@ class Stage:
     end: End
     limits: Limits
     onset_rows: tuple[int, ...]
+    parts: Mapping[str, TargetPart] = field(default_factory=dict)
     attitudes: Mapping[str, int] = field(default_factory=dict)
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
     constraints: Mapping[str, ConstraintNumbers] = field(default_factory=dict)
@@ -129,6 +132,23 @@ class Stage:
     def end_numbers(self) -> np.ndarray:
         """Target, and the bounds of the end condition, as `StageFunctions.met` takes them."""
         return np.concatenate([self.target, self.end.centers, self.end.half_widths])
+
+    @property
+    def poses_of_arms(self) -> dict[str, np.ndarray]:
+        """The pose (n_pose,) of each arm that the target wants at one, by name."""
+        return {
+            name: self.target[part.numbers] for name, part in self.parts.items() if name != BASE and part.kind.is_pose
+        }
+
+    @property
+    def parts_in_Q(self) -> tuple[TargetPart, ...]:
+        """The parts whose numbers are coordinates of Q: the base, and arms at joint coordinates."""
+        return tuple(part for name, part in self.parts.items() if name == BASE or part.kind.is_joints)
+
+    @property
+    def arms_at_joints(self) -> tuple[str, ...]:
+        """The arms that the target wants at joint coordinates."""
+        return tuple(name for name, part in self.parts.items() if part.kind.is_joints)
 
     def with_target(self, target: np.ndarray) -> Self:
         """Return the stage with another target (numbers,), at rest."""
@@ -189,7 +209,7 @@ class PlacedStage(Stage):
         }
         return replace(self, constraints={**self.constraints, **sampled}) if sampled else self
 
-    def at_object(self, pose_rows: Mapping[str, slice], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
+    def at_object(self, pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
         """Return the stage with its target where an object of a pose and a velocity has it.
 
         The angular rate of an error is that near the target, where alone end conditions look at it.
@@ -198,23 +218,19 @@ class PlacedStage(Stage):
         target = self.target.copy()
         drift = np.zeros(len(self.weights))
         for frame, inside in self.on_object.items():
-            rate = space.carried_rate(pose, v, inside)
-            number = list(pose_rows).index(frame)
-            target[pose_rows[frame]] = space.composed(pose, inside)
-            drift[len(rate) * number : len(rate) * (number + 1)] = rate
+            part = self.parts[frame]
+            target[part.numbers] = space.composed(pose, inside)
+            drift[part.rows] = space.carried_rate(pose, v, inside)
         return replace(
             self.with_target(target),
             end=self.end.with_target_rates(drift),
             object_state=np.concatenate([pose, v]),
         )
 
-    def following(
-        self, pose_rows: Mapping[str, slice], body: FreeBody, state: np.ndarray, elapsed: float, horizon: float
-    ) -> "PlacedStage":
+    def following(self, body: FreeBody, state: np.ndarray, elapsed: float, horizon: float) -> "PlacedStage":
         """Return the stage with a cost that follows the object's free motion over the horizon, its target where it is.
 
         Args:
-            pose_rows: Rows of each frame's pose in xi.
             body: The object.
             state: Its pose and velocity now, (6,) or (13,).
             elapsed: Time since the stage began [s].
@@ -222,7 +238,7 @@ class PlacedStage(Stage):
         """
         pose, v = np.split(state, [body.space.n_pose])
         ahead = np.linspace(0.0, horizon, FOLLOWED)
-        placed = [self.at_object(pose_rows, *body.predicted(pose, v, each)) for each in ahead]
+        placed = [self.at_object(*body.predicted(pose, v, each)) for each in ahead]
         values = np.array([stage.target for stage in placed])
         return replace(placed[0], reference=Trajectory(elapsed + ahead, values, tuple(self.attitudes.values())))
 
@@ -264,7 +280,7 @@ class StageShape:
         constraints: Names and structures of the constraints that have rows in it.
     """
 
-    space: str
+    space: Space
     input: str = "joint"
     end: EndShape = OPEN
     object_names: tuple[str, ...] = ()

@@ -8,12 +8,13 @@ import numpy as np
 from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, kept_groups, poses_at
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.postures import arm_postures, held_pose
+from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleView, Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.document import Fault, Location, counted, quoted
 from psmpc_cli.specs.geometry import pair_name
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.parts import SPACES
+from psmpc_cli.specs.parts import BASE, has_posture
 
 SLACK = 1e-9
 """By which parts may be nearer than their margin [m]: rounding."""
@@ -58,7 +59,7 @@ def clearance_remarks(
         where = "at the start"
         path: Location = ("initial",)
         if found.stage is not None:
-            by = ", by inverse kinematics" if found.stage.space == "task" else ""
+            by = ", by inverse kinematics" if found.stage.poses_of_arms else ""
             where = f"where {quoted(found.stage.name)} leads{by}"
             path = ("stages", found.stage.index, "target")
         first, second = found.parts
@@ -99,8 +100,8 @@ def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stop
     return {
         stage.name
         for stage in stages
-        if SPACES[stage.space].has_posture
-        and not (model.spec.moved_by.reacts and stage.space != "joint")
+        if has_posture(model.spec.arms, stage.space)
+        and not (model.spec.moved_by.reacts and stage.poses_of_arms)
         and stage.asked[of_base:].all()
         and not (drifts and stage.on_object)
     } - missing
@@ -188,18 +189,18 @@ def cone_remarks(task: Task, model: RobotModel, stages: Sequence[Stage]) -> Iter
 def _poses_at_target(model: RobotModel, stage: Stage) -> dict[str, np.ndarray]:
     """Return the poses (n_pose,) of the frames that a stage's target says, where weights or end condition ask for them.
 
-    In joint space that of an arm also needs the base's.
+    That of an arm at joint coordinates also needs the base's.
     """
-    size = model.space.n_twist
-    rows = dict[str, list[int]]()
-    for number, frame in enumerate(model.pose_rows):
-        if frame == "base" or stage.space == "task":
-            rows[frame] = list(range(size * number, size * (number + 1)))
-        elif stage.space == "joint":
-            rows[frame] = [*range(size), *range(model.n)[model.parts[frame]]]
-    asked = [frame for frame in rows if stage.asked[rows[frame]].all()]
-    if stage.space == "joint":
-        poses = dict(zip(model.pose_rows, model.poses(stage.target), strict=True))
-    else:
-        poses = {frame: stage.target[model.pose_rows[frame]] for frame in rows}
-    return {frame: poses[frame] for frame in asked}
+    at_rest = Posture(model.space.neutral.copy(), np.zeros(model.m))
+    poses = dict(
+        zip(model.pose_rows, model.poses(skill_in(stage.space).after(model, at_rest, stage.target).Q), strict=True)
+    )
+    asks_for_base = stage.asked[stage.parts[BASE].rows].all()
+    known = dict[str, np.ndarray]()
+    for name, part in stage.parts.items():
+        asks_for_part = stage.asked[part.rows].all()
+        if part.kind.is_pose and asks_for_part:
+            known[name] = stage.target[part.numbers]
+        elif part.kind.is_joints and asks_for_part and asks_for_base:
+            known[name] = poses[name]
+    return known

@@ -10,8 +10,49 @@ from pydantic import WrapValidator
 from psmpc_cli.specs.document import Document, Location, choice, counted, mapping
 from psmpc_cli.specs.fields import Fields, RuleErrors, expected, flaw, holds, unit_errors
 
-Space = Literal["joint", "task", "point"]
-"""In which space a skill's cost is; each is the name of a file in `psmpc_cli.ocp.skills`."""
+SkillKind = Literal["joint", "task", "point"]
+"""In which space arms are wanted; each is the name of a file in `psmpc_cli.ocp.skills`."""
+
+FREE = "free"
+
+Wanted = Literal["joint", "task", "point", "free"]
+"""The same of one arm, which need not be wanted anywhere."""
+
+BASE = "base"
+
+
+@dataclass(frozen=True)
+class MixedSpace:
+    """The space of a skill whose arms are wanted in different ways.
+
+    Attributes:
+        kind: How the arms are wanted that are not named.
+        arms: How others are, by their names.
+    """
+
+    kind: SkillKind
+    arms: tuple[tuple[str, Wanted], ...]
+
+    def __str__(self) -> str:
+        return f"{self.kind}, {', '.join(f'{arm} {wanted}' for arm, wanted in self.arms)}"
+
+
+Space = SkillKind | MixedSpace
+"""In which space a skill's cost is: one for all arms, or each in its own."""
+
+
+def space_of(kind: SkillKind, arms: Mapping[str, Wanted]) -> Space:
+    """Return the space of a skill some of whose arms are wanted in another way."""
+    others = tuple(sorted((arm, wanted) for arm, wanted in arms.items() if wanted != kind))
+    return MixedSpace(kind, others) if others else kind
+
+
+def part_kind(space: Space, part: str) -> str:
+    """Return how a part is wanted in a space: the base at a pose, arms in a `Wanted` way."""
+    if part == BASE:
+        return BASE
+    return dict(space.arms).get(part, space.kind) if isinstance(space, MixedSpace) else space
+
 
 Axes = Mapping[str, tuple[str, ...]]
 """Names of the numbers of every part."""
@@ -68,7 +109,7 @@ class SpaceTraits:
     has_posture: bool = True
 
 
-SPACES: Mapping[Space, SpaceTraits] = {
+SPACES: Mapping[str, SpaceTraits] = {
     "joint": SpaceTraits("cost on Q, eq. (30)"),
     "task": SpaceTraits("cost on xi, eq. (31)", {"arms": (ERROR_AXES, TARGET_AXES)}),
     "point": SpaceTraits(
@@ -156,8 +197,8 @@ class Context:
     @cached_property
     def spaces(self) -> dict[str, Space | None]:
         """The skills and their spaces as written, None where there is no such space."""
-        given = {name: mapping(skill).get("space") for name, skill in mapping(self.file.value(("skills",))).items()}
-        return {name: space if space in SPACES else None for name, space in given.items()}
+        given = mapping(self.file.value(("skills",)))
+        return {name: _space_as_written(mapping(skill)) for name, skill in given.items()}
 
     @cached_property
     def stages(self) -> list[str]:
@@ -185,12 +226,36 @@ def axes_of(parts: Mapping[str, int], space: Space, of_error: bool = True) -> di
     kind = 0 if of_error else 1
     arms = {part: size for part, size in parts.items() if part != "base"}
     axes = {"base": (ERROR_AXES, TARGET_AXES)[kind][dimension]}
-    own = SPACES[space].axes
-    if own is None:
-        return axes | {arm: tuple(str(joint + 1) for joint in range(size)) for arm, size in arms.items()}
-    for part, names_of_part in own.items():
-        axes |= dict.fromkeys(arms if part == "arms" else (part,), names_of_part[kind][dimension])
-    return axes
+    for arm, size in arms.items():
+        wanted = part_kind(space, arm)
+        names_of_arm = SPACES[wanted].axes if wanted != FREE else {}
+        if names_of_arm is None:
+            axes[arm] = tuple(str(joint + 1) for joint in range(size))
+        elif "arms" in names_of_arm:
+            axes[arm] = names_of_arm["arms"][kind][dimension]
+    default = space.kind if isinstance(space, MixedSpace) else space
+    own = {part: names_of_part for part, names_of_part in (SPACES[default].axes or {}).items() if part != "arms"}
+    return axes | {part: names_of_part[kind][dimension] for part, names_of_part in own.items()}
+
+
+def required_parts(axes: Axes, space: Space) -> tuple[str, ...]:
+    """Return the parts that targets and weights must have, of those that have axes."""
+    kinds = {part: part_kind(space, part) for part in axes}
+    return tuple(part for part, kind in kinds.items() if kind == BASE or SPACES[kind].required is None)
+
+
+def has_posture(arms: Collection[str], space: Space) -> bool:
+    """Tell whether a target says of all arms where they are, or poses for which inverse kinematics finds that."""
+    kinds = {part_kind(space, arm) for arm in arms}
+    return FREE not in kinds and all(SPACES[kind].has_posture for kind in kinds)
+
+
+def _space_as_written(skill: Mapping[str, Any]) -> Space | None:
+    """Return the space of a skill as it is written; None where there is no such space."""
+    kind: Any = skill.get("space")
+    arms = mapping(skill.get("parts"))
+    is_valid = isinstance(kind, str) and kind in SPACES and all(wanted in (*SPACES, FREE) for wanted in arms.values())
+    return space_of(kind, arms) if is_valid else None
 
 
 def units_of(part: str, axis: str, sliding: Collection[str]) -> CoordinateUnits:

@@ -26,16 +26,21 @@ from psmpc_cli.specs.geometry import (
 )
 from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
+    BASE,
     SPACES,
     AsWritten,
     Context,
     Mobility,
+    SkillKind,
     Space,
+    Wanted,
     axes_of,
     in_joint_space,
     names,
     part_faults,
     parts_of_skills,
+    required_parts,
+    space_of,
     stands_for,
     unit_misfits,
 )
@@ -50,6 +55,7 @@ _Aim = Annotated[
 _SkillPart = Annotated[
     str, known(lambda context: context.sizes and [*context.sizes, "arms", *parts_of_skills()], "part of the robot")
 ]
+_OneArm = Annotated[str, known(lambda context: [name for name in context.sizes if name != BASE], "arm")]
 _Control = fields.OrByPart[fields.NotNegative, fields.Part, tuple[fields.NotNegative, ...]]
 _Tolerance = fields.OrByPart[fields.CoordinateWidth, _SkillPart, fields.OneOrMore[fields.CoordinateWidth]]
 _JointNames = fields.OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint"))]]
@@ -357,7 +363,7 @@ class SkillWeights(InlineParts):
     In YAML the parts, `control` and `force` stand side by side.
     """
 
-    parts: Mapping[_SkillPart, tuple[fields.NotNegative, ...]] = {}
+    parts: Mapping[_SkillPart, fields.OneOrMore[fields.NotNegative]] = {}
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
     force: fields.Sparse[_Control] = Field(
         0.0,
@@ -373,9 +379,10 @@ class SkillWeights(InlineParts):
 
 def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErrors:
     """Give missing parts and wrong lengths of a skill's weights."""
-    if (space := before.get("space")) is not None:
+    if before.get("space") is not None and "parts" in before:
+        space = space_of(before["space"], before["parts"])
         axes = axes_of(context.sizes, space)
-        yield from part_faults(weights.parts, axes, context.required(SPACES[space].required or axes))
+        yield from part_faults(weights.parts, axes, context.required(required_parts(axes, space)), one=True)
     axes = axes_of(context.sizes, before.get("input", "joint"))
     if not context.moved_by.actuated:
         axes = {part: axes[part] for part in axes if part != "base"}  # which has no control
@@ -390,7 +397,15 @@ def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErr
 class SkillSpec(Spec):
     """A reusable cost and its limits. Paper eqs. (9), (10), (30), (31)."""
 
-    space: Space = Field(description="; ".join(f"{space}: {traits.about}" for space, traits in SPACES.items()))
+    @property
+    def wanted_in(self) -> Space:
+        """In which space each of its parts is wanted."""
+        return space_of(self.space, self.parts)
+
+    space: SkillKind = Field(description="; ".join(f"{space}: {traits.about}" for space, traits in SPACES.items()))
+    parts: fields.Sparse[Mapping[_OneArm, Wanted]] = Field(
+        {}, description="arms that are wanted in another space than `space`; free: nowhere"
+    )
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
     weights: Annotated[SkillWeights, holds(_weights)] = Field(description="weights by part, and of the control")
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
@@ -481,7 +496,7 @@ def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
     if (space := context.spaces.get(before.get("skill", ""))) is None:
         return
     axes = axes_of(context.sizes, space, of_error=False)
-    required = context.required(SPACES[space].required or axes)
+    required = context.required(required_parts(axes, space))
     yield from part_faults(written, axes, required, written=AsWritten(context.sliding, turns=True))
     for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):

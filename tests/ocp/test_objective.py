@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 from psmpc_cli.ocp.end import NEVER, ByState
 from psmpc_cli.ocp.objective import StageCosts, stage_functions
 from psmpc_cli.ocp.reference import Trajectory
-from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.ocp.stage import Stage, StageShape
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.parts import SPACES, space_of
 
 from .transport_windows import ending
 
@@ -67,10 +68,14 @@ def test_under_task_input_poses_and_their_rates_are_a_double_integrator(model: R
     assert errors[0] / errors[1] == pytest.approx(16, rel=0.3)
 
 
-@pytest.fixture(scope="module", params=sorted(SKILLS))
+@pytest.fixture(
+    scope="module",
+    params=[*SPACES, space_of("task", {"arm_1": "joint"}), space_of("point", {"arm_2": "free"})],
+    ids=str,
+)
 def stage(request: pytest.FixtureRequest, model: RobotModel, stages: tuple[Stage, ...]) -> Stage:
     """A stage of each skill."""
-    skill, random = SKILLS[request.param], np.random.default_rng(2)
+    skill, random = skill_in(request.param), np.random.default_rng(2)
     rows = skill.rows(model)
     return replace(
         stages[0].with_target(random.standard_normal(skill.numbers(model))),

@@ -74,14 +74,11 @@ def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: boo
     problem = build_problem(task)
     capture = problem.capture
     assert capture is not None
-    rows = problem.model.pose_rows
     state = np.array([-2.4, 2.8, 0.5, 0.02, 0.01, 0.03])
     first = problem.stages[1].placed()
     assert first.on_object
-    if planned:
-        first = first.at_object(rows, state[:3], state[3:])
-    else:
-        first = first.following(rows, body_of(capture), state, 0.7, 4.0)
+    following = first.following(body_of(capture), state, 0.7, 4.0)
+    first = first.at_object(state[:3], state[3:]) if planned else following
     Q = np.linspace(-0.4, 0.4, 9)
     v = np.linspace(0.1, -0.1, 9)
     chart = problem.model.space.chart_at(Q)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.skills import SKILLS
+from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.robot.model import RobotModel, load_robot
 
 from .strategies import State, assert_close_to_differences, flat, jacobian_by_differences, laws, moving_robots
@@ -56,6 +56,6 @@ def test_functions_accept_both_kinds_of_symbols(model: RobotModel, kind: type[An
 def test_a_turn_of_the_base_changes_the_angle_rows_alone(state: State) -> None:
     model, Q, _, _ = state
     turned, expected = Q.copy(), np.zeros(model.m)
-    turned[SKILLS["joint"].angles(model)] += 2 * math.pi
-    expected[SKILLS["task"].angles(model)] = 2 * math.pi
+    turned[skill_in("joint").angles(model)] += 2 * math.pi
+    expected[skill_in("task").angles(model)] = 2 * math.pi
     np.testing.assert_allclose((model.poses(turned) - model.poses(Q)).ravel(), expected, atol=1e-12)

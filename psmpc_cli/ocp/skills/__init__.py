@@ -1,10 +1,20 @@
-"""The skills by their name in a task file (`space:`), which is also the name of their file here."""
+"""The skills: how each part of a target is wanted, by names that are also those of the files here."""
 
+from functools import cache
 from pkgutil import resolve_name
 
-from psmpc_cli.ocp.skills.base import Posture, Skill
-from psmpc_cli.specs.parts import SPACES
+from psmpc_cli.ocp.skills.base import PartKind, Posture, Skill, TargetPart
+from psmpc_cli.ocp.skills.task import PoseOfBase
+from psmpc_cli.specs.parts import BASE, SPACES, Space
 
-__all__ = ["SKILLS", "Posture", "Skill"]
+__all__ = ["PartKind", "Posture", "Skill", "TargetPart", "skill_in"]
 
-SKILLS: dict[str, Skill] = {space: resolve_name(f"{__name__}.{space}:SKILL") for space in SPACES}
+KINDS: dict[str, PartKind] = {name: resolve_name(f"{__name__}.{name}:KIND") for name in SPACES}
+KINDS[BASE] = PoseOfBase()
+"""How parts may be wanted; every target begins with the pose of the base."""
+
+
+@cache
+def skill_in(space: Space) -> Skill:
+    """Return the skill whose parts are wanted in a space."""
+    return Skill(space, KINDS)

@@ -1,34 +1,28 @@
-"""The joint-space skill: base pose and joint angles. Paper eq. (30)."""
+"""Arms wanted at joint coordinates. Paper eq. (30)."""
 
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses
+from psmpc_cli.ocp.skills.base import PartKind, Posture, joints_of
 from psmpc_cli.robot.model import RobotModel
 
 
-def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
-    """Return Q - Q_d (n,) [m, rad]; in space with the rotation vector from the wanted attitude."""
-    space = model.space
-    base = model.pose_rows["base"]
-    of_base = space.residual(anchored_poses(model, Q, target)[base], target[base])
-    return ca.vertcat(of_base, Q[space.joint_rates] - target[space.joint_coordinates])
+class Joints(PartKind):
+    """Joint coordinates of an arm."""
+
+    is_joints = True
+
+    def error(self, model: RobotModel, part: str, Q: ca.SX, xi: ca.SX, wanted: ca.SX) -> ca.SX:
+        """Return q - q_d (joints,) [rad, m]."""
+        return Q[model.parts[part]] - wanted
+
+    def numbers_at(self, model: RobotModel, part: str, posture: Posture) -> np.ndarray:
+        """Return the joint coordinates."""
+        return posture.Q[joints_of(model, part)]
+
+    def aim(self, model: RobotModel, part: str, Q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Return the position of the end-effector with the joints and the base at their targets [m]."""
+        return np.asarray(model.poses(Q)[list(model.pose_rows).index(part)][: model.dimension])
 
 
-def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
-    """Return the posture Q_d, and its poses."""
-    return Posture(target, np.asarray(model.g(target)).ravel())
-
-
-def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
-    """Return the positions of base and end-effectors at Q_d (frames, dimension) [m]."""
-    return model.poses(target[: model.nq])[:, : model.dimension]
-
-
-SKILL = Skill(
-    rows=lambda model: model.n,
-    numbers=lambda model: model.nq,
-    error=error,
-    after=after,
-    aims=aims,
-)
+KIND = Joints()

@@ -1,4 +1,4 @@
-"""The task-space skill: base pose to keep and end-effector poses to reach. Paper eq. (31).
+"""End-effectors wanted at poses, as the base is in every skill. Paper eq. (31).
 
 In space, joints that the poses leave free (an arm of seven) are drawn to where they are: rows q - q_measured, without
 which they would drift.
@@ -7,34 +7,32 @@ which they would drift.
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.skills.base import Posture, Skill, anchored_poses
+from psmpc_cli.ocp.skills.base import PartKind, Posture
 from psmpc_cli.robot.model import RobotModel
 
 
-def error(model: RobotModel, Q: ca.SX, target: ca.SX) -> ca.SX:
-    """Return xi - xi_d (m,) [m, rad]; in space position and rotation vector of each frame, then of the posture."""
-    xi = anchored_poses(model, Q, target)
-    errors = (model.space.residual(xi[rows], target[rows]) for rows in model.pose_rows.values())
-    posture = model.space.n_posture
-    return ca.vertcat(*errors, Q[model.n - posture :] - target[target.numel() - posture :])
+class PoseOfBase(PartKind):
+    """A pose of the base."""
+
+    is_pose = True
+
+    def error(self, model: RobotModel, part: str, Q: ca.SX, xi: ca.SX, wanted: ca.SX) -> ca.SX:
+        """Return the error of the pose [m, rad]; in space position and the rotation vector from the wanted attitude."""
+        return ca.SX(model.space.residual(xi[model.pose_rows[part]], wanted))
+
+    def numbers_at(self, model: RobotModel, part: str, posture: Posture) -> np.ndarray:
+        """Return the pose."""
+        return posture.xi[model.pose_rows[part]]
+
+    def aim(self, model: RobotModel, part: str, Q: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Return the position of the wanted pose [m]."""
+        return wanted[: model.dimension]
 
 
-def after(model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
-    """Return the posture with poses xi_d; its joints are as before."""
-    base = model.pose_rows["base"]
-    return Posture(np.r_[target[base], posture.Q[base.stop :]], target)
+class Pose(PoseOfBase):
+    """A pose of an end-effector."""
+
+    draws_joints = True
 
 
-def aims(model: RobotModel, target: np.ndarray) -> np.ndarray:
-    """Return the positions of base and end-effectors in xi_d (frames, dimension) [m]."""
-    return target[: model.m].reshape(len(model.pose_rows), -1)[:, : model.dimension]
-
-
-SKILL = Skill(
-    rows=lambda model: model.space.n_twist * len(model.pose_rows) + model.space.n_posture,
-    numbers=lambda model: model.m,
-    error=error,
-    after=after,
-    aims=aims,
-    poses=True,
-)
+KIND = Pose()

@@ -683,11 +683,6 @@ static int predictor_corrector_step(InteriorPoint *ip, double product_count, int
     return alpha_p > MIN_STEP_LENGTH || alpha_d > MIN_STEP_LENGTH;
 }
 
-/* Return the bytes of a QuadraticProgram: callers in another language declare it again, and compare. */
-int64_t SIZED(psmpc_qp_program_size)(void) {
-    return (int64_t)sizeof(QuadraticProgram);
-}
-
 /* Return how many doubles the workspace of a program takes; of the program, sizes and flags are read alone. */
 int64_t SIZED(psmpc_qp_workspace_size)(const QuadraticProgram *program) {
     InteriorPoint ip;

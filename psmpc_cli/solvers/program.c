@@ -20,7 +20,8 @@
  * costs `penalty` e.
  */
 
-/* A program as its callers pass it; psmpc_cli/solvers/quadratic.py declares the same structure. */
+/* A program as its callers pass it; psmpc_cli/solvers/quadratic.py declares the same structure, and compares the
+ * offsets of all members when it loads the library. */
 typedef struct {
     int64_t K;                          /* intervals */
     int64_t node_row_count;             /* E, constraints at nodes */

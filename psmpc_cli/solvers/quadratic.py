@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array, diags_array, triu, vstack
 
 from psmpc_cli.native.library import Library, paths_of
+from psmpc_cli.native.structures import layout_source, require_layout
 from psmpc_cli.ocp.gauss_newton import Linearization, Point
 from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow
 
@@ -211,7 +212,7 @@ class QpMethod(ABC):
 
 
 class QuadraticProgram(ctypes.Structure):
-    """A quadratic program as the kernel takes it; see `QuadraticProgram` in program.c."""
+    """A quadratic program as the kernel takes it; program.c declares the same structure."""
 
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("K", "node_row_count", "interval_row_count", "has_input_rows")),
@@ -231,7 +232,8 @@ def kernel_source(coordinates: int, durations: int) -> str:
     """Return the C source of the kernel for these sizes."""
     sizes = f"#define N {coordinates}\n#define S {durations}\n#define EQUALITY_WIDTH {EQUALITY_WIDTH}\n"
     folder = files("psmpc_cli.solvers")
-    return sizes + "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
+    source = "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
+    return sizes + source + layout_source(QuadraticProgram, kernel_symbols(coordinates, durations).program_layout)
 
 
 class KernelSymbols(NamedTuple):
@@ -242,12 +244,12 @@ class KernelSymbols(NamedTuple):
     Attributes:
         workspace_size: Returns how many doubles of workspace a program needs.
         solve: Solves a program; returns the index of its `QpStatus`.
-        program_size: Returns the bytes of a `QuadraticProgram`.
+        program_layout: Array with the layout of a `QuadraticProgram`, see `layout_source`.
     """
 
     workspace_size: str
     solve: str
-    program_size: str
+    program_layout: str
 
 
 def kernel_symbols(coordinates: int, durations: int) -> KernelSymbols:
@@ -256,7 +258,7 @@ def kernel_symbols(coordinates: int, durations: int) -> KernelSymbols:
     return KernelSymbols(
         workspace_size=f"psmpc_qp_workspace_size_{sizes}",
         solve=f"psmpc_qp_solve_{sizes}",
-        program_size=f"psmpc_qp_program_size_{sizes}",
+        program_layout=f"psmpc_qp_program_layout_{sizes}",
     )
 
 
@@ -278,20 +280,19 @@ def load_kernel(coordinates: int, durations: int) -> Kernel | None:
     """Load the kernel for these sizes; None where nothing can be compiled.
 
     Raises:
-        RuntimeError: Its `QuadraticProgram` is another structure than ours.
+        RuntimeError: Its `QuadraticProgram` has its members elsewhere than ours.
     """
     (path,) = paths_of([kernel_library(coordinates, durations)])
     if path is None:
         return None
     loaded = ctypes.CDLL(str(path))
     symbols = kernel_symbols(coordinates, durations)
-    for symbol in symbols:
-        getattr(loaded, symbol).restype = ctypes.c_int64
-    size = getattr(loaded, symbols.program_size)()
-    expected = ctypes.sizeof(QuadraticProgram)
-    if size != expected:
-        raise RuntimeError(f"a program has {size} bytes in C, expected the {expected} of `QuadraticProgram`")
-    return Kernel(workspace_size=getattr(loaded, symbols.workspace_size), solve=getattr(loaded, symbols.solve))
+    require_layout(loaded, QuadraticProgram, symbols.program_layout)
+    workspace_size = getattr(loaded, symbols.workspace_size)
+    solve = getattr(loaded, symbols.solve)
+    workspace_size.restype = ctypes.c_int64
+    solve.restype = ctypes.c_int64
+    return Kernel(workspace_size=workspace_size, solve=solve)
 
 
 ANYTHING = ctypes.c_byte * 0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.native.library import CompilationError, find_compiler
+from psmpc_cli.solvers import quadratic
 from psmpc_cli.solvers.quadratic import (
     ACCEPTABLE,
     ARRAYS,
@@ -23,6 +24,7 @@ from psmpc_cli.solvers.quadratic import (
     QuadraticProgram,
     kernel_source,
     kernel_symbols,
+    load_kernel,
 )
 
 from . import random_programs
@@ -48,7 +50,7 @@ int {name}(void) {{
     size_t workspace_size = (size_t){symbols.workspace_size}(&program) * sizeof(double);
     program.workspace = aligned_alloc(64, (workspace_size + 63) / 64 * 64);
     int64_t status = {symbols.solve}(&program);
-    printf("%d %d", (int)status, (int){symbols.program_size}());
+    printf("%d", (int)status);
     for (size_t i = 0; i < sizeof X / sizeof *X; i++) printf(" %.17g", X[i]);
     printf("\\n");
     free(program.workspace);
@@ -66,7 +68,7 @@ class Recorded(QpMethod):
 
 
 def source_of(task: Task, name: str) -> str:
-    """The C source of the kernel, and of a function that solves one program and prints status, size and step."""
+    """The C source of the kernel, and of a function that solves one program and prints status and step."""
     method = Recorded()
     method.solve(task.window, task.model, task.here)
     arrays = method.arrays
@@ -124,10 +126,22 @@ def solve_as_one_program(tasks: Sequence[Task], flags: Sequence[str], folder: Pa
 
 
 def assert_same_solution(printed: Sequence[str], expected: QpSolution) -> None:
-    status, program_size, *step = printed
+    status, *step = printed
     assert tuple(QpStatus)[int(status)] is expected.status
-    assert int(program_size) == ctypes.sizeof(QuadraticProgram)
     np.testing.assert_allclose(np.array(step, float), expected.step.X[1:].ravel(), rtol=0, atol=STEP_DIFFERENCE)
+
+
+def test_a_kernel_whose_members_of_a_program_are_swapped_is_not_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both bounds of a row are pointers: the structure keeps its size."""
+    names = [name for name, _ in QuadraticProgram._fields_]
+    low, high = names.index("low"), names.index("high")
+    members = list(QuadraticProgram._fields_)
+    members[low], members[high] = members[high], members[low]
+    swapped = type("QuadraticProgram", (ctypes.Structure,), {"_fields_": members})
+    assert ctypes.sizeof(swapped) == ctypes.sizeof(QuadraticProgram)
+    monkeypatch.setattr(quadratic, "QuadraticProgram", swapped)
+    with pytest.raises(RuntimeError, match=r"QuadraticProgram\.high is at byte \d+ in C, expected \d+ as declared"):
+        load_kernel(1, 1)
 
 
 def test_kernels_of_several_sizes_solve_side_by_side_in_one_program(

@@ -1,0 +1,40 @@
+"""C structures that Python declares again: whether both declarations have every member at the same place."""
+
+import ctypes
+
+
+def layout_source(structure: type[ctypes.Structure], symbol: str) -> str:
+    """Return C that defines an array with the layout of a structure: its size, then the offset of each member [bytes].
+
+    It stands behind the definition of the C structure, which has the name of the class and members of the same names.
+
+    Args:
+        structure: The declaration in Python.
+        symbol: Name of the array, for `require_layout`.
+    """
+    name = structure.__name__
+    offsets = [f"offsetof({name}, {member[0]})" for member in structure._fields_]
+    values = ", ".join([f"sizeof({name})", *offsets])
+    return f"#include <stddef.h>\n#include <stdint.h>\nconst int64_t {symbol}[] = {{{values}}};\n"
+
+
+def require_layout(library: ctypes.CDLL, structure: type[ctypes.Structure], symbol: str) -> None:
+    """Make sure that a structure has the same layout in a library as in Python.
+
+    Args:
+        library: One with the source of `layout_source` in it.
+        structure: The declaration in Python.
+        symbol: Name of the array there.
+
+    Raises:
+        RuntimeError: A member stands elsewhere, or the sizes differ.
+    """
+    members = [member[0] for member in structure._fields_]
+    size, *offsets = (ctypes.c_int64 * (len(members) + 1)).in_dll(library, symbol)
+    name = structure.__name__
+    for member, offset in zip(members, offsets, strict=True):
+        expected = getattr(structure, member).offset
+        if offset != expected:
+            raise RuntimeError(f"{name}.{member} is at byte {offset} in C, expected {expected} as declared in Python")
+    if size != ctypes.sizeof(structure):
+        raise RuntimeError(f"{name} has {size} bytes in C, expected {ctypes.sizeof(structure)} as declared in Python")

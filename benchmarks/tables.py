@@ -19,7 +19,7 @@ from typer.main import get_command
 
 import psmpc_cli as psmpc
 from psmpc_cli.cli.app import app
-from psmpc_cli.logs import schema
+from psmpc_cli.logs import conditions, schema
 from psmpc_cli.solvers.base import Outcome
 from psmpc_cli.specs.fields import ANGLE_PATTERN, COORDINATE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
@@ -150,8 +150,14 @@ def _list(value: Mapping[str, Any]) -> str:
     return f"list of {_words(value['items'])}{least}"
 
 
-def datasets(along: str, *only: str) -> Iterator[str]:
-    """Yield the table of the datasets along a dimension, or fixed ones, that logs have, or some logs (`only`)."""
+def datasets(along: str, *condition: str) -> Iterator[str]:
+    """Yield the table of the datasets along a dimension, or fixed ones, that logs have under a condition, if any.
+
+    Args:
+        along: Path of the scale of the dimension, or `fixed`.
+        condition: Words of the name of one of `conditions`.
+    """
+    only = vars(conditions)["_".join(condition or ("always",)).upper()]
     sizes = {
         "time": "K",
         "ticks/tick": "M",
@@ -164,7 +170,7 @@ def datasets(along: str, *only: str) -> Iterator[str]:
     }
     rows = []
     for column in schema.columns("" if along == "fixed" else along):
-        if column.only == " ".join(only):
+        if column.only is only:
             dims = column.dims if along == "fixed" else [sizes.get(name, name) for name in column.dims]
             shape = ["K", "its longest"] if column.ragged else dims
             comma = "," if along != "fixed" and len(shape) == 1 else ""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from psmpc_cli.logs.conditions import ALWAYS, CLEARANCE, TICKS, TRUE_STATE
 from psmpc_cli.logs.schema import MOMENTUM, PEAKS
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.robot.model import RobotModel
@@ -120,9 +121,10 @@ def _header(loaded: Task, story: Story) -> Header:
         },
         has=frozenset(
             {
-                *({"ticks"} if story.ticks else ()),
-                *({"true state"} if story.blur else ()),
-                *({"clearance"} if story.distances else ()),
+                ALWAYS,
+                *({TICKS} if story.ticks else ()),
+                *({TRUE_STATE} if story.blur else ()),
+                *({CLEARANCE} if story.distances else ()),
             }
         ),
     )

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError, SpecError
+from psmpc_cli.logs.conditions import ALWAYS
 from psmpc_cli.logs.files import (
     TABLE,
     check_output,
@@ -30,6 +31,7 @@ from psmpc_cli.logs.schema import (
     RUN,
     Column,
     columns,
+    condition_of,
     layout,
     sliding_of,
     units_of_columns,
@@ -151,6 +153,15 @@ class Run:
         return f"<Run of {name}: {size}; {self.attributes['end_reason'] or 'not ended'}>"
 
     def __getitem__(self, path: str) -> Array:
+        """Return the array of a dataset.
+
+        Raises:
+            KeyError: The log has none of this path.
+        """
+        if path not in self.arrays:
+            condition = condition_of(path)
+            why = "no log has one" if condition is None else f"logs have it {condition.description}"
+            raise KeyError(f"{self.path}: found no dataset {path}; {why}")
         return self.arrays[path]
 
     def __contains__(self, path: str) -> bool:
@@ -528,8 +539,8 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
         if not isinstance(attributes[name], kind):
             raise misfit(group, repr(attributes[name]), f"a {kind.__name__}", f" attribute {name}")
     columns = layout(Q_COORDINATE in group)
-    kinds_present = {"", *(column.only for column in columns if column.path in group)}
-    present = [part for column in columns if column.only in kinds_present for part in column.parts]
+    conditions = {ALWAYS, *(column.only for column in columns if column.path in group)}
+    present = [part for column in columns if column.only in conditions for part in column.parts]
     _check_datasets(group, present)
     arrays = {column.path: read_array(group[column.path]) for column in present}
     _check_values(group, arrays)

@@ -14,6 +14,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.control.interface import Command
+from psmpc_cli.logs.conditions import (
+    ALWAYS,
+    CLEARANCE,
+    COMMANDED_AT_TICKS,
+    DISTURBANCE,
+    FORCE_LIMITS,
+    FREE_END,
+    LEVELS,
+    OBJECT,
+    OBJECT_AT_TICKS,
+    PAYLOAD,
+    PLANS,
+    ROUTES,
+    SLIDING_JOINTS,
+    SPATIAL,
+    TASK_INPUT,
+    TICKS,
+    TRUE_STATE,
+    UNCERTAIN,
+    Condition,
+    Recorded,
+)
 from psmpc_cli.plant import Ticks
 from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.parts import ANGLE, LENGTH, PURE_NUMBER, units_of
@@ -97,7 +119,7 @@ class Column:
         dtype: NumPy type, or `text`.
         dims: Paths of the dimension scales of its dimensions; a scale has its own path alone. The first is `time` in a
             dataset with a row a sample, `ticks/tick` in one with a row a tick; the others do not grow. See `layout`.
-        only: Which runs have it: those whose `Header.has` names this; all, if empty.
+        only: The condition under which logs have it.
         unknown: Its value until another is known.
     """
 
@@ -107,7 +129,7 @@ class Column:
     value: Callable[[Any], Any] | None = None
     dtype: str = "f8"
     dims: tuple[str, ...] = ()
-    only: str = ""
+    only: Condition = ALWAYS
     unknown: float = float("nan")
 
     @property
@@ -125,11 +147,17 @@ class Column:
         """The column; with it, if its rows have lengths of their own, those lengths and the index along a row."""
         if not self.ragged:
             return (self,)
-        path = self.path
+        lengths = replace(
+            self,
+            path=f"{self.path}_length",
+            units="1",
+            long_name=f"number of elements in each row of {self.path}",
+            dtype="i4",
+            dims=("time",),
+        )
         element = self.dims[1]
-        value = self.value
-        length = Column(f"{path}_length", "1", f"number of elements in each row of {path}", value, "i4", ("time",))
-        return self, length, Column(element, "1", f"index into a row of {path}", value, "i4", (element,))
+        index = replace(lengths, path=element, long_name=f"index into a row of {self.path}", dims=(element,))
+        return self, lengths, index
 
 
 ValueReader = str | Callable[[Any], Any]
@@ -185,7 +213,7 @@ def _level(name: str, units: str, long_name: str, value: ValueReader, **more: An
     def values(sample: Sample) -> Any:
         return dict(enumerate(map(read, sample.command.levels), start=sample.command.sequence.first))
 
-    return _by_stage(f"levels/{name}", units, long_name, values, only="levels", **more)
+    return _by_stage(f"levels/{name}", units, long_name, values, only=LEVELS, **more)
 
 
 def _costs(sample: Sample) -> ArrayLike:
@@ -217,21 +245,21 @@ def _level_rises(sample: Sample) -> Mapping[int, float]:
     return {stage: costs[stage] / _optimum(sample.command.levels[stage - first]) - 1 for stage in costs}
 
 
-def _event(name: str, long_name: str, only: str = "") -> Column:
+def _event(name: str, long_name: str, only: Condition = ALWAYS) -> Column:
     """Define the dataset that flags the samples of an event of the controller."""
     return Column(f"events/{name}", "1", long_name, lambda s: name in s.command.events, "i1", ("time",), only)
 
 
 def _plan(name: str, long_name: str, value: str) -> Column:
     """Define a dataset of vectors of the solves, whose lengths differ with the stages and nodes of the windows."""
-    return _column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only="plans")
+    return _column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only=PLANS)
 
 
 def _tick_of_object(dim: str, name: str, units: str, long_name: str, value: ValueReader) -> Column:
     """Define a dataset of the object with a mass, or of its grasps, with a row a tick."""
     path = f"ticks/{name}"
     dims = ("ticks/tick", dim)
-    return _column(path, units, f"{long_name} at every tick", value, dims=dims, only="object at ticks")
+    return _column(path, units, f"{long_name} at every tick", value, dims=dims, only=OBJECT_AT_TICKS)
 
 
 def _load_of_grasp(number: int, load: str) -> Column:
@@ -248,7 +276,7 @@ def _tick_of_grasp_load(number: int, load: str) -> Column:
     return _tick_of_object("gripper", load, GRASP_LOADS[load], what, lambda s: s.ticks.target_object.load[:, :, number])
 
 
-def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: str = "") -> Column:
+def _scale(path: str, units: str, long_name: str, dtype: str = "text", only: Condition = ALWAYS) -> Column:
     """Define what runs along a dimension of other datasets."""
     return Column(path, units, long_name, None, dtype, (path,), only)
 
@@ -299,48 +327,48 @@ BASE_AXES = ", the base's along the axes of the inertial frame (its limits are a
 
 _sampled_velocities = partial(_column, dims=("time", "coordinate"))
 _sampled_momentum = partial(_column, dims=("time", "momentum"))
-_sampled_limited = partial(_column, only="force limits")
-_sampled_clearance = partial(_column, dims=("time", "clearance/pair"), only="clearance")
-_sampled_disturbance = partial(_column, dims=("time", "coordinate"), only="disturbance")
-_ticks_coordinates = partial(_column, dims=("ticks/tick", Q_COORDINATE), only="ticks")
-_ticks_velocities = partial(_column, dims=("ticks/tick", "coordinate"), only="ticks")
-_object_pose = partial(_column, dims=("time", "object_coordinate"), only="object")
-_object_twist = partial(_column, dims=("time", "object_axis"), only="object")
-_by_gripper = partial(_column, dims=("time", "gripper"), only="object")
-_of_object = partial(_column, only="object")
+_sampled_limited = partial(_column, only=FORCE_LIMITS)
+_sampled_clearance = partial(_column, dims=("time", "clearance/pair"), only=CLEARANCE)
+_sampled_disturbance = partial(_column, dims=("time", "coordinate"), only=DISTURBANCE)
+_ticks_coordinates = partial(_column, dims=("ticks/tick", Q_COORDINATE), only=TICKS)
+_ticks_velocities = partial(_column, dims=("ticks/tick", "coordinate"), only=TICKS)
+_object_pose = partial(_column, dims=("time", "object_coordinate"), only=OBJECT)
+_object_twist = partial(_column, dims=("time", "object_axis"), only=OBJECT)
+_by_gripper = partial(_column, dims=("time", "gripper"), only=OBJECT)
+_of_object = partial(_column, only=OBJECT)
 _of_stage = partial(_column, dims=("stage",))
 _final_coordinates = partial(_column, dims=(Q_COORDINATE,))
 _final_velocities = partial(_column, dims=("coordinate",))
 _of_monitor = partial(_column, dims=("monitors/name",))
-_of_body = partial(_column, dims=("uncertainty/body",), only="drawn")
-_offset_of_body = partial(_column, dims=("uncertainty/body", "uncertainty/axis"), only="drawn")
-_miss_of_gripper = partial(_column, dims=("gripper", "grasp/measure"), only="object")
-_reason_of_opening = partial(_column, dims=("gripper",), only="object", dtype="i1", unknown=-1)
-_grasp_wrench = partial(_column, dims=("time", "grasp_axis"), only="object")
-_level_metric = partial(_by_stage, only="levels")
+_of_body = partial(_column, dims=("uncertainty/body",), only=UNCERTAIN)
+_offset_of_body = partial(_column, dims=("uncertainty/body", "uncertainty/axis"), only=UNCERTAIN)
+_miss_of_gripper = partial(_column, dims=("gripper", "grasp/measure"), only=OBJECT)
+_reason_of_opening = partial(_column, dims=("gripper",), only=OBJECT, dtype="i1", unknown=-1)
+_grasp_wrench = partial(_column, dims=("time", "grasp_axis"), only=OBJECT)
+_level_metric = partial(_by_stage, only=LEVELS)
 _level_flag = partial(_level, dtype="i1", unknown=-1)
 
 SCHEMA = (
     # what runs along the dimensions
     _sampled("time", "s", "sample time", "command.time"),
-    _column("ticks/tick", "1", "number of the tick, from 0", "tick_numbers", "i8", dims=("ticks/tick",), only="ticks"),
+    _column("ticks/tick", "1", "number of the tick, from 0", "tick_numbers", "i8", dims=("ticks/tick",), only=TICKS),
     _scale("coordinate", "1", "generalized coordinate"),
-    _scale(Q_COORDINATE, "1", "coordinate of Q, with the attitude as unit quaternion", only=Q_COORDINATE),
+    _scale(Q_COORDINATE, "1", "coordinate of Q, with the attitude as unit quaternion", only=SPATIAL),
     _scale("pose_coordinate", "1", "pose coordinate"),
     _scale("stage", "1", "stage"),
     _scale("momentum", "1", "component of momentum"),
     _scale("stages/epsilon", ACCELERATION_UNITS, "threshold on a stage's presence that marks its actual start", "f8"),
     _scale("monitors/name", "1", "name of the monitor"),
-    _scale("uncertainty/body", "1", "body", only="drawn"),
-    _scale("uncertainty/axis", "1", "axis of the body", only="drawn"),
-    _scale("clearance/pair", "1", "two parts that keep clear of each other", only="clearance"),
-    _scale("clearance/point", "1", "coordinate of the nearest points of two parts", only="clearance"),
-    _scale("object_coordinate", "1", "coordinate of the object's pose", only="object"),
-    _scale("object_axis", "1", "component of the object's velocity", only="object"),
-    _scale("object/moment", "1", "principal moment of inertia", only="object"),
-    _scale("gripper", "1", "arm whose gripper takes the object", only="object"),
-    _scale("grasp_axis", "1", "component of a gripper's force and moment", only="object"),
-    _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only="object"),
+    _scale("uncertainty/body", "1", "body", only=UNCERTAIN),
+    _scale("uncertainty/axis", "1", "axis of the body", only=UNCERTAIN),
+    _scale("clearance/pair", "1", "two parts that keep clear of each other", only=CLEARANCE),
+    _scale("clearance/point", "1", "coordinate of the nearest points of two parts", only=CLEARANCE),
+    _scale("object_coordinate", "1", "coordinate of the object's pose", only=OBJECT),
+    _scale("object_axis", "1", "component of the object's velocity", only=OBJECT),
+    _scale("object/moment", "1", "principal moment of inertia", only=OBJECT),
+    _scale("gripper", "1", "arm whose gripper takes the object", only=OBJECT),
+    _scale("grasp_axis", "1", "component of a gripper's force and moment", only=OBJECT),
+    _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only=OBJECT),
     # a row a sample
     _sampled_coordinates(
         "state/Q", POSITION_UNITS, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: -s.n]
@@ -384,7 +412,7 @@ SCHEMA = (
         "m",
         "the points of both parts that are then nearest to each other, in the inertial frame",
         dims=("time", "clearance/pair", "clearance/point"),
-        only="clearance",
+        only=CLEARANCE,
     ),
     _column(
         "route/progress",
@@ -393,10 +421,10 @@ SCHEMA = (
         "a route",
         "command.route_progress",
         dims=("time",),
-        only="routes",
+        only=ROUTES,
     ),
     _column("pose/xi", POSITION_UNITS, "poses of base and end-effectors", dims=("time", "pose_coordinate")),
-    _sampled("pose/condition", "1", "condition number of J_C, lengths in metres", only="task input"),
+    _sampled("pose/condition", "1", "condition number of J_C, lengths in metres", only=TASK_INPUT),
     _sampled_count("window/first", "1", "index of the current stage", "command.sequence.first"),
     _sampled_count("window/count", "1", "number of stages in the window", "command.sequence.count"),
     _window("window/instants", "s", "planned switch time that ends each stage", "command.instants"),
@@ -413,7 +441,7 @@ SCHEMA = (
         "1",
         "intervals of the current stage after its planned end, where the window holds it on both sides; else 0",
         _nodes_after_end,
-        only="free end",
+        only=FREE_END,
     ),
     _by_stage(
         "window/presence", ACCELERATION_UNITS, "how much of a waiting stage is in the control; NaN if not looked at"
@@ -427,7 +455,7 @@ SCHEMA = (
     _event(
         "near_singular",
         "J_C was too near a singular one for the law in task space, and that in joint space acted",
-        only="task input",
+        only=TASK_INPUT,
     ),
     _sampled("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
     _sampled("solver/warm", "1", "the solve started from the last solution, shifted", "command.solution.warm", "i1"),
@@ -450,7 +478,7 @@ SCHEMA = (
     _sampled("effort/base_torque", "N m s", "integral of the norm of the base torque"),
     *(_sampled(f"peak/{name}", unit, f"{meaning} until the next sample") for name, (unit, meaning) in PEAKS.items()),
     *(
-        _sampled(f"peak/{name}", unit, f"{meaning} until the next sample", only=SLIDING)
+        _sampled(f"peak/{name}", unit, f"{meaning} until the next sample", only=SLIDING_JOINTS)
         for name, (unit, meaning) in SLIDING_PEAKS.items()
     ),
     _sampled_velocities("deviation/Q", POSITION_UNITS, "generalized coordinates at the next sample less the plan's"),
@@ -469,12 +497,10 @@ SCHEMA = (
     ),
     _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),
     _level_flag("solved", "1", "1 if the level converged, 0 if not, -1 if there was none", "outcome.usable"),
-    _sampled_coordinates("state/Q_true", POSITION_UNITS, "generalized coordinates, true", only="true state"),
-    _sampled_velocities("state/Qdot_true", VELOCITY_UNITS, "generalized velocities, true", only="true state"),
-    _sampled(
-        "payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1", only="payload"
-    ),
-    _sampled("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", only="payload"),
+    _sampled_coordinates("state/Q_true", POSITION_UNITS, "generalized coordinates, true", only=TRUE_STATE),
+    _sampled_velocities("state/Qdot_true", VELOCITY_UNITS, "generalized velocities, true", only=TRUE_STATE),
+    _sampled("payload/held", "1", "whether the grippers hold the payload from the sample on", dtype="i1", only=PAYLOAD),
+    _sampled("payload/energy", "J", "kinetic energy gained by taking it up or letting it go", only=PAYLOAD),
     _sampled_disturbance(
         "control/disturbance", ACCELERATION_UNITS, "estimated disturbance, taken off the control", "command.disturbance"
     ),
@@ -502,7 +528,7 @@ SCHEMA = (
     ),
     _plan("solution", "solution of each solve, as plan/guess", "command.solution.plan.flat"),
     # a row a tick
-    _column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only="ticks"),
+    _column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only=TICKS),
     _ticks_coordinates(
         "ticks/Q", POSITION_UNITS, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : -s.n]
     ),
@@ -515,7 +541,7 @@ SCHEMA = (
         FORCE_UNITS,
         "generalized force that the law commands, before it is cut at its limits" + BASE_AXES,
         "commanded",
-        only="commanded at ticks",
+        only=COMMANDED_AT_TICKS,
     ),
     _tick_of_object(
         "object_coordinate",
@@ -540,10 +566,10 @@ SCHEMA = (
         "final/xi", POSITION_UNITS, "poses of base and end-effectors at the end of the run", dims=("pose_coordinate",)
     ),
     _final_coordinates(
-        "final/Q_true", POSITION_UNITS, "generalized coordinates at the end of the run, true", only="true state"
+        "final/Q_true", POSITION_UNITS, "generalized coordinates at the end of the run, true", only=TRUE_STATE
     ),
     _final_velocities(
-        "final/Qdot_true", VELOCITY_UNITS, "generalized velocities at the end of the run, true", only="true state"
+        "final/Qdot_true", VELOCITY_UNITS, "generalized velocities at the end of the run, true", only=TRUE_STATE
     ),
     _of_monitor("monitors/held", "1", "1 if the monitor held, 0 if not, -1 if not known", dtype="i1", unknown=-1),
     _of_monitor("monitors/margin", "m, m/s, 1", "smallest distance of the signal to its bounds, in its unit"),
@@ -597,6 +623,16 @@ def units_of_columns(column: Column, names: Sequence[str], sliding: Collection[s
     by_kind = {LENGTH: of_length, ANGLE: of_angle, PURE_NUMBER: "1"}
     parts = (name.rpartition(".") for name in names)
     return [by_kind[units_of(part, axis, sliding)] for part, _, axis in parts]
+
+
+def conditions_of(recorded: Recorded) -> frozenset[Condition]:
+    """Return the conditions that hold of what is recorded; its log has the datasets that have one of them."""
+    return frozenset(condition for condition in {column.only for column in SCHEMA} if condition.holds(recorded))
+
+
+def condition_of(path: str) -> Condition | None:
+    """Return the condition under which logs have a dataset; None where no log has one of this path."""
+    return next((part.only for column in SCHEMA for part in column.parts if part.path == path), None)
 
 
 @lru_cache

@@ -17,12 +17,12 @@ from h5py import h5d, h5p
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import RunError
+from psmpc_cli.logs.conditions import SPATIAL, Condition
 from psmpc_cli.logs.files import image_of, replace_file, write_new
 from psmpc_cli.logs.schema import (
     COLUMN_UNITS,
     FORMAT_VERSION,
     OF_COORDINATES,
-    Q_COORDINATE,
     RUN,
     Column,
     Sample,
@@ -55,12 +55,12 @@ class Header:
     Attributes:
         attributes: Text and numbers kept as attributes of the file.
         values: Scales and other datasets that are known, by path.
-        has: Which of the datasets that only some runs have it holds, by `Column.only`.
+        has: The conditions that hold of the run, see `conditions_of`.
     """
 
     attributes: Mapping[str, str | int | float | bool]
     values: Mapping[str, ArrayLike]
-    has: frozenset[str] = frozenset()
+    has: frozenset[Condition]
 
 
 class LogWriter:
@@ -77,8 +77,7 @@ class LogWriter:
         """
         self.path = path
         self.place = path if path is None else path.absolute()  # also when somebody changes the working folder
-        columns = layout(Q_COORDINATE in header.has)
-        chosen = [column for column in columns if not column.only or column.only in header.has]
+        chosen = [column for column in layout(SPATIAL in header.has) if column.only in header.has]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
         open_end = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}

@@ -17,8 +17,9 @@ from psmpc_cli.control.interface import Command, make_read_only
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import InputError, RunError
+from psmpc_cli.logs.conditions import TRUE_STATE, Recorded
 from psmpc_cli.logs.run import Run, read_run, run_in
-from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, SLIDING, Sample
+from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, SLIDING, Sample, conditions_of
 from psmpc_cli.logs.verdicts import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.library import Library, describe_compiler, describe_processor, make_all
@@ -26,7 +27,7 @@ from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import Capture
-from psmpc_cli.plant.uncertainty import Uncertainty, force_limits_of
+from psmpc_cli.plant.uncertainty import Uncertainty
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.model import shape_of
 from psmpc_cli.simulation.clearance import clearance_header
@@ -57,6 +58,7 @@ class RecordedLoop:
         compiled: Solver, and the plant where it is simulated, run as compiled C.
         plant_kind: Name of the plant in the log.
         knows_ticks: The true state is known at every tick.
+        is_simulated: psmpc simulates the plant.
     """
 
     problem: Problem
@@ -67,11 +69,12 @@ class RecordedLoop:
     compiled: bool
     plant_kind: str
     knows_ticks: bool = True
+    is_simulated: bool = True
 
     @property
-    def has_true_state(self) -> bool:
-        """Whether the log has the true state beside the one that the controller saw."""
-        return self.knows_ticks and not self.problem.spec.sees_the_state
+    def recorded(self) -> Recorded:
+        """What decides which datasets the log has."""
+        return Recorded(self.problem.task, self.knows_ticks, self.is_simulated)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +176,7 @@ def _final(loop: RecordedLoop, ending: Ending) -> dict[str, ArrayLike]:
     Q, v = np.split(ending.x, [model.nq])
     Q_true, v_true = np.split(ending.true, [model.nq])
     final = {"Q": Q, "Qdot": v, "xi": model.poses(Q_true).ravel()}
-    if loop.has_true_state:
+    if TRUE_STATE.holds(loop.recorded):
         final |= {"Q_true": Q_true, "Qdot_true": v_true}
     if loop.capture is not None:
         final["object_pose"], final["object_velocity"] = loop.capture.pose_and_velocity
@@ -216,27 +219,7 @@ def header(loop: RecordedLoop) -> Header:
     capture = loop.capture
     names = tuple(stage.name for stage in loop.problem.stages)
     space = loop.problem.model.space
-    has_force_limits = force_limits_of(task, loaded.robot) is not None
     of_Q = {Q_COORDINATE: labels(loaded.robot, "joint", of_error=False)} if space.nq > space.n else {}
-    has = {
-        "ticks": task.log.ticks and loop.knows_ticks,
-        "force limits": has_force_limits,
-        "commanded at ticks": has_force_limits and task.log.ticks and loop.knows_ticks,
-        "clearance": task.keeps_clear and loop.knows_ticks,
-        "routes": task.routes is not None,
-        "task input": task.acts_in_task_space,
-        "plans": task.log.plans,
-        "free end": task.controller.traits.one_stage and task.controller.plans_ends,
-        "levels": task.controller.traits.has_levels,
-        "true state": loop.has_true_state,
-        "payload": uncertainty is not None and task.uncertainty.payload is not None,
-        "disturbance": task.controller.offset_free,
-        "drawn": uncertainty is not None,
-        Q_COORDINATE: bool(of_Q),
-        SLIDING: bool(loaded.robot.sliding),
-        "object": capture is not None,
-        "object at ticks": capture is not None and task.log.ticks,
-    }
     return Header(
         attributes={
             "psmpc_version": __version__,
@@ -275,7 +258,7 @@ def header(loop: RecordedLoop) -> Header:
             **(clearance_header(loop.problem) if task.keeps_clear else {}),
             **({} if uncertainty is None else uncertainty.drawn),
         },
-        has=frozenset(name for name, yes in has.items() if yes),
+        has=conditions_of(loop.recorded),
     )
 
 
@@ -364,6 +347,7 @@ class Recorder:
             compiled=problem.spec.solver.compiled and make_all(libraries_of(problem)),
             plant_kind=OWN_LOOP,
             knows_ticks=knows_ticks,
+            is_simulated=False,
         )
         return record(loop, self._samples(loop, reason))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from psmpc_cli.logs import conditions
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import MOMENTUM, layout
 from psmpc_cli.logs.write import Header
@@ -28,10 +29,13 @@ HEADER = Header(
         "uncertainty/body": ("base",),
         "uncertainty/axis": ("x", "y"),
     },
-    has=frozenset({"ticks", "plans"}),
+    has=frozenset({conditions.ALWAYS, conditions.TICKS, conditions.PLANS}),
 )
 
-LEAN = replace(HEADER, has=frozenset())
+LEAN = replace(HEADER, has=frozenset({conditions.ALWAYS}))
+
+NOT_RECORDED = (conditions.OBJECT, conditions.OBJECT_AT_TICKS, conditions.CLEARANCE)
+"""Conditions of datasets that no sample here has."""
 
 EVENTS = ("appended", "postponed", "solve_failed", "braking")
 
@@ -53,7 +57,7 @@ def record(k: int, first: int = 0, count: int = 1, length: int = 7, multipliers:
     sizes = {"coordinate": len(COORDINATES), "pose_coordinate": len(POSES), "stage": len(STAGES), "momentum": 3}
     row: Row = {}
     for column in layout(False):
-        if column.value is None or column.only.startswith(("object", "clearance")):
+        if column.value is None or column.only in NOT_RECORDED:
             continue
         if column.dims[0] == "ticks/tick":
             row[column.path] = draw(TICKS, *(sizes[dim] for dim in column.dims[1:]))

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from psmpc_cli.errors import InputError, LogError
+from psmpc_cli.logs.conditions import ALWAYS
 from psmpc_cli.logs.run import Run, read_run
 from psmpc_cli.logs.schema import FORMAT_VERSION, columns
 from psmpc_cli.logs.write import Header, LogWriter
@@ -110,6 +111,19 @@ def test_plans_are_optional(tmp_path: Path) -> None:
         read_run(tmp_path / "log.h5").plan("solution", 0)
 
 
+@pytest.mark.parametrize(
+    ("dataset", "why"),
+    [
+        ("levels/cost", "logs have it with controller htmpc"),
+        ("grasp/pull", "logs have it where the object has a mass"),
+        ("force/G", "no log has one"),
+    ],
+)
+def test_a_dataset_that_the_log_lacks_has_a_reason(path: Path, dataset: str, why: str) -> None:
+    with pytest.raises(KeyError, match=f"log.h5: found no dataset {dataset}; {why}"):
+        read_run(path)[dataset]
+
+
 @pytest.mark.parametrize("sample", [-1, SAMPLES])
 def test_a_sample_that_the_log_lacks_has_no_plan(path: Path, sample: int) -> None:
     with pytest.raises(LogError, match=f"found no sample {sample}, expected one from 0 to {SAMPLES - 1}"):
@@ -133,7 +147,9 @@ def test_samples_have_a_named_column_for_every_number(tmp_path: Path) -> None:
     log = log_of(tmp_path / "log.h5")
     log.to_csv(tmp_path / "tables")
     heading, rows = table(tmp_path / "tables" / "samples.csv")
-    assert len(heading) == len(set(heading)) == 1 + sum(log[c.path].size // 3 for c in columns("time") if not c.only)
+    assert (
+        len(heading) == len(set(heading)) == 1 + sum(log[c.path].size // 3 for c in columns("time") if c.only is ALWAYS)
+    )
     assert heading[:2] == ["time [s]", "state/Q/base.x [m]"]
     assert {"window/instants/d [s]", "balance/momentum/angular [N m s]", "solver/wall_time [s]", "window/first"} <= set(
         heading

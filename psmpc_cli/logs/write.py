@@ -27,6 +27,7 @@ from psmpc_cli.logs.schema import (
     Column,
     Sample,
     layout,
+    measure_together,
     sliding_of,
     units_of_columns,
 )
@@ -194,6 +195,7 @@ class LogWriter:
 
 def rows_of(samples: Sequence[Sample | Row], columns: Sequence[Column]) -> list[Row]:
     """Read the rows of samples in some datasets, by path; rows that were read already stay as they are."""
+    measure_together([each for each in samples if isinstance(each, Sample)])
     readers = [(column.path, column.value) for column in columns if column.value is not None]
     return [{path: read(each) for path, read in readers} if isinstance(each, Sample) else each for each in samples]
 

@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 
-from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.constraints.clearance import (
     Group,
@@ -17,6 +16,7 @@ from psmpc_cli.ocp.constraints.clearance import (
 )
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.plant import Ticks
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.specs.geometry import pair_name
 
@@ -75,19 +75,20 @@ class ClearanceMeter:
             points=model.owned((nearest_points, pairs), partial(nearest_points, model, pairs)),
         )
 
-    def measure(self, stage: int, chart: Chart, sample: Sample) -> tuple[np.ndarray, np.ndarray]:
-        """Return the smallest distance of each pair over a sample (P,) and its points then (P, 2, 3) [m]; else NaN."""
+    def measure(self, stage: int, chart: Chart, ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
+        """Return the smallest distance of each pair over ticks (P,) and its points then (P, 2, 3) [m]; else NaN."""
         smallest = np.full(len(self.pairs), np.inf)
         points = np.full((len(self.pairs), 2, 3), np.nan)
-        X = chart.entered(sample.ticks.X)
+        X = chart.entered(ticks.X)
         for each in self._by_stage[stage]:
-            argument = self._argument(each, chart, sample)
+            argument = self._argument(each, chart, ticks)
             if argument is None:
                 continue
             apart = each.distances(X, argument, rows=len(X))[0]
-            ticks = apart.argmin(axis=0)
+            nearest_ticks = apart.argmin(axis=0)
             least = apart.min(axis=0)
-            nearest = each.points(X[ticks], argument[ticks], rows=len(ticks))[0].reshape(len(ticks), -1, 2, 3)
+            nearest = each.points(X[nearest_ticks], argument[nearest_ticks], rows=len(nearest_ticks))[0]
+            nearest = nearest.reshape(len(nearest_ticks), -1, 2, 3)
             for row in np.argsort(-least):  # of several, the smallest is entered last
                 column = each.columns[each.pair_of_row[row]]
                 if least[row] <= smallest[column]:
@@ -96,9 +97,8 @@ class ClearanceMeter:
         smallest[np.isinf(smallest)] = np.nan
         return smallest, points
 
-    def _argument(self, each: Measured, chart: Chart, sample: Sample) -> np.ndarray | None:
+    def _argument(self, each: Measured, chart: Chart, ticks: Ticks) -> np.ndarray | None:
         """Return what the functions of a group take at the ticks of a sample (M + 1, numbers); None without object."""
-        ticks = sample.ticks
         count = len(ticks.time)
         parts = [np.tile(chart.anchor, (count, 1)), np.zeros((count, 1))]
         if each.pairs.has("object"):

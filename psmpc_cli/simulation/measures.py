@@ -5,9 +5,10 @@ waiting stage in the control says when it first acts (docs/formulation.md, secti
 applied control each stage makes up (paper Fig. 1).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
@@ -15,7 +16,7 @@ from scipy.optimize import nnls
 from psmpc_cli.control.controller import Controller
 from psmpc_cli.control.interface import Command, make_read_only
 from psmpc_cli.control.sequence import MovingSequence, Switch
-from psmpc_cli.logs.schema import Sample
+from psmpc_cli.logs.schema import PendingSample, Sample
 from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.plan import Plan, shift, states_of
 from psmpc_cli.ocp.problem import ObjectState, in_own_chart
@@ -38,15 +39,13 @@ NOT_CUT = 5e-4
 """A force that is beyond its limit by no larger part of it does not count as cut [1]: tables, which write a tenth of a
 percent, write 100.0 %. A plan keeps to limits at the ends of its intervals, and exceeds them between by such parts."""
 
-_Waiting = tuple[Sample, np.ndarray, np.ndarray, Mapping[int, float], Contact | None, np.ndarray | float]
-"""A sample, its true state, the accelerations applied, shares, contact, and what the object keeps at its end."""
-
 
 class Meter:
     """Measures the samples of one run, and follows its balances of momentum and energy.
 
     How the motion went is measured of the true state where that is not the one the controller saw. What no decision
-    needs is measured when it is first read, of all samples that wait for it; to the bit, their number does not matter.
+    needs is measured when it is first read, of one sample or of several at once; to the bit, their number and order do
+    not matter.
     """
 
     def __init__(
@@ -71,7 +70,6 @@ class Meter:
         self._slides = np.array([joint.prismatic for joint in problem.model.spec.joints], bool)
         self._number = 0
         self._tick = 1 / problem.spec.plant.low_level_rate
-        self._waiting = list[_Waiting]()
         self._expected = self._kept(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
 
     def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
@@ -84,24 +82,30 @@ class Meter:
             u: Accelerations that reached the robot over the ticks (M, n).
             contact: Effect of taking up or letting go at the sample; None without a payload.
         """
-        presence = self._counterfactuals.presence(command)
-        shares = self._counterfactuals.shares(command) if self._shares else {}
-        sample = Sample(command, ticks, presence, self._number, len(self._problem.stages), self.flush)
-        of_object = 0.0 if self._capture is None else self._capture.kept
+        gained = ticks.gained if contact is None else ticks.gained + contact.gained
+        self._expected = self._expected + gained
+        pending = PendingSample(
+            command=command,
+            ticks=ticks,
+            presence=self._counterfactuals.presence(command),
+            shares=self._counterfactuals.shares(command) if self._shares else {},
+            x=command.x if self._sees_the_state else x,
+            u=u,
+            contact=contact,
+            of_object=0.0 if self._capture is None else self._capture.kept,
+            expected=self._expected,
+        )
+        sample = Sample(pending, self._number, len(self._problem.stages), self.metrics)
         self._number += 1
-        self._waiting.append((sample, command.x if self._sees_the_state else x, u, shares, contact, of_object))
         return sample
 
-    def flush(self) -> None:
-        """Measure the samples that wait; done again after an interruption, it does no harm."""
-        for _, group in groupby(self._waiting, lambda each: each[0].command.stage):
-            together = list(group)
-            self._expected = self._measure(together)
-            self._waiting = self._waiting[len(together) :]
+    def metrics(self, samples: Sequence[PendingSample]) -> list[dict[str, Any]]:
+        """Compute the metrics of samples, by their paths in the log, those of one stage at once."""
+        stages = groupby(samples, lambda sample: sample.command.stage)
+        return [row for _, of_stage in stages for row in self._metrics_in_stage(list(of_stage))]
 
-    def _measure(self, together: Sequence[_Waiting]) -> np.ndarray:
-        """Measure samples of one stage, which in space no two have, and return the balances expected at their end."""
-        samples, true, applied, shares, contacts, of_object = zip(*together, strict=True)
+    def _metrics_in_stage(self, samples: Sequence[PendingSample]) -> list[dict[str, Any]]:
+        """Compute the metrics of samples of one stage, which in space no two have."""
         commands = [each.command for each in samples]
         ticks = [each.ticks for each in samples]
         problem = self._problem
@@ -110,12 +114,12 @@ class Meter:
         model = problem.model
         n = problem.model.n
         limits = stage.limits
-        x = np.array(true)
-        u = np.array([each[0] for each in applied])
+        x = np.array([each.x for each in samples])
+        u = np.array([each.u[0] for each in samples])
         ends = np.array([each.X[-1] for each in ticks])
         charted = [chart.entered(each.X) for each in ticks]
         force, torque, joint_torque, sliding_force = self._norms(np.array([each.F for each in ticks]))
-        accelerations = np.array(applied)
+        accelerations = np.array([each.u for each in samples])
         linear, angular, joint, sliding = self._norms(accelerations)
         own = accelerations * model.actuated  # a base without thrusters has no control
         # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
@@ -130,9 +134,8 @@ class Meter:
         about = model.space.chart_at(Q[0])
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
         since = np.array([each.time - each.sequence.progress.entered for each in commands])
-        gained = [t.gained if c is None else t.gained + c.gained for t, c in zip(ticks, contacts, strict=True)]
-        expected = np.cumsum([self._expected, *gained], axis=0)[1:]
-        kept = self._kept(stage.index, ends) + np.array(of_object).reshape(len(x), -1) - expected
+        of_object = np.array([each.of_object for each in samples]).reshape(len(x), -1)
+        kept = self._kept(stage.index, ends) + of_object - np.array([each.expected for each in samples])
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
         at_ends = [self._ends(*each) for each in zip(commands, ticks, charted, strict=True)]
         columns = {
@@ -140,7 +143,7 @@ class Meter:
             "pose/xi": model.poses(x[:, : model.nq]).reshape(len(x), -1),
             "cost/current_stage": problem.costs.at(stage, chart.entered(x), u, since),
             "window/presence": [each.presence for each in samples],
-            "window/share": shares,
+            "window/share": [each.shares for each in samples],
             "margin/position": margin[:, :n],
             "margin/velocity": margin[:, n:],
             "margin/planned_position": planned_margin[:, :n],
@@ -167,15 +170,15 @@ class Meter:
             "state/Q_true": x[:, : model.nq],
             "state/Qdot_true": x[:, model.nq :],
             "payload/held": [held] * len(x),
-            "payload/energy": [0.0 if each is None else each.gained[-1] for each in contacts],
+            "payload/energy": [0.0 if each.contact is None else each.contact.gained[-1] for each in samples],
             **({"pose/condition": model.task_space_condition(x[:, : model.nq])} if self._acts_in_task_space else {}),
             **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
             **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),
         }
-        for sample, row in zip(samples, zip(*columns.values(), strict=True), strict=True):
+        rows = list(zip(*columns.values(), strict=True))
+        for row in rows:
             make_read_only(*row)
-            sample.measured.update(zip(columns, row, strict=True))
-        return np.asarray(expected[-1])
+        return [dict(zip(columns, row, strict=True)) for row in rows]
 
     def _along_base_axes(self, ticks: Sequence[Ticks]) -> np.ndarray:
         """Return the forces at samples, those of the base along its own axes, (K, n)."""
@@ -183,7 +186,7 @@ class Meter:
         F = np.array([each.F[0] for each in ticks])
         return np.column_stack(self._problem.model.space.along_base_axes(Q.T, F.T))
 
-    def _force_use(self, limits: ForceLimits, samples: Sequence[Sample]) -> dict[str, np.ndarray]:
+    def _force_use(self, limits: ForceLimits, samples: Sequence[PendingSample]) -> dict[str, np.ndarray]:
         """Return how near commanded forces come to their limits, and how often they are cut, by path in the log."""
         model = self._problem.model
         F = np.array([each.ticks.F for each in samples])
@@ -197,10 +200,10 @@ class Meter:
         }
 
     def _clearances(
-        self, meter: ClearanceMeter, stage: int, chart: Chart, samples: Sequence[Sample]
+        self, meter: ClearanceMeter, stage: int, chart: Chart, samples: Sequence[PendingSample]
     ) -> dict[str, np.ndarray]:
         """Return how near bodies come to each other over samples of a stage, by path in the log."""
-        found = [meter.measure(stage, chart, each) for each in samples]
+        found = [meter.measure(stage, chart, each.ticks) for each in samples]
         smallest = np.array([distance for distance, _ in found])
         return {
             "clearance/distance": smallest,

@@ -11,12 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.logs.write import LogWriter
 from psmpc_cli.simulation.measures import DISTINCT, closeness, nearest_combination
 from psmpc_cli.simulation.recorder import header
-from psmpc_cli.simulation.run import Experiment, closed_loop
-from psmpc_cli.specs.load import load_task
+from psmpc_cli.simulation.run import Experiment, build_experiment, closed_loop, simulate
+from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.task import OnsetSpec
 
 from ..control.short_transports import QUICK, SHORT
@@ -77,6 +78,51 @@ def observed(experiment_of: Build) -> dict[str, list[Sample]]:
 def test_measuring_changes_nothing(observed: dict[str, list[Sample]]) -> None:
     for one, other in zip(observed["control"], observed["closeness"], strict=True):
         np.testing.assert_array_equal(one.command.u, other.command.u)
+
+
+@pytest.fixture(scope="module")
+def disturbed(transport: Task) -> Task:
+    """A short run with a payload, noise and a log of everything."""
+    changes = ("uncertainty={noise: {position: 1e-3}, payload: {mass: 5, inertia: 1}}", "log.ticks=true")
+    return load_task("transport", (*SHORT, "plant={kind: rk4, low_level_rate: 100}", *changes, "time_limit=1.5"))
+
+
+@pytest.fixture(scope="module")
+def unread(disturbed: Task) -> dict[str, np.ndarray]:
+    """The datasets of its log where nobody reads any metrics while it runs."""
+    return datasets(simulate(disturbed))
+
+
+def datasets(run: Run) -> dict[str, np.ndarray]:
+    return {path: values for path, values in run.arrays.items() if path != "solver/wall_time"}
+
+
+@pytest.mark.parametrize("read", ["at once", "late", "backwards", "some"])
+def test_metrics_read_in_any_order_or_never_give_the_same_log(
+    disturbed: Task, unread: dict[str, np.ndarray], read: str
+) -> None:
+    samples = list[Sample]()
+
+    def watch(sample: Sample) -> None:
+        samples.append(sample)
+        orders = {
+            "at once": samples[-1:],
+            "late": samples[-4:-3],
+            "backwards": samples[::-1] if len(samples) % 7 == 0 else [],
+            "some": samples[::5],
+        }
+        for each in orders[read]:
+            assert each.metrics["control/u"].shape == each.command.u[0].shape
+
+    np.testing.assert_equal(datasets(simulate(disturbed, watch=watch)), unread)
+
+
+def test_reading_a_sample_measures_no_other(disturbed: Task) -> None:
+    samples = list(closed_loop(build_experiment(disturbed)))
+    expected = [dict(sample.metrics) for sample in closed_loop(build_experiment(disturbed))]
+    for number in (5, 2, 9):
+        np.testing.assert_equal(dict(samples[number].metrics), expected[number])
+    assert [sample.number for sample in samples if sample.measured] == [2, 5, 9]
 
 
 def test_presence_is_measured_of_waiting_stages_until_they_reach_the_largest_threshold(

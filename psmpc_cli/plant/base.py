@@ -1,5 +1,6 @@
 """The interface of all plants: advance over one sample under the low-level controller, return what happened."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -240,3 +241,90 @@ class Plant(Protocol):
         close their grippers, and open them, at the ticks at which they are to be closed (M,).
         """
         ...
+
+
+class TickedPlant(ABC):
+    """A plant that advances one tick after the other: the low-level law reads the state, its force is cut and held.
+
+    What plants differ in are the methods below `advance`.
+    """
+
+    def __init__(self, model: RobotModel, tick: float, force_limits: ForceLimits | None) -> None:
+        self.model = model
+        self.tick = tick
+        self.force_limits = force_limits
+
+    def advance(
+        self,
+        start: float,
+        x: np.ndarray,
+        u: np.ndarray,
+        disturbance: Disturbance | None = None,
+        closed: np.ndarray | None = None,
+        twist_rates: np.ndarray | None = None,
+    ) -> Ticks:
+        """Advance over len(u) ticks; see `Plant.advance`."""
+        space = self.model.space
+        n = self.model.n
+        nq = self.model.nq
+        M = len(u)
+        X = np.vstack([x, np.empty((M, nq + n))])
+        commanded = np.empty((M, n))
+        F = np.empty((M, n))
+        gained = np.zeros(self.model.parts["base"].stop + 1)
+        law, inputs = low_level_law(self.model, u, twist_rates)
+        other = disturbance or Disturbance.none(self.model.nominal, M, n)
+        is_noisy = bool(other.noise.any())
+        time = start + self.tick * np.arange(M + 1)
+        for k in range(M):
+            instead = self.begin_tick(float(time[k]), X[k], closed is not None and bool(closed[k]))
+            Q = X[k, :nq]
+            v = X[k, nq:]
+            if is_noisy:
+                Q = np.array(space.integrate(Q, other.noise[k, :n]))
+                v = v + other.noise[k, n:]
+            commanded[k] = law(Q, v, inputs[k], other.law) if instead is None else instead(Q, v, u[k], other.law)
+            F[k] = commanded[k]
+            if self.force_limits is not None:
+                F[k] = self.force_limits.limited(space, X[k, :nq], commanded[k])
+            X[k + 1], gained_in_tick = self.step(X[k], F[k] + other.push[k], other.robot)
+            gained += gained_in_tick
+        return Ticks(
+            time=time,
+            X=X,
+            F=F,
+            gained=self.gained(gained, X, F + other.push),
+            target_object=self.end_sample(),
+            commanded=None if self.force_limits is None else commanded,
+        )
+
+    @abstractmethod
+    def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
+        """Return the state (nq + n,) a tick after x under the held external force F (n,), and what is gained in it.
+
+        Args:
+            x: State [Q; v].
+            F: Generalized force of the actuators and of what pushes the robot [N, N m].
+            robot: True inertial parameters.
+
+        Returns:
+            The state, and impulse and work as in `Ticks.gained`.
+        """
+
+    def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> Law | None:
+        """Take in that a tick begins, and return a law of accelerations that acts in it instead of that of the sample.
+
+        Args:
+            time: Its beginning [s].
+            x: State [Q; v] of the robot.
+            closed: Whether the grippers are to be closed.
+        """
+        return None
+
+    def gained(self, sum_of_ticks: np.ndarray, X: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return what is gained over a sample with states X (M + 1, nq + n) under external forces F (M, n)."""
+        return sum_of_ticks
+
+    def end_sample(self) -> ObjectTicks | None:
+        """Return what an object with a mass did over the sample that ends; None without one."""
+        return None

@@ -8,6 +8,7 @@ is kept. Stiffnesses are the same in every direction, and so are the dampings.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, ForceLimits, GraspEvent, ObjectTicks, Resistance, Ticks, low_level_law
+from psmpc_cli.plant.base import ForceLimits, GraspEvent, Law, ObjectTicks, Resistance, TickedPlant
 from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -420,63 +421,35 @@ the robot's inertial parameters: both states a tick later, and what was gained m
 """
 
 
-class CapturePlant:
-    """A robot, an object, and the grasps between them, tick by tick under the computed-torque law (7).
+class CapturePlant(TickedPlant):
+    """A robot, an object, and the grasps between them.
 
     Attributes:
         capture: The object and its grasps.
     """
 
     def __init__(self, capture: Capture, step: Step, force_limits: ForceLimits | None) -> None:
+        super().__init__(capture.law.model, capture.tick, force_limits)
         self.capture = capture
         self._step = step
-        self.model = capture.law.model
-        self.tick = capture.tick
-        self._force_limits = force_limits
         self._chain = HeldLoad(self.model, capture.described, capture.spec) if capture.spec.known else None
 
-    def advance(
-        self,
-        start: float,
-        x: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-    ) -> Ticks:
-        """Advance over len(u) ticks, at some of which the grippers are to be closed (M,).
+    def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> Law | None:
+        """Close, open and lose grasps; where all hands hold a known object, the law that knows it acts."""
+        self.capture.update(time, x, closed)
+        if self._chain is None or not self.capture.closed.all():
+            return None
+        return partial(self._chain.force, grasps=self.capture.parameters[:, :-2])
 
-        The law that knows what closed hands hold takes accelerations u of the joints in any case.
-        """
-        model = self.model
+    def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
+        """Advance robot and object by a tick."""
         capture = self.capture
-        M = len(u)
-        X = np.vstack([x, np.empty((M, len(x)))])
-        commanded = np.empty((M, model.n))
-        F = np.empty((M, model.n))
-        total = np.zeros(model.parts["base"].stop + 1)
-        law, inputs = low_level_law(model, u, twist_rates)
-        other = disturbance or Disturbance.none(model.nominal, M, model.n)
-        is_noisy = bool(other.noise.any())
-        time = start + self.tick * np.arange(M + 1)
-        for k in range(M):
-            capture.update(float(time[k]), X[k], closed is not None and bool(closed[k]))
-            read = X[k, : model.nq]
-            v = X[k, model.nq :]
-            if is_noisy:
-                read = np.array(model.space.integrate(read, other.noise[k, : model.n]))
-                v = v + other.noise[k, model.n :]
-            if self._chain is not None and capture.closed.all():
-                commanded[k] = self._chain.force(read, v, u[k], other.law, capture.parameters[:, :-2])
-            else:
-                commanded[k] = law(read, v, inputs[k], other.law)
-            F[k] = commanded[k]
-            if self._force_limits is not None:
-                F[k] = self._force_limits.limited(model.space, X[k, : model.nq], commanded[k])
-            acting = F[k] + other.push[k]
-            X[k + 1], capture.state, gained = self._step(X[k], capture.state, acting, capture.parameters, other.robot)
-            total += gained
-        return Ticks(time, X, F, total, capture.ticks(), None if self._force_limits is None else commanded)
+        after, capture.state, gained = self._step(x, capture.state, F, capture.parameters, robot)
+        return after, gained
+
+    def end_sample(self) -> ObjectTicks:
+        """Return what the object and its grasps did over the sample."""
+        return self.capture.ticks()
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks, low_level_law
+from psmpc_cli.plant.base import ForceLimits, Plant, Resistance, TickedPlant
 from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -18,7 +18,7 @@ from psmpc_cli.robot.mujoco_model import OBJECT, mujoco_spec
 logger = logging.getLogger(__name__)
 
 
-class MujocoPlant:
+class MujocoPlant(TickedPlant):
     """Steps MuJoCo's model of the robot with its Runge-Kutta integrator, `substeps` steps a tick.
 
     The robot model serves the low-level law alone, which is part of the controller. MuJoCo returns nothing but Q and
@@ -36,11 +36,9 @@ class MujocoPlant:
         force_limits: ForceLimits | None = None,
         target_object: FreeBody | None = None,
     ) -> None:
-        self.model = model
-        self.tick = tick
+        super().__init__(model, tick, force_limits)
         self.substeps = substeps
         self.resistance = resistance or Resistance.none(model.n)
-        self.force_limits = force_limits
         self._target_object = target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self._known = np.zeros(0)
@@ -67,40 +65,17 @@ class MujocoPlant:
         self.engine = spec.compile()
         self.data = mujoco.MjData(self.engine)
 
-    def advance(
-        self,
-        start: float,
-        x: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-    ) -> Ticks:
-        """Advance over len(u) ticks."""
-        n = self.model.n
-        nq = self.model.nq
-        M = len(u)
-        X = np.vstack([x, np.empty((M, nq + n))])
-        commanded = np.empty((M, n))
-        F = np.empty((M, n))
-        work = 0.0
-        law, inputs = low_level_law(self.model, u, twist_rates)
-        other = disturbance or Disturbance.none(self.model.nominal, M, n)
-        self.set_inertial_parameters(other.robot)
-        for k in range(M):
-            read = self.model.space.integrate(X[k, :nq], other.noise[k, :n])
-            v = X[k, nq:] + other.noise[k, n:]
-            F[k] = commanded[k] = law(np.array(read), v, inputs[k], other.law)
-            if self.force_limits is not None:
-                F[k] = self.force_limits.limited(self.model.space, X[k, :nq], commanded[k])
-            X[k + 1], done = self._step(X[k], F[k] + other.push[k])
-            work += done
-        time = start + self.tick * np.arange(M + 1)
-        impulse = _impulse(self.model.space, X, F + other.push, self.tick)
+    def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
+        """Advance the engine by a tick; of what is gained, the work alone, see `gained`."""
+        self.set_inertial_parameters(robot)
+        after, work = self._step(x, F)
+        return after, np.append(np.zeros(self.model.space.n_twist), work)
+
+    def gained(self, sum_of_ticks: np.ndarray, X: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return work, and the impulse along the states; NaN of a mount, since MuJoCo does not return its force."""
         if not self.model.spec.moved_by.moves:
-            impulse[:] = np.nan  # the mount's, which MuJoCo does not return
-        is_limited = self.force_limits is not None
-        return Ticks(time, X, F, np.append(impulse, work), commanded=commanded if is_limited else None)
+            return np.append(np.full(self.model.space.n_twist, np.nan), sum_of_ticks[-1])
+        return np.append(_impulse(self.model.space, X, F, self.tick), sum_of_ticks[-1])
 
     def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""

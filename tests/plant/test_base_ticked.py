@@ -1,0 +1,77 @@
+"""The one loop over ticks: a physics of one's own has noise, pushes, limits and laws like the plants of psmpc."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from psmpc_cli.plant import Disturbance, ForceLimits, Resistance
+from psmpc_cli.plant.adaptive import AdaptiveDynamics
+from psmpc_cli.plant.base import Law, TickedPlant
+from psmpc_cli.plant.rk4 import Rk4Plant
+from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.model import RobotModel
+
+TICK, M = 1e-3, 20
+LIMITS = ForceLimits(np.full(9, -2.0), np.full(9, 2.0))
+
+INTEGRATION = 1e-9
+"""Difference of the states by both integrators: their tolerances are 1e-12 a tick, and rk4's error is 1e-13."""
+
+
+class Adaptive(TickedPlant):
+    """The rigid-body dynamics by the integrator of a library; it says of impulse and work that there are none."""
+
+    def __init__(self, model: RobotModel, force_limits: ForceLimits | None = None) -> None:
+        super().__init__(model, TICK, force_limits)
+        self._dynamics = AdaptiveDynamics(model)
+
+    def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
+        after = self._dynamics.under("force", x, np.array([0.0, TICK]), F[None]).X[-1]
+        return after, np.zeros(self.model.space.n_twist + 1)
+
+
+@pytest.fixture
+def u() -> np.ndarray:
+    return np.tile(np.linspace(-0.3, 0.3, 9), (M, 1))
+
+
+@pytest.fixture
+def disturbance(model: RobotModel) -> Disturbance:
+    """Noise at every tick, a law that takes the bodies for lighter, and a push."""
+    random = np.random.default_rng(9)
+    push = np.zeros((M, 9))
+    push[7, :3] = [300.0, -200.0, 40.0]
+    none = Disturbance.none(model.nominal, M, 9)
+    law = replace(model.nominal, mass=0.9 * model.nominal.mass)
+    return replace(none, law=law, noise=1e-3 * random.standard_normal((M, 18)), push=push)
+
+
+@pytest.mark.parametrize("limits", [None, LIMITS], ids=["free", "limited"])
+def test_the_loop_is_that_which_rk4_has_compiled(
+    model: RobotModel, x: np.ndarray, u: np.ndarray, disturbance: Disturbance, limits: ForceLimits | None
+) -> None:
+    rk4 = Rk4Plant(model, TICK, resistance=Resistance.none(9), force_limits=limits)
+    expected = rk4.advance(1.5, x, u, disturbance)
+    ticks = Adaptive(model, limits).advance(1.5, x, u, disturbance)
+    np.testing.assert_array_equal(ticks.time, expected.time)
+    np.testing.assert_allclose(ticks.X, expected.X, rtol=0, atol=INTEGRATION)
+    np.testing.assert_allclose(ticks.F, expected.F, rtol=0, atol=1e-6)  # N, N m: forces of states that differ so
+    if limits is None:
+        assert ticks.commanded is expected.commanded is None
+    else:
+        assert np.abs(ticks.F).max() <= 2.0 * np.sqrt(2) < np.abs(ticks.commanded).max()
+        np.testing.assert_allclose(ticks.commanded, expected.commanded, rtol=0, atol=1e-6)
+
+
+def test_a_plant_may_choose_the_law_of_a_tick(model: RobotModel, x: np.ndarray, u: np.ndarray) -> None:
+    """As one does whose hands hold something: here the actuators rest while the grippers are to be closed."""
+
+    class Resting(Adaptive):
+        def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> Law | None:
+            return (lambda Q, v, u, law: np.zeros(9)) if closed else None
+
+    closed = np.arange(M) >= 12
+    ticks = Resting(model).advance(0.0, x, u, closed=closed)
+    assert (ticks.F[closed] == 0).all()
+    np.testing.assert_array_equal(ticks.F[~closed], Adaptive(model).advance(0.0, x, u).F[~closed])

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 
 sys.path.append(str(Path(__file__).parents[1]))
 
@@ -37,6 +36,7 @@ from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.studies.runner import compute
 from tests.ocp.constraints.test_clearance import active_rows, near_post, passing, solved
 
 MARGIN = 0.02
@@ -229,9 +229,11 @@ def missions(where: str = "plane", count: str = "200", *variants: str) -> Iterat
     made = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     has = {(each["number"], each["variant"]) for each in made}
     left = {number: tuple(v for v in wanted if (number, v) not in has) for number in range(int(count))}
-    jobs = (delayed(run)(where, number, of_number) for number, of_number in left.items() if of_number)
+    items = {number: (number, of_number) for number, of_number in left.items() if of_number}
     with path.open("a") as file:
-        for found in Parallel(n_jobs=2, return_as="generator_unordered")(jobs):
+        for _, found in compute(lambda item: run(where, *item), items, jobs=2):
+            if found is None:
+                continue
             for each in found:
                 file.write(json.dumps(each) + "\n")
             file.flush()

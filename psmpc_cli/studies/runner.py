@@ -11,14 +11,14 @@ import re
 import signal
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Future
 from contextlib import AbstractContextManager, closing, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from difflib import unified_diff
 from functools import partial
 from itertools import islice
-from multiprocessing import active_children, current_process
+from multiprocessing import current_process
 from multiprocessing.resource_tracker import ensure_running
 from pathlib import Path
 from pkgutil import resolve_name
@@ -27,9 +27,8 @@ from tempfile import NamedTemporaryFile, TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
-from joblib.externals.loky import get_reusable_executor
-from joblib.externals.loky.backend.process import LokyProcess
-from joblib.externals.loky.process_executor import TerminatedWorkerError
+from loky import get_reusable_executor
+from loky.process_executor import TerminatedWorkerError
 
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError, LogError, RunError, SpecError, begin_worker, deferred_signals
@@ -477,17 +476,8 @@ def _on_this_machine(jobs: int) -> Iterator[Workers]:
         try:
             yield Workers(partial(executor.submit, _pickled, folder), _unpickled, TerminatedWorkerError)
         except BaseException:
-            _end(executor)
+            executor.shutdown(kill_workers=True)
             raise
-
-
-def _end(executor: Executor) -> None:
-    """End the processes of an executor one by one, and wait: its own way to end them may lose count of its calls."""
-    while processes := [each for each in active_children() if isinstance(each, LokyProcess)]:
-        for each in processes:
-            each.terminate()
-        time.sleep(0.01)
-    executor.shutdown()
 
 
 @contextmanager

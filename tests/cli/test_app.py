@@ -11,7 +11,7 @@ from typer.main import get_command
 
 from psmpc_cli.cli.app import app
 
-HEAVY = {"casadi", "dask", "distributed", "h5py", "joblib", "matplotlib", "mujoco", "numpy", "pydantic", "rich", "yaml"}
+HEAVY = {"casadi", "dask", "distributed", "h5py", "loky", "matplotlib", "mujoco", "numpy", "pydantic", "rich", "yaml"}
 
 REPORT = """
 import json, sys
@@ -50,7 +50,7 @@ STARTS = (("check",), ("simulate",), ("compare",), ("sweep-weights", "3x3"), ("m
 
 @pytest.mark.parametrize("task", ["bad.yaml", "missing.yaml"])
 def test_a_task_is_rejected_before_what_is_heavy_is_imported(task: str, tmp_path: Path) -> None:
-    """CasADi, SciPy, h5py, Matplotlib and joblib take more than half of what a command takes to start."""
+    """CasADi, SciPy, h5py, Matplotlib and loky take more than half of what a command takes to start."""
     (tmp_path / "bad.yaml").write_text("robot: planar_dual_arm\ncontroller: {horizont: 4}\n")
     needed = {"numpy", "pydantic", "yaml", "lxml"}
     commands = [(*words, str(tmp_path / task)) for words in STARTS]
@@ -60,7 +60,7 @@ def test_a_task_is_rejected_before_what_is_heavy_is_imported(task: str, tmp_path
 def test_a_task_of_a_front_is_rejected_before_what_computes_is_imported(tmp_path: Path) -> None:
     """Whether it is a log is seen by h5py."""
     (tmp_path / "bad.yaml").write_text("robot: planar_dual_arm\n")
-    computes = {"casadi", "joblib", "matplotlib", "scipy"}
+    computes = {"casadi", "loky", "matplotlib", "scipy"}
     assert imported_by(("pareto", str(tmp_path / "bad.yaml")), code=2) & computes == set()
 
 

@@ -83,7 +83,7 @@ def processes_of(session: int) -> set[int]:
 
 
 def renders(number: int) -> bool:
-    """Return whether a process is one that joblib started for calls."""
+    """Return whether a process is one that loky started for calls."""
     with suppress(OSError):
         return b"LokyProcess" in Path(f"/proc/{number}/cmdline").read_bytes()
     return False

@@ -38,7 +38,9 @@ class Shooting:
         self.nodes = shape.nodes
         self._p = p
         stages = [replace(without_end(stage), moving=False) for stage in shape.stages]
-        self._steps = [stage_functions(model, stage).step(shape.discretization) for stage in stages]
+        functions = [stage_functions(model, stage) for stage in stages]
+        self._steps = [of_stage.step(shape.discretization) for of_stage in functions]
+        self._anchors = [target[of_stage.anchor] for target, of_stage in zip(p.targets, functions, strict=False)]
         self._terms = [_stage_terms(model, stage, shape.discretization) for stage in stages]
 
     def states(self, tau: Any, U: Inputs) -> list[Any]:
@@ -46,7 +48,7 @@ class Shooting:
         X = [self._p.x0]
         for s, N in enumerate(self.nodes):
             for u in U[s]:
-                X.append(self._steps[s](X[-1], u, tau[s] / N))
+                X.append(self._steps[s](X[-1], u, tau[s] / N, self._anchors[s]))
         return X
 
     def objective(self, tau: Any, U: Inputs) -> Any:
@@ -207,8 +209,9 @@ def _stage_terms(model: RobotModel, shape: StageShape, discretization: str) -> c
     offset = ca.SX.sym("offset")
     scale = ca.SX.sym("scale")
     L = omega * (functions.cost.function(x, u, r, W, W_r) - offset) / scale
-    F = functions.step(discretization)(x, u, h)
-    f = (model.f_1 if shape.input == "joint" else model.f_2)(x, u)
+    anchor = r[functions.anchor]
+    F = functions.step(discretization)(x, u, h, anchor)
+    f = model.field(shape.input)(x, u, anchor)
     arguments = {"x": x, "u": u, "h": h, "r": r, "W": W, "W_r": W_r, "omega": omega, "offset": offset, "scale": scale}
     terms = {
         "F_x": ca.jacobian(F, x),

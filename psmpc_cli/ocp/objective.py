@@ -276,7 +276,7 @@ class StageFunctions:
         self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
         of_object = 2 * model.space.n_pose if shape.object_names else 0
         self.numbers = self._numbers_of_skill + of_object
-        self.inputs = n if shape.input == "joint" else model.m
+        self.inputs = model.n_inputs(shape.input)
         self._Q = ca.SX.sym("Q", n)
         self._Qdot = ca.SX.sym("Qdot", n)
         self._u = ca.SX.sym("u", self.inputs)
@@ -435,7 +435,7 @@ class StageFunctions:
         return self.error, self.cost, self.gauss_newton, *curvature
 
     def step(self, discretization: str) -> ca.Function:
-        """Return x (2n,), u, dt -> x after dt under a constant u."""
+        """Return x (2n,), u, dt, anchor of the chart -> x after dt under a constant u."""
         of_input = self.shape.input
         return self.model.owned(("step", of_input, discretization), lambda: _step(self.model, of_input, discretization))
 
@@ -505,15 +505,24 @@ class StageCosts:
         return self._of(stage).cost(X, 0.0, stage.wanted(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
 
     def inputs(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return the inputs of a stage at Qddot = u: u (K, n), or the acceleration of xi (K, m), J_C u + Jdot_C v."""
+        """Return the inputs of a stage at Qddot = u: u (K, n), or the rates of J_C v (K, n_twists)."""
+        if stage.input == "joint":
+            return u
         n = self.model.n
-        return u if stage.input == "joint" else self._pose_acceleration(X[:, :n], X[:, n:], u, rows=len(X))[0]
+        anchor = stage.target[self._of(stage).anchor]
+        return self._twist_rates(X[:, :n], X[:, n:], u, anchor, rows=len(X))[0]
 
     @cached_property
-    def _pose_acceleration(self) -> RowFunction:
+    def _twist_rates(self) -> RowFunction:
+        """Q, Qdot, u, anchor -> J_C vdot + Jdot_C v (n_twists,)."""
+        space = self.model.space
         Q, Qdot, u = (ca.SX.sym(name, self.model.n) for name in ("Q", "Qdot", "u"))
-        acceleration = self.model.J_C(Q) @ u + self.model.Jdot_v(Q, Qdot)
-        return RowFunction(ca.Function("a", [Q, Qdot, u], [ca.densify(acceleration)]))
+        anchor = ca.SX.sym("anchor", space.n_anchor)
+        coordinates = space.charted_coordinates(Q, anchor)
+        vdot = space.charted_acceleration(Q, Qdot, u)
+        drift = self.model.Jdot_v(coordinates, space.charted_velocity(Q, Qdot))
+        rates = self.model.J_C(coordinates) @ vdot + drift
+        return RowFunction(ca.Function("a", [Q, Qdot, u, anchor], [ca.densify(rates)]))
 
     def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
@@ -557,14 +566,14 @@ def _step(model: RobotModel, stage_input: str, discretization: str) -> ca.Functi
     The double integrator is exact (8), or explicit Euler as printed (20); task-space input is integrated by one
     classical Runge-Kutta step, or Euler.
     """
-    n = model.n
     dt = ca.SX.sym("dt")
-    x = ca.SX.sym("x", 2 * n)
-    u = ca.SX.sym("u", n if stage_input == "joint" else model.m)
+    x = ca.SX.sym("x", 2 * model.n)
+    u = ca.SX.sym("u", model.n_inputs(stage_input))
+    anchor = ca.SX.sym("anchor", model.space.n_anchor)
     if stage_input == "joint":
         after = motion.step(discretization)(x, u, dt)
     elif discretization == "euler":
-        after = x + dt * model.f_2(x, u)
+        after = x + dt * model.f_2(x, u, anchor)
     else:
-        after = runge_kutta(lambda x: model.f_2(x, u), x, dt)
-    return ca.Function("F", [x, u, dt], [after], ["x", "u", "dt"], ["x_next"])
+        after = runge_kutta(lambda x: model.f_2(x, u, anchor), x, dt)
+    return ca.Function("F", [x, u, dt, anchor], [after], ["x", "u", "dt", "anchor"], ["x_next"])

@@ -170,7 +170,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         lasts = spec.target.times[-1]
     control = skill.weights.control
     if isinstance(control, float | int):
-        control_weights = np.full(model.n if skill.input == "joint" else model.m, float(control))
+        control_weights = np.full(model.n_inputs(skill.input), float(control))
     else:
         control_weights = stack(control, robot, skill.input, missing=0.0, of_error=True)
     if skill.input == "joint":

@@ -296,6 +296,13 @@ class ConfigurationSpace(ABC):
         """Return the rates of v (n,) at coordinates Q, rates Qdot and accelerations u (n,) in a chart."""
 
     @abstractmethod
+    def acceleration_in_chart(self, Q: ca.SX, Qdot: ca.SX, vdot: ca.SX) -> ca.SX:
+        """Return the accelerations u (n,) in a chart under which v changes at rates vdot (n,).
+
+        The inverse of `charted_acceleration`, at coordinates Q and rates Qdot (n,) in the chart.
+        """
+
+    @abstractmethod
     def acceleration_at(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return the rates of v (n,) at a state (nq,), (n,) under accelerations u (n,) in the chart about an anchor."""
 
@@ -463,6 +470,10 @@ class PlanarSpace(ConfigurationSpace):
         """Return u."""
         return u
 
+    def acceleration_in_chart(self, Q: ca.SX, Qdot: ca.SX, vdot: ca.SX) -> ca.SX:
+        """Return vdot."""
+        return vdot
+
     def acceleration_at(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return u."""
         return u
@@ -627,6 +638,13 @@ class SpatialSpace(ConfigurationSpace):
         alpha = ca.jtimes(omega, ca.vertcat(phi, phidot), ca.vertcat(phidot, u[3:6]))
         alpha_here = ca.substitute(alpha, ca.vertcat(phi, phidot), ca.vertcat(Q[3:6], Qdot[3:6]))
         return ca.vertcat(u[:3], alpha_here, u[6:])
+
+    def acceleration_in_chart(self, Q: ca.SX, Qdot: ca.SX, vdot: ca.SX) -> ca.SX:
+        """Return J_r(phi)^-1 (alpha - d/dt J_r(phi) phidot) in the rows of rotation."""
+        drift = self.charted_acceleration(Q, Qdot, ca.SX.zeros(self.n))
+        alpha = vdot[self.rotation] - drift[self.rotation]
+        phiddot = chart_rate(ca.vertsplit(Q[self.rotation]), ca.vertsplit(alpha))
+        return ca.vertcat(vdot[:3], *phiddot, vdot[6:])
 
     def acceleration_at(self, Q: ca.SX, v: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Take phi and phidot of the state first, of which position and joints have no part."""

@@ -50,6 +50,7 @@ class RobotModel:
         n: Number of velocity coordinates.
         nq: Number of coordinates Q.
         m: Number of pose coordinates xi.
+        n_twists: Number of rows of J_C: those of the velocities of base and end-effectors.
         space: Its configuration space: sizes, and what depends on plane or space.
         dimension: Number of position coordinates of a pose; its further rows are its angle, or its unit quaternion.
         parts: Rows of v by part: `base`, then the arms in order.
@@ -73,6 +74,7 @@ class RobotModel:
         self.m = xi.numel()
         self.parts = _rows(spec.parts)
         self.pose_rows = _rows(dict.fromkeys(("base", *spec.tools), self.space.n_pose))
+        self.n_twists = self.space.n_twist * len(self.pose_rows)
         self.g = function("g", {"Q": Q}, {"xi": xi})
         self.body_poses = function("body_poses", {"Q": Q}, {"poses": body_poses})
 
@@ -149,25 +151,39 @@ class RobotModel:
         """The equations of motion of the velocities of base and end-effectors. Paper eqs. (5) and (6)."""
         return derive_task_space_dynamics(self.dynamics, self.J_C, self.Jdot_v)
 
+    def n_inputs(self, kind: str) -> int:
+        """Return the number of inputs of the field `f_1` (`joint`) or `f_2` (`task`)."""
+        return self.n if kind == "joint" else self.n_twists
+
+    def field(self, kind: str) -> ca.Function:
+        """Return the field `f_1` (`joint`) or `f_2` (`task`) by which a state changes."""
+        return self.f_1 if kind == "joint" else self.f_2
+
     @cached_property
     def f_1(self) -> ca.Function:
-        """x, u -> xdot (2n,), x = [Q; Qdot], u = Qddot. Paper eq. (8)."""
+        """x, u, anchor -> xdot (2n,), x = [Q; Qdot] in the chart about an anchor, u = Qddot. Paper eq. (8)."""
         x = ca.SX.sym("x", 2 * self.n)
         u = ca.SX.sym("u", self.n)
-        return function("f_1", {"x": x, "u": u}, {"xdot": motion.rate(x, u)})
+        anchor = ca.SX.sym("anchor", self.space.n_anchor)
+        return function("f_1", {"x": x, "u": u, "anchor": anchor}, {"xdot": motion.rate(x, u)})
 
     @cached_property
     def f_2(self) -> ca.Function:
-        """x, u -> xdot (2n,), x = [Q; Qdot], u = acceleration of xi (m,), of a planar robot. Below paper eq. (8).
+        """x, u, anchor -> xdot (2n,), x = [Q; Qdot] in the chart, u = rates of J_C v (n_twists,). Below paper eq. (8).
 
-        The paper's state is [xi; xidot], a double integrator under u. x are other coordinates of the same state, in
-        which limits of joints are boxes, and which other stages share.
+        In the plane u is the acceleration of xi. The paper's state is [xi; xidot], a double integrator under u. x are
+        other coordinates of the same state, in which limits of joints are boxes, and which other stages share.
         """
         x = ca.SX.sym("x", 2 * self.n)
-        u = ca.SX.sym("u", self.m)
+        u = ca.SX.sym("u", self.n_twists)
+        anchor = ca.SX.sym("anchor", self.space.n_anchor)
+        Q = x[: self.n]
         Qdot = x[self.n :]
-        acceleration = self.task_space.acceleration(x[: self.n], Qdot, u, self.nominal.vector)
-        return function("f_2", {"x": x, "u": u}, {"xdot": ca.vertcat(Qdot, acceleration)})
+        coordinates = self.space.charted_coordinates(Q, anchor)
+        v = self.space.charted_velocity(Q, Qdot)
+        vdot = self.task_space.acceleration(coordinates, v, u, self.nominal.vector)
+        acceleration = self.space.acceleration_in_chart(Q, Qdot, vdot)
+        return function("f_2", {"x": x, "u": u, "anchor": anchor}, {"xdot": ca.vertcat(Qdot, acceleration)})
 
     def task_space_condition(self, Q: ArrayLike) -> Array:
         """Return the condition number of J_C in SI units, () at coordinates (nq,), or (K,) at (K, nq).

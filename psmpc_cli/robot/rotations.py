@@ -125,7 +125,7 @@ def body_rate(phi: Vector, rate: Vector) -> list[Any]:
 
 
 def chart_rate(phi: Vector, omega: Vector) -> list[Any]:
-    """Compute phidot = J_r(phi)^-1 omega (3,) [rad/s] of numbers or arrays with |phi| < 2 pi."""
+    """Compute phidot = J_r(phi)^-1 omega (3,) [rad/s], where |phi| < 2 pi."""
     t = dot(phi, phi)
     a = cross(phi, omega)
     c = (_series(t, 3) - 2 * _series(t, 4)) / (2 * _series(t, 2))  # 1/|phi|^2 - (1 + cos|phi|) / (2 |phi| sin|phi|)

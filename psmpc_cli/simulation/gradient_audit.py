@@ -63,7 +63,7 @@ def _audit(experiment: Experiment, first: int) -> Audit:
     tau = durations(instants, window.start, window.horizon)
     model = experiment.problem.model
     rollout = Rollout(model, window, instants)
-    inputs = [model.n if stage.input == "joint" else model.m for stage in window.stages]
+    inputs = [model.n_inputs(stage.input) for stage in window.stages]
     U = [0.1 * random.standard_normal(size) for size in zip(window.nodes, inputs, strict=True)]
     adjoint = rollout.by_adjoint(tau, U)
     scale = max(1e-3, float(np.abs(adjoint).max()))

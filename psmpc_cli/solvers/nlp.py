@@ -292,8 +292,10 @@ class Nlp:
 
     def _led_to(self, k: int) -> ca.SX:
         """Return the state to which interval k leads, as its first node has it."""
-        step = self._functions[self.grid.stage_of[k]].step(self.shape.discretization)
-        return ca.SX(step(self._X[:, k], self._u[k], self._step(k, k)))
+        s = int(self.grid.stage_of[k])
+        functions = self._functions[s]
+        anchor = self._p.targets[s][functions.anchor]
+        return ca.SX(functions.step(self.shape.discretization)(self._X[:, k], self._u[k], self._step(k, k), anchor))
 
     def _gap(self, k: int, after: ca.SX, kept: list[list[ca.SX]]) -> ca.SX:
         """Return by how much the state of the next node differs from where interval k leads."""

@@ -35,6 +35,7 @@ from psmpc_cli.specs.parts import (
     Space,
     Wanted,
     axes_of,
+    dimension_of,
     in_joint_space,
     names,
     part_faults,
@@ -789,12 +790,10 @@ def _not_in_task_space(context: Context) -> RuleErrors:
     rows_of_pose = context.sizes.get("base", 0)  # as many as the base has coordinates
     if not context.moved_by.actuated:
         yield at, expected('"joint": task takes bases with thrusters alone', f"a {context.mobility} base")
-    if rows_of_pose == 6:
-        yield at, expected('"joint": task takes planar robots alone; plants have its law in space too')
-        return
+    in_space = dimension_of(context.sizes) == 3
     for part, joints in context.sizes.items():
-        if joints < rows_of_pose:
-            wanted = f'"joint": task needs {rows_of_pose} joints in every arm'
+        if joints < rows_of_pose or (in_space and joints > rows_of_pose):
+            wanted = f'"joint": task needs {rows_of_pose} joints{"" if in_space else " or more"} in every arm'
             yield at, expected(wanted, f"{counted(joints, 'joint', 'joints')} in {part}")
 
 

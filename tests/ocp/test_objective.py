@@ -13,16 +13,19 @@ from psmpc_cli.ocp.stage import Stage, StageShape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.parts import SPACES, space_of
 
+from ..robot.test_dynamics_task_space import spatial_robot
 from .transport_windows import ending
 
 X_U = tuple[np.ndarray, np.ndarray]
+
+ANCHOR = np.array([0.8, 0.0, 0.6, 0.0])
 
 
 def advance(model: RobotModel, kind: str, discretization: str, x: np.ndarray, u: np.ndarray, steps: int) -> np.ndarray:
     """The state 0.4 s later, in so many steps."""
     step = stage_functions(model, StageShape("joint", kind)).step(discretization)
     for _ in range(steps):
-        x = np.asarray(step(x, u, 0.4 / steps)).ravel()
+        x = np.asarray(step(x, u, 0.4 / steps, ANCHOR[: model.space.n_anchor])).ravel()
     return x
 
 
@@ -48,7 +51,7 @@ def test_task_input_is_the_acceleration_of_the_poses(
     model: RobotModel, costs: StageCosts, stages: tuple[Stage, ...], x_u: X_U
 ) -> None:
     x, u = x_u
-    acceleration = np.asarray(model.f_2(x, u)).ravel()[9:]
+    acceleration = np.asarray(model.f_2(x, u, [])).ravel()[9:]
     found = costs.inputs(replace(stages[0], input="task"), x[None], acceleration[None])[0]
     np.testing.assert_allclose(found, u, rtol=0, atol=1e-12)
 
@@ -68,11 +71,42 @@ def test_under_task_input_poses_and_their_rates_are_a_double_integrator(model: R
     assert errors[0] / errors[1] == pytest.approx(16, rel=0.3)
 
 
-@pytest.fixture(
-    scope="module",
-    params=[*SPACES, space_of("task", {"arm_1": "joint"}), space_of("point", {"arm_2": "free"})],
-    ids=str,
-)
+def test_in_space_task_input_is_the_rates_of_twists_in_any_chart(stages: tuple[Stage, ...]) -> None:
+    robot = spatial_robot(6, 0)
+    random = np.random.default_rng(3)
+    x, u = 0.5 * random.standard_normal(24), random.standard_normal(12)
+    skill = skill_in("task")
+    target = np.r_[random.standard_normal(skill.numbers(robot)), ANCHOR, np.zeros(6)]
+    stage = replace(stages[0].with_target(target), space="task", input="task")
+    acceleration = np.asarray(robot.f_2(x, u, ANCHOR)).ravel()[12:]
+    found = StageCosts(robot).inputs(stage, x[None], acceleration[None])[0]
+    np.testing.assert_allclose(found, u, rtol=0, atol=1e-11)
+
+
+def test_in_space_twists_and_places_of_frames_are_double_integrators_too() -> None:
+    robot = spatial_robot(6, 0)
+    random = np.random.default_rng(1)
+    bent = [0.3, 0.5, -0.9, 0.4, 0.8, 0.2]
+    x = np.r_[0.4 * random.standard_normal(6), bent, 0.1 * random.standard_normal(12)]
+    u = 0.1 * random.standard_normal(12)
+    chart = robot.space.chart_at(np.r_[0, 0, 0, ANCHOR])
+    Q, v = (rows[0] for rows in chart.leave(x[None]))
+    rate = robot.twists(Q, v)
+    speeds, thrusts = (each.reshape(2, 6)[:, :3] for each in (rate, u))
+    errors = []
+    for steps in (2, 4):
+        Q_after, v_after = (rows[0] for rows in chart.leave(advance(robot, "task", "exact", x, u, steps)[None]))
+        of_rates = robot.twists(Q_after, v_after) - (rate + 0.4 * u)
+        moved = robot.poses(Q_after)[:, :3] - robot.poses(Q)[:, :3]
+        errors.append(max(np.abs(of_rates).max(), np.abs(moved - (0.4 * speeds + 0.4**2 / 2 * thrusts)).max()))
+    assert errors[1] < 1e-5
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.3)
+
+
+MIXED = (space_of("task", {"arm_1": "joint"}), space_of("point", {"arm_2": "free"}))
+
+
+@pytest.fixture(scope="module", params=[*SPACES, *MIXED], ids=str)
 def stage(request: pytest.FixtureRequest, model: RobotModel, stages: tuple[Stage, ...]) -> Stage:
     """A stage of each skill."""
     skill, random = skill_in(request.param), np.random.default_rng(2)

@@ -86,6 +86,15 @@ def test_accelerations_in_the_chart_are_those_of_its_coordinates(space: Configur
     np.testing.assert_allclose(np.asarray(ca.DM(found)).ravel(), (v[2] - v[0]) / (2 * h), atol=1e-8)
 
 
+@in_both
+def test_accelerations_lead_into_the_chart_and_back(space: ConfigurationSpace) -> None:
+    random = np.random.default_rng(7)
+    Q, Qdot, u = (ca.SX(each) for each in random.uniform(-1.5, 1.5, (3, space.n)))  # turned by up to 150 deg
+    vdot = space.charted_acceleration(Q, Qdot, u)
+    found = ca.DM(space.acceleration_in_chart(Q, Qdot, vdot))
+    np.testing.assert_allclose(np.asarray(found), np.asarray(ca.DM(u)), atol=1e-12)
+
+
 @free_bodies
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=30, deadline=None)

@@ -1,8 +1,10 @@
 """The equations of motion in task space, paper (5) and (6), against the same formulas in numpy."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -174,18 +176,47 @@ def test_both_laws_are_equal_up_to_the_largest_condition_number(model: RobotMode
     assert_same(case.law, model.computed_torque(Q, case.v, vdot))
 
 
-@pytest.mark.parametrize("joints", [3, 4])
+@pytest.mark.parametrize(("robot", "joints"), [(planar_robot, 3), (planar_robot, 4), (spatial_robot, 6)])
 @pytest.mark.parametrize("seed", range(3))
-def test_f_2_makes_the_poses_a_double_integrator(joints: int, seed: int) -> None:
-    model = planar_robot(joints, 0)
+def test_f_2_makes_the_poses_a_double_integrator(robot: Callable[..., RobotModel], joints: int, seed: int) -> None:
+    """Twists have the rates u, and the force that gives them is that of the law in joint space."""
+    model = robot(joints, 0)
     random = np.random.default_rng(seed)
-    Q, v, u = (random.uniform(-1, 1, size) for size in (model.n, model.n, model.m))
+    x, u = random.uniform(-1, 1, 2 * model.n), random.uniform(-1, 1, model.n_twists)
+    space = model.space
+    chart = space.chart_at(space.normalized(random.uniform(-1, 1, model.nq)))
+    Q, v = (rows[0] for rows in chart.leave(x[None]))
     J = model.J_C(Q).full()
     assert np.linalg.cond(J) < 1e3
-    xdot = flat(model.f_2(np.concatenate([Q, v]), u))
-    np.testing.assert_array_equal(xdot[: model.n], v)
-    acceleration = J @ xdot[model.n :] + flat(model.Jdot_v(Q, v))
-    np.testing.assert_allclose(acceleration, u, rtol=0, atol=1e-11 * (1 + np.abs(xdot).max()))
+
+    xdot = flat(model.f_2(x, u, chart.anchor))
+    np.testing.assert_array_equal(xdot[: model.n], x[model.n :])
+    in_chart = (ca.SX(each) for each in (x[: model.n], x[model.n :], xdot[model.n :]))
+    vdot = flat(ca.DM(space.charted_acceleration(*in_chart)))
+    scale = 1 + np.abs(vdot).max()
+    np.testing.assert_allclose(J @ vdot + flat(model.Jdot_v(Q, v)), u, rtol=0, atol=1e-11 * scale)
+    assert_same(model.task_space_force(Q, v, u), model.computed_torque(Q, v, vdot))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_f_2_in_space_equals_the_law_in_joint_space_up_to_the_largest_condition_number(seed: int) -> None:
+    model = spatial_robot(6, 0)
+    random = np.random.default_rng(seed)
+    x, u = random.uniform(-1, 1, 2 * model.n), random.uniform(-1, 1, model.n_twists)
+    chart = model.space.chart_at(model.neutral)
+
+    turned = np.tile(x, (20_000, 1))
+    turned[:, 10] = np.linspace(-3, 3, 20_000)  # the fifth joint, on whose way J_C loses rank
+    condition = model.task_space_condition(chart.leave(turned)[0])
+    x = turned[np.argmax(np.where(condition < LARGEST_CONDITION, condition, 0.0))]
+    Q, v = (rows[0] for rows in chart.leave(x[None]))
+    assert 600 < model.task_space_condition(Q) < LARGEST_CONDITION
+
+    xdot = flat(model.f_2(x, u, chart.anchor))
+    in_chart = (ca.SX(each) for each in (x[: model.n], x[model.n :], xdot[model.n :]))
+    vdot = flat(ca.DM(model.space.charted_acceleration(*in_chart)))
+    assert_same(vdot, np.linalg.solve(model.J_C(Q).full(), u - flat(model.Jdot_v(Q, v))))
+    assert_same(model.task_space_force(Q, v, u), model.computed_torque(Q, v, vdot))
 
 
 def test_motion_in_the_null_space_comes_to_rest() -> None:

@@ -43,14 +43,16 @@ def plans_switches(run: Run) -> bool:
 
 
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
-    """Plot the planned switch time that ends each stage [s], and how far it is from the actual one [ms].
+    """Plot the planned switch time that ends each stage [s], and how far it is from the actual one [ms or s].
 
     A switch happens when its planned time meets the line of the present time; the horizon ends T_h above that line.
-    The second row has a panel of each run in which a planned switch happened.
+    Each sample is a point, because a plan may jump between its own time and the end of the horizon. The second row has
+    a panel of each run in which a planned switch happened.
     """
     deviations = [run["window/instants"] - run.stages["switch_time"] for run in runs_of(runs)]
     happened = [bool(np.isfinite(deviation).any()) for deviation in deviations]
     rows = 2 if any(happened) else 1
+    unit, per_second = _unit_of(deviations)
     figure, grid = timeline(runs, rows, 1.5, beside=LEVELS_OF_SWITCHES, stage_look=_color_of_stage)
     for column, run, deviation in zip(grid.T, runs_of(runs), deviations, strict=True):
         above = column[0]
@@ -58,29 +60,36 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
         horizon = run.task.spec.controller.horizon
         above.plot(ends, ends, label=LEVELS_OF_SWITCHES[0], **style.LEVEL)
         above.plot(ends, ends + horizon, label=LEVELS_OF_SWITCHES[1], linestyle=style.DASHED, **style.LEVEL)
-        above.set_ylim(bottom=ends[0])
 
         instants = run["window/instants"]
         switch_time = run.stages["switch_time"]
         for stage, name in enumerate(run.stage_names):
             samples = np.isfinite(instants[:, stage])
             time = run.time[samples]
-            look: dict[str, Any] = {"markevery": 10**6, "linewidth": 1.3, **style.mark_look(stage)}
+            look: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "none", **style.mark_look(stage)}
+            look["markersize"] = 2.0
             if samples.any():
                 above.plot(time, instants[samples, stage], gid=name, label="_", **look)
             if np.isfinite(deviation[:, stage]).any():
-                column[1].plot(time, 1e3 * deviation[samples, stage], label="_", **look)
+                column[1].plot(time, per_second * deviation[samples, stage], label="_", **look)
 
         look = {"color": "black", "markerfacecolor": "white", "markersize": 3.5, "zorder": 3}
         above.plot(switch_time, switch_time, "o", label="_actual switch", **look)
         for axes in column[1:]:
             axes.axhline(0.0, **style.LEVEL)
+    grid[0, 0].set_ylim(bottom=min(run.motion.time[0] for run in runs_of(runs)))  # runs share it: once all are drawn
     label_row(grid[0], "Planned switch\ntime (s)", "" if any(map(plans_switches, runs_of(runs))) else NOTHING_PLANNED)
     if rows == 2:
-        note = style.show_beside_peaks(grid[1, 0], 1e3 * np.vstack(deviations))
-        label_row(grid[1], "Planned minus\nactual (ms)", note)
+        note = style.show_beside_peaks(grid[1, 0], per_second * np.vstack(deviations))
+        label_row(grid[1], f"Planned minus\nactual ({unit})", note)
         leave_out(grid, 1, [column for column, is_there in enumerate(happened) if not is_there])
     return style.finish(figure)
+
+
+def _unit_of(deviations: Sequence[np.ndarray]) -> tuple[str, float]:
+    """Return the unit in which deviations [s] are drawn, and how many of it make a second."""
+    largest = max(float(np.nanmax(np.abs(each), initial=0.0)) for each in deviations)
+    return ("s", 1.0) if largest > 1.0 else ("ms", 1e3)
 
 
 def _color_of_stage(stage: int) -> dict[str, Any]:

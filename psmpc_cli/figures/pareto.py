@@ -12,6 +12,9 @@ from psmpc_cli.figures import style
 from psmpc_cli.logs.results import Results
 from psmpc_cli.studies.fronts import CONSTRAINED, WEIGHTED, front_points
 
+WIDE = 30.0
+"""A linear panel shows numbers that differ by so many times at most."""
+
 FRONT_LOOK: Any = {"linewidth": 0.9, "markersize": 2.2}
 """Look of a front, besides its colour and marker."""
 
@@ -39,26 +42,31 @@ def has_instant_criterion(results: Results) -> bool:
 def plot_fronts(results: Results) -> Figure:
     """Plot the fronts in the plane of both costs [s], J_2 to the right and J_1 upwards, a curve for each sample.
 
-    The axes of a second panel are logarithmic if the costs differ so much that a linear one cannot show them all.
+    A second panel is there if the costs differ so much that a linear one cannot show them all. Its axes are
+    logarithmic. Where some costs are not positive, as those of the printed (12), they are linear, and the panel leaves
+    out the large fronts.
     """
     samples = fronts_by_sample(results)
     every = np.concatenate([J for points in samples for J, _ in points])
     smallest = np.nanmin(every, axis=0)
     largest = np.nanmax(every, axis=0)
-    panels = 2 if np.all(smallest > 0) and np.any(largest > 30.0 * smallest) else 1
+    is_positive = bool(np.all(smallest > 0))
+    is_large = np.zeros(len(samples), bool) if is_positive else _large_fronts(samples)
+    panels = 2 if is_large.any() or (is_positive and np.any(largest > WIDE * smallest)) else 1
     figure, rows = style.stack([""] * panels, [1.9] * panels, "", sharex=False)
     first, second = map(style.readable, results["stage"].tolist())
     three_criteria = has_instant_criterion(results)
     rows[0].xaxis.set_major_locator(MaxNLocator(nbins=6))
-    if panels > 1:
+    if panels > 1 and is_positive:
         for along, wide in zip("yx", largest > 100.0 * smallest, strict=True):
             style.make_logarithmic(rows[1], along, subs=(1.0,) if wide else (1.0, 2.0, 5.0))
     for axes in rows:
-        for i, (points, instant, volume) in enumerate(
-            zip(samples, results["instant"], results["hypervolume"], strict=True)
-        ):
-            _plot_sample(axes, points, i, f"{instant:.1f} s" + ("" if three_criteria else f": {volume:.3g} s$^2$"))
-        axes.plot(results["chosen_J_2"], results["chosen_J_1"], **_look_of_run_weights(results))
+        shown = np.flatnonzero(~is_large) if axes is not rows[0] else np.arange(len(samples))
+        for i in shown.tolist():
+            label = f"{results['instant'][i]:.1f} s"
+            label += "" if three_criteria else f": {results['hypervolume'][i]:.3g} s$^2$"
+            _plot_sample(axes, samples[i], i, label)
+        axes.plot(results["chosen_J_2"][shown], results["chosen_J_1"][shown], **_look_of_run_weights(results))
         axes.set(xlabel=f"Cost of {second}, $J_2$ (s)", ylabel=f"Cost of {first}, $J_1$ (s)")
         axes.margins(0.04)
     rows[0].plot([], [], "k>-", markersize=4, linewidth=0.9, label="_growing $ω_2/ω_1$")
@@ -66,11 +74,19 @@ def plot_fronts(results: Results) -> Figure:
         rows[0].plot([], [], "k+", label="_$J_2$ bounded")
     title = "Time of the sample, $T_0$" + ("" if three_criteria else ": hypervolume")
     better = style.better("down and left")
-    letters = (f"(a)  {better}", f"(b)  {better}") if panels > 1 else (better,)
+    left_out = ", ".join(f"{instant:.1f} s" for instant in results["instant"][is_large])
+    second_note = f"  without {left_out}" if left_out else ""
+    letters = (f"(a)  {better}", f"(b)  {better}{second_note}") if panels > 1 else (better,)
     style.panel_legend(rows[0], letters[0], title)
     for axes, letter in zip(rows[1:], letters[1:], strict=True):
         axes.set_title(letter)  # the same legend
     return style.finish(figure)
+
+
+def _large_fronts(samples: Sequence[Sequence[tuple[np.ndarray, np.ndarray]]]) -> np.ndarray:
+    """Tell which fronts have costs so large that the typical one is not seen beside them (samples,)."""
+    extents = np.array([np.nanmax(np.abs(np.concatenate([J for J, _ in points])), axis=0) for points in samples])
+    return np.asarray(np.any(extents > WIDE * np.nanmedian(extents, axis=0), axis=1))
 
 
 def _plot_sample(axes: Axes, found: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str) -> None:

@@ -1,6 +1,6 @@
 """What figures of decisions show: planned switch times, shares and solves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,25 @@ def test_every_planned_switch_time_is_drawn_and_how_far_it_is_off(run: Run) -> N
     assert figure.axes[2].get_ylabel() == "Planned minus\nactual (ms)"
     assert legend(figure.axes[1]) == ["present time", "end of horizon"]
     assert "actual switch" in common_legend(figure)
+
+
+def test_all_runs_of_a_figure_have_all_their_planned_switch_times_in_view(runs: Mapping[str, Run]) -> None:
+    """Also those of runs that last longer than the first."""
+    figure = plot_instants({name: runs[name] for name in ("psmpc", "htmpc")})
+    panels = [axes for axes in figure.axes if any(line.get_gid() for line in axes.lines)]
+    assert len(panels) == 2
+    for axes, run in zip(panels, (runs["psmpc"], runs["htmpc"]), strict=True):
+        low, high = axes.get_ylim()
+        assert low == 0
+        assert high >= max(np.nanmax(run["window/instants"]), run.time[-1])
+        planned = [line for line in axes.lines if line.get_gid()]
+        assert {line.get_linestyle() for line in planned} == {"None"}  # a point a sample: plans may jump
+
+
+def test_plans_that_are_off_by_seconds_are_drawn_in_seconds(load: Load) -> None:
+    run = load()
+    run.arrays["window/instants"][:] += 5.0
+    assert plot_instants(run).axes[2].get_ylabel() == "Planned minus\nactual (s)"
 
 
 def stacks(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -69,6 +69,18 @@ def test_a_logarithmic_panel_is_added_where_a_linear_one_hides_what_is_small() -
     assert logarithmic.get_yscale() == "log"
 
 
+def test_where_costs_are_negative_a_second_panel_leaves_out_the_fronts_that_hide_the_others() -> None:
+    results = made_up(narrow=True, method="weighted")
+    for s in (1, 2):
+        results[f"weighted_J_{s}"][:2] -= 0.6
+        results[f"weighted_J_{s}"][2] *= (1e3, -1e3)[s - 1]
+    first, second = figure(results).axes
+    assert (second.get_xscale(), second.get_yscale()) == ("linear", "linear")
+    assert "without 8.0 s" in second.get_title(loc="left")
+    assert np.abs(first.get_ylim()).max() > 300
+    assert np.abs(second.get_ylim()).max() < 2
+
+
 def test_dominated_points_are_crossed_out_and_the_run_s_weights_named() -> None:
     drawn = figure(made_up(narrow=True))
     (axes,) = drawn.axes

@@ -292,6 +292,23 @@ def test_the_states_of_a_spatial_window_are_those_of_its_dynamics(run_in_space: 
             assert np.abs(off).max() < 1e-3 * np.abs(moved).max()
 
 
+@pytest.mark.slow
+def test_near_a_singular_posture_in_space_the_law_in_joint_space_acts_and_that_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    nearly = [0.3, 0.5, -0.9, 0.4, 1e-3, 0.2]
+    keys = {"time_limit": 0.1, "solver": {"kind": "ipopt", "max_iterations": 3}}
+    task = load_task(
+        reaching_in_space(tmp_path, nearly, **keys) | {"controller": {"horizon": 1.0, "nodes": 2}}, feasibility=False
+    )
+    with caplog.at_level(logging.WARNING):
+        run = simulate(task)
+    assert run["pose/condition"][0] > 1e3
+    assert run["events/near_singular"][0] == 1
+    assert "condition number above 1000" in caplog.text
+    assert np.isfinite(run["state/Q"]).all()
+
+
 def test_an_outstretched_spatial_arm_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match=r"condition number of J_C of .*, in which \"reach\" begins.* bent"):
         load_task(reaching_in_space(tmp_path, [0.3, 0.5, 0.0, 0.4, 0.0, 0.2]))

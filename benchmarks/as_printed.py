@@ -1,5 +1,6 @@
 """Tables of docs/reproduce.md on the paper as printed: what each departure changes, and what a start is.
 
+python benchmarks/as_printed.py claims [NODES]       claims that hold as shipped and as printed; minutes
 python benchmarks/as_printed.py departures [NODES]   each departure alone, from as printed and from as shipped; minutes
 python benchmarks/as_printed.py starts [NODES]       claims that hold by each definition of a start; minutes
 python benchmarks/as_printed.py figure6 [GRID] [NODES]   Fig. 6 by each definition of a start; minutes
@@ -31,8 +32,26 @@ DEFINITIONS: Mapping[str, str] = {
 }
 """Definitions of a start by their names."""
 
+JUDGED: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "as shipped": (SHIPPED, ()),
+    "as printed": (PRINTED, ()),
+    "as printed, `solver.kind=sqp`": (PRINTED, ("solver.kind=sqp",)),
+}
+"""The tasks whose claims are counted, each with the changes of it."""
+
 SAMPLE = 0.1
 """Time between two samples of the tasks [s]: starts are known no better."""
+
+
+def claims(nodes: str = "25") -> Iterator[str]:
+    """Yield the table of how many claims hold as shipped and as printed."""
+    rows = []
+    for name, (task, changes) in JUDGED.items():
+        with TemporaryDirectory() as folder:
+            made = reproduce(Path(folder) / "made", (f"controller.nodes={nodes}", *changes), task=task)
+        held, count = made.count()
+        rows.append({"task": name, "N_s": nodes, "claims that hold": f"{held} of {count}"})
+    return markdown(rows)
 
 
 def departures(nodes: str = "25") -> Iterator[str]:
@@ -126,4 +145,4 @@ def _at(ratio: np.ndarray, start: np.ndarray, wanted: float) -> str:
 
 
 if __name__ == "__main__":
-    command_line(departures, starts, figure6)
+    command_line(claims, departures, starts, figure6)

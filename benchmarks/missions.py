@@ -5,7 +5,7 @@
     python benchmarks/missions.py optimum              solves windows over whole missions of `reach` by IPOPT as well
     python benchmarks/missions.py headline             the short tables of the page, from the results: what is gained
     python benchmarks/missions.py by_hand              with arms as drawn and held ready, by controller and by hand,
-    python benchmarks/missions.py gains                in larger studies,
+    python benchmarks/missions.py gains [STUDY...]     in larger studies, or in these,
     python benchmarks/missions.py equal_effort         with at most some efforts,
     python benchmarks/missions.py deliveries           and how often by what the controller does not know
     python benchmarks/missions.py files                writes the long tables to benchmarks/results/missions-*.csv
@@ -16,6 +16,8 @@
     posed       missions of `plane` with the arms as drawn, and held ready for the stage that needs them: 30 missions
     tour        tours of a planar robot with two unequal arms (tours.py), as drawn and held ready: 20 missions
     tour_space  tours of a spatial robot with two arms of seven joints, the same: 10 missions
+    htmpc_plane  the first missions of `plane` by every controller, HTMPC among them: 5 missions
+    htmpc_tour  the first tours also under HTMPC with a free end, of which one takes minutes of computing
     effort      missions of `plane` by control weight: 10 missions
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
@@ -74,6 +76,7 @@ CONTROLLERS: Mapping[str, Changes] = {
     "hard, free end": {"controller.kind": "hard", "controller.one_stage": "free_end"},
     "hard": {"controller.kind": "hard"},
     "htmpc": {"controller.kind": "htmpc"},
+    "htmpc, free end": {"controller.kind": "htmpc", "controller.one_stage": "free_end"},
     "psmpc, whole mission": {
         "controller.kind": "psmpc",
         "controller.horizon": 20,
@@ -101,7 +104,7 @@ PLANNED = ("psmpc", "smpc", "hard, free end")
 BY_STATE = ("psmpc", "smpc", "hard, free end", "hard", "htmpc")
 """Controllers that switch by the state."""
 
-FEWER = {"hard": 30, "htmpc": 5}
+FEWER = {"hard": 30, "htmpc": 5, "htmpc, free end": 1}
 """Missions of controllers whose missions are long, or take minutes for one."""
 
 AGAINST = "hard, free end"
@@ -403,9 +406,7 @@ READY = "held ready"
 
 LEVELS: Mapping[str, Mapping[str, Changes]] = {
     **{name: {"": {}, READY: {}} for name in ("posed", "tour", "tour_space")},
-    "plane": {"": {}},
-    "space": {"": {}},
-    "reach": {"": {}},
+    **{name: {"": {}} for name in ("plane", "space", "reach", "htmpc_plane", "htmpc_tour")},
     "effort": dict(map(weight, (0.02, 0.05, 0.1, 0.25, 0.5, 1, 2, 4, 8, 16))),
     "noise": dict(map(noise, (1e-4, 3e-4, 1e-3, 3e-3, 1e-2))),
     "masses": {
@@ -438,6 +439,8 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "posed": ("plane", PLANNED, range(30)),
     "tour": ("tour", PLANNED, range(20)),
     "tour_space": ("tour_space", PLANNED, range(10)),
+    "htmpc_plane": ("plane", BY_STATE, range(5)),
+    "htmpc_tour": ("tour", (*PLANNED, "htmpc, free end"), range(5)),
     "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 10)),
     "best": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),
     "noise": ("plane", PLANNED, range(5)),
@@ -728,12 +731,13 @@ def made_of(name: str) -> Made:
     return run_missing(family, best_cases() if name == "best" else cases(LEVELS[name], controllers), seeds)
 
 
-def gains() -> Iterator[str]:
-    """Yield what each planned controller gains in each family of missions, against hard switching with a free end."""
+def gains(*names: str) -> Iterator[str]:
+    """Yield what controllers gain against hard switching with a free end: all of named studies, or the planned ones."""
     rows = []
-    for family in ("plane", "space", "reach"):
-        made = made_of(family)
-        for controller in PLANNED:
+    for name in names or ("plane", "space", "reach"):
+        family, controllers, _ = STUDIES[name]
+        made = made_of(name)
+        for controller in controllers if names else PLANNED:
             against = compared(made[controller], made[AGAINST]) if controller != AGAINST else {}
             over_smpc = compared(made["psmpc"], made["smpc"]) if controller == "psmpc" else {}
             succeeded = [row for row in made[controller].values() if row["succeeded"]]

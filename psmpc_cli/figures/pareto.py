@@ -84,9 +84,11 @@ def plot_fronts(results: Results) -> Figure:
 
 
 def _large_fronts(samples: Sequence[Sequence[tuple[np.ndarray, np.ndarray]]]) -> np.ndarray:
-    """Tell which fronts have costs so large that the typical one is not seen beside them (samples,)."""
-    extents = np.array([np.nanmax(np.abs(np.concatenate([J for J, _ in points])), axis=0) for points in samples])
-    return np.asarray(np.any(extents > WIDE * np.nanmedian(extents, axis=0), axis=1))
+    """Tell which fronts have costs so large that the typical one is not seen beside them (samples,); never all."""
+    sizes = [np.abs(np.concatenate([J for J, _ in points])) for points in samples]
+    extents = np.array([np.nanmax(each, axis=0, initial=0.0) for each in sizes])
+    is_large = np.any(extents > WIDE * np.median(extents, axis=0), axis=1)
+    return np.zeros_like(is_large) if is_large.all() else np.asarray(is_large)
 
 
 def _plot_sample(axes: Axes, found: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str) -> None:

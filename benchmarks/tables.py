@@ -258,8 +258,11 @@ POSED = {
 """Joints with which Approach of the transport task holds the grippers where Capture wants them."""
 
 
-def posed() -> Iterator[str]:
-    """Yield the table of the transport task whose Approach holds the arms stretched, as published, or posed."""
+def posed(*names: str) -> Iterator[str]:
+    """Yield the table of the transport task whose Approach holds the arms stretched, as published, or posed.
+
+    The names are those of its rows, without any all of them.
+    """
     controllers: Mapping[str, Mapping[str, Any]] = {
         "psmpc": {},
         "smpc": {"controller.kind": "smpc"},
@@ -267,7 +270,8 @@ def posed() -> Iterator[str]:
         "hard, free end": {"controller.kind": "hard", "controller.one_stage": "free_end", "by_controller": {}},
     }
     rows = []
-    for name, chosen in controllers.items():
+    for name in names or controllers:
+        chosen = controllers[name]
         cells = []
         for arms in ({}, POSED):
             changes = {"controller.nodes": 25, "log.shares": False, **chosen, **arms}

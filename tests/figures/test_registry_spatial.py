@@ -7,6 +7,7 @@ import pytest
 from matplotlib.axis import Axis
 from scipy.spatial.transform import Rotation
 
+from psmpc_cli.figures import animation
 from psmpc_cli.figures.coordinates import attitude_error, plot_overlay, plot_states, plot_velocities
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.scene import OBLIQUE, scene_of
@@ -121,7 +122,10 @@ def test_every_view_of_a_robot_has_ticks_with_units() -> None:
         check_ticks(panel.yaxis)
 
 
-def test_snapshots_say_from_where_they_are_seen_and_the_run_is_animated(run: Run, tmp_path: Path) -> None:
+def test_snapshots_say_from_where_they_are_seen_and_the_run_is_animated(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(animation, "DPI", 30)
     figure = figures_of("run")["snapshots"](run)
     assert "azimuth −60°" in figure.legends[0].get_title().get_text()
     assert "x axis of a target" in common_legend(figure)

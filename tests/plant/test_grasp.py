@@ -250,17 +250,16 @@ def test_loads_are_the_parts_of_the_wrench_that_a_gripper_puts_on_the_object(mak
         assert loads.full()[:, i] == pytest.approx(raw, abs=1e-9)
 
 
-SEEDS = [range(10), pytest.param(range(10, 100), marks=pytest.mark.slow)]
-"""100 without gears and 100 with them."""
+DRAWN = 40
+"""Grasps without gears, and as many with them."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("geared", [False, True])
-@pytest.mark.parametrize("seeds", SEEDS, ids=["few", "many"])
-def test_no_grasp_that_is_accepted_diverges(tmp_path: Path, seeds: range, geared: bool) -> None:
+def test_no_grasp_that_is_accepted_diverges(tmp_path: Path, geared: bool) -> None:
     """From velocities up to 0.02 m/s, in another posture than the one that is judged; rates of light links rise."""
     accepted = 0
-    for seed in seeds:
+    for seed in range(DRAWN):
         task, x = drawn_grasp(seed, tmp_path, geared)
         model = RobotModel(task.robot)
         try:
@@ -272,7 +271,7 @@ def test_no_grasp_that_is_accepted_diverges(tmp_path: Path, seeds: range, geared
         ticks = plant.advance(0.0, x, np.zeros((150, model.n)), None, np.ones(150, bool))
         assert capture is not None and capture.closed.all()
         assert np.abs(ticks.X[:, model.nq :]).max() < 5, seed
-    assert accepted > len(seeds) / 2
+    assert accepted > DRAWN / 2
 
 
 def test_grasps_too_stiff_for_the_step_are_rejected() -> None:

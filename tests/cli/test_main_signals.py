@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.files import kind_of
-from psmpc_cli.logs.results import read_results
+from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.run import read_run
-from psmpc_cli.logs.schema import SWEEP
 from psmpc_cli.studies.runner import SHARED, WAITING
 
 from .command import PROGRAM, Psmpc
@@ -93,35 +92,49 @@ MEASURED_TIMES = ("cell_time", "wall_time", "solve_time_median", "solve_time_lar
 """Quantities of studies that are another in every run."""
 
 STUDIES = {
-    "monte-carlo": ("monte-carlo", "transport", "--runs", "4", "--set", "uncertainty.mass=0.1"),
-    "sweep": ("sweep-weights", "2x2"),
+    "monte-carlo": ("monte-carlo", "task.yaml", "--runs", "4", "--set", "uncertainty.noise.position=1e-3"),
+    "sweep": ("sweep-weights", "3x3", "task.yaml"),
 }
+"""A study of four runs, and one of nine cells in five runs."""
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked for there")
-@pytest.mark.parametrize(("study", "delay"), [("monte-carlo", 2.5), ("sweep", 0.0)])
-def test_no_process_of_a_killed_study_is_left_and_its_results_can_be_completed(
-    start: Start, psmpc: Psmpc, study: str, delay: float
+@pytest.mark.parametrize(
+    ("study", "runs", "line"),
+    [("monte-carlo", 4, "1 of 4 runs"), ("sweep", 5, "0 of 5 runs"), ("sweep", 5, "2 of 5 runs")],
+    ids=["monte-carlo", "sweep that begins", "sweep"],
+)
+def test_a_killed_study_leaves_no_process_and_keeps_every_run_that_has_ended_to_be_completed(
+    start: Start, psmpc: Psmpc, study: str, runs: int, line: str
 ) -> None:
-    """Its processes would hold the standard output for ever."""
-    words = (*STUDIES[study], "--set", "controller.nodes=12", "--jobs", "2", "--no-figures")
-    process = start(*words, "-o", "killed.h5")
-    while not Path("killed.h5").exists():
-        time.sleep(0.05)
-    time.sleep(delay)
+    """Processes that are left would hold the standard output for ever."""
+    words = (*STUDIES[study], "--no-figures")
+    process = start(*words, "-o", "killed.h5", "--jobs", "2")
+    wait_for(process, line)
     process.kill()
     killed = time.monotonic()
-    process.communicate(timeout=5)  # until the last of them has closed its end of the pipes
+    _, err = process.communicate(timeout=5)  # until the last of them has closed its end of the pipes
     while processes_of(process.pid) and time.monotonic() < killed + 5:
         time.sleep(0.1)
     assert not processes_of(process.pid)
-    assert psmpc(*words, "-o", "killed.h5", "--resume").code == 0
-    assert psmpc(*words, "-o", "undisturbed.h5").code == 0
-    one, other = (read_results(Path(f"{name}.h5"), kind_of(Path(f"{name}.h5"))) for name in ("killed", "undisturbed"))
+    ended = max(int(found) for found in re.findall(r"^(\d+) of ", f"{line}\n{err}", re.MULTILINE))
+    status = results_of("killed.h5")["status"]
+    computed = np.count_nonzero((status != WAITING) & (status != SHARED))
+    assert ended <= computed < runs
+    resumed = psmpc(*words, "-o", "killed.h5", "--jobs", "1", "--resume")
+    assert resumed.code == 0
+    assert resumed.stderr.startswith(f"0 of {runs - computed} runs")
+    assert psmpc(*words, "-o", "undisturbed.h5", "--jobs", "1").code == 0
+    one, other = results_of("killed.h5"), results_of("undisturbed.h5")
     assert one.quantities.keys() == other.quantities.keys()
     times = {f"{of}{measured}" for of in ("", "reference_") for measured in MEASURED_TIMES}
     for name in one.quantities.keys() - times:
         np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+def results_of(name: str) -> Results:
+    """The results of a study."""
+    return read_results(Path(name), kind_of(Path(name)))
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked for there")
@@ -139,9 +152,15 @@ def test_no_process_of_a_killed_film_is_left(start: Start, psmpc: Psmpc) -> None
     assert not processes_of(process.pid)
 
 
+RUN, SWEEP_ALONE = ("simulate",), ("sweep-weights", "2x2", "--jobs", "1")
+
+
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="which signals a process catches is read there")
-@pytest.mark.parametrize("delay", [0.0, 0.3, 0.9, 1.4, 2.0])
-@pytest.mark.parametrize("command", [("simulate",), ("sweep-weights", "2x2", "--jobs", "1")], ids=["run", "sweep"])
+@pytest.mark.parametrize(
+    ("command", "delay"),
+    [*((RUN, delay) for delay in (0.0, 0.9, 1.4, 2.0)), *((SWEEP_ALONE, delay) for delay in (0.3, 1.4))],
+    ids=lambda value: value if isinstance(value, float) else value[0],
+)
 def test_ctrl_c_at_any_moment_gives_one_message_and_loses_nothing(
     start: Start, tmp_path: Path, command: tuple[str, ...], delay: float
 ) -> None:
@@ -160,42 +179,18 @@ def test_ctrl_c_at_any_moment_gives_one_message_and_loses_nothing(
         assert kind_of(tmp_path / "out.h5") in ("run", "sweep")
 
 
-def sweep(start: Start, file: str, *arguments: str) -> subprocess.Popen[str]:
-    """Start a sweep of nine cells in five runs."""
-    return start("sweep-weights", "3x3", "task.yaml", "--jobs", "2", "--no-figures", "-o", file, *arguments)
-
-
-def test_a_killed_sweep_keeps_every_run_that_has_ended_and_is_resumed_to_the_same_file(start: Start) -> None:
-    process = sweep(start, "killed.h5")
-    wait_for(process, "2 of 5 runs")
-    os.killpg(process.pid, signal.SIGKILL)
-    _, _, err = finish(process)
-    ended = max([2, *(int(found) for found in re.findall(r"^(\d+) of ", err, re.MULTILINE))])
-    status = read_results(Path("killed.h5"), SWEEP)["status"]
-    computed = np.count_nonzero((status != WAITING) & (status != SHARED))
-    assert ended <= computed < 5
-    code, _, err = finish(sweep(start, "killed.h5", "--resume"))
-    assert code == 0
-    assert err.startswith(f"0 of {5 - computed} runs")
-    assert finish(sweep(start, "whole.h5"))[0] == 0
-    killed, whole = read_results(Path("killed.h5"), SWEEP), read_results(Path("whole.h5"), SWEEP)
-    for name, quantity in whole.quantities.items():
-        if "wall time" not in quantity.long_name:
-            np.testing.assert_array_equal(killed[name], quantity.values, err_msg=name)
-
-
 def test_ctrl_c_ends_a_sweep_that_can_be_resumed(start: Start) -> None:
-    process = sweep(start, "sweep.h5")
+    process = start(*STUDIES["sweep"], "--jobs", "2", "--no-figures", "-o", "sweep.h5")
     wait_for(process, "1 of 5 runs")
     os.killpg(process.pid, signal.SIGINT)
     code, _, err = finish(process)
     assert code == 130
     assert err.splitlines()[-1] == "psmpc: interrupted; sweep.h5 holds what was done: continue with --resume"
-    assert WAITING in read_results(Path("sweep.h5"), SWEEP)["status"]
+    assert WAITING in results_of("sweep.h5")["status"]
 
 
 def test_a_signal_ends_a_comparison_that_leaves_nothing(start: Start, tmp_path: Path) -> None:
-    process = start("compare", "transport", "--set", "controller.nodes=12", "-o", "a.h5")
+    process = start("compare", "task.yaml", "--jobs", "2", "-o", "a.h5")
     assert process.stderr is not None and any("1 of 4 runs" in line for line in process.stderr)
     process.send_signal(signal.SIGTERM)
     found, _, err = finish(process)

@@ -1,12 +1,25 @@
 """The command line, a small task and logs of it, for every command's tests."""
 
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from psmpc_cli.figures import style
+from psmpc_cli.report import pages
+
 from ..short_runs import TASK, there_and_back
 from .command import Psmpc, command_line
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_figures() -> Iterator[None]:
+    """Draw figures with few dots: what they show is for the tests of figures."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pages, "DPI", 20)
+        patch.setitem(style.STYLE, "savefig.dpi", 20)
+        yield
 
 
 @pytest.fixture

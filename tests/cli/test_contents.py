@@ -5,9 +5,7 @@ from typing import get_args
 
 import pytest
 
-from psmpc_cli.figures import style
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.report import pages
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
@@ -59,8 +57,6 @@ LOGS = (
 def test_every_log_is_read_by_every_command(
     psmpc: Psmpc, tmp_path: Path, task: str, controller: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pages, "DPI", 20)
-    monkeypatch.setitem(style.STYLE, "savefig.dpi", 20)
     share_problems(monkeypatch)
     loaded = load_task(task, (f"controller.kind={controller}", *SHORT))
     assert len(simulate(loaded, tmp_path / "log.h5").time) == 1

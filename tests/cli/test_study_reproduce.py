@@ -35,7 +35,7 @@ NEAR = (
 )
 """All four stages within two seconds."""
 
-SMALL = ("--weights", "2x2", "--fronts", "3", *(word for change in NEAR for word in ("--set", change)))
+SMALL = ("--weights", "2x2", "--fronts", "3", "--jobs", "1", *(word for change in NEAR for word in ("--set", change)))
 
 FILES = {"report.html", "runs.h5", "weights.h5", "fronts.h5", "grasps.h5"}
 

@@ -98,8 +98,9 @@ def test_the_better_basin_is_kept_once_it_is_found(experiment_of: Build) -> None
 
 @pytest.mark.slow
 def test_with_the_whole_pending_cost_nothing_changes(experiment_of: Build) -> None:
-    one, ending = run(experiment_of(*COARSE, task="approach_capture"))
-    several, same = run(experiment_of(*COARSE, "controller.multistart=3", task="approach_capture"))
+    coarser = (*COARSE, "controller.nodes=12")
+    one, ending = run(experiment_of(*coarser, task="approach_capture"))
+    several, same = run(experiment_of(*coarser, "controller.multistart=3", task="approach_capture"))
     assert ending.time == same.time
     np.testing.assert_array_equal(states(one), states(several))
     assert {sample.command.solution.basin for sample in one} == {-1}

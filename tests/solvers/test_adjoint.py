@@ -145,17 +145,17 @@ def test_a_window_of_one_stage_has_the_optimum_of_fatrop(problem: Problem) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("mission", MISSIONS)
 def test_windows_of_one_and_two_stages_have_the_optimum_of_fatrop(mission: str) -> None:
-    """26 windows of three missions."""
+    """Every third window of three missions."""
     problem = build_problem(MISSIONS[mission]())
-    for solve in recorded(mission).values():
-        if len(solve.window.stages) <= 2:
-            assert_same_optimum(problem, solve)
+    solves = [solve for solve in recorded(mission).values() if len(solve.window.stages) <= 2]
+    for solve in solves[::3]:
+        assert_same_optimum(problem, solve)
 
 
 @pytest.mark.slow
 def test_a_mission_is_that_of_fatrop() -> None:
     """`approach_capture` from shortly before Capture is in the windows."""
-    changes = ("controller.nodes=12", "plant=ideal", "log.shares=false", "initial.base=[-1.2, 1.2, 15 deg]")
+    changes = ("controller.nodes=8", "plant=ideal", "log.shares=false", "initial.base=[-1.2, 1.2, 15 deg]")
     found, other = (
         simulate(load_task("approach_capture", (*changes, f"solver={kind}"))).summary()
         for kind in ("adjoint", "fatrop")

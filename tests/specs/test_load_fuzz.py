@@ -86,7 +86,7 @@ def test_mutated_description_is_loaded_or_rejected(
 
 
 @pytest.mark.slow
-@fuzzing(400)
+@fuzzing(150)
 @given(st.lists(st.lists(steps, min_size=1, max_size=6).map("".join), min_size=1, max_size=3))
 def test_any_override_is_applied_or_reported_as_it_was_given(overrides: list[str]) -> None:
     try:

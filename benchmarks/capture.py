@@ -120,8 +120,7 @@ def ratio() -> Iterator[str]:
     def row(mass: float) -> dict[str, object]:
         run = carried(mass, {"object.grasp.known": False})
         unlimited = carried(mass, {"object.grasp.known": False, "limits": {}})
-        capture = run.task.spec.capture
-        assert capture is not None
+        capture = run.task.spec.body
         load = HeldLoad(run.problem.model, body_of(capture), capture.grasp)
         Q = run.Q[np.argmax(run["grasp/closed"].all(axis=1))]
         return {

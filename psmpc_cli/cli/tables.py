@@ -462,8 +462,7 @@ def _posture(robot: RobotSpec, posture: ArmPosture) -> Row:
 
 def _unknown_load(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> Iterator[Row]:
     """Yield how large a load is against the robot, where the low-level law does not know of it."""
-    capture = task.spec.capture
-    if capture is None or capture.grasp.known:
+    if task.spec.body.grasp.known:
         return
     found = largest_load_ratio(task, model, stops)
     if found is None:
@@ -595,14 +594,14 @@ def _object(target_object: ObjectSpec) -> Iterator[Row]:
     yield "taken", f"at the end of {target_object.taken_by}"
     let_go = target_object.let_go_by
     yield "let go", "never: it is held to the end" if let_go is None else f"at the beginning of {let_go}"
-    capture = target_object.capture
-    if capture is None:
+    body = target_object.body
+    if body.mass == 0.0:
         return
-    yield "mass", f"{capture.mass:g} kg"
-    yield "inertia", f"{_listed(capture.inertia)} kg m^2"
-    drift = f"{_listed(capture.motion.linear)} m/s, {_listed_in_degrees(capture.motion.angular)} deg/s"
-    yield "drift", drift if capture.motion.moves else "none"
-    grasp = capture.grasp
+    yield "mass", f"{body.mass:g} kg"
+    yield "inertia", f"{_listed(body.inertia)} kg m^2"
+    drift = f"{_listed(body.motion.linear)} m/s, {_listed_in_degrees(body.motion.angular)} deg/s"
+    yield "drift", drift if body.motion.moves else "none"
+    grasp = body.grasp
     for arm, pose in grasp.at.items():
         yield f"grasp of {arm}", _pose(pose)
     envelope = grasp.envelope
@@ -620,7 +619,7 @@ def _object(target_object: ObjectSpec) -> Iterator[Row]:
     holds = "any load" if strength is None else f"{', '.join(bounds)}, filtered over {strength.filter:g} s"
     yield "a grasp holds", holds
     yield "load known to the low-level law", "yes" if grasp.known else "no"
-    destination = capture.destination
+    destination = body.destination
     if destination is not None:
         d = len(target_object.shape)
         angles = _listed_in_degrees(destination.tolerance[d:])

@@ -15,7 +15,7 @@ from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
-from psmpc_cli.control.tracking import Grip, ObjectEstimate, to_be_closed
+from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.end import PlannedEnd
@@ -24,8 +24,6 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
-from psmpc_cli.robot.free_body import body_of
-from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.load import Task
@@ -48,7 +46,7 @@ class Memory:
         levels: The last solutions of the levels of HTMPC.
         unfinished: A solve with a stage that had appeared, which ran out of iterations or time.
         estimate: What is known of the robot; None before the first measurement.
-        target_object: What is known of an object that moves; None without one.
+        target_object: What is known of an object that moves.
         signs: Of the quaternions in spatial targets.
         arguments: Those of constraints that samples of the current stage set, by name.
         route: How far the robot has come on its routes.
@@ -61,7 +59,7 @@ class Memory:
     levels: tuple[Solution, ...] = ()
     unfinished: Solution | None = None
     estimate: Estimate | None = None
-    target_object: ObjectEstimate | None = None
+    target_object: ObjectEstimate = NO_OBJECT
     signs: Signs = field(default_factory=dict)
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
     route: RouteProgress = field(default_factory=RouteProgress)
@@ -146,15 +144,11 @@ class ControlLaw:
         self._placer = Placer(problem)
         self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
-        capture = problem.capture
-        self._load = HeldLoad(model, body_of(capture), capture.grasp) if capture and capture.grasp.known else None
 
     @property
     def first(self) -> Memory:
         """What is known before the first sample."""
-        capture = self.problem.capture
-        known = ObjectEstimate.of(capture) if capture else None
-        return Memory(MovingSequence.of(0, 0.0), target_object=known)
+        return Memory(MovingSequence.of(0, 0.0), target_object=object_estimate(self.problem.body))
 
     def decide(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Command]:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
@@ -186,11 +180,9 @@ class ControlLaw:
         """
         time = measurement.time
         estimate = self._estimator.measured(memory.estimate, measurement.state)
-        target_object = memory.target_object
-        if target_object:
-            measured_at = time - self._spec.known_delay * self._spec.sample_time
-            grip = self._grip(memory.sequence, estimate.state)
-            target_object = target_object.with_measurement(measured_at, measurement.object_pose, grip)
+        measured_at = time - self._spec.known_delay * self._spec.sample_time
+        grip = self._grip(memory.sequence, estimate.state)
+        target_object = memory.target_object.with_measurement(measured_at, measurement.object_pose, grip)
         foreseen = self._estimator.foreseen(estimate)
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x = np.asarray(chart.enter(foreseen.Q[None], foreseen.v[None])[0])
@@ -205,10 +197,9 @@ class ControlLaw:
 
     def _grip(self, sequence: MovingSequence, state: State) -> Grip | None:
         """Return the gripper that holds the object at an estimated state; None where none does or it is not known."""
-        capture = self.problem.capture
-        if capture is None or sequence.first not in self.problem.held_stages or not isfinite(state.x @ state.x):
+        if sequence.first not in self.problem.held_stages or not isfinite(state.x @ state.x):
             return None
-        return Grip.of(self.problem.model, next(iter(capture.grasp.at)), state.Q, state.v)
+        return Grip.of(self.problem.model, self.problem.body.holder, state.Q, state.v)
 
     def _chart_about(self, state: State, plan: Plan | None, time: float) -> Chart:
         space = self.problem.model.space
@@ -408,8 +399,7 @@ class ControlLaw:
         Q, v = situation.placement.chart.leave(situation.x[None])
         planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
-        if self._load is not None and closed.any():
-            planned = self._load.followed(Q[0], v[0], planned, closed, self._tick)
+        planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
         estimate, u = self._estimator.command(situation.estimate, planned, measurement.state.v)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
@@ -431,10 +421,9 @@ class ControlLaw:
             switches=situation.switches,
             disturbance=estimate.disturbance,
             levels=decision.levels,
-            model=self.problem.model,
+            law=self.problem.law,
             stages=situation.stages,
             closed=closed,
-            load=self._load,
             route_progress=situation.route.progress.get(decision.sequence.first, np.nan),
             twist_rates=twist_rates,
         )

@@ -130,15 +130,15 @@ class Guide:
 
     def _nominal(self, stage: int, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return where the object is while a stage leads from coordinates (nq,) on, and no velocity."""
-        capture = self._problem.capture
-        if capture is None:
+        body = self._problem.body
+        if body.mass == 0.0:
             return None
         held = self._problem.held_stages
-        pose = np.array(capture.pose)
+        pose = np.array(body.pose)
         if stage in held:
-            pose = held_pose(self._problem.model, capture, Q)
-        elif stage >= held.stop and capture.destination is not None:
-            pose = np.array(capture.destination.pose)
+            pose = held_pose(self._problem.model, body, Q)
+        elif stage >= held.stop and body.destination is not None:
+            pose = np.array(body.destination.pose)
         return pose, np.zeros(self._problem.model.space.n_twist)
 
     def _motions(self, stage: int, chart: Chart, sample: SampleView, margin: float) -> StraightMotions | None:
@@ -166,7 +166,7 @@ class Guide:
         return StraightMotions(clearance, scale, STEP)
 
     def followed(
-        self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate | None
+        self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
     ) -> RouteProgress:
         """Return how far a robot in a state has come on the routes of the current stage and those after it."""
         progress = dict(before.progress)
@@ -179,7 +179,7 @@ class Guide:
             Q = route.waypoints[0]
             if stage == first and np.isfinite(state.Q).all():
                 Q = np.asarray(planned.chart.enter(state.Q[None], np.zeros((1, n))))[0, :n]
-            object_state = None if target_object is None else target_object.at(time)
+            object_state = target_object.at(time)
             sample = SampleView(time, np.append(Q, np.zeros(n)), planned.chart.anchor, object_state=object_state)
             spec = self._problem.spec.clearance_of(stage)
             motions = (

@@ -12,7 +12,7 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.robot.configuration import space_of_pose
-from psmpc_cli.robot.held_load import HeldLoad
+from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel, shape_of
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.arguments import rejected
@@ -90,12 +90,11 @@ class Measurement:
         if self.time <= before:
             raise InputError(f"time: found {self.time:g} s after {before:g} s, expected a time after the sample before")
         check_state(self.state, problem.model)
-        target_object = problem.capture
         if self.object_pose is None:
             return
-        if target_object is None:
+        size = len(problem.body.pose)
+        if size == 0:
             raise rejected("object_pose", self.object_pose, "none: the task has no object with a mass")
-        size = len(target_object.pose)
         if shape_of(self.object_pose) != (size,):
             meant = f"{space_of_pose(size).pose_text} ({size},)"
             raise rejected("object_pose", self.object_pose, meant)
@@ -171,10 +170,9 @@ class Command:
         disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
         levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
             plan is that of the level before.
-        model: The robot.
         stages: All stages of the task, with their targets at this sample.
         closed: Whether the grippers are to be closed on the object at each tick (M,).
-        load: The law of a robot that knows what it holds, for a task whose grasps are `known`.
+        law: The law that applies it.
         route_progress: Share of the length of the current stage's route from which on it counts; NaN without one.
         twist_rates: Rates of the velocities J_C v of base and end-effectors over the ticks (M, k) [m/s^2, rad/s^2] to
             which u leads: what the law in task space applies, of a stage with `input: task`; None where the law is that
@@ -194,10 +192,9 @@ class Command:
     switches: tuple[Switch, ...]
     disturbance: np.ndarray
     levels: tuple[Solution, ...]
-    model: RobotModel = field(repr=False)
+    law: LowLevelLaw = field(repr=False)
     stages: tuple[PlacedStage, ...] = field(repr=False)
     closed: np.ndarray
-    load: HeldLoad | None = field(default=None, repr=False)
     route_progress: float = np.nan
     twist_rates: np.ndarray | None = None
 
@@ -256,10 +253,8 @@ class Command:
             InputError: The time is not finite, or the state is not one of the robot.
         """
         check_time(time)
-        check_state(state, self.model)
+        check_state(state, self.law.model)
         tick = int(np.clip(np.floor((time - self.time) / self.tick + 1e-6), 0, len(self.u) - 1))
-        if self.load is not None and self.closed[tick]:
-            return self.load.force(state.Q, state.v, self.u[tick])
-        if self.twist_rates is not None:
-            return self.model.task_space_force(state.Q, state.v, self.twist_rates[tick])
-        return self.model.computed_torque(state.Q, state.v, self.u[tick])
+        twist_rates = None if self.twist_rates is None else self.twist_rates[tick]
+        grasps = self.law.grasps if self.closed[tick] else None
+        return self.law.force(state.Q, state.v, self.u[tick], twist_rates, grasps)

@@ -56,7 +56,7 @@ class Placer:
         self._problem = problem
         self._stages = tuple(stage.placed() for stage in problem.stages)
         self._horizon = problem.spec.controller.horizon
-        self.follows_object = bool(problem.capture) and any(stage.on_object for stage in problem.stages)
+        self.follows_object = any(stage.on_object for stage in problem.stages)
 
     def place(
         self,
@@ -65,7 +65,7 @@ class Placer:
         chart: Chart,
         sequence: MovingSequence,
         plan: Plan | None,
-        target_object: ObjectEstimate | None,
+        target_object: ObjectEstimate,
         signs: Signs,
         waypoints: Mapping[int, np.ndarray],
         at_ends: bool = False,
@@ -80,14 +80,14 @@ class Placer:
             chart: The chart.
             sequence: The stages in the window.
             plan: The plan in force, in the chart; None before the first.
-            target_object: What is known of the object; None without one that moves.
+            target_object: What is known of the object.
             signs: Those of the sample before.
             waypoints: Points of routes that costs follow, by stage index: numbers of its target.
             at_ends: Targets relative to the object are where it is when their stage is planned to end, or at the end of
                 the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
         stages = self._stages
-        if self.follows_object and target_object:
+        if self.follows_object:
             stages = self._at_object(time, sequence, target_object, at_ends)
         if self._problem.spec.routes is not None:
             stages = tuple(stage.with_waypoint(waypoints.get(stage.index)) for stage in stages)
@@ -98,7 +98,7 @@ class Placer:
             for stage in stages
         }
         model = self._problem.model
-        if target_object and sequence.first in self._problem.held_stages:
+        if sequence.first in self._problem.held_stages:
             stages = self._held(stages, time, x, chart, target_object)
         posture = model.space.posture(x[model.space.joint_rates])
         charted = tuple(stage.in_chart(chart.anchor, posture, found[stage.index]) for stage in stages)
@@ -111,7 +111,7 @@ class Placer:
         x: np.ndarray,
         chart: Chart,
         plan: Plan | None,
-        target_object: ObjectEstimate | None,
+        target_object: ObjectEstimate,
         before: Mapping[str, np.ndarray],
     ) -> dict[str, np.ndarray]:
         """Return the arguments of the constraints that samples set, by name, of the first stage that says them.
@@ -122,7 +122,7 @@ class Placer:
             x: State in the chart (2n,).
             chart: The chart.
             plan: The plan in force, in the chart; None before the first.
-            target_object: What is known of the object; None without one that moves.
+            target_object: What is known of the object.
             before: The arguments at the sample before.
         """
         found = dict[str, np.ndarray]()
@@ -134,7 +134,7 @@ class Placer:
             x=x,
             anchor=chart.anchor,
             ahead=None if plan is None else _ahead(plan, time),
-            object_state=None if target_object is None else target_object.at(time),
+            object_state=target_object.at(time),
         )
         for stage, constraints in sampled:
             for name in constraints.keys() - found.keys():
@@ -159,9 +159,7 @@ class Placer:
             return tuple(stages)
         model = self._problem.model
         xi = np.asarray(model.charted(x[: model.n], chart.anchor)).ravel()
-        pose, v = target_object.at(time)
-        grippers = {frame: xi[rows] for frame, rows in model.pose_rows.items()}
-        return tuple(stage.with_held_object(grippers, pose, v) for stage in stages)
+        return target_object.hold(stages, time, {frame: xi[rows] for frame, rows in model.pose_rows.items()})
 
     def _at_object(
         self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_ends: bool
@@ -169,14 +167,12 @@ class Placer:
         ends = dict(enumerate(sequence.instants, start=sequence.first))
         placed = list(self._stages)
         for stage in placed[sequence.first :]:
-            if stage.on_object:
-                when = float(ends.get(stage.index, time + self._horizon)) if at_ends else time
-                placed[stage.index] = stage.at_object(*target_object.at(when))
+            when = float(ends.get(stage.index, time + self._horizon)) if at_ends else time
+            placed[stage.index] = target_object.place(stage, when)
         current = placed[sequence.first]
-        if at_ends and current.on_object and not current.end.is_planned:
-            now = np.concatenate(target_object.at(time))
+        if at_ends and not current.end.is_planned:
             elapsed = time - sequence.progress.entered
-            placed[sequence.first] = current.following(target_object.body, now, elapsed, self._horizon)
+            placed[sequence.first] = target_object.follow(current, time, elapsed, self._horizon)
         return tuple(placed)
 
     def _signs(

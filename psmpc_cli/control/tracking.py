@@ -1,15 +1,22 @@
 """What the controller knows of the task's object: its motion, and when the grippers are to be closed on it."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.end import ROUNDING
+from psmpc_cli.ocp.problem import ObjectState
+from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.robot.free_body import FreeBody, body_of, velocity_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import conjugate, rotate
-from psmpc_cli.specs.object import CaptureSpec
+from psmpc_cli.specs.object import ObjectBody
+
+Poses = Mapping[str, np.ndarray]
+"""Poses of frames, (3,) or (7,), by name."""
 
 GAINS = 0.5, 1 / 6
 """alpha and beta of the filter, beta = alpha^2 / (2 - alpha): the best of its kind for a given alpha.
@@ -42,8 +49,78 @@ class Grip:
         return cls(pose, np.array(space.twist(linear, rotate(conjugate(attitude), angular))))
 
 
+class ObjectEstimate(ABC):
+    """What the controller knows of the motion of the task's object.
+
+    Attributes:
+        measured_at: When its pose was measured last [s]; minus infinity before.
+    """
+
+    measured_at: float
+
+    @abstractmethod
+    def at(self, time: float) -> ObjectState | None:
+        """Predict pose, (3,) or (7,), and velocity at a time [s]; None where there is no object."""
+
+    @abstractmethod
+    def with_measurement(self, time: float, pose: np.ndarray | None, grip: Grip | None = None) -> "ObjectEstimate":
+        """Return the estimate after a pose measured at a time [s]; one that is not finite, or None, is ignored.
+
+        Args:
+            time: Of the measurement.
+            pose: The pose, (3,) or (7,).
+            grip: What holds the object then.
+        """
+
+    @abstractmethod
+    def place(self, stage: PlacedStage, time: float) -> PlacedStage:
+        """Return a stage with the parts of its target that are on the object where it is at a time [s]."""
+
+    @abstractmethod
+    def follow(self, stage: PlacedStage, time: float, elapsed: float, horizon: float) -> PlacedStage:
+        """Return a stage whose cost follows the object over a horizon from a time on, begun so long before [s]."""
+
+    @abstractmethod
+    def hold(self, stages: Sequence[PlacedStage], time: float, grippers: Poses) -> tuple[PlacedStage, ...]:
+        """Return stages with the object where it is, at a time [s], in the grippers that hold it, of these poses."""
+
+
+class _NoObject(ObjectEstimate):
+    """Of a task without an object that has a mass."""
+
+    measured_at = -np.inf
+
+    def at(self, time: float) -> None:
+        """Return None."""
+        return
+
+    def with_measurement(self, time: float, pose: np.ndarray | None, grip: Grip | None = None) -> ObjectEstimate:
+        """Return this."""
+        return self
+
+    def place(self, stage: PlacedStage, time: float) -> PlacedStage:
+        """Return the stage."""
+        return stage
+
+    def follow(self, stage: PlacedStage, time: float, elapsed: float, horizon: float) -> PlacedStage:
+        """Return the stage."""
+        return stage
+
+    def hold(self, stages: Sequence[PlacedStage], time: float, grippers: Poses) -> tuple[PlacedStage, ...]:
+        """Return the stages."""
+        return tuple(stages)
+
+
+NO_OBJECT = _NoObject()
+
+
+def object_estimate(target_object: ObjectBody) -> ObjectEstimate:
+    """Return what the task says of its object."""
+    return FilteredObject.of(target_object) if target_object.mass else NO_OBJECT
+
+
 @dataclass(frozen=True, eq=False)
-class ObjectEstimate:
+class FilteredObject(ObjectEstimate):
     """The motion of the object: what the task says of it, corrected by measured poses.
 
     An alpha-beta filter: pose and velocity are predicted, and a part of what the measured pose differs by corrects
@@ -67,22 +144,16 @@ class ObjectEstimate:
     grip: Grip | None = None
 
     @classmethod
-    def of(cls, target_object: CaptureSpec) -> "ObjectEstimate":
+    def of(cls, target_object: ObjectBody) -> "FilteredObject":
         """Return what the task says of its object."""
         return cls(body_of(target_object), np.array(target_object.pose), velocity_of(target_object))
 
-    def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Predict pose, (3,) or (7,), and velocity at a time [s]."""
+    def at(self, time: float) -> ObjectState:
+        """Predict pose and velocity by the body's free motion."""
         return self.body.predicted(self.pose, self.velocity, time - self.time)
 
-    def with_measurement(self, time: float, pose: np.ndarray | None, grip: Grip | None = None) -> "ObjectEstimate":
-        """Return the estimate after a pose measured at a time [s]; one that is not finite, or None, is ignored.
-
-        Args:
-            time: Of the measurement.
-            pose: The pose, (3,) or (7,).
-            grip: What holds the object then.
-        """
+    def with_measurement(self, time: float, pose: np.ndarray | None, grip: Grip | None = None) -> "FilteredObject":
+        """Return the estimate corrected by a measured pose."""
         if pose is None or not np.isfinite(pose).all():
             return self
         alpha, beta = GAINS
@@ -97,7 +168,20 @@ class ObjectEstimate:
             velocity = space.carried_rate(grip.pose, grip.velocity, space.relative(corrected, grip.pose))
         elif np.isfinite(since) and since > 0:
             velocity = velocity + beta / since * innovation
-        return ObjectEstimate(self.body, corrected, velocity, time=time, measured_at=time, grip=grip)
+        return FilteredObject(self.body, corrected, velocity, time=time, measured_at=time, grip=grip)
+
+    def place(self, stage: PlacedStage, time: float) -> PlacedStage:
+        """Return the stage with its target where the object has it."""
+        return stage.at_object(*self.at(time)) if stage.on_object else stage
+
+    def follow(self, stage: PlacedStage, time: float, elapsed: float, horizon: float) -> PlacedStage:
+        """Return the stage following the object's free motion."""
+        return stage.following(self.body, np.concatenate(self.at(time)), elapsed, horizon) if stage.on_object else stage
+
+    def hold(self, stages: Sequence[PlacedStage], time: float, grippers: Poses) -> tuple[PlacedStage, ...]:
+        """Return the stages with the object where it is."""
+        pose, v = self.at(time)
+        return tuple(stage.with_held_object(grippers, pose, v) for stage in stages)
 
 
 def to_be_closed(holding: range, sequence: MovingSequence, ticks: np.ndarray) -> np.ndarray:

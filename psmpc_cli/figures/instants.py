@@ -195,8 +195,7 @@ def plot_grasps(run: Run) -> Figure:
     """Plot the filtered loads [N, N, N m] on each grasp while it is closed, what it holds, and where one was lost."""
     grippers = [style.readable(str(gripper)) for gripper in run["gripper"]]
     figure, grid = timeline(run, len(GRASP_LOADS), 1.2, beside=grippers)
-    capture = run.task.spec.capture
-    strengths = capture.grasp.largest_loads if capture else np.full(len(GRASP_LOADS), np.inf)
+    strengths = run.task.spec.body.grasp.largest_loads
     for (axes,), (load, unit), strength in zip(grid, GRASP_LOADS.items(), strengths, strict=True):
         loads = np.where(run["grasp/closed"] == 1, run[f"grasp/{load}"], np.nan)
         for i, (gripper, held) in enumerate(zip(grippers, loads.T, strict=True)):

@@ -58,7 +58,7 @@ def _is_spatial(recorded: Recorded) -> bool:
 
 
 def _has_object(recorded: Recorded) -> bool:
-    return recorded.is_simulated and recorded.task.spec.capture is not None
+    return recorded.is_simulated and recorded.task.spec.body.mass > 0.0
 
 
 def _is_uncertain(recorded: Recorded) -> bool:
@@ -87,7 +87,7 @@ TRUE_STATE = Condition(
 UNCERTAIN = Condition("where the task has an uncertainty", _is_uncertain)
 PAYLOAD = Condition(
     "where the task's uncertainty has a payload",
-    lambda recorded: recorded.is_simulated and recorded.task.spec.uncertainty.payload is not None,
+    lambda recorded: recorded.is_simulated and recorded.task.spec.uncertainty.carried.mass > 0.0,
 )
 DISTURBANCE = Condition("with controller.offset_free", lambda recorded: recorded.task.spec.controller.offset_free)
 SPATIAL = Condition("of spatial robots", _is_spatial)

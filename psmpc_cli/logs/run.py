@@ -330,14 +330,13 @@ class Run:
 
         Since the sample before it moves as if it was free; at the end of the run they are those of the log.
         """
-        capture = self.task.spec.capture
-        if capture is None or "object/pose" not in self:
+        if "object/pose" not in self:
             return None
         if time >= self.final["time"]:
             return self["final/object_pose"], self["final/object_velocity"]
         sample = max(int(np.searchsorted(self.time, time, side="right")) - 1, 0)
         state = self["object/pose"][sample], self["object/velocity"][sample]
-        return body_of(capture).predicted(*state, time - float(self.time[sample]))
+        return body_of(self.task.spec.body).predicted(*state, time - float(self.time[sample]))
 
     def with_problem(self, problem: Problem) -> "Run":
         """Return the run with the problem that was run, which otherwise is built from the texts in the log."""

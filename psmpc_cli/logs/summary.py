@@ -127,7 +127,7 @@ class CaptureSummary:
 
     def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
         """Read what became of the object from the datasets of a log."""
-        destination = task.capture.destination if task.capture else None
+        destination = task.body.destination
         _, pose, v = when_let_go(task, arrays)
         space = space_of_pose(len(pose))
         dimension = space.dimension

@@ -7,7 +7,7 @@ import numpy as np
 
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.object import GRASP_LOADS, CaptureSpec
+from psmpc_cli.specs.object import GRASP_LOADS, ObjectBody
 from psmpc_cli.specs.task import NOTHING_TOUCHED, OBJECT_CHECKS, MonitorSpec, TaskSpec
 
 Arrays = Mapping[str, np.ndarray]
@@ -95,10 +95,8 @@ def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
     """Judge by the datasets of a log what decides whether a mission succeeded, see `TaskSpec.judged`."""
     monitored = [judge_touch(arrays)] if task.keeps_clear else []
     monitored += [judge_monitor(monitor, arrays) for monitor in task.monitors]
-    if task.capture is None:
-        return tuple(monitored)
     if "grasp/pull" in arrays:
-        return (*monitored, *_object_checks(task, task.capture, arrays))
+        return (*monitored, *_object_checks(task, task.body, arrays))
     # nobody knows what became of the object in a loop of the user's own
     return (*monitored, *(Verdict(name, False, np.nan, "1", np.nan) for name in task.object_checks))
 
@@ -157,7 +155,7 @@ def when_let_go(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.n
     return float(arrays["final/end_time"]), arrays["final/object_pose"], arrays["final/object_velocity"]
 
 
-def _object_checks(task: TaskSpec, target_object: CaptureSpec, arrays: Arrays) -> Iterator[Verdict]:
+def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) -> Iterator[Verdict]:
     """Judge whether every gripper closed, none was pulled open, and the object left where and as slow as it should.
 
     Margins are over what is allowed, that of the grasps is the smallest of their loads. Unlike a monitor that is not

@@ -101,14 +101,12 @@ def review(task: Task) -> list[Fault]:
 
 def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Give what of a capture's end condition and targets lets grippers be outside their envelope when they close."""
-    target_object = task.spec.capture
-    if target_object is None:
-        return
+    target_object = task.spec.body
     stage = forecasts[task.spec.held_stages.start - 1].stage
-    envelope = target_object.grasp.envelope
     poses = stage.poses_of_arms
-    if not set(target_object.grasp.at) <= set(poses) or not stage.end.rows:
+    if target_object.mass == 0.0 or not set(target_object.grippers) <= set(poses) or not stage.end.rows:
         return
+    envelope = target_object.grasp.envelope
 
     def norms(motion: np.ndarray) -> list[float]:
         return [float(np.linalg.norm(part)) for part in np.split(motion, [task.robot.dimension])]
@@ -331,8 +329,8 @@ docs/capture_results.md has runs.
 
 def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Yield a load that outweighs the robot in some motion, where the low-level law does not know of it."""
-    target_object = task.spec.capture
-    if target_object is None or target_object.grasp.known:
+    target_object = task.spec.body
+    if target_object.grasp.known:
         return
     found = largest_load_ratio(task, forecasts[0].model, forecast_configurations(task, forecasts))
     if found is None or found.ratio <= LARGEST_UNKNOWN_LOAD:
@@ -363,10 +361,9 @@ def _early_release(task: Task) -> Iterator[Fault]:
     spec = task.spec
     traits = spec.controller.traits
     names = [stage.name for stage in spec.stages]
-    let_go_by = spec.object.let_go_by if spec.object is not None else None
-    if let_go_by is None or let_go_by == names[0] or spec.capture is not None or traits.one_stage:
+    last = spec.held_stages.stop
+    if not 0 < last < len(names) or spec.body.mass or traits.one_stage:
         return
-    last = names.index(let_go_by)
     carrying, letting_go = (
         stage.priority if traits.has_priorities else 1.0 for stage in spec.stages[last - 1 : last + 1]
     )
@@ -374,8 +371,8 @@ def _early_release(task: Task) -> Iterator[Fault]:
         return
     message = (
         f"found a priority of {letting_go:g}, and of {carrying:g} for {quoted(names[last - 1])}, which carries the "
-        f"object; expected at most {LARGEST_PRIORITY_OF_RELEASE:g} times that: above, {quoted(let_go_by)} may open the "
-        "grippers while they carry"
+        f"object; expected at most {LARGEST_PRIORITY_OF_RELEASE:g} times that: above, "
+        f"{quoted(names[last])} may open the grippers while they carry"
     )
     yield Fault(("stages", last, "priority") if traits.has_priorities else ("controller", "kind"), message)
 

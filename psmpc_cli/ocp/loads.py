@@ -13,7 +13,7 @@ from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.held_load import described_grasps, held_force
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.object import CaptureSpec
+from psmpc_cli.specs.object import ObjectBody
 from psmpc_cli.specs.task import TaskSpec
 
 
@@ -34,11 +34,10 @@ class HeldObject:
     grasps: tuple[tuple[float, ...], ...]
 
     @classmethod
-    def of(cls, capture: CaptureSpec, model: RobotModel) -> "HeldObject":
+    def of(cls, body: ObjectBody, model: RobotModel) -> "HeldObject":
         """Return the object of a task as its grippers hold it."""
-        grippers = tuple(arm for arm in model.spec.arms if arm in capture.grasp.at)
-        grasps = described_grasps(grippers, capture.grasp)
-        return cls(capture.mass, capture.inertia, grippers, tuple(map(tuple, grasps.tolist())))
+        grasps = described_grasps(body.grippers, body.grasp)
+        return cls(body.mass, body.inertia, body.grippers, tuple(map(tuple, grasps.tolist())))
 
 
 @dataclass(frozen=True)
@@ -92,14 +91,13 @@ class Load:
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     """Return what the grippers are known to hold in a stage of a task."""
-    capture = task.capture
-    payload = task.uncertainty.payload
+    payload = task.uncertainty.carried
     nothing = (0.0,) * len(model.spec.arms)
     if stage not in task.held_stages:
         return Load(nothing, nothing)
-    if payload is not None and payload.known:
+    if payload.known:
         share = np.array(payload.shares(tuple(model.spec.arms)))
         return Load(tuple((share * payload.mass).tolist()), tuple((share * payload.inertia).tolist()))
-    if capture is not None and capture.grasp.known:
-        return Load(nothing, nothing, HeldObject.of(capture, model))
+    if task.body.grasp.known:
+        return Load(nothing, nothing, HeldObject.of(task.body, model))
     return Load(nothing, nothing)

@@ -12,7 +12,7 @@ from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.object import CaptureSpec
+from psmpc_cli.specs.object import ObjectBody
 from psmpc_cli.specs.robot import labels, stack
 from psmpc_cli.specs.task import TaskSpec
 
@@ -92,7 +92,7 @@ def unforeseen(task: TaskSpec, stages: Sequence[Stage]) -> dict[int, str]:
     Something moves: an obstacle; the object, before grippers hold it; or the place where the stage begins or ends is on
     an object that moves.
     """
-    object_moves = task.capture is not None and task.capture.motion.moves
+    object_moves = task.body.motion.moves
     moving = [obstacle.name for obstacle in task.obstacles if any(obstacle.velocity)]
     found = dict[int, str]()
     for stage in stages:
@@ -139,8 +139,8 @@ def largest_load_ratio(task: Task, model: RobotModel, stops: Sequence[np.ndarray
         model: Its robot.
         stops: The `configurations` of its stages.
     """
-    target_object = task.spec.capture
-    if target_object is None:
+    target_object = task.spec.body
+    if target_object.mass == 0.0:
         return None
     load = HeldLoad(model, body_of(target_object), target_object.grasp)
     found = []
@@ -154,9 +154,9 @@ def largest_load_ratio(task: Task, model: RobotModel, stops: Sequence[np.ndarray
     return max(found, key=lambda each: each.ratio)
 
 
-def held_pose(model: RobotModel, capture: CaptureSpec, Q: np.ndarray) -> np.ndarray:
+def held_pose(model: RobotModel, body: ObjectBody, Q: np.ndarray) -> np.ndarray:
     """Return the pose of an object, (3,) or (7,), that the first gripper holds as the task describes, at Q (nq,)."""
-    holder, at = next(iter(capture.grasp.at.items()))
-    gripper = model.poses(Q)[list(model.pose_rows).index(holder)]
+    at = body.grasp.at[body.holder]
+    gripper = model.poses(Q)[list(model.pose_rows).index(body.holder)]
     origin = model.space.neutral[model.space.base_coordinates]
     return model.space.composed(gripper, model.space.relative(origin, np.array(at)))

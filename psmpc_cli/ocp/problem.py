@@ -14,9 +14,11 @@ from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage
 from psmpc_cli.robot.configuration import space_of_pose
+from psmpc_cli.robot.free_body import body_of
+from psmpc_cli.robot.low_level import LowLevelLaw, low_level_law
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject
+from psmpc_cli.specs.object import ObjectBody, OnObject
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, rows, stack
 from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
@@ -79,14 +81,19 @@ class Problem:
         return self.task.spec
 
     @cached_property
-    def capture(self) -> CaptureSpec | None:
-        """The object, where it has a mass; None where the task has no such object."""
-        return self.spec.capture
+    def body(self) -> ObjectBody:
+        """The object as a rigid body, of mass 0 where the task has none."""
+        return self.spec.body
 
     @cached_property
     def held_stages(self) -> range:
         """The stages in which grippers hold an object with a mass; none without one."""
-        return self.spec.held_stages if self.capture else range(0)
+        return self.spec.carrying_stages
+
+    @cached_property
+    def law(self) -> LowLevelLaw:
+        """The low-level law, with what it knows of the object."""
+        return low_level_law(self.model, body_of(self.body), self.body.grasp)
 
 
 def build_problem(task: Task) -> Problem:
@@ -129,19 +136,19 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
         rate_tolerance=condition.velocities(robot, space),
         hold=condition.hold,
     )
-    capture = task.capture
-    if condition.object is None or capture is None or capture.destination is None:
+    body = task.body
+    if condition.object is None or body.destination is None:
         return by_state
-    frame, at = next(iter(capture.grasp.at.items()))
+    at = body.grasp.at[body.holder]
     pose_space = space_of_pose(len(at))
     bounds = {measure: getattr(condition.object, measure) for measure in MEASURES}
     given = {measure: bound for measure, bound in bounds.items() if bound is not None}
     return ByObject(
         **{each.name: getattr(by_state, each.name) for each in fields(by_state)},
-        frame=frame,
+        frame=body.holder,
         measures=tuple(given),
         object_tolerance=np.array(list(given.values())),
-        destination=np.array(capture.destination.pose),
+        destination=np.array(body.destination.pose),
         inside=pose_space.relative(pose_space.neutral, at),
     )
 
@@ -149,12 +156,11 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
 def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     """Return a stage with the poses of its target that are relative to the object, and their number of turns."""
     target = task.stages[stage.index].target
-    target_object = task.object
-    if target_object is None or isinstance(target, TrajectorySpec):
+    if isinstance(target, TrajectorySpec):
         return stage
     frames = [frame for frame, aim in target.items() if isinstance(aim, OnObject)]
     targets = {frame: stage.target[stage.parts[frame].numbers] for frame in frames}
-    inside = {frame: model.space.relative(target, target_object.pose) for frame, target in targets.items()}
+    inside = {frame: model.space.relative(target, task.body.pose) for frame, target in targets.items()}
     return replace(stage, on_object=inside)
 
 
@@ -237,7 +243,7 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
         space = task.skills[spec.skill].wanted_in
         skill = skill_in(space)
         waypoints = _waypoints(
-            spec, robot, space, task.object, skill.absent(model), posture.Q[model.space.base_coordinates]
+            spec, robot, space, task.body, skill.absent(model), posture.Q[model.space.base_coordinates]
         )
         turning = skill.angles(model)
         if spec.angles == "nearest":
@@ -256,7 +262,7 @@ def _waypoints(
     spec: StageSpec,
     robot: RobotSpec,
     space: Space,
-    target_object: ObjectSpec | None,
+    body: ObjectBody,
     absent: np.ndarray,
     base: np.ndarray,
 ) -> np.ndarray:
@@ -268,22 +274,16 @@ def _waypoints(
     if isinstance(spec.target, TrajectorySpec):
         values = spec.target.stacked(robot, space)
     else:
-        parts = {part: _placed(aim, target_object) for part, aim in spec.target.items()}
+        parts = {part: _placed(aim, body) for part, aim in spec.target.items()}
         values = stack(parts, robot, space)[None]
     of_base = values[:, : len(base)]  # a view: every target begins with the base's pose
     of_base[...] = np.where(np.isnan(of_base), base, of_base)
     return np.where(np.isnan(values), absent, values)
 
 
-def _placed(aim: tuple[float, ...] | OnObject, target_object: ObjectSpec | None) -> tuple[float, ...]:
+def _placed(aim: tuple[float, ...] | OnObject, body: ObjectBody) -> tuple[float, ...]:
     """Return the numbers of a part of a target, the object being where it is at the start."""
-    if not isinstance(aim, OnObject) or target_object is None:
-        return () if isinstance(aim, OnObject) else aim
-    at = (
-        aim.object
-        if not isinstance(aim.object, str)
-        else target_object.grasp.at[aim.object]
-        if target_object.grasp
-        else ()
-    )
-    return tuple(space_of_pose(len(at)).composed(target_object.pose, at).tolist())
+    if not isinstance(aim, OnObject):
+        return aim
+    at = body.grasp.at[aim.object] if isinstance(aim.object, str) else aim.object
+    return tuple(space_of_pose(len(at)).composed(body.pose, at).tolist())

@@ -95,7 +95,7 @@ def _close_parts(
 def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> set[str]:
     """Return the names of the stages whose targets say where all joints are, by inverse kinematics in task space."""
     missing = {each.stage for each in arm_postures(model, stages, stops) if each.joints is None}
-    drifts = task.spec.capture is not None and task.spec.capture.motion.moves
+    drifts = task.spec.body.motion.moves
     of_base = 0 if model.spec.moved_by.actuated else model.space.n_twist  # rows that such a target need not ask for
     return {
         stage.name
@@ -142,13 +142,13 @@ def _object_pose(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarr
 
     Until it is taken it is where it was at the start if it does not move, then in its first gripper.
     """
-    capture = task.spec.capture
-    if capture is None:
+    body = task.spec.body
+    if body.mass == 0.0:
         return None
     held = task.spec.held_stages
-    if stage is None or (stage.index < held.start and not capture.motion.moves):
-        return np.array(capture.pose)
-    return held_pose(model, capture, Q) if stage.index in held else None
+    if stage is None or (stage.index < held.start and not body.motion.moves):
+        return np.array(body.pose)
+    return held_pose(model, body, Q) if stage.index in held else None
 
 
 def monitor_faults(task: Task, model: RobotModel) -> Iterator[Fault]:

@@ -89,8 +89,7 @@ def _about_object(
     problem: Problem, stage: PlacedStage, object_state: np.ndarray, elapsed: float, follows: bool
 ) -> PlacedStage:
     """Return a stage whose target is relative to the object, at a state of the object or following its free motion."""
-    capture = problem.capture
-    if follows and capture:
-        return stage.following(body_of(capture), object_state, elapsed, problem.spec.controller.horizon)
+    if follows:
+        return stage.following(body_of(problem.body), object_state, elapsed, problem.spec.controller.horizon)
     pose, velocity = np.split(object_state, [problem.model.space.n_pose])
     return stage.at_object(pose, velocity)

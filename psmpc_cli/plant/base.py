@@ -10,7 +10,7 @@ import numpy as np
 
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.low_level import LowLevelLaw
 
 
 @dataclass(frozen=True)
@@ -210,17 +210,6 @@ class Disturbance:
         return cls(robot, robot, np.zeros((ticks, 2 * n)), np.zeros((ticks, n)))
 
 
-Law = Callable[[np.ndarray, np.ndarray, np.ndarray, InertialParameters], np.ndarray]
-"""Q, v, inputs of a tick and the inertial parameters that it knows -> generalized force (n,) [N, N m]."""
-
-
-def low_level_law(model: RobotModel, u: np.ndarray, twist_rates: np.ndarray | None) -> tuple[Law, np.ndarray]:
-    """Return the law that is in force over a sample and its inputs over the ticks: in task space, or (7)."""
-    if twist_rates is None:
-        return model.computed_torque, u
-    return model.task_space_force, twist_rates
-
-
 class Plant(Protocol):
     """Simulated physics of a robot under its low-level controller."""
 
@@ -249,8 +238,9 @@ class TickedPlant(ABC):
     What plants differ in are the methods below `advance`.
     """
 
-    def __init__(self, model: RobotModel, tick: float, force_limits: ForceLimits | None) -> None:
-        self.model = model
+    def __init__(self, law: LowLevelLaw, tick: float, force_limits: ForceLimits | None) -> None:
+        self.law = law
+        self.model = law.model
         self.tick = tick
         self.force_limits = force_limits
 
@@ -272,18 +262,24 @@ class TickedPlant(ABC):
         commanded = np.empty((M, n))
         F = np.empty((M, n))
         gained = np.zeros(self.model.parts["base"].stop + 1)
-        law, inputs = low_level_law(self.model, u, twist_rates)
         other = disturbance or Disturbance.none(self.model.nominal, M, n)
         is_noisy = bool(other.noise.any())
         time = start + self.tick * np.arange(M + 1)
         for k in range(M):
-            instead = self.begin_tick(float(time[k]), X[k], closed is not None and bool(closed[k]))
+            grasps = self.begin_tick(float(time[k]), X[k], closed is not None and bool(closed[k]))
             Q = X[k, :nq]
             v = X[k, nq:]
             if is_noisy:
                 Q = np.array(space.integrate(Q, other.noise[k, :n]))
                 v = v + other.noise[k, n:]
-            commanded[k] = law(Q, v, inputs[k], other.law) if instead is None else instead(Q, v, u[k], other.law)
+            commanded[k] = self.law.force(
+                Q,
+                v,
+                u[k],
+                twist_rates=None if twist_rates is None else twist_rates[k],
+                grasps=grasps,
+                parameters=other.law,
+            )
             F[k] = commanded[k]
             if self.force_limits is not None:
                 F[k] = self.force_limits.limited(space, X[k, :nq], commanded[k])
@@ -311,8 +307,8 @@ class TickedPlant(ABC):
             The state, and impulse and work as in `Ticks.gained`.
         """
 
-    def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> Law | None:
-        """Take in that a tick begins, and return a law of accelerations that acts in it instead of that of the sample.
+    def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> np.ndarray | None:
+        """Take in that a tick begins, and return the grasps of an object that all hands hold in it; None without one.
 
         Args:
             time: Its beginning [s].

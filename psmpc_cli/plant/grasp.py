@@ -8,7 +8,6 @@ is kept. Stiffnesses are the same in every direction, and so are the dampings.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -17,15 +16,15 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import ForceLimits, GraspEvent, Law, ObjectTicks, Resistance, TickedPlant
+from psmpc_cli.plant.base import ForceLimits, GraspEvent, ObjectTicks, Resistance, TickedPlant
 from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody, body_of, velocity_of
-from psmpc_cli.robot.held_load import HeldLoad
+from psmpc_cli.robot.low_level import low_level_law
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, log, product, rotate, scaled, shorter
-from psmpc_cli.specs.object import GRASP_LOADS, CaptureSpec
+from psmpc_cli.specs.object import GRASP_LOADS, ObjectBody
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import TaskSpec
@@ -220,7 +219,7 @@ class Capture:
         parameters: Of the bushings now, gripper by gripper.
     """
 
-    def __init__(self, task: TaskSpec, model: RobotModel, target_object: CaptureSpec) -> None:
+    def __init__(self, task: TaskSpec, model: RobotModel, target_object: ObjectBody) -> None:
         spec = target_object.grasp
         body = body_of(target_object)
         error = task.uncertainty.object or ObjectErrorSpec()
@@ -231,7 +230,7 @@ class Capture:
         v[model.dimension :] += error.angular * drawn[4 : 4 + len(v) - model.dimension]
         self.described = body
         self.body = FreeBody(factor * body.mass, [factor * moment for moment in body.inertia])
-        law = GraspLaw(model, self.body, [arm for arm in model.spec.arms if arm in spec.at])
+        law = GraspLaw(model, self.body, list(spec.at))
         self._task = task
         tick = 1 / task.plant.low_level_rate
         self.law = law
@@ -382,9 +381,9 @@ def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
     Raises:
         InputError: The grasps are too stiff for the integrator's step.
     """
-    if task.capture is None:
+    if task.body.mass == 0.0:
         return None
-    capture = Capture(task, model, task.capture)
+    capture = Capture(task, model, task.body)
     rates = capture.rates(stack(task.initial, model.spec, "joint"))
     step = task.plant.step or 1 / task.plant.low_level_rate
     if not is_stable(rates * step * RESERVE):
@@ -429,17 +428,15 @@ class CapturePlant(TickedPlant):
     """
 
     def __init__(self, capture: Capture, step: Step, force_limits: ForceLimits | None) -> None:
-        super().__init__(capture.law.model, capture.tick, force_limits)
+        law = low_level_law(capture.law.model, capture.described, capture.spec)
+        super().__init__(law, capture.tick, force_limits)
         self.capture = capture
         self._step = step
-        self._chain = HeldLoad(self.model, capture.described, capture.spec) if capture.spec.known else None
 
-    def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> Law | None:
-        """Close, open and lose grasps; where all hands hold a known object, the law that knows it acts."""
+    def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> np.ndarray | None:
+        """Close, open and lose grasps, and return those of an object that all hands hold."""
         self.capture.update(time, x, closed)
-        if self._chain is None or not self.capture.closed.all():
-            return None
-        return partial(self._chain.force, grasps=self.capture.parameters[:, :-2])
+        return self.capture.parameters[:, :-2] if self.capture.closed.all() else None
 
     def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
         """Advance robot and object by a tick."""

@@ -12,6 +12,7 @@ from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.kinematics import runge_kutta
+from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.mujoco_model import OBJECT, mujoco_spec
 
@@ -36,7 +37,7 @@ class MujocoPlant(TickedPlant):
         force_limits: ForceLimits | None = None,
         target_object: FreeBody | None = None,
     ) -> None:
-        super().__init__(model, tick, force_limits)
+        super().__init__(LowLevelLaw(model), tick, force_limits)
         self.substeps = substeps
         self.resistance = resistance or Resistance.none(model.n)
         self._target_object = target_object

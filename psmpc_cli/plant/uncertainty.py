@@ -95,8 +95,7 @@ class Uncertainty:
             return plant.advance(start, x, u, None, closed, twist_rates)
         robot = self.true_parameters(stage)
         law = self._model.nominal
-        payload = self.spec.payload
-        if payload is not None and payload.known and self.holds(stage):
+        if self.spec.carried.known and self.holds(stage):
             law = self._with_payload(law)
         disturbance = Disturbance(robot, law, self._noise(sample), self._push(start))
         return plant.advance(start, x, u, disturbance, closed, twist_rates)
@@ -119,9 +118,7 @@ class Uncertainty:
         }
 
     def _with_payload(self, free: InertialParameters) -> InertialParameters:
-        payload = self.spec.payload
-        if payload is None:
-            return free
+        payload = self.spec.carried
         share = np.array(payload.shares(tuple(self._model.spec.arms)))
         return free.holding(share * payload.mass, share * payload.inertia)
 

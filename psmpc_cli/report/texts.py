@@ -59,8 +59,8 @@ def _limit_violations(summary: Summary) -> list[str]:
     for each in summary.beyond_limits:
         text = _violations(each)
         is_at_closing = each.sample in summary.closing_samples and each.where.endswith("velocity")
-        if is_at_closing and summary.capture is not None:
-            speeds = _closing_speeds(summary.capture)
+        if is_at_closing:
+            speeds = _of_object(summary, _closing_speeds)
             reason = (
                 f"the grasps stop grippers that move by {speeds} against the object at once, which no plan contains"
             )
@@ -70,9 +70,14 @@ def _limit_violations(summary: Summary) -> list[str]:
     return texts
 
 
-def _closing_speeds(capture: CaptureSummary) -> str:
+def _of_object(summary: Summary, text: Callable[[CaptureSummary], str]) -> str:
+    """Write what became of an object with a mass; nothing without one."""
+    return text(summary.capture) if summary.capture else ""
+
+
+def _closing_speeds(outcome: CaptureSummary) -> str:
     """Write how fast grippers moved against their grasps when they were to close."""
-    _, _, v, omega = capture.missed_by
+    _, _, v, omega = outcome.missed_by
     return f"{number(1e3 * v)} mm/s, {number(math.degrees(omega))} deg/s"
 
 
@@ -84,20 +89,18 @@ def _margin(summary: Summary, kind: str) -> str:
     )
 
 
-def _closing_error(capture: CaptureSummary | None) -> str:
+def _closing_error(outcome: CaptureSummary) -> str:
     """Write by how much grippers were apart from their grasps when they were to close."""
-    if capture is None or math.isnan(capture.missed_by[0]):
+    r, phi, *_ = outcome.missed_by
+    if math.isnan(r):
         return ""
-    r, phi, *_ = capture.missed_by
-    apart = f"{number(1e3 * r)} mm, {number(math.degrees(phi))} deg, {_closing_speeds(capture)}"
-    return apart if math.isfinite(capture.closed_at) else f"{apart}: outside their envelope"
+    apart = f"{number(1e3 * r)} mm, {number(math.degrees(phi))} deg, {_closing_speeds(outcome)}"
+    return apart if math.isfinite(outcome.closed_at) else f"{apart}: outside their envelope"
 
 
-def _loads(capture: CaptureSummary | None) -> str:
+def _loads(outcome: CaptureSummary) -> str:
     """Write the largest loads on a grasp."""
-    if capture is None:
-        return ""
-    return ", ".join(f"{load} {number(capture.loads[load])} {unit}" for load, unit in GRASP_LOADS.items())
+    return ", ".join(f"{load} {number(outcome.loads[load])} {unit}" for load, unit in GRASP_LOADS.items())
 
 
 ACCELERATIONS = ("base_acceleration", "base_angular_acceleration", "joint_acceleration")
@@ -153,18 +156,17 @@ def _smallest_margin(summary: Summary) -> str:
     return "" if found is None or found.tightest == found.nearest else _nearest(found.tightest)
 
 
-def _departure(capture: CaptureSummary | None) -> str:
+def _departure(outcome: CaptureSummary) -> str:
     """Write when and how an object left the grippers, or is held at the end, and how far from its destination."""
-    held_to_the_end = capture is not None and math.isnan(capture.left_at) and math.isfinite(capture.distance)
-    if capture is None or (math.isnan(capture.left_at) and not held_to_the_end):
+    has_left = math.isfinite(outcome.left_at)
+    has_distance = math.isfinite(outcome.distance)
+    if not (has_left or has_distance):
         return ""
-    how = f"LOST by {', '.join(capture.lost)}" if capture.lost else "let go"
-    how = "still held" if held_to_the_end else f"{how} at {number(capture.left_at, TIME)} s"
-    where = ""
-    if not math.isnan(capture.distance):
-        distance = f"{number(1e3 * capture.distance)} mm and {number(math.degrees(capture.angle))} deg"
-        where = f"{distance} from its destination, "
-    return f"{how}, {where}at {number(1e3 * capture.speed)} mm/s"
+    how = f"LOST by {', '.join(outcome.lost)}" if outcome.lost else "let go"
+    how = f"{how} at {number(outcome.left_at, TIME)} s" if has_left else "still held"
+    distance = f"{number(1e3 * outcome.distance)} mm and {number(math.degrees(outcome.angle))} deg"
+    where = f"{distance} from its destination, " if has_distance else ""
+    return f"{how}, {where}at {number(1e3 * outcome.speed)} mm/s"
 
 
 def _end_errors(summary: Summary) -> str:
@@ -254,9 +256,9 @@ MEASURES: tuple[Measure, ...] = (
     Measure("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), shown=Shown.NOWHERE),
     Measure("end error over tolerance, at switches", lambda run: _largest(run.end_condition)),
     Measure("end error over tolerance, at the end", _end_errors, shown=Shown.NOWHERE),
-    Measure("grippers from their grasps at closing", lambda run: _closing_error(run.capture)),
-    Measure("largest filtered loads on a grasp", lambda run: _loads(run.capture)),
-    Measure("object leaves the grippers", lambda run: _departure(run.capture), shown=BOTH),
+    Measure("grippers from their grasps at closing", lambda run: _of_object(run, _closing_error)),
+    Measure("largest filtered loads on a grasp", lambda run: _of_object(run, _loads)),
+    Measure("object leaves the grippers", lambda run: _of_object(run, _departure), shown=BOTH),
     Measure("control effort, sum of T_s |dv/T_s|^2", lambda run: run.control_effort, EFFORT_UNITS, BOTH),
     Measure("integral of |u|^2", lambda run: run.squared_acceleration, EFFORT_UNITS),
     Measure("largest force, torque of the base", lambda run: _peaks(run, "base_force", "base_torque"), shown=BOTH),

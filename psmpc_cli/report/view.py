@@ -437,8 +437,7 @@ def _grasp_panels(run: Run) -> Iterator[Json]:
     names = [style.words_of(name) for name in run["gripper"].tolist()]
     colors = [part_colors(run.problem.model)[name] for name in run["gripper"].tolist()]
     time = run.time[samples]
-    capture = run.task.spec.capture
-    strengths = capture.grasp.largest_loads if capture else np.full(len(GRASP_LOADS), np.inf)
+    strengths = run.task.spec.body.grasp.largest_loads
     for (load, unit), strength in zip(GRASP_LOADS.items(), strengths, strict=True):
         limits = [("strength", np.full(len(time), strength), style.EDGE)] if np.isfinite(strength) else []
         curves = zip(names, run[f"grasp/{load}"][samples].T, colors, strict=True)

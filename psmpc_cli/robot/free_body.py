@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from psmpc_cli.robot.configuration import ConfigurationSpace, space_of_inertia
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, rotate, scaled
-from psmpc_cli.specs.object import CaptureSpec
+from psmpc_cli.specs.object import ObjectBody
 
 Array = NDArray[np.float64]
 
@@ -86,11 +86,11 @@ class FreeBody:
         return space.normalized(y[..., : space.nq]), y[..., space.nq :]
 
 
-def body_of(capture: CaptureSpec) -> FreeBody:
+def body_of(target_object: ObjectBody) -> FreeBody:
     """Return an object with a mass as a free body."""
-    return FreeBody(capture.mass, capture.inertia)
+    return FreeBody(target_object.mass, target_object.inertia)
 
 
-def velocity_of(capture: CaptureSpec) -> Array:
+def velocity_of(target_object: ObjectBody) -> Array:
     """Return the velocity of an object at the start, (3,) or (6,) [m/s, rad/s]."""
-    return np.array([*capture.motion.linear, *capture.motion.angular])
+    return np.array([*target_object.motion.linear, *target_object.motion.angular])

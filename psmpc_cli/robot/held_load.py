@@ -29,12 +29,15 @@ class HeldLoad:
     gripper i bears C_i (sum C)^-1, C_i its bushing's stiffness about the object's centre: then all grasps give alike,
     and the grippers stay consistent. Equal shares would twist them against each other. With one gripper nothing can
     differ, u' = u, and it bears everything: the object is part of the last body.
+
+    Attributes:
+        grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9), as described.
     """
 
     def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:
         grippers = [arm for arm in model.spec.arms if arm in grasp.at]
         self._model = model
-        self._described = described_grasps(grippers, grasp)
+        self.grasps = described_grasps(grippers, grasp)
         self._force = ArrayFunction(held_force(model, body, grippers))
         self._shared = ArrayFunction(_shared(model, body, grippers))
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
@@ -57,7 +60,7 @@ class HeldLoad:
             grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9); by default
                 as the task has them.
         """
-        grasps = self._described if grasps is None else grasps
+        grasps = self.grasps if grasps is None else grasps
         parameters = (law or self._model.nominal).vector
         return np.asarray(self._force(Q, v, u, grasps.ravel(), parameters)[0][0])
 
@@ -74,7 +77,7 @@ class HeldLoad:
         followed = u.copy()
         for k, is_closed in enumerate(closed):
             if is_closed:
-                followed[k] = self._shared(Q, v, u[k], self._described.ravel())[0][0]
+                followed[k] = self._shared(Q, v, u[k], self.grasps.ravel())[0][0]
             positions, velocities = over_ticks(self._model.space, Q, v, followed[k : k + 1], tick)
             Q = positions[-1]
             v = velocities[-1]
@@ -97,8 +100,8 @@ class HeldLoad:
             The largest rho, and its motion v (n,), of kinetic energy 1/2 without the load.
         """
         n = self._model.n
-        S, W = self._terms(Q, self._described.ravel())
-        S = S.T.reshape(len(self._described), -1, n)
+        S, W = self._terms(Q, self.grasps.ravel())
+        S = S.T.reshape(len(self.grasps), -1, n)
         N = null_space((S[1:] - S[:1]).reshape(-1, n), rcond=SINGULAR)
         H = self._model.mass_matrix(Q)
         SN = S.mean(axis=0) @ N

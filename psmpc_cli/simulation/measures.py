@@ -262,7 +262,7 @@ class Meter:
     def _errors_at(self, stage: Stage, Q: np.ndarray, v: np.ndarray, ticks: Ticks, time: float) -> tuple[float, float]:
         """Return the end errors of a stage in a state, with the object where it is at a time [s]; NaN if unknown."""
         object_state = self._object_state(ticks, time)
-        if stage.on_object and object_state is None and self._problem.capture is not None:
+        if stage.on_object and object_state is None:
             return np.nan, np.nan
         return self._end_errors(*in_own_chart(self._problem.model, stage, Q, v, object_state=object_state))
 

@@ -308,7 +308,7 @@ class Recorder:
         """
         require("command", command, Command, "a Command, from Controller.step")
         require("ticks", ticks, (Ticks, type(None)), "Ticks, or None")
-        if command.model is not self._controller.problem.model:
+        if command.law.model is not self._controller.problem.model:
             raise rejected("command", command, f"one of {self._controller}")
         if self._commands and command.time <= self._commands[-1].time:
             before = self._commands[-1].time
@@ -403,7 +403,7 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
     for name, shape in shapes.items():
         if shape_of(getattr(ticks, name)) != shape:
             raise rejected(f"ticks.{name}", getattr(ticks, name), f"numbers {shape}")
-    of_base = command.model.parts["base"].stop + 1
+    of_base = command.law.model.parts["base"].stop + 1
     if shape_of(ticks.gained) not in ((), (of_base,)):
         raise rejected("ticks.gained", ticks.gained, f"numbers ({of_base},)")
     time = np.array(ticks.time, dtype=float)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import mapping, quoted
@@ -121,10 +121,20 @@ class StrengthSpec(Spec):
         return np.array([np.inf if largest is None else largest for largest in found])
 
 
+def _ordered(at: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+    """Return grasps in the order of the robot's arms."""
+    valid = handler(at)
+    order = list(info.context.sizes) if info.context else list(valid)
+    return {arm: valid[arm] for arm in sorted(valid, key=lambda arm: order.index(arm) if arm in order else len(order))}
+
+
+_in_order_of_arms = WrapValidator(_ordered)
+
+
 class GraspSpec(Spec):
     """Grippers on the object: a linear bushing between each of them and the object while it is closed."""
 
-    at: Annotated[Mapping[fields.ArmName, PoseNumbers], Field(min_length=1)] = Field(
+    at: Annotated[Mapping[fields.ArmName, PoseNumbers], Field(min_length=1), _in_order_of_arms] = Field(
         description="poses of the grippers in the object's frame, by arm"
     )
     envelope: EnvelopeSpec = Field(description="what a gripper needs to close")
@@ -182,12 +192,13 @@ class ObjectSpec(Spec):
     grasp: fields.Sparse[GraspSpec | None] = Field(None, description="how grippers hold it")
 
     @property
-    def capture(self) -> "CaptureSpec | None":
-        """What is known of an object with a mass; None of one that is drawn alone."""
+    def body(self) -> "ObjectBody":
+        """The object as a rigid body; of mass 0 where it is drawn alone."""
         if self.mass is None or self.inertia is None or self.grasp is None:
-            return None
+            return NO_BODY
         still = MotionSpec.model_construct(linear=(0.0,) * len(self.shape), angular=(0.0,) * len(self.inertia))
-        return CaptureSpec(
+        return ObjectBody(
+            shape=self.shape,
             pose=self.pose,
             mass=self.mass,
             inertia=self.inertia,
@@ -207,10 +218,11 @@ class ObjectSpec(Spec):
 
 
 @dataclass(frozen=True)
-class CaptureSpec:
-    """An object with a mass: a body that moves freely until grippers close on it.
+class ObjectBody:
+    """The object as a rigid body: it moves freely until grippers close on it. Of mass 0 there is none to take.
 
     Attributes:
+        shape: Length and width, in space with the height [m].
         pose: At the start, (3,) or (7,).
         mass: [kg].
         inertia: Principal moments, (1,) or (3,) [kg m^2].
@@ -219,12 +231,37 @@ class CaptureSpec:
         grasp: How grippers hold it.
     """
 
+    shape: tuple[float, ...]
     pose: tuple[float, ...]
     mass: float
     inertia: tuple[float, ...]
     motion: MotionSpec
     destination: DestinationSpec | None
     grasp: GraspSpec
+
+    @property
+    def grippers(self) -> tuple[str, ...]:
+        """The arms whose grippers hold it, in the order of the robot's arms."""
+        return tuple(self.grasp.at)
+
+    @property
+    def holder(self) -> str:
+        """The gripper that the object moves with in windows, the first."""
+        return self.grippers[0]
+
+
+_NEVER = EnvelopeSpec.model_construct(position=0.0, angle=0.0, velocity=0.0, angular_velocity=0.0)
+_NO_GRASP = GraspSpec.model_construct(at={}, envelope=_NEVER, stiffness=(0.0, 0.0))
+NO_BODY = ObjectBody(
+    shape=(),
+    pose=(),
+    mass=0.0,
+    inertia=(),
+    motion=MotionSpec.model_construct(linear=(), angular=()),
+    destination=None,
+    grasp=_NO_GRASP,
+)
+"""Of a task without an object that has a mass."""
 
 
 def complete(target_object: ObjectSpec, before: Fields, context: Context) -> RuleErrors:

@@ -24,7 +24,7 @@ from psmpc_cli.specs.geometry import (
     names_of_parts,
     pair_name,
 )
-from psmpc_cli.specs.object import CaptureSpec, ObjectSpec, OnObject, complete, is_on_object
+from psmpc_cli.specs.object import NO_BODY, ObjectBody, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     BASE,
     SPACES,
@@ -890,9 +890,9 @@ def _still(velocity: Any, before: Fields, context: Context) -> RuleErrors:
         yield ("base",), expected("zeros, or no base: it is fixed")
 
 
-def _has_thrusters(target_object: ObjectSpec | None, before: Fields, context: Context) -> RuleErrors:
+def _has_thrusters(target_object: ObjectSpec, before: Fields, context: Context) -> RuleErrors:
     """Give an object with a mass where nothing acts on the base."""
-    if target_object is not None and target_object.mass and not context.moved_by.actuated:
+    if target_object.mass and not context.moved_by.actuated:
         yield (
             ("mass",),
             expected(f"none: only a free-flying robot takes an object with a mass, not a {context.mobility} one"),
@@ -976,14 +976,20 @@ class TaskSpec(Spec):
     @property
     def object_checks(self) -> tuple[str, ...]:
         """Names of what is judged of an object with a mass; none without one."""
-        if self.capture is None:
+        body = self.body
+        if body.mass == 0.0:
             return ()
-        return OBJECT_CHECKS[: 2 if self.capture.destination is None else 3]
+        return OBJECT_CHECKS[: 2 if body.destination is None else 3]
 
     @property
-    def capture(self) -> CaptureSpec | None:
-        """The task's object, where it has a mass; None where the task has no such object."""
-        return None if self.object is None else self.object.capture
+    def body(self) -> ObjectBody:
+        """The task's object as a rigid body, of mass 0 where the task has no such object."""
+        return NO_BODY if self.object is None else self.object.body
+
+    @property
+    def carrying_stages(self) -> range:
+        """The stages in which grippers hold an object with a mass."""
+        return self.held_stages if self.body.mass else range(0)
 
     @property
     def acts_in_task_space(self) -> bool:
@@ -1014,7 +1020,7 @@ class TaskSpec(Spec):
     @property
     def time_after_end(self) -> float:
         """For how long a run goes on after its last stage [s]: grippers that close only then are seen to hold."""
-        closes_at_end = self.capture is not None and self.held_stages.start == len(self.stages)
+        closes_at_end = self.carrying_stages.start == len(self.stages)
         return 1.0 if closes_at_end else 0.0
 
     @property

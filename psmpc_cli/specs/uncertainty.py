@@ -93,6 +93,10 @@ class PayloadSpec(Spec):
         return [by_arm.get(arm, by_arm.get("arms", 0.0)) for arm in arms]
 
 
+NO_PAYLOAD = PayloadSpec.model_construct(mass=0.0, inertia=0.0)
+"""Of a task whose object weighs nothing."""
+
+
 class ObjectErrorSpec(Spec):
     """How the object differs from what the task says of it, which is all the controller knows before it sees it."""
 
@@ -108,6 +112,11 @@ def _all_one(shares: float | Mapping[str, tuple[float, ...]]) -> bool:
 
 class UncertaintySpec(Spec):
     """How the real robot differs from the one the controller knows; what is random is drawn from the task's seed."""
+
+    @property
+    def carried(self) -> PayloadSpec:
+        """What the object weighs; of mass 0 where that is not given."""
+        return self.payload or NO_PAYLOAD
 
     replaced_keys: ClassVar[Mapping[str, str]] = {
         "force_limits": "limits: {PART: {force: ...}} in the robot or the task, and uncertainty.force_share of them"

@@ -18,10 +18,7 @@ from ..ocp.transport_windows import sequence_of
 DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
 
 
-OBJECT = DRIFTING.spec.capture
-
-
-assert OBJECT is not None
+OBJECT = DRIFTING.spec.body
 
 
 def test_targets_follow_the_object() -> None:

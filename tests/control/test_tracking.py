@@ -5,38 +5,34 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.tracking import Grip, ObjectEstimate, to_be_closed
+from psmpc_cli.control.tracking import FilteredObject, Grip, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.object import CaptureSpec, MotionSpec
+from psmpc_cli.specs.object import MotionSpec, ObjectBody
 
 from ..ocp.transport_windows import sequence_of
 
 DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
 
 
-OBJECT = DRIFTING.spec.capture
+OBJECT = DRIFTING.spec.body
 
 
-assert OBJECT is not None
-
-
-def spatial() -> CaptureSpec:
-    assert OBJECT is not None
+def spatial() -> ObjectBody:
     motion = MotionSpec.model_construct(linear=(0.01, 0, 0), angular=(0, 0, 0))
     return replace(OBJECT, pose=(1, 2, 3, 1, 0, 0, 0), inertia=(2.0, 3.0, 4.0), motion=motion)
 
 
 def test_without_measurements_the_motion_is_the_tasks() -> None:
-    pose, v = ObjectEstimate.of(OBJECT).at(10.0)
+    pose, v = FilteredObject.of(OBJECT).at(10.0)
     assert pose == pytest.approx([-2.489 + 0.2, 2.847, np.radians(50)])
     assert v == pytest.approx([0.02, 0, np.radians(2)])
 
 
 @pytest.mark.parametrize("turns", [0.0, 2 * np.pi])
 def test_measured_poses_correct_the_motion(turns: float) -> None:
-    estimate, v = ObjectEstimate.of(OBJECT), np.array([-0.01, 0.015, -0.03])
+    estimate, v = FilteredObject.of(OBJECT), np.array([-0.01, 0.015, -0.03])
     for k in range(100):
         pose = np.array(OBJECT.pose) + 0.1 * k * v + [0, 0, turns * (k % 2)]
         estimate = estimate.with_measurement(0.1 * k, pose)
@@ -50,7 +46,7 @@ def test_measured_attitudes_correct_the_motion() -> None:
         FreeBody(20.0, [2.0, 3.0, 4.0]),
         (np.array([1, 2, 3, 1, 0, 0, 0.0]), np.array([0, 0, 0, 0.02, -0.01, 0.03])),
     )
-    estimate = ObjectEstimate.of(spatial())
+    estimate = FilteredObject.of(spatial())
     for k in range(200):
         pose = body.predicted(*true, 0.1 * k)[0]
         estimate = estimate.with_measurement(0.1 * k, np.r_[pose[:3], pose[3:] * (-1) ** k])
@@ -62,12 +58,11 @@ def test_a_held_object_is_where_its_gripper_has_it_however_that_accelerates(task
     problem = build_problem(load_task(task))
     model = problem.model
     space = model.space
-    assert problem.capture is not None
-    gripper = next(iter(problem.capture.grasp.at))
+    gripper = next(iter(problem.body.grasp.at))
     rng = np.random.default_rng(2)
     start = np.array(space.integrate(space.neutral, 0.3 * rng.normal(size=model.n)))
     acceleration = rng.normal(size=model.n)
-    estimate = ObjectEstimate.of(problem.capture)
+    estimate = FilteredObject.of(problem.body)
     inside = space.relative(estimate.pose, Grip.of(model, gripper, start, np.zeros(model.n)).pose)
     step = 1e-5
 

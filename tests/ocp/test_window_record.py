@@ -72,8 +72,7 @@ def test_a_window_in_space_has_its_chart_and_the_signs_of_its_targets_again() ->
 def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: bool) -> None:
     task = load_task("catch_drifting", {"controller.nodes": 12, "controller.kind": "psmpc" if planned else "hard"})
     problem = build_problem(task)
-    capture = problem.capture
-    assert capture is not None
+    capture = problem.body
     state = np.array([-2.4, 2.8, 0.5, 0.02, 0.01, 0.03])
     first = problem.stages[1].placed()
     assert first.on_object

@@ -7,9 +7,10 @@ import pytest
 
 from psmpc_cli.plant import Disturbance, ForceLimits, Resistance
 from psmpc_cli.plant.adaptive import AdaptiveDynamics
-from psmpc_cli.plant.base import Law, TickedPlant
+from psmpc_cli.plant.base import TickedPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
 
 TICK, M = 1e-3, 20
@@ -23,7 +24,7 @@ class Adaptive(TickedPlant):
     """The rigid-body dynamics by the integrator of a library; it says of impulse and work that there are none."""
 
     def __init__(self, model: RobotModel, force_limits: ForceLimits | None = None) -> None:
-        super().__init__(model, TICK, force_limits)
+        super().__init__(LowLevelLaw(model), TICK, force_limits)
         self._dynamics = AdaptiveDynamics(model)
 
     def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
@@ -64,14 +65,29 @@ def test_the_loop_is_that_which_rk4_has_compiled(
         np.testing.assert_allclose(ticks.commanded, expected.commanded, rtol=0, atol=1e-6)
 
 
-def test_a_plant_may_choose_the_law_of_a_tick(model: RobotModel, x: np.ndarray, u: np.ndarray) -> None:
-    """As one does whose hands hold something: here the actuators rest while the grippers are to be closed."""
+class Resting(LowLevelLaw):
+    """A law whose actuators rest while hands hold an object."""
 
-    class Resting(Adaptive):
-        def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> Law | None:
-            return (lambda Q, v, u, law: np.zeros(9)) if closed else None
+    def force(
+        self,
+        Q: np.ndarray,
+        v: np.ndarray,
+        u: np.ndarray,
+        twist_rates: np.ndarray | None = None,
+        grasps: np.ndarray | None = None,
+        parameters: InertialParameters | None = None,
+    ) -> np.ndarray:
+        return super().force(Q, v, u, twist_rates, None, parameters) if grasps is None else np.zeros(9)
+
+
+def test_the_law_knows_at_each_tick_what_hands_hold(model: RobotModel, x: np.ndarray, u: np.ndarray) -> None:
+    class Holding(Adaptive):
+        def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> np.ndarray | None:
+            return np.zeros((2, 5)) if closed else None
 
     closed = np.arange(M) >= 12
-    ticks = Resting(model).advance(0.0, x, u, closed=closed)
+    plant = Holding(model)
+    plant.law = Resting(model)
+    ticks = plant.advance(0.0, x, u, closed=closed)
     assert (ticks.F[closed] == 0).all()
     np.testing.assert_array_equal(ticks.F[~closed], Adaptive(model).advance(0.0, x, u).F[~closed])

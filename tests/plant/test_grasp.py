@@ -299,8 +299,7 @@ def test_the_largest_ratio_of_one_gripper_is_that_of_the_mass_matrices(armature:
     """An object whose centre is in the gripper is what `InertialParameters` hold: H_loaded v = (1 + rho) H v."""
     spec = load_robot("planar_dual_arm")
     model = RobotModel(spec.model_copy(update={"armature": {"arms": (armature,) * 3}}))
-    capture = load_task("transport_grasp").spec.capture
-    assert capture is not None
+    capture = load_task("transport_grasp").spec.body
     grasp = capture.grasp.model_copy(update={"at": {"arm_1": (0.0, 0.0, 0.0)}})
     Q = np.sin(np.arange(9.0))
     ratio, v = HeldLoad(model, FreeBody(7.0, [0.4]), grasp).largest_ratio(Q)

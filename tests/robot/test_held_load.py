@@ -17,8 +17,7 @@ STEP = 1e-4
 def test_the_force_moves_the_object_by_the_nearest_acceleration_that_all_grippers_share(arms: tuple[str, ...]) -> None:
     """F = H u' + c + sum S_i' f_i: the f_i add up to what the object needs, shared as the stiffnesses are."""
     model = RobotModel(load_robot("planar_dual_arm"))
-    capture = load_task("transport_grasp").spec.capture
-    assert capture is not None
+    capture = load_task("transport_grasp").spec.body
     rng = np.random.default_rng(5)
     Q, v, u = rng.normal(scale=0.5, size=(3, model.n))
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
@@ -73,8 +72,7 @@ def test_what_a_robot_follows_keeps_the_relative_pose_of_closed_grippers(robot: 
 
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
     at = {gripper: tuple(space.relative(poses[gripper], poses[grippers[0]]).tolist()) for gripper in grippers}
-    capture = load_task("transport_grasp").spec.capture
-    assert capture is not None
+    capture = load_task("transport_grasp").spec.body
     moments = [INERTIA] * space.n_principal
     load = HeldLoad(model, FreeBody(MASS, moments), capture.grasp.model_copy(update={"at": at}))
 

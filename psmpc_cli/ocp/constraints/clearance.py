@@ -141,19 +141,18 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     obstacles = {each.name: (_solid(each), partial(_of_obstacle, each, model)) for each in task.obstacles}
     for name, (obstacle, state) in obstacles.items():
         found[name] = Group(Pairs(tuple((piece, obstacle) for piece in pieces)), state)
-    capture = task.capture
-    if task.object is None or capture is None:
+    if task.body.mass == 0.0:
         return found
     is_held = stage in task.held_stages
-    hands = {f"{arm}.{model.spec.parts[arm]}" for arm in capture.grasp.at}
+    hands = {f"{arm}.{model.spec.parts[arm]}" for arm in task.body.grippers}
     may_touch = hands if stage >= task.held_stages.start - 1 else set()
     others = [piece for piece in pieces if piece.part not in may_touch]
     if not is_held:
-        body = Solid(OBJECT, _box(task.object.shape), _NO_OFFSET, "object")
+        body = Solid(OBJECT, _box(task.body.shape), _NO_OFFSET, "object")
         found[OBJECT] = Group(Pairs(tuple((piece, body) for piece in others)), _of_object)
         return found
-    held = list(_cover(task.object.shape))
-    holder = next(iter(capture.grasp.at))
+    held = list(_cover(task.body.shape))
+    holder = task.body.holder
     found[f"{OBJECT}, held"] = Group(Pairs(tuple(product(held, others)), holder))
     for name, (obstacle, state) in obstacles.items():
         found[f"{OBJECT}, held, {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)

@@ -19,16 +19,16 @@ from psmpc_cli.specs.task import TaskSpec
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
     """Return the grippers that hold the object in a stage, their relative poses as the task has them, and the band."""
-    capture = task.capture
-    if capture is None or stage not in task.held_stages or len(capture.grasp.at) < 2:
+    grasp = task.body.grasp
+    if stage not in task.held_stages or len(grasp.at) < 2:
         return None
-    first, *others = capture.grasp.at.values()
+    first, *others = grasp.at.values()
     space = space_of_pose(len(first))
-    linear, angular = capture.grasp.half_widths
+    linear, angular = grasp.half_widths
     band = np.full(space.n_twist, linear)
     band[space.rotation] = angular
     bands = np.tile(band, len(others))
-    grippers = tuple(capture.grasp.at)
+    grippers = tuple(grasp.at)
     return ConstraintNumbers(
         structure=grippers,
         argument=np.concatenate([space.relative(other, first) for other in others]),

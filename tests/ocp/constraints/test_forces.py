@@ -92,8 +92,7 @@ def test_rows_of_a_held_object_are_the_forces_of_the_law_that_knows_it(name: str
     """For all motions, those that would strain the object among them."""
     task = load_task(name, {"object.grasp.known": True})
     model = RobotModel(task.robot)
-    capture = task.spec.capture
-    assert capture is not None
+    capture = task.spec.body
     stage = task.spec.held_stages.start
     load = known_load(task.spec, model, stage)
     assert load.held is not None

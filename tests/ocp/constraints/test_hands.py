@@ -39,8 +39,7 @@ def stepped(problem: Problem, Q: np.ndarray, step: np.ndarray) -> np.ndarray:
 def relative_pose(problem: Problem, Q: np.ndarray) -> np.ndarray:
     """Pose of the second hand in the frame of the first one."""
     poses = dict(zip(problem.model.pose_rows, problem.model.poses(Q), strict=True))
-    assert problem.capture
-    one, other = (poses[gripper] for gripper in problem.capture.grasp.at)
+    one, other = (poses[gripper] for gripper in problem.body.grasp.at)
     return space_of_pose(len(one)).relative(other, one)
 
 

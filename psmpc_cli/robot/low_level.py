@@ -1,0 +1,91 @@
+"""The low-level law: the generalized force that follows what is commanded, of controllers and plants alike."""
+
+import numpy as np
+
+from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.held_load import HeldLoad
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.object import GraspSpec
+
+
+class LowLevelLaw:
+    """The low-level law of a robot that knows of no object in its hands.
+
+    Attributes:
+        model: The robot.
+    """
+
+    grasps: np.ndarray | None = None
+    """Those that the law counts with where hands hold an object, see `HeldLoad.force`; None where it knows of none."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+
+    def force(
+        self,
+        Q: np.ndarray,
+        v: np.ndarray,
+        u: np.ndarray,
+        twist_rates: np.ndarray | None = None,
+        grasps: np.ndarray | None = None,
+        parameters: InertialParameters | None = None,
+    ) -> np.ndarray:
+        """Compute the generalized force (n,) [N, N m] over a tick.
+
+        That of the base is along the axes of the inertial frame, in space its moment about the base's axes.
+
+        Args:
+            Q: Position of the robot (nq,).
+            v: Velocity (n,).
+            u: Commanded rates of v (n,), by eq. (7); with a known load that all hands hold, those of the closed chain.
+            twist_rates: Commanded rates of the velocities J_C v (k,), by (5) and (6), instead of u where the hands do
+                not hold a known load; None where u counts.
+            grasps: Of the object that all hands hold; None while they do not.
+            parameters: Inertial parameters that the law has for the robot's; by default the model's own.
+        """
+        if twist_rates is not None:
+            return self.model.task_space_force(Q, v, twist_rates, parameters)
+        return self.model.computed_torque(Q, v, u, parameters)
+
+    def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
+        """Return the accelerations (M, n) that the robot has under commanded ones, see `HeldLoad.followed`."""
+        return u
+
+
+class LoadedLaw(LowLevelLaw):
+    """The low-level law of a robot that knows the object in its hands.
+
+    Args:
+        model: The robot.
+        body: The object.
+        grasp: How hands hold it.
+    """
+
+    def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:
+        super().__init__(model)
+        self._load = HeldLoad(model, body, grasp)
+        self.grasps = self._load.grasps
+
+    def force(
+        self,
+        Q: np.ndarray,
+        v: np.ndarray,
+        u: np.ndarray,
+        twist_rates: np.ndarray | None = None,
+        grasps: np.ndarray | None = None,
+        parameters: InertialParameters | None = None,
+    ) -> np.ndarray:
+        """Compute the force of the closed chain while all hands hold the object."""
+        if grasps is None:
+            return super().force(Q, v, u, twist_rates, grasps, parameters)
+        return self._load.force(Q, v, u, parameters, grasps)
+
+    def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
+        """Return what the closed chain leaves of the commanded accelerations."""
+        return self._load.followed(Q, v, u, closed, tick) if closed.any() else u
+
+
+def low_level_law(model: RobotModel, body: FreeBody, grasp: GraspSpec) -> LowLevelLaw:
+    """Return the law of a robot that may know an object in its hands."""
+    return LoadedLaw(model, body, grasp) if grasp.known else LowLevelLaw(model)

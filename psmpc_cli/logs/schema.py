@@ -36,6 +36,7 @@ from psmpc_cli.logs.conditions import (
     Condition,
     Recorded,
 )
+from psmpc_cli.ocp.window_record import record_of
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.uncertainty import Contact
 from psmpc_cli.specs.object import GRASP_LOADS
@@ -297,7 +298,7 @@ def _event(name: str, long_name: str, only: Condition = ALWAYS) -> Column:
     return Column(f"events/{name}", "1", long_name, lambda s: name in s.command.events, "i1", ("time",), only)
 
 
-def _plan(name: str, long_name: str, value: str) -> Column:
+def _plan(name: str, long_name: str, value: ValueReader) -> Column:
     """Define a dataset of vectors of the solves, whose lengths differ with the stages and nodes of the windows."""
     return _column(f"plan/{name}", "1", long_name, value, dims=("time", f"plan/{name}_element"), only=PLANS)
 
@@ -571,7 +572,7 @@ SCHEMA = (
     _plan(
         "parameters",
         "elapsed time and hold left, then priorities, offsets, scales, and signs of attitudes of the stages",
-        "command.solution.window.record",
+        lambda sample: record_of(sample.command.solution.window),
     ),
     _plan("solution", "solution of each solve, as plan/guess", "command.solution.plan.flat"),
     # a row a tick

@@ -197,9 +197,13 @@ class PlacedStage(Stage):
             return replace(self, waypoint=np.full(len(self.target), np.nan))
         return replace(self, waypoint=waypoint, reference=Constant(waypoint), end=self.end.unplanned())
 
+    def with_end(self, end: End) -> "PlacedStage":
+        """Return the stage with another end."""
+        return replace(self, end=end)
+
     def with_held_object(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
         """Return the stage with the object where it is seen in the gripper that holds it, see `End`."""
-        return replace(self, end=self.end.with_held_object(grippers, pose, v))
+        return self.with_end(self.end.with_held_object(grippers, pose, v))
 
     def with_arguments(self, found: Mapping[str, np.ndarray]) -> "PlacedStage":
         """Return a stage with the arguments (numbers,) of constraints that samples set, by name; others are unknown."""

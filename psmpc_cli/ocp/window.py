@@ -92,23 +92,6 @@ class Window:
         return f"<Window from {self.start:g} s to {end:g} s: {', '.join(stages)}>"
 
     @property
-    def record(self) -> np.ndarray:
-        """What the task and the measured state do not say, for a log; `window_record.read_window` is the inverse.
-
-        elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),). In space the signs of the quaternions of each stage
-        follow, then the states of the object that targets are for, its poses in the gripper that holds it, the
-        arguments of constraints that samples set, and the points of routes that costs follow.
-        """
-        times = [self.elapsed, self.hold]
-        signs = [stage.signs for stage in self.stages]
-        objects = [stage.object_state for stage in self.stages]
-        inside = [stage.end.record for stage in self.stages]
-        arguments = [each.argument for stage in self.stages for each in stage.sampled_constraints.values()]
-        waypoints = [stage.waypoint for stage in self.stages]
-        numbers = (*signs, *objects, *inside, *arguments, *waypoints)
-        return np.concatenate([times, self.omega, self.offset, self.scale, *numbers])
-
-    @property
     def K(self) -> int:
         """Number of intervals."""
         return sum(self.nodes)

@@ -1,12 +1,14 @@
-"""Windows from their records in a log."""
+"""The record of a window in a log: what the task and the measured state do not say of it, written and read."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage, Stage, in_segments
 from psmpc_cli.ocp.window import Window
+from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.free_body import body_of
 
 
@@ -28,8 +30,117 @@ class WindowFrame:
     v: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """What the stages of a record are read with.
+
+    Attributes:
+        problem: The problem.
+        frame: What the log has besides.
+        chart: That about the measured attitude.
+        elapsed: Time the current stage has run already [s].
+    """
+
+    problem: Problem
+    frame: WindowFrame
+    chart: Chart
+    elapsed: float
+
+
+@dataclass(frozen=True)
+class _RecordedPart:
+    """Numbers of a stage in a record.
+
+    Attributes:
+        numbers: What samples set of a stage.
+        size: How many numbers that is, of a stage of a problem.
+        read: A stage with these numbers.
+    """
+
+    numbers: Callable[[PlacedStage], np.ndarray]
+    size: Callable[[Stage, Problem], int]
+    read: Callable[[PlacedStage, np.ndarray, _Reading], PlacedStage]
+
+
+def _arguments_of(stage: Stage) -> np.ndarray:
+    """Return the arguments of a stage's constraints that samples set, one after the other."""
+    return np.concatenate([np.zeros(0), *(sampled.argument for sampled in stage.sampled_constraints.values())])
+
+
+def _with_arguments(stage: PlacedStage, numbers: np.ndarray, reading: _Reading) -> PlacedStage:
+    sampled = stage.sampled_constraints
+    ends = np.cumsum([len(constraint.argument) for constraint in sampled.values()])
+    return stage.with_arguments(dict(zip(sampled, np.split(numbers, ends), strict=False)))
+
+
+def _about_object(stage: PlacedStage, object_state: np.ndarray, reading: _Reading) -> PlacedStage:
+    """Return a stage whose target is on the object, at a state of the object or following its free motion."""
+    if not stage.on_object:
+        return stage
+    problem = reading.problem
+    if stage.index == reading.frame.segments[0] and not stage.end.is_planned:
+        horizon = problem.spec.controller.horizon
+        return stage.following(body_of(problem.body), object_state, reading.elapsed, horizon)
+    pose, velocity = np.split(object_state, [problem.model.space.n_pose])
+    return stage.at_object(pose, velocity)
+
+
+def _on_route(stage: PlacedStage, waypoint: np.ndarray, reading: _Reading) -> PlacedStage:
+    if not len(waypoint):
+        return stage
+    return stage.with_waypoint(waypoint if np.isfinite(waypoint).all() else None)
+
+
+def _in_chart(stage: PlacedStage, signs: np.ndarray, reading: _Reading) -> PlacedStage:
+    space = reading.problem.model.space
+    posture = space.posture(reading.frame.Q[space.joint_coordinates])
+    return stage.in_chart(reading.chart.anchor, posture, dict(zip(stage.attitudes, signs, strict=True)))
+
+
+_SIGNS = _RecordedPart(
+    numbers=lambda stage: np.array(stage.signs),
+    size=lambda stage, problem: len(stage.attitudes),
+    read=_in_chart,
+)
+_OTHERS = (
+    _RecordedPart(
+        numbers=lambda stage: stage.object_state,
+        size=lambda stage, problem: bool(stage.on_object) * (problem.model.space.n_pose + problem.model.space.n_twist),
+        read=_about_object,
+    ),
+    _RecordedPart(
+        numbers=lambda stage: stage.end.record,
+        size=lambda stage, problem: len(stage.end.record),
+        read=lambda stage, numbers, reading: stage.with_end(stage.end.recorded(numbers)),
+    ),
+    _RecordedPart(
+        numbers=_arguments_of,
+        size=lambda stage, problem: len(_arguments_of(stage)),
+        read=_with_arguments,
+    ),
+    _RecordedPart(
+        numbers=lambda stage: stage.waypoint,
+        size=lambda stage, problem: len(stage.target) * (problem.spec.routes is not None),
+        read=_on_route,
+    ),
+)
+_RECORDED = (_SIGNS, *_OTHERS)
+"""The parts in their order; each is of all stages of the window. Signs are read last: they put targets into the chart.
+
+They are the signs of the quaternions in space, states of the object that targets are for, its poses in the gripper that
+holds it, arguments of constraints that samples set, and points of routes that costs follow.
+"""
+
+
+def record_of(window: Window) -> np.ndarray:
+    """Return the record of a window: elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),), then `_RECORDED`."""
+    times = [window.elapsed, window.hold]
+    numbers = [part.numbers(stage) for part in _RECORDED for stage in window.stages]
+    return np.concatenate([times, window.omega, window.offset, window.scale, *numbers])
+
+
 def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Window:
-    """Return the window of a record, the inverse of `Window.record`.
+    """Return the window of a record, the inverse of `record_of`.
 
     Raises:
         ValueError: The record is not one of such a window.
@@ -38,27 +149,15 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     space = problem.model.space
     count = len(frame.nodes)
     stages = [problem.stages[index] for index in frame.segments]
-    signs_sizes = [len(stage.attitudes) for stage in stages]
-    object_sizes = [(space.n_pose + space.n_twist) * bool(stage.on_object) for stage in stages]
-    end_sizes = [len(stage.end.record) for stage in stages]
-    argument_sizes = [sum(len(each.argument) for each in stage.sampled_constraints.values()) for stage in stages]
-    waypoint_sizes = [len(stage.target) * (spec.routes is not None) for stage in stages]
-    sizes = (*signs_sizes, *object_sizes, *end_sizes, *argument_sizes, *waypoint_sizes)
+    sizes = [part.size(stage, problem) for part in _RECORDED for stage in stages]
     ends = np.cumsum([2, count, count, count, *sizes])
-    (elapsed, hold), omega, offset, scale, *parts = np.split(record, ends)[:-1]
+    (elapsed, hold), omega, offset, scale, *numbers = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
-    posture = space.posture(frame.Q[space.joint_coordinates])
-    placed = list[PlacedStage]()
-    by_kind = (parts[first : first + count] for first in range(0, len(parts), count))
-    for stage, signs, object_state, of_end, arguments, waypoint in zip(stages, *by_kind, strict=True):
-        at_sample = replace(stage.placed(), end=stage.end.recorded(of_end))
-        at_sample = at_sample.with_arguments(_arguments(stage, arguments))
-        if stage.on_object:
-            follows = stage.index == frame.segments[0] and not stage.end.is_planned
-            at_sample = _about_object(problem, at_sample, object_state, float(elapsed), follows)
-        if len(waypoint):
-            at_sample = at_sample.with_waypoint(waypoint if np.isfinite(waypoint).all() else None)
-        placed.append(at_sample.in_chart(chart.anchor, posture, dict(zip(stage.attitudes, signs, strict=True))))
+    reading = _Reading(problem, frame, chart, float(elapsed))
+    placed = [stage.placed() for stage in stages]
+    signs, *others = (numbers[first : first + count] for first in range(0, len(numbers), count))
+    for part, of_stages in zip((*_OTHERS, _SIGNS), (*others, signs), strict=True):
+        placed = [part.read(stage, row, reading) for stage, row in zip(placed, of_stages, strict=True)]
     return Window(
         stages=in_segments(placed),
         start=frame.start,
@@ -76,20 +175,3 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
         soft=spec.limits_are_soft,
         chart=chart,
     )
-
-
-def _arguments(stage: Stage, numbers: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the arguments of a stage's constraints that samples set, by name, of their numbers one after the other."""
-    sampled = stage.sampled_constraints
-    ends = np.cumsum([len(each.argument) for each in sampled.values()])
-    return dict(zip(sampled, np.split(numbers, ends), strict=False))
-
-
-def _about_object(
-    problem: Problem, stage: PlacedStage, object_state: np.ndarray, elapsed: float, follows: bool
-) -> PlacedStage:
-    """Return a stage whose target is relative to the object, at a state of the object or following its free motion."""
-    if follows:
-        return stage.following(body_of(problem.body), object_state, elapsed, problem.spec.controller.horizon)
-    pose, velocity = np.split(object_state, [problem.model.space.n_pose])
-    return stage.at_object(pose, velocity)

@@ -22,7 +22,7 @@ from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import Kept, Window, WindowShape, window_numbers, window_shape
-from psmpc_cli.ocp.window_record import WindowFrame, read_window
+from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome, build_solver
@@ -180,7 +180,7 @@ def test_numbers_that_a_constraint_has_of_a_stage_are_in_windows_and_those_of_th
     Q = stack(problem.spec.initial, problem.task.robot, "joint")
     window = window_of(problem, kept=False)
     frame = WindowFrame(window.indices, window.nodes, 0.0, Q, np.zeros(problem.model.n))
-    for each in (window, read_window(problem, frame, window.record)):
+    for each in (window, read_window(problem, frame, record_of(window))):
         (rows,) = (rows for rows in rows_of(problem, each) if rows.name == "disc")
         argument = rows.argument(window_numbers(each, np.array([INSTANT])))
         assert list(rows.nodes) == [1, 2, 3, 4]

@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.ocp.window_record import WindowFrame, read_window
+from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.specs.load import load_task
@@ -62,7 +62,7 @@ def test_a_window_in_space_has_its_chart_and_the_signs_of_its_targets_again() ->
     )
     window = window_over(stages, np.asarray(chart.enter(Q[None], v[None])[0]), chart)
     window = replace(window, soft=problem.spec.limits_are_soft)
-    read = read_window(problem, WindowFrame(window.indices, window.nodes, window.start, Q, v), window.record)
+    read = read_window(problem, WindowFrame(window.indices, window.nodes, window.start, Q, v), record_of(window))
     assert_same(read, window)
     for found, expected in zip(read.stages, window.stages, strict=True):
         assert_same(found, expected)
@@ -82,7 +82,7 @@ def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: boo
     v = np.linspace(0.1, -0.1, 9)
     chart = problem.model.space.chart_at(Q)
     window = replace(window_over((first,), np.concatenate([Q, v]), chart), soft=problem.spec.limits_are_soft)
-    read = read_window(problem, WindowFrame((1,), (12,), 2.5, Q, v), window.record)
+    read = read_window(problem, WindowFrame((1,), (12,), 2.5, Q, v), record_of(window))
     assert_same(read, window)
     assert_same(read.stages[0], first)
     assert read.stages[0].reference.moves != planned
@@ -100,7 +100,7 @@ def test_a_stage_stands_in_the_window_before_and_after_its_planned_end() -> None
     window = window_over((placed, placed.continued), np.concatenate([Q, v]), chart)
     window = replace(window, nodes=(5, 7), soft=problem.spec.limits_are_soft, horizon=problem.spec.controller.horizon)
     frame = WindowFrame(window.indices, window.nodes, window.start, Q, v)
-    read = read_window(problem, frame, window.record)
+    read = read_window(problem, frame, record_of(window))
     assert read.count == 1
     for found, expected in zip(read.stages, window.stages, strict=True):
         assert (found.index, found.reference.moves) == (expected.index, expected.reference.moves)

@@ -13,7 +13,7 @@ import numpy as np
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import Window, on_mesh
-from psmpc_cli.ocp.window_record import WindowFrame, read_window
+from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.specs.load import Task, load_task, parse_task
 
 from ..free_flyer import reaching
@@ -103,7 +103,7 @@ class RecordedSolve:
             "start": np.array(self.window.start),
             "Q": Q[0],
             "v": v[0],
-            "record": self.window.record,
+            "record": record_of(self.window),
             "guess": self.guess.flat.astype(np.float32),
             "duals": self.duals,
             "warm": np.array(self.warm),

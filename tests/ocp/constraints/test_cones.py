@@ -12,7 +12,7 @@ from psmpc_cli.ocp.constraints.cones import SIDES, angle_of_axis
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
 from psmpc_cli.ocp.window import Window, window_numbers, window_shape
-from psmpc_cli.ocp.window_record import WindowFrame, read_window
+from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.robot.configuration import TILT
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome, build_solver
@@ -239,7 +239,7 @@ def test_rows_are_finite_where_the_apex_is_at_the_point_and_where_the_axis_point
 def test_a_window_reads_its_cones_from_the_task(problem: Problem) -> None:
     window = window_of(problem)
     Q = stack(problem.spec.initial, problem.task.robot, "joint")
-    again = read_window(problem, WindowFrame((0,), (NODES,), 0.0, Q, np.zeros(problem.model.n)), window.record)
+    again = read_window(problem, WindowFrame((0,), (NODES,), 0.0, Q, np.zeros(problem.model.n)), record_of(window))
     np.testing.assert_array_equal(
         again.stages[0].constraints["cones 0"].argument, window.stages[0].constraints["cones 0"].argument
     )

@@ -10,7 +10,7 @@ from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
 from psmpc_cli.ocp.stage import PlacedStage, SampleView
 from psmpc_cli.ocp.window import Window, window_numbers, window_shape
-from psmpc_cli.ocp.window_record import WindowFrame, read_window
+from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import load_task
@@ -132,7 +132,7 @@ def test_a_window_reads_the_relative_poses_from_its_record(problem: Problem) -> 
     relative = relative_pose(problem, some_coordinates(problem))
     window = window_of(problem, relative)
     frame = WindowFrame(window.indices, NODES, 0.0, some_coordinates(problem), np.zeros(problem.model.n))
-    again = read_window(problem, frame, window.record)
+    again = read_window(problem, frame, record_of(window))
     np.testing.assert_array_equal(again.stages[0].constraints["hands"].argument, relative)
     assert window_shape(again) == window_shape(window)
 

@@ -2,12 +2,16 @@
 
 import logging
 import sys
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
 from itertools import chain
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+import psmpc_cli
 from psmpc_cli import __version__
 from psmpc_cli.cli import inspect, run, study
 from psmpc_cli.cli.common import LoggedProgress, escaped
@@ -15,12 +19,33 @@ from psmpc_cli.progress import Progress
 
 ABOUT = "Priority-based switching MPC for space robots: YAML task specs in, HDF5 logs and figures out."
 
-GROUPS = {
+Command = Callable[..., None]
+
+OWN_COMMANDS: Mapping[str, tuple[Command, ...]] = {
     "Run": (run.simulate, run.rerun, run.replay, run.verify),
-    "Study": (study.compare, study.sweep_weights, study.monte_carlo, study.pareto, inspect.bench, study.reproduce),
+    "Study": (study.compare, study.sweep_weights, study.monte_carlo, study.pareto, inspect.bench),
     "Look": (run.show, run.plot, run.view, run.report),
     "Help": (inspect.tasks, inspect.check, inspect.init, inspect.schema),
 }
+"""The commands of this layer by what they are for, in the order of the help."""
+
+
+def plugin_commands() -> Iterator[Mapping[str, tuple[Command, ...]]]:
+    """Yield the commands of layers above this one, by group: the `COMMANDS` of every file `commands.py` of a layer."""
+    for file in sorted(Path(psmpc_cli.__file__).parent.glob("*/commands.py")):
+        yield import_module(f"psmpc_cli.{file.parent.name}.commands").COMMANDS
+
+
+def grouped_commands() -> dict[str, tuple[Command, ...]]:
+    """Return all commands by group: those of plug-ins stand behind those of this layer."""
+    plugins = list(plugin_commands())
+    return {
+        title: (*own, *chain.from_iterable(commands.get(title, ()) for commands in plugins))
+        for title, own in OWN_COMMANDS.items()
+    }
+
+
+GROUPS = grouped_commands()
 """All commands by what they are for, in the order of the help."""
 
 EXAMPLES = {

@@ -1,14 +1,13 @@
-"""Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo`, `pareto` and `reproduce`."""
+"""Many runs of a task: `psmpc compare`, `sweep-weights`, `monte-carlo` and `pareto`."""
 
 import re
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from psmpc_cli.cli import common, options
-from psmpc_cli.cli.common import echo, ending_on_signals, live_line, watched_run
+from psmpc_cli.cli.common import ending_on_signals, live_line, watched_run
 from psmpc_cli.errors import InputError, RunError
 
 if TYPE_CHECKING:
@@ -215,59 +214,3 @@ def pareto(
         with live_line(quiet) as line:
             solve_pareto(run, settings, path, jobs, force, line.show)
     present(path, figures, force, quiet)
-
-
-def reproduce(
-    output: Annotated[Path | None, options.output("runs/reproduce", "DIR", "Directory of report and logs.")] = None,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the claims as JSON as well.")] = None,
-    ablations: Annotated[bool, typer.Option("--ablations", help="Run without each departure from the paper.")] = False,
-    as_printed: Annotated[
-        bool,
-        typer.Option("--as-printed", help="Also judge the task as the paper prints it, in DIR/transport_as_printed."),
-    ] = False,
-    weights: Annotated[str, typer.Option(metavar="AxB", help="Points of the priorities' grid, Fig. 6.")] = "7x7",
-    fronts: Annotated[int, typer.Option(min=3, metavar="N", help="Points of each Pareto front, Fig. 7.")] = 13,
-    strict: Annotated[bool, options.strict("a claim that is not on an input does not hold")] = False,
-    force: options.Force = False,
-    changes: options.Changes = None,
-    jobs: options.Jobs = None,
-    quiet: options.Quiet = False,
-) -> None:
-    """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
-    from psmpc_cli.cli.tables import print_claims
-    from psmpc_cli.logs.files import BY_ENDING, CLAIMS, check_output, write_new
-    from psmpc_cli.paper import reproduce as study
-    from psmpc_cli.paper.departures import PRINTED, SHIPPED
-    from psmpc_cli.paper.figures import ABLATIONS, figure_of, save_ablation
-    from psmpc_cli.paper.page import report_reproduction
-
-    folder = output or common.free_path(common.RUNS / "reproduce", force)
-    common.ensure_fillable(folder, force)
-    folders = {SHIPPED: folder, **({PRINTED: folder / PRINTED} if as_printed else {})}
-    of_ablations = dict.fromkeys(map(figure_of, ABLATIONS), BY_ENDING["png"])
-    for task, into in folders.items():
-        for name, kind in {**study.OUTPUTS, **of_ablations}.items():
-            check_output(into / name, force, kind)
-        study.load_variants(changes or [], task)  # what does not fit one of them is said before anything is run
-    if json is not None:
-        check_output(json, force, CLAIMS, "--json")
-    made = {}
-    with ending_on_signals("no report was written"), live_line(quiet) as line:
-        for task, into in folders.items():
-            made[task] = study.reproduce(into, changes or [], weights, fronts, ablations, force, jobs, line.show, task)
-    created = datetime.now(UTC).isoformat(timespec="seconds")
-    for task, into in folders.items():
-        page = report_reproduction(made[task], created).save(into / study.REPORT, force=True)
-        for ablation in made[task].ablations:
-            save_ablation(ablation, into)
-        if not quiet:
-            print_claims(made[task])
-            echo(f"report: {page}")
-    if json is not None:
-        write_new(json, study.claims_json(made[SHIPPED], created, made.get(PRINTED)), force, CLAIMS, "--json")
-    if as_printed and not quiet:
-        echo()
-        for one in made.values():
-            echo(f"{one.task}: {one.outcome}")
-    if strict and any(one.failing for one in made.values()):
-        raise typer.Exit(1)

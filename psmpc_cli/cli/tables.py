@@ -22,9 +22,6 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD
 from psmpc_cli.ocp.forecast import StageForecast, forecast_configurations
 from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
-from psmpc_cli.paper.claims import APART, HEADINGS
-from psmpc_cli.paper.fronts import FrontMovement
-from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.report.texts import (
     MEASURES,
     NO_LIMITS,
@@ -55,6 +52,7 @@ from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, r
 from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec, TrajectorySpec
 from psmpc_cli.studies import fronts
 from psmpc_cli.studies.compare import describe_terms, recommend_controller
+from psmpc_cli.studies.front_movement import FrontMovement
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
@@ -353,26 +351,6 @@ def print_fronts(results: Results) -> None:
     for sentence in movement.over_time if movement is not None else ():
         echo(sentence)
     echo(f"results: {results.path}")
-
-
-def print_claims(made: Reproduction) -> None:
-    """Print how many claims hold, every claim, and why some do not hold or are earlier than published."""
-    echo(f"{made.outcome}\n", colour=WARNING if made.failing else GOOD)
-    print_table(HEADINGS, [finding.row for finding in made.part(None)], left=1)
-    for kind, reason in APART.items():
-        echo(f"\n{reason}:")
-        print_table(HEADINGS, [finding.row for finding in made.part(kind)], left=1)
-    for finding in made.findings:
-        if finding.earlier or not finding.holds:
-            holds = "holds" if finding.holds else "does not hold"
-            echo(f"\n{finding.claim.id} {holds}: {finding.claim.statement}")
-            for point in finding.cause:
-                echo(f"  - {point}")
-    echo(f"\nweights: {recommend(made.weights).sentence}")
-    for ablation in made.ablations:
-        echo()
-        rows = [(name, f"{value:.4g}") for name, value in ablation.numbers.items()]
-        print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left=1)
 
 
 def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:

@@ -12,7 +12,6 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.forecast import earliest_ends
 from psmpc_cli.paper.ablations import Ablation
 from psmpc_cli.paper.claims import Claim, Finding, load_claims
-from psmpc_cli.paper.fronts import FrontMovement
 from psmpc_cli.paper.missions import (
     MISSION_RULES,
     ROUNDING,
@@ -27,6 +26,7 @@ from psmpc_cli.paper.missions import (
     to_succeed,
 )
 from psmpc_cli.specs.task import OBJECT_CHECKS
+from psmpc_cli.studies.front_movement import FrontMovement
 from psmpc_cli.studies.fronts import LEAST_IMPROVEMENT
 from psmpc_cli.studies.sweep import AlongRatio, SweepCells
 

@@ -1,6 +1,9 @@
 """What a start of the command line imports: `psmpc --help` has to answer at once."""
 
+import ast
 import json
+import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -9,7 +12,8 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
-from psmpc_cli.cli.app import app
+import psmpc_cli
+from psmpc_cli.cli.app import GROUPS, app
 
 HEAVY = {"casadi", "dask", "distributed", "h5py", "loky", "matplotlib", "mujoco", "numpy", "pydantic", "rich", "yaml"}
 
@@ -67,6 +71,27 @@ def test_a_task_of_a_front_is_rejected_before_what_computes_is_imported(tmp_path
 def test_the_help_of_a_command_imports_nothing_heavy() -> None:
     typers_own = {"pydantic"}  # Typer reads the parameters of a command with it
     assert imported_by(*((command, "--help") for command in get_command(app).commands)) & (HEAVY - typers_own) == set()
+
+
+def test_the_command_line_finds_commands_of_other_layers_and_needs_none_of_them(tmp_path: Path) -> None:
+    """Without the reproduction of the paper psmpc has all other commands, and another layer may bring some."""
+    source = Path(psmpc_cli.__file__).parent
+    ignored = shutil.ignore_patterns("paper", "__pycache__", "report")
+    shutil.copytree(source, tmp_path / "psmpc_cli", ignore=ignored)
+    more = tmp_path / "psmpc_cli" / "more"
+    more.mkdir()
+    (more / "commands.py").write_text(
+        'def greet() -> None:\n    """Say hello."""\n    print("hello")\n\n\nCOMMANDS = {"Look": (greet,)}\n'
+    )
+    code = "from psmpc_cli.cli.app import GROUPS, app; print({t: [f.__name__ for f in fs] for t, fs in GROUPS.items()})"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", f"{code}; app(['greet'])"]
+    ran = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, check=True)
+    groups, said = ran.stdout.splitlines()
+    names = {title: [function.__name__ for function in functions] for title, functions in GROUPS.items()}
+    assert names["Study"].pop() == "reproduce"
+    assert ast.literal_eval(groups) == {**names, "Look": [*names["Look"], "greet"]}
+    assert said == "hello"
 
 
 @pytest.mark.slow

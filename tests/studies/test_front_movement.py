@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.paper.fronts import FrontMovement
+from psmpc_cli.studies.front_movement import FrontMovement
 
 RATIOS = np.geomspace(0.1, 10.0, 7)
 

@@ -16,7 +16,7 @@ from psmpc_cli.paper.departures import PRINTED, SHIPPED
 from psmpc_cli.paper.reproduce import METHODS
 from psmpc_cli.studies.sweep import SweepCells
 
-from .command import Psmpc
+from ..cli.command import Psmpc, command_line
 
 pytestmark = pytest.mark.slow
 
@@ -42,6 +42,13 @@ FILES = {"report.html", "runs.h5", "weights.h5", "fronts.h5", "grasps.h5"}
 
 def reproduce(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["reproduce", *map(str, arguments), *SMALL])
+
+
+@pytest.fixture
+def psmpc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Psmpc:
+    """The command line in this process, in a folder of the test's own."""
+    monkeypatch.chdir(tmp_path)
+    return command_line(monkeypatch, capsys)
 
 
 @pytest.fixture(scope="module")

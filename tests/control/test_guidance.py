@@ -8,6 +8,7 @@ import pytest
 
 from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.interface import State
+from psmpc_cli.control.tracking import NO_OBJECT
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility import remarks
@@ -74,11 +75,11 @@ def test_a_robot_sees_further_along_its_route_as_it_flies(guide: Guide) -> None:
     before = RouteProgress()
     for share in (0.0, 0.3, 0.6, 0.9, 0.95):
         state = State(route.at(np.array([share]))[0], np.zeros(9))
-        now = guide.followed(before, 0, 1.0, state, None)
+        now = guide.followed(before, 0, 1.0, state, NO_OBJECT)
         assert now.progress[0] >= max(before.progress.get(0, 0.0), share - 1e-9)
         assert (0 in now.waypoints) == (now.progress[0] < 1)
         before = now
-    back = guide.followed(before, 0, 2.0, State(route.waypoints[0], np.zeros(9)), None)
+    back = guide.followed(before, 0, 2.0, State(route.waypoints[0], np.zeros(9)), NO_OBJECT)
     assert back.progress[0] == before.progress[0], "it never moves back"
 
 

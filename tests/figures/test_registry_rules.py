@@ -104,9 +104,9 @@ def test_one_planned_time_that_is_far_off_does_not_flatten_the_others(run: Run) 
     instants[tuple(planned.T)] = off + 1e-3
     instants[tuple(planned[0])] += 5.0
     axes = plot_instants(with_column(run, "window/instants", instants)).axes[2]
-    assert (axes.get_yscale(), note(axes)) == ("symlog", "log beyond 100")
+    assert (axes.get_yscale(), note(axes)) == ("symlog", "log beyond 0.1"), "in seconds"
     low, high = axes.get_ylim()
-    assert low > -100 and high > 5000
+    assert low > -0.1 and high > 5
 
 
 def test_one_run_far_off_does_not_flatten_the_others(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ pytestmark = pytest.mark.slow
 NEAR = (
     "controller.nodes=4",
     "controller.horizon=1.0",
+    "controller.sample_time=0.2",
     "plant={kind: ideal, low_level_rate: 100}",
     "stages.approach.target={base: [-0.06, 0.04, 0], arms: [0, 0, 0]}",
     "stages.capture.skill=move",

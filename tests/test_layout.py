@@ -1,5 +1,6 @@
 """The tests mirror the source: tests/X/test_y.py, or test_y_<aspect>.py, tests psmpc_cli/X/y.py or the folder X/y."""
 
+import ast
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -69,3 +70,11 @@ def test_every_test_file_is_named_for_what_it_tests() -> None:
     ]
     assert len(mirrored) > 80
     assert [path for path in mirrored if named_for(path) is None] == []
+
+
+@pytest.mark.parametrize("path", sorted(TESTS.rglob("*.py")), ids=lambda path: str(path.relative_to(TESTS)))
+def test_no_test_imports_from_a_test_module(path: Path) -> None:
+    """What several share stands in a module of its own, which runs no tests when it is imported."""
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    imported = [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+    assert not [module for module in imported if module.rpartition(".")[2].startswith("test_")]

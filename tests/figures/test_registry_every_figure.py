@@ -17,7 +17,7 @@ from psmpc_cli.studies.sweep import SweepCells
 from ..synthetic_monte_carlo import synthetic_monte_carlo
 from ..synthetic_sweep import synthetic_sweep
 from .figure_contents import check_figure
-from .test_pareto import made_up, unsolved
+from .made_fronts import made_up, unsolved
 
 
 @dataclass(frozen=True)

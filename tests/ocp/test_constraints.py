@@ -31,7 +31,7 @@ from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import SolverSpec, TaskSpec
 
-from .constraints.test_hands import without_forces
+from .constraints.held_objects import without_forces
 
 Array = NDArray[np.float64]
 

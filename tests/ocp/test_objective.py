@@ -13,7 +13,7 @@ from psmpc_cli.ocp.stage import Stage, StageShape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.parts import SPACES, space_of
 
-from ..robot.test_dynamics_task_space import spatial_robot
+from ..robot.robots_in_task_space import spatial_robot
 from .transport_windows import ending
 
 X_U = tuple[np.ndarray, np.ndarray]

@@ -9,7 +9,7 @@ from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
 
-from ..robot.test_dynamics_task_space import planar_robot, spatial_robot
+from ..robot.robots_in_task_space import planar_robot, spatial_robot
 
 TICK = 1e-3
 M = 100

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from psmpc_cli.native.library import CompilationError, find_compiler
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.solvers.quadratic import EQUALITY_WIDTH, PiqpQp, QpSolution, QpStatus, RiccatiQp, load_kernel
+from psmpc_cli.solvers.quadratic import EQUALITY_WIDTH, PiqpQp, QpSolution, QpStatus
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, window_bounds
 
 from .optimality import curvatures, energy, objective, optimality, rows_after
+from .quadratic_forms import our_method, ours
 from .random_programs import Task, random_task, soft_rows, unattainable
 from .recorded import RecordedSolve, windows_over
 from .solving import middle_window_over
@@ -24,26 +24,6 @@ from .solving import middle_window_over
 SEEDS = st.integers(0, 2**32 - 1)
 FEATURES = st.sets(st.sampled_from(("equal", "fixed", "free", "inputs", "intervals", "tied")))
 NODES = st.sampled_from([(1,), (4,), (3, 2), (5, 5), (2, 3, 2)])
-
-
-def our_method(task: Task, tolerance: float = 1e-9) -> RiccatiQp:
-    """Our method, which is C; without a compiler there is none, and the test is skipped.
-
-    Where there is a compiler that cannot make it, the test fails.
-    """
-    try:
-        find_compiler()
-    except CompilationError as error:
-        pytest.skip(str(error))
-    grid = task.window.form.grid
-    kernel = load_kernel(grid.n, grid.switches)
-    assert kernel is not None
-    return RiccatiQp(kernel, tolerance)
-
-
-def ours(task: Task, tolerance: float = 1e-9) -> QpSolution:
-    """Solve a program by our method."""
-    return our_method(task, tolerance).solve(task.window, task.model, task.here)
 
 
 def piqp(task: Task, tolerance: float = 1e-9) -> QpSolution:

@@ -28,8 +28,8 @@ from psmpc_cli.solvers.quadratic import (
 )
 
 from . import random_programs
+from .quadratic_forms import ours
 from .random_programs import Task, random_task, soft_rows
-from .test_quadratic import ours
 
 STRICT = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-Wno-unknown-pragmas", "-Wno-psabi")
 SANITIZED = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

@@ -18,7 +18,7 @@ from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import SolverSpec
 
-from ..ocp.constraints.test_mobility import drawn, fast_arms_in, problem_of
+from ..ocp.constraints.floating_windows import drawn, fast_arms_in, problem_of
 from .recorded import RecordedSolve, curved_end, recorded
 from .solving import CONVERGED, FATROP, ONE, again, changed, far_away, middle_window_over
 

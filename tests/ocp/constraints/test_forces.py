@@ -33,9 +33,7 @@ from ...robot.strategies import (
     moving_robots,
     moving_spatial_robots,
 )
-from .test_mobility import fast_arms, planar_task, solved, spatial_task, window_of
-
-__all__ = ["fast_arms"]
+from .floating_windows import planar_task, solved, spatial_task, window_of
 
 
 def nothing_held(model: RobotModel) -> Load:

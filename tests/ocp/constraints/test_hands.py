@@ -8,13 +8,15 @@ import pytest
 from psmpc_cli.ocp.constraints import NodeRows, node_rows, soft_row_violations
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
-from psmpc_cli.ocp.stage import PlacedStage, SampleView
+from psmpc_cli.ocp.stage import SampleView
 from psmpc_cli.ocp.window import Window, window_numbers, window_shape
 from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.task import SolverSpec
+
+from .held_objects import without_forces
 
 NODES = (4, 3)
 HELD = 2
@@ -41,11 +43,6 @@ def relative_pose(problem: Problem, Q: np.ndarray) -> np.ndarray:
     poses = dict(zip(problem.model.pose_rows, problem.model.poses(Q), strict=True))
     one, other = (poses[gripper] for gripper in problem.body.grasp.at)
     return space_of_pose(len(one)).relative(other, one)
-
-
-def without_forces(stage: PlacedStage) -> PlacedStage:
-    """The stage without limits of forces, which other back-ends than sqp take half a minute to write out."""
-    return replace(stage, constraints={name: each for name, each in stage.constraints.items() if name != "forces"})
 
 
 def window_of(problem: Problem, relative: np.ndarray) -> Window:

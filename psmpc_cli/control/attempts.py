@@ -41,7 +41,7 @@ class Attempts:
     Args:
         problem: The problem.
         solver: Its solver.
-        until: When the sample's solves have to stop, an instant of `time.perf_counter` [s].
+        stop_at: When the sample's solves have to stop, an instant of `time.perf_counter` [s].
         builder: Builds the windows.
         stages: All stages of the task, placed at this sample.
         prediction: The last plan, shifted; it begins at the measured state.
@@ -53,7 +53,7 @@ class Attempts:
         self,
         problem: Problem,
         solver: Solver,
-        until: float,
+        stop_at: float,
         builder: WindowBuilder,
         stages: Sequence[PlacedStage],
         prediction: Plan,
@@ -63,9 +63,9 @@ class Attempts:
         self._spec = problem.spec.controller
         self._costs = problem.costs
         self._model = problem.model
-        self._solver = solver.stopping(until)
+        self._solver = solver.stopping(stop_at)
         has_deadline = np.isfinite(solver.deadline)
-        self._appending = solver.stopping(until - RESERVE * solver.deadline) if has_deadline else self._solver
+        self._appending = solver.stopping(stop_at - RESERVE * solver.deadline) if has_deadline else self._solver
         self._builder = builder
         self._stages = stages
         self._prediction = prediction

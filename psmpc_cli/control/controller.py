@@ -160,15 +160,15 @@ class ControlLaw:
         Raises:
             RunError: Nothing is measured, and there is no plan yet.
         """
-        until = perf_counter() + self.solver.deadline
+        stop_at = perf_counter() + self.solver.deadline
         memory, situation = self._measure(memory, measurement)
         memory, situation = self._drop(memory, situation)  # stages that are over leave the window
         prediction = self._shift(memory, situation)  # the last plan, from now on
         longer = self._detect(memory, situation, prediction)  # the next stage enters when its switch is predicted
         situation = self._with_targets_at(longer, memory, situation)
-        attempts = self._attempts(memory, situation, prediction, until)
+        attempts = self._attempts(memory, situation, prediction, stop_at)
         attempt = attempts.solve_longest(memory.sequence, longer)
-        decision = self._accept(memory, situation, attempt, prediction, until)  # or fall back
+        decision = self._accept(memory, situation, attempt, prediction, stop_at)  # or fall back
         events = self._events(memory, measurement, situation, longer, decision)
         estimate, command = self._command(measurement, situation, decision, events)
         return _remembered(memory, situation, decision, estimate), command
@@ -310,11 +310,11 @@ class ControlLaw:
         placement = self._place(extended, situation.time, situation.x, situation.placement.chart, at_ends=True)
         return replace(situation, placement=placement.with_arguments(memory.arguments))
 
-    def _attempts(self, memory: Memory, situation: Situation, prediction: Plan, until: float) -> Attempts:
+    def _attempts(self, memory: Memory, situation: Situation, prediction: Plan, stop_at: float) -> Attempts:
         return Attempts(
             problem=self.problem,
             solver=self.solver,
-            until=until,
+            stop_at=stop_at,
             builder=self.builder,
             stages=situation.stages,
             prediction=prediction,
@@ -323,7 +323,7 @@ class ControlLaw:
         )
 
     def _accept(
-        self, memory: Memory, situation: Situation, attempt: Attempt, prediction: Plan, until: float
+        self, memory: Memory, situation: Situation, attempt: Attempt, prediction: Plan, stop_at: float
     ) -> Decision:
         """Take over a solution that counts, refined by the levels of HTMPC; fall back on another plan else.
 
@@ -341,7 +341,7 @@ class ControlLaw:
             if self._hierarchy is not None:
                 stages = situation.stages[sequence.first :]
                 levels = self._hierarchy.solve_levels(
-                    stages, sequence.progress.entered, solution, prediction, memory.levels, until
+                    stages, sequence.progress.entered, solution, prediction, memory.levels, stop_at
                 )
             plan = (levels or (solution,))[-1].plan
             plans = memory.plans.with_plan(plan, sequence)

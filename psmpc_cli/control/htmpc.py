@@ -37,7 +37,7 @@ class Hierarchy:
         first: Solution,
         prediction: Plan,
         previous: Sequence[Solution],
-        until: float,
+        stop_at: float,
     ) -> tuple[Solution, ...]:
         """Solve level after level, each from the plan of the one before; none follows a level that fails.
 
@@ -49,7 +49,7 @@ class Hierarchy:
             first: The first level: the solution of the window over the current stage.
             prediction: The shifted plan; it normalizes the costs.
             previous: The levels of the sample before.
-            until: When solves have to stop, an instant of `time.perf_counter` [s].
+            stop_at: When solves have to stop, an instant of `time.perf_counter` [s].
         """
         spec = self.spec
         stages = stages[: self.spec.htmpc.depth]
@@ -57,7 +57,7 @@ class Hierarchy:
         _, scale = normalization(
             "nadir", spec.zeta, stages, begins, self.problem.costs, prediction, spec.normalization_step
         )
-        solver = self._solver.stopping(until)
+        solver = self._solver.stopping(stop_at)
         levels = [first]
         kept = list[Kept]()
         for i, stage in enumerate(stages[1:], start=1):

@@ -38,9 +38,9 @@ class Point:
         """x_k+1 - x_k, (K, 2n)."""
         return np.asarray(self.X[1:] - self.X[:-1])
 
-    def moved(self, by: "Point", share: float) -> "Point":
-        """Return the point a share of a step further."""
-        return Point(self.X + share * by.X, self.tau + share * by.tau)
+    def moved(self, by: "Point", step_length: float) -> "Point":
+        """Return the point after a step of a length, 1 being the full one."""
+        return Point(self.X + step_length * by.X, self.tau + step_length * by.tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +71,10 @@ class Linearization:
     Attributes:
         at: Objective and constraints there.
         gradient, gradient_tau: (K + 1, 2n), (S,).
-        positions: Upper triangle of the Hessian by Q_k, (K + 1, n, n).
-        coupling: Its diagonal by (Qdot_k, Qdot_k+1), (K, n): it is that of squares of Qdot_k+1 - Qdot_k.
-        arrow: By x_k and tau, (K + 1, 2n, S).
-        durations: By tau, (S, S).
+        H_QQ: Upper triangle of the Hessian by Q_k, (K + 1, n, n).
+        H_vv: Its diagonal by (Qdot_k, Qdot_k+1), (K, n): it is that of squares of Qdot_k+1 - Qdot_k.
+        H_x_tau: By x_k and tau, (K + 1, 2n, S).
+        H_tau_tau: By tau, (S, S).
         gap_velocity: Of the gaps by Qdot_k and Qdot_k+1, one number an interval, (K, 2).
         gap_tau: By tau, (K, n, S).
         node_rows: Which rows at nodes the model has, ascending, (F,).
@@ -86,10 +86,10 @@ class Linearization:
     at: Residuals
     gradient: np.ndarray
     gradient_tau: np.ndarray
-    positions: np.ndarray
-    coupling: np.ndarray
-    arrow: np.ndarray
-    durations: np.ndarray
+    H_QQ: np.ndarray
+    H_vv: np.ndarray
+    H_x_tau: np.ndarray
+    H_tau_tau: np.ndarray
     gap_velocity: np.ndarray
     gap_tau: np.ndarray
     node_rows: np.ndarray
@@ -111,8 +111,8 @@ class VelocityForm:
         row_node: Node of each row of these, ascending, (E,): rows are ordered by node, then as in `node_rows`.
         row_is_soft: Which of them may be violated at a cost, (E,).
         has_soft_rows: Whether any of them may.
-        row_near: How near its bounds a row is part of a program, (E,); infinite: always.
-        always, sometimes: Which of them are part of every program, and which near their bounds alone, ascending.
+        activation_distance: Distance from its bounds up to which a row is part of a program, (E,); infinite: always.
+        permanent_rows, lazy_rows: Which of them are part of every program, and which only near their bounds, ascending.
         row_interval: Interval of each row over intervals, in an order alike, (I,).
         interval_row_is_over_time: Which of them have bounds of the rows over h, (I,).
         residuals_are_curved: The curvature of residuals counts: that of a robot without thrusters.
@@ -133,22 +133,22 @@ class VelocityForm:
         self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows])
         self._node_order = np.argsort(np.concatenate([np.zeros(0, int), *self._places]))
         self.row_is_soft = np.zeros(len(self.row_node), bool)
-        self.row_near = np.full(len(self.row_node), np.inf)
+        self.activation_distance = np.full(len(self.row_node), np.inf)
         self._row_constraint = np.zeros(len(self.row_node), int)  # which of `node_rows` has the row,
         self._row_place = np.zeros(len(self.row_node), int)  # at which of its nodes,
         self._row_number = np.zeros(len(self.row_node), int)  # and which of its rows there it is
         for i, (rows, at) in enumerate(zip(self.node_rows, self._places, strict=True)):
             of_node = at.reshape(len(rows.nodes), rows.functions.count)
             self.row_is_soft[at] = rows.soft
-            self.row_near[at] = rows.near
+            self.activation_distance[at] = rows.activation_distance
             self._row_constraint[at] = i
             self._row_place[of_node] = np.arange(len(rows.nodes))[:, None]
             self._row_number[of_node] = np.arange(rows.functions.count)
         first_bounds = np.cumsum([0, *(rows.functions.count for rows in self.node_rows)])
         self._bound_of_row = first_bounds[self._row_constraint] + self._row_number  # among those of all constraints
         self.has_soft_rows = bool(self.row_is_soft.any())
-        self.always = np.flatnonzero(np.isinf(self.row_near))
-        self.sometimes = np.flatnonzero(np.isfinite(self.row_near))
+        self.permanent_rows = np.flatnonzero(np.isinf(self.activation_distance))
+        self.lazy_rows = np.flatnonzero(np.isfinite(self.activation_distance))
         self.row_interval, self._interval_places = _ordered(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
@@ -156,10 +156,10 @@ class VelocityForm:
         for over_intervals, at in zip(self.interval_rows, self._interval_places, strict=True):
             self.interval_row_is_over_time[at] = over_intervals.over_time
         self.costing_rows = self._costing_rows()
-        self._giving = [
-            (rows, rows.functions.gives, rows.functions.by_given)
+        self._rows_with_dependent_rates = [
+            (rows, rows.functions.solved_for, rows.functions.by_solved_for)
             for rows in self.node_rows
-            if rows.functions.gives is not None and rows.functions.by_given is not None
+            if rows.functions.solved_for is not None and rows.functions.by_solved_for is not None
         ]
         self.residuals_are_curved = not model.spec.moved_by.actuated
         rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
@@ -182,9 +182,9 @@ class VelocityForm:
         return shares_of_time(self.interval_steps)
 
     @cached_property
-    def excess_of_near(self) -> np.ndarray:
-        """Excess over its nearer bound from which on each of the rows `sometimes` is near, negative."""
-        return np.asarray(-self.row_near[self.sometimes])
+    def activation_excess(self) -> np.ndarray:
+        """Excess over its nearer bound above which each of `lazy_rows` is part of a program, negative."""
+        return np.asarray(-self.activation_distance[self.lazy_rows])
 
     @cached_property
     def waiting(self) -> np.ndarray:
@@ -281,26 +281,26 @@ class VelocityForm:
     def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of all constraints at nodes (E,), and the derivatives by x of those that are in all programs.
 
-        These are (F, 2n), of `always`.
+        These are (F, 2n), of `permanent_rows`.
         """
         found = []
-        by_x = np.zeros((len(self.always), 2 * self.grid.n))
+        by_x = np.zeros((len(self.permanent_rows), 2 * self.grid.n))
         for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
             X = point.X[nodes]
             a = rows.argument(p)
-            if np.isfinite(rows.near):
+            if np.isfinite(rows.activation_distance):
                 found += rows.functions.value(X, a, rows=len(X))
                 continue
             g, jacobian = rows.functions.with_jacobian(X, a, rows=len(X))
             found.append(g)
-            by_x[np.searchsorted(self.always, at)] = jacobian.reshape(len(at), -1)
+            by_x[np.searchsorted(self.permanent_rows, at)] = jacobian.reshape(len(at), -1)
         return self._by_node(found), by_x
 
     def with_node_rows(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], which: np.ndarray
     ) -> Linearization:
         """Return the model at a point with some more rows at nodes (J,)."""
-        new = which[~marked(model.node_rows, len(self.row_node))[which]]
+        new = which[~mask(model.node_rows, len(self.row_node))[which]]
         if not len(new):
             return model
         of_constraint = self._row_constraint[new]
@@ -318,21 +318,21 @@ class VelocityForm:
         order = np.argsort(node_rows)
         return replace(model, node_rows=node_rows[order], rows_by_x=np.concatenate([model.rows_by_x, rows_by_x])[order])
 
-    def with_given_rates(self, point: Point, p: Parameters[np.ndarray]) -> Point:
-        """Return a point with the rates that rows at nodes determine; the point itself if none do.
+    def with_dependent_rates(self, point: Point, p: Parameters[np.ndarray]) -> Point:
+        """Return a point with the rates solved for that rows at nodes determine; the point itself if there are none.
 
         Rows g linear in rates y, g = G y + ..., are solved by y - G^-1 g. So they hold at every iterate, as after an
         elimination of y.
         """
-        if not self._giving:
+        if not self._rows_with_dependent_rates:
             return point
         n = self.grid.n
         X = point.X.copy()
-        for rows, given, by_given in self._giving:
+        for rows, rates, by_rates in self._rows_with_dependent_rates:
             nodes = list(rows.nodes)
-            g, jacobian = by_given(X[nodes], rows.argument(p), rows=len(nodes))
+            g, jacobian = by_rates(X[nodes], rows.argument(p), rows=len(nodes))
             G = jacobian.reshape(len(nodes), rows.functions.count, -1)
-            X[nodes, n + given.start : n + given.stop] -= np.linalg.solve(G, g[..., None])[..., 0]
+            X[nodes, n + rates.start : n + rates.stop] -= np.linalg.solve(G, g[..., None])[..., 0]
         return replace(point, X=X)
 
     def interval_jacobian(self, point: Point, p: Parameters[np.ndarray], which: np.ndarray) -> np.ndarray:
@@ -344,7 +344,7 @@ class VelocityForm:
         if not len(which):
             return np.zeros((0, 4 * self.grid.n + self.grid.switches))
         by_states_and_h = np.zeros((len(self.row_interval), 4 * self.grid.n + 1))
-        is_chosen = marked(which, len(self.row_interval))
+        is_chosen = mask(which, len(self.row_interval))
         h = self.steps(point, float(p.horizon))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
             of_interval = at.reshape(len(rows.intervals), -1)
@@ -429,7 +429,7 @@ class VelocityForm:
         hold what is fixed in space: its residuals stay large, and without their curvature the iterations alternate
         about the optimum. That of the terminal cost is left out.
         """
-        positions = model.positions.copy()
+        H_QQ = model.H_QQ.copy()
         n = self.grid.n
         for rows, at in zip(self.node_rows, self._places, strict=True):
             curvature = rows.functions.curvature
@@ -437,12 +437,12 @@ class VelocityForm:
                 nodes = list(rows.nodes)
                 of_nodes = multipliers[at].reshape(len(nodes), -1)
                 by_Q_Q = curvature(point.X[nodes], rows.argument(p), of_nodes, rows=len(nodes))[0]
-                positions[nodes] += by_Q_Q.reshape(-1, n, n)
+                H_QQ[nodes] += by_Q_Q.reshape(-1, n, n)
         if self.residuals_are_curved:
-            self._add_residual_curvature(positions, point, p)
-        return replace(model, positions=positions)
+            self._add_residual_curvature(H_QQ, point, p)
+        return replace(model, H_QQ=H_QQ)
 
-    def _add_residual_curvature(self, positions: np.ndarray, point: Point, p: Parameters[np.ndarray]) -> None:
+    def _add_residual_curvature(self, H_QQ: np.ndarray, point: Point, p: Parameters[np.ndarray]) -> None:
         """Add 2 w sum_i W_i e_i d2e_i/dQ2 at the nodes of each stage, w = omega tau / (N scale), to (K + 1, n, n)."""
         n = self.grid.n
         tau = self.durations(point, float(p.horizon))
@@ -451,7 +451,7 @@ class VelocityForm:
             wanted, _ = reference(p, s, tau[s])
             curvature = stage.residual_curvature(point.X[nodes, :n], p.weights[s], wanted[:N], rows=N)[0]
             weight = float(p.omega[s] * tau[s] / N / p.scale[s])
-            positions[nodes] += 2 * weight * curvature.reshape(N, n, n)
+            H_QQ[nodes] += 2 * weight * curvature.reshape(N, n, n)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
         """Return the quadratic model at a point; of the rows over intervals it has those that are residuals.
@@ -480,24 +480,24 @@ class VelocityForm:
             ),
             gradient=cost.gradient,
             gradient_tau=gradient_tau,
-            positions=cost.positions,
-            coupling=cost.coupling,
-            arrow=cost.arrow @ D,
-            durations=D.T @ (cost.durations[:, None] * D),
+            H_QQ=cost.H_QQ,
+            H_vv=cost.H_vv,
+            H_x_tau=cost.H_x_tau @ D,
+            H_tau_tau=D.T @ (cost.H_tau_tau[:, None] * D),
             gap_velocity=-self.steps(point, float(p.horizon)) * np.array(self.weights),
             gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
-            node_rows=self.always,
+            node_rows=self.permanent_rows,
             rows_by_x=rows_by_x,
             interval_rows=costing,
             interval_rows_by=costing_by,
         )
 
 
-def marked(which: np.ndarray, count: int) -> np.ndarray:
-    """Tell of so many things (count,) which are among some, given by their indices."""
-    found = np.zeros(count, bool)
-    found[which] = True
-    return found
+def mask(indices: np.ndarray, count: int) -> np.ndarray:
+    """Return a boolean mask (count,) of these indices."""
+    chosen = np.zeros(count, bool)
+    chosen[indices] = True
+    return chosen
 
 
 def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
@@ -559,10 +559,10 @@ class _CostModel:
         terminal: Normalized terminal cost of the last stage, times kappa.
         gradient: By x_k, (K + 1, 2n).
         gradient_tau: By the durations, (S + 1,).
-        positions: Upper triangle of the Hessian by Q_k, (K + 1, n, n).
-        coupling: Its diagonal by (Qdot_k, Qdot_k+1), (K, n).
-        arrow: By x_k and the durations, (K + 1, 2n, S + 1).
-        durations: Its diagonal by the durations, (S + 1,).
+        H_QQ: Upper triangle of the Hessian by Q_k, (K + 1, n, n).
+        H_vv: Its diagonal by (Qdot_k, Qdot_k+1), (K, n).
+        H_x_tau: By x_k and the durations, (K + 1, 2n, S + 1).
+        H_tau_tau: Its diagonal by the durations, (S + 1,).
     """
 
     def __init__(self, form: VelocityForm, point: Point, p: Parameters[np.ndarray]) -> None:
@@ -575,10 +575,10 @@ class _CostModel:
         self._tau = form.durations(point, float(p.horizon))
         self.gradient = np.zeros((K + 1, 2 * n))
         self.gradient_tau = np.zeros(S + 1)
-        self.positions = np.zeros((K + 1, n, n))
-        self.coupling = np.zeros((K, n))
-        self.arrow = np.zeros((K + 1, 2 * n, S + 1))
-        self.durations = np.zeros(S + 1)
+        self.H_QQ = np.zeros((K + 1, n, n))
+        self.H_vv = np.zeros((K, n))
+        self.H_x_tau = np.zeros((K + 1, 2 * n, S + 1))
+        self.H_tau_tau = np.zeros(S + 1)
         self.costs = np.zeros(S + 1)
         self.terminal = 0.0
         for s, (N, tau) in enumerate(zip(form.grid.nodes, self._tau, strict=True)):
@@ -618,9 +618,9 @@ class _CostModel:
         )
         curvature = weight_by_tau**2 / (2 * weight) * squares
         self.gradient[nodes, :n] += 2 * weight * by_Q
-        self.positions[nodes] += 2 * weight * by_Q_Q.reshape(-1, n, n)
-        self.arrow[nodes, :n, s] += 2 * weight * by_Q_tau + weight_by_tau * by_Q
-        self.durations[s] += (2 * weight * of_tau + 2 * weight_by_tau * with_tau + curvature).sum()
+        self.H_QQ[nodes] += 2 * weight * by_Q_Q.reshape(-1, n, n)
+        self.H_x_tau[nodes, :n, s] += 2 * weight * by_Q_tau + weight_by_tau * by_Q
+        self.H_tau_tau[s] += (2 * weight * of_tau + 2 * weight_by_tau * with_tau + curvature).sum()
         self.gradient_tau[s] += (weight_by_tau * (squares - p.offset[s]) + 2 * weight * with_tau).sum()
         return np.asarray(squares)
 
@@ -640,9 +640,9 @@ class _CostModel:
         b = 2 * weight * self._form.nodes[s] / tau * p.control_weights[s][:n]
         self.gradient[after, n:] += b * dv
         self.gradient[before, n:] -= b * dv
-        self.coupling[before] -= b
-        self.arrow[after, n:, s] -= b * dv / tau
-        self.arrow[before, n:, s] += b * dv / tau
-        self.durations[s] += 2 * weight * effort / tau**2
+        self.H_vv[before] -= b
+        self.H_x_tau[after, n:, s] -= b * dv / tau
+        self.H_x_tau[before, n:, s] += b * dv / tau
+        self.H_tau_tau[s] += 2 * weight * effort / tau**2
         self.gradient_tau[s] -= weight * effort / tau
         return effort

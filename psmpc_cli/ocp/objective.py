@@ -62,8 +62,8 @@ class ConstraintFunctions:
         x: The state [Q; Qdot], a symbol (2n,).
         argument: a, a symbol.
         rows: The rows as an expression of both.
-        gives: Rates that the rows, equations, determine: they are linear in these and as many. None if they do not.
-            `sqp` then solves them at every iterate, and takes no account of their curvature.
+        solved_for: Rates that the rows, equations, are solved for: the rows are linear in them and as many. None if
+            there are none. `sqp` solves them at every iterate, and neglects their curvature.
         is_convex: They are bounded below and convex, as distances to convex bodies are: their curvature, which can only
             make programs non-convex, does not count. Such rows are many and long, and few of them count at a time.
         native: Functions with many operations run as compiled C.
@@ -74,11 +74,11 @@ class ConstraintFunctions:
         x: ca.SX,
         argument: ca.SX,
         rows: ca.SX,
-        gives: slice | None = None,
+        solved_for: slice | None = None,
         is_convex: bool = False,
         native: bool = False,
     ) -> None:
-        self.gives = gives
+        self.solved_for = solved_for
         self._is_convex = is_convex
         self._native = native
         self._x = x
@@ -89,9 +89,9 @@ class ConstraintFunctions:
     @cached_property
     def compiled(self) -> "ConstraintFunctions":
         """The same rows with functions as compiled C, if they give rates or are many: then they take time."""
-        if self.gives is None and not self._is_convex:
+        if self.solved_for is None and not self._is_convex:
             return self
-        return ConstraintFunctions(self._x, self._argument, self._rows, self.gives, self._is_convex, native=True)
+        return ConstraintFunctions(self._x, self._argument, self._rows, self.solved_for, self._is_convex, native=True)
 
     @cached_property
     def value(self) -> RowFunction:
@@ -135,7 +135,7 @@ class ConstraintFunctions:
     @cached_property
     def curvature(self) -> RowFunction | None:
         """x, a, multipliers y (rows,) -> upper triangle of the second derivatives of y'g by Q (n, n); None where 0."""
-        if not self.count or self.gives is not None or self._is_convex:
+        if not self.count or self.solved_for is not None or self._is_convex:
             return None
         n = self._x.numel() // 2
         multipliers = ca.SX.sym("multipliers", self.count)
@@ -147,19 +147,19 @@ class ConstraintFunctions:
         return _on_rows("end_curvature", arguments, [_row_by_row(upper)], self._native)
 
     @cached_property
-    def by_given(self) -> RowFunction | None:
-        """x, a -> g (rows,), its derivatives by the rates that it gives, row by row (rows rows,); None if none."""
-        if self.gives is None:
+    def by_solved_for(self) -> RowFunction | None:
+        """x, a -> g (rows,), its derivatives by the rates it is solved for, row by row (rows rows,); None if none."""
+        if self.solved_for is None:
             return None
         n = self._x.numel() // 2
-        jacobian = ca.jacobian(self._rows, self._x[n:][self.gives])
+        jacobian = ca.jacobian(self._rows, self._x[n:][self.solved_for])
         return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._native)
 
     def prepare(self) -> tuple[RowFunction | None, ...]:
         """Write those that solves need and return them."""
         if self._is_convex:
             return self.value, *self._gradients_by_part
-        return self.value, self.with_jacobian, self.curvature, self.by_given
+        return self.value, self.with_jacobian, self.curvature, self.by_solved_for
 
 
 class IntervalFunctions:

@@ -115,17 +115,17 @@ class Solver(ABC):
     """
 
     deadline = np.inf
-    _until: float | None = None
+    _stop_at: float | None = None
 
-    def stopping(self, until: float) -> "Solver":
+    def stopping(self, stop_at: float) -> "Solver":
         """Return this solver with one deadline for all its solves, an instant of `time.perf_counter` [s]."""
         shared = copy(self)
-        shared._until = until
+        shared._stop_at = stop_at
         return shared
 
     def stop_time(self, began: float) -> float:
         """Return when a solve that began at an instant has to stop; both are of `time.perf_counter` [s]."""
-        return began + self.deadline if self._until is None else self._until
+        return began + self.deadline if self._stop_at is None else self._stop_at
 
     def solve(self, window: Window, guess: Plan, previous: Solution | None = None, within: float = np.inf) -> Solution:
         """Solve a window, started from a guessed plan, which is read at the nodes of the window.

@@ -160,7 +160,7 @@ static void add_inequality_weights(Inequalities ineq, double *weights) {
  *
  *     w = w_l + w_h,   t = (w_l t_l + w_h t_h) / w,
  *
- * and what that leaves of the Hessian by tau, w_l t_l t_l' + w_h t_h t_h' - w t t', is added to `durations`. A residual
+ * and what that leaves of the Hessian by tau, w_l t_l t_l' + w_h t_h t_h' - w t t', is added to `H_tau_tau`. A residual
  * has its own weight, and neither w_l nor w_h. */
 static void form_interval_rows(InteriorPoint *ip, const double *weights) {
     const QuadraticProgram *program = ip->program;
@@ -179,7 +179,7 @@ static void form_interval_rows(InteriorPoint *ip, const double *weights) {
         double left = weight_low * share_high * width * width;
         for (int c = 0; c < S; c++) {
             mean[c] = by_tau[c] - bound * by_duration[c];
-            for (int e = 0; e < S; e++) ip->durations[c * S + e] += left * by_duration[c] * by_duration[e];
+            for (int e = 0; e < S; e++) ip->H_tau_tau[c * S + e] += left * by_duration[c] * by_duration[e];
         }
     }
 }
@@ -188,10 +188,10 @@ static void form_interval_rows(InteriorPoint *ip, const double *weights) {
  * inequality, 1 / delta of an equation. Nocedal, Wright (2006), section 16.6.
  *
  * Bounds of states and rows at nodes get their weights in `riccati`, which adds them node by node. A duration's own
- * bound adds to the diagonal of `durations`, that of tau_1 + .. + tau_s to all of its first s rows and columns. The row
+ * bound adds to the diagonal of `H_tau_tau`, that of tau_1 + .. + tau_s to all of its first s rows and columns. The row
  * dv - u h of an acceleration, h = sum of h_c tau_c, adds
  *
- *     w to R,   -+ w u h_c to `arrow` by the velocity after and before,   w u^2 h_c h_e to `durations`. */
+ *     w to R,   -+ w u h_c to `H_x_tau` by the velocity after and before,   w u^2 h_c h_e to `H_tau_tau`. */
 NOINLINE void form_hessian(InteriorPoint *ip) {
     const QuadraticProgram *program = ip->program;
     double delta = 1.0 / ip->max_row_weight;
@@ -202,19 +202,19 @@ NOINLINE void form_hessian(InteriorPoint *ip) {
     add_inequality_weights(ip->soft, ip->row_weights);
     for (int64_t j = 0; j < ip->equations.count; j++) ip->row_weights[ip->equations.row[j]] = ip->max_row_weight;
     const double *weights = ip->row_weights + program->K * NX;
-    memcpy(ip->durations, program->durations, S * S * sizeof(double));
+    memcpy(ip->H_tau_tau, program->H_tau_tau, S * S * sizeof(double));
     for (int j = 0; j < S; j++) {
-        ip->durations[j * S + j] += weights[j];
+        ip->H_tau_tau[j * S + j] += weights[j];
         for (int c = 0; c <= j; c++)
-            for (int e = 0; e <= j; e++) ip->durations[c * S + e] += weights[S + j];
+            for (int e = 0; e <= j; e++) ip->H_tau_tau[c * S + e] += weights[S + j];
     }
     ip->riccati.node_row_weights = weights + 2 * S;
-    for (int64_t i = 0; i < program->K * N; i++) ip->R[i] = -program->coupling[i];
+    for (int64_t i = 0; i < program->K * N; i++) ip->R[i] = -program->H_vv[i];
     weights += 2 * S + program->node_row_count;
     form_interval_rows(ip, weights);
     weights += 2 * program->interval_row_count;
     if (!program->has_input_rows) return;
-    memcpy(ip->arrow, program->arrow, program->K * NX * S * sizeof(double));
+    memcpy(ip->H_x_tau, program->H_x_tau, program->K * NX * S * sizeof(double));
     for (int64_t k = 0; k < program->K; k++)
         for (int i = 0; i < N; i++) {
             double weight_low = weights[k * N + i];
@@ -226,10 +226,10 @@ NOINLINE void form_hessian(InteriorPoint *ip) {
                 double by_tau = program->interval_by_duration[k * S + c];
                 double by_velocity_and_tau = (weight_low * u_low + weight_high * u_high) * by_tau;
                 double by_tau_and_h = (weight_low * u_low * u_low + weight_high * u_high * u_high) * by_tau;
-                ip->arrow[(k * NX + N + i) * S + c] -= by_velocity_and_tau;
-                if (k) ip->arrow[((k - 1) * NX + N + i) * S + c] += by_velocity_and_tau;
+                ip->H_x_tau[(k * NX + N + i) * S + c] -= by_velocity_and_tau;
+                if (k) ip->H_x_tau[((k - 1) * NX + N + i) * S + c] += by_velocity_and_tau;
                 for (int e = 0; e < S; e++)
-                    ip->durations[c * S + e] += by_tau_and_h * program->interval_by_duration[k * S + e];
+                    ip->H_tau_tau[c * S + e] += by_tau_and_h * program->interval_by_duration[k * S + e];
             }
         }
 }
@@ -244,7 +244,7 @@ NOINLINE void form_hessian(InteriorPoint *ip) {
 static int factorize_schur(InteriorPoint *ip) {
     double *L = ip->schur_factor;
     for (int c = 0; c < S; c++) {
-        double rounding = PIVOT_ROUNDING * fmax(fabs(ip->durations[c * S + c]), fabs(ip->schur[c * S + c]));
+        double rounding = PIVOT_ROUNDING * fmax(fabs(ip->H_tau_tau[c * S + c]), fabs(ip->schur[c * S + c]));
         for (int e = 0; e <= c; e++) {
             double sum = ip->schur[c * S + e];
             for (int l = 0; l < e; l++) sum -= L[c * S + l] * L[l * S + l] * L[e * S + l];
@@ -458,19 +458,19 @@ static int64_t allocate_all(InteriorPoint *ip, const QuadraticProgram *program, 
     } else {
         ip->intervals = (IntervalGains *)allocate(&workspace, K * doubles_of_gains);
     }
-    ip->positions = (vec *)allocate(&workspace, K * N * N_PADDED);
+    ip->H_QQ = (vec *)allocate(&workspace, K * N * N_PADDED);
     ip->control_gradients = allocate(&workspace, K * N_PADDED);
     ip->cost_gradient = allocate(&workspace, K * NX);
     ip->gradient = allocate(&workspace, K * NX);
     ip->reduced_gradient = allocate(&workspace, K * N);
     ip->R = allocate(&workspace, K * N);
-    ip->arrow = allocate(&workspace, K * NX * S);
+    ip->H_x_tau = allocate(&workspace, K * NX * S);
     ip->cost_gradient_tau = allocate(&workspace, S);
     ip->gradient_tau = allocate(&workspace, S);
     ip->tau_step = allocate(&workspace, S);
     ip->schur = allocate(&workspace, S * S);
     ip->schur_factor = allocate(&workspace, S * S);
-    ip->durations = allocate(&workspace, S * S);
+    ip->H_tau_tau = allocate(&workspace, S * S);
     return workspace - begin;
 }
 
@@ -566,13 +566,13 @@ static void initialize_inequalities(InteriorPoint *ip) {
 /* Copy the upper triangles of the Hessian by the positions, (K, N, N), to full matrices, padded. */
 static void fill_positions(InteriorPoint *ip) {
     const QuadraticProgram *program = ip->program;
-    memset(ip->positions, 0, program->K * N * N_PADDED * sizeof(double));
+    memset(ip->H_QQ, 0, program->K * N * N_PADDED * sizeof(double));
     for (int64_t k = 0; k < program->K; k++)
         for (int i = 0; i < N; i++)
             for (int j = i; j < N; j++) {
-                double value = program->positions[(k * N + i) * N + j];
-                scalars(ip->positions + (k * N + j) * N_VECS)[i] = value;
-                scalars(ip->positions + (k * N + i) * N_VECS)[j] = value;
+                double value = program->H_QQ[(k * N + i) * N + j];
+                scalars(ip->H_QQ + (k * N + j) * N_VECS)[i] = value;
+                scalars(ip->H_QQ + (k * N + i) * N_VECS)[j] = value;
             }
 }
 
@@ -584,10 +584,10 @@ static void initialize(InteriorPoint *ip) {
     ip->max_row_weight = MAX_ROW_WEIGHT;
     ip->riccati = (RiccatiData){
         .K = program->K,
-        .positions = ip->positions,
+        .H_QQ = ip->H_QQ,
         .state_weights = ip->row_weights,
-        .arrow = program->has_input_rows ? ip->arrow : program->arrow,
-        .durations = ip->durations,
+        .H_x_tau = program->has_input_rows ? ip->H_x_tau : program->H_x_tau,
+        .H_tau_tau = ip->H_tau_tau,
         .R = ip->R,
         .gap_velocity = program->gap_velocity,
         .gap_tau = program->gap_tau,

@@ -171,7 +171,7 @@ NOINLINE int dense_factorize(const RiccatiData *data, const IntervalRows *interv
     int64_t last = interval_rows->count;
     memset(&P, 0, sizeof P);
     for (int c = 0; c < S; c++)
-        for (int e = 0; e < S; e++) scalars(P.qq[N + c])[N + e] = data->durations[c * S + e];
+        for (int e = 0; e < S; e++) scalars(P.qq[N + c])[N + e] = data->H_tau_tau[c * S + e];
     for (int64_t k = data->K - 1; k >= 0; k--) {
         double a = -data->gap_velocity[2 * k];
         double b = -data->gap_velocity[2 * k + 1];

@@ -371,14 +371,14 @@ class _Clock(ca.Callback):
     """Stops IPOPT with the iteration in which an instant passes.
 
     Attributes:
-        until: The instant, of `time.perf_counter` [s].
+        stop_at: The instant, of `time.perf_counter` [s].
     """
 
     def __init__(self, problem: Mapping[str, Any]) -> None:
         super().__init__()
         x, g, p = (problem[name].numel() for name in ("x", "g", "p"))
         self._sizes = {"x": x, "f": 1, "g": g, "lam_x": x, "lam_g": g, "lam_p": p}
-        self.until = np.inf
+        self.stop_at = np.inf
         self.construct("clock", {})
 
     def get_n_in(self) -> int:
@@ -394,7 +394,7 @@ class _Clock(ca.Callback):
         return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)])
 
     def eval(self, arg: Sequence[ca.DM]) -> list[int]:
-        return [int(time.perf_counter() >= self.until)]
+        return [int(time.perf_counter() >= self.stop_at)]
 
 
 class NlpSolver(Solver):
@@ -499,17 +499,17 @@ class NlpSolver(Solver):
         self._compiled[key] = ca.nlpsol("window", self._plugin, nlp.program, {**options, **nlp.derivatives})
 
     def _call(
-        self, key: CompiledKey, arguments: Mapping[str, np.ndarray], until: float
+        self, key: CompiledKey, arguments: Mapping[str, np.ndarray], stop_at: float
     ) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
         """Call a compiled solver; return vectors, statistics, the wall time [s], and what it wrote, if it is reported.
 
         Args:
             key: Which solver.
             arguments: Its arguments.
-            until: When it has to stop, if it can, an instant of `time.perf_counter` [s].
+            stop_at: When it has to stop, if it can, an instant of `time.perf_counter` [s].
         """
         if key in self._clocks:
-            self._clocks[key].until = until
+            self._clocks[key].stop_at = stop_at
         began = time.perf_counter()
         with redirect_stdout(io.StringIO()) if self._report else nullcontext(io.StringIO()) as text:
             result = self._compiled[key](**arguments)
@@ -550,11 +550,11 @@ class NlpSolver(Solver):
                 if key not in self._ready:
                     self._calls(LONGEST_COMPILATION, "_compile", key, window_numbers(window, start.instants))
                     self._ready.add(key)
-                until = self.stop_time(time.perf_counter())
+                stop_at = self.stop_time(time.perf_counter())
                 arguments = nlp.arguments(x0, p, bounds)
                 if is_warm:
                     arguments["lam_x0"], arguments["lam_g0"] = np.split(duals, [len(arguments["x0"])])
-                result, stats, wall_time, written = self._calls(LONGEST_CALL, "_call", key, arguments, until)
+                result, stats, wall_time, written = self._calls(LONGEST_CALL, "_call", key, arguments, stop_at)
         except BaseException:
             self._ready.clear()  # the copy has ended with what it had compiled
             raise

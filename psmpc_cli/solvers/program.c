@@ -32,12 +32,12 @@ typedef struct {
     double acceptable_tolerance;        /* the same where the method gets no further */
     double initial_barrier;             /* first product of a slack and its multiplier */
     double bound_push;                  /* smallest first slack */
-    const double *positions;            /* Hessian by Q at nodes 1 .. K, the upper triangles, (K, N, N) */
+    const double *H_QQ;                 /* Hessian by Q at nodes 1 .. K, the upper triangles, (K, N, N) */
     const double *gradient;             /* g by [Q; v] there, (K, 2N) */
     const double *gradient_tau;         /* g by tau, (S,) */
-    const double *coupling;             /* -R: Hessian by the velocities before and after an interval, (K, N) */
-    const double *arrow;                /* Hessian by [Q; v] at nodes 1 .. K and tau, (K, 2N, S) */
-    const double *durations;            /* Hessian by tau, (S, S) */
+    const double *H_vv;                 /* -R: Hessian by the velocities before and after an interval, (K, N) */
+    const double *H_x_tau;              /* Hessian by [Q; v] at nodes 1 .. K and tau, (K, 2N, S) */
+    const double *H_tau_tau;            /* Hessian by tau, (S, S) */
     const double *gap_velocity;         /* -a and -b, derivatives of the gaps by the velocities, (K, 2) */
     const double *gap_tau;              /* -Gamma, derivatives of the gaps by tau, (K, N, S) */
     const double *gaps;                 /* the gaps at x = 0, (K, N) */
@@ -134,10 +134,10 @@ typedef struct {
     double *tau_step;          /* (S,) */
     double *schur;             /* Hessian by tau after all states are eliminated, (S, S) */
     double *schur_factor;      /* its factors L and D, (S, S) */
-    double *arrow;             /* of H + C'W C, (K, 2N, S) */
+    double *H_x_tau;           /* of H + C'W C, (K, 2N, S) */
     double *R;                 /* (K, N) */
-    double *durations;         /* (S, S) */
-    vec *positions;            /* of H, (K, N, N), padded */
+    double *H_tau_tau;         /* (S, S) */
+    vec *H_QQ;                 /* of H, (K, N, N), padded */
 } InteriorPoint;
 
 /* Return the number of rows of C. */
@@ -250,14 +250,14 @@ static void add_rows_transposed(const QuadraticProgram *program, const double *y
 }
 
 /* Compute the gradient H x + g of the objective at x = (X, tau) into cost_gradient and cost_gradient_tau. H has the
- * blocks `positions` by Q_k, R by v_k+1 - v_k, `arrow` by states and durations, `durations` by tau, and w c'c of the
+ * blocks `H_QQ` by Q_k, R by v_k+1 - v_k, `H_x_tau` by states and durations, `H_tau_tau` by tau, and w c'c of the
  * residuals on intervals. */
 static void compute_cost_gradient(InteriorPoint *ip, const double *X, const double *tau) {
     const QuadraticProgram *program = ip->program;
     memcpy(ip->cost_gradient, program->gradient, program->K * NX * sizeof(double));
     for (int c = 0; c < S; c++) {
         ip->cost_gradient_tau[c] = program->gradient_tau[c];
-        for (int e = 0; e < S; e++) ip->cost_gradient_tau[c] += program->durations[c * S + e] * tau[e];
+        for (int e = 0; e < S; e++) ip->cost_gradient_tau[c] += program->H_tau_tau[c * S + e] * tau[e];
     }
     for (int64_t k = 0; k < program->K; k++) {
         const double *x = X + k * NX;
@@ -265,17 +265,17 @@ static void compute_cost_gradient(InteriorPoint *ip, const double *X, const doub
         vec by_Q[N_VECS];
         memset(by_Q, 0, sizeof by_Q);
         for (int j = 0; j < N; j++)
-            for (int v = 0; v < N_VECS; v++) by_Q[v] += x[j] * ip->positions[(k * N + j) * N_VECS + v];
+            for (int v = 0; v < N_VECS; v++) by_Q[v] += x[j] * ip->H_QQ[(k * N + j) * N_VECS + v];
         for (int i = 0; i < N; i++) g[i] += const_scalars(by_Q)[i];
         for (int i = 0; i < N; i++) {
-            double by_change = -program->coupling[k * N + i] * (x[N + i] - (k ? x[N + i - NX] : 0.0));
+            double by_change = -program->H_vv[k * N + i] * (x[N + i] - (k ? x[N + i - NX] : 0.0));
             g[N + i] += by_change;
             if (k) g[N + i - NX] -= by_change;
         }
         for (int i = 0; i < NX; i++)
             for (int c = 0; c < S; c++) {
-                g[i] += program->arrow[(k * NX + i) * S + c] * tau[c];
-                ip->cost_gradient_tau[c] += program->arrow[(k * NX + i) * S + c] * x[i];
+                g[i] += program->H_x_tau[(k * NX + i) * S + c] * tau[c];
+                ip->cost_gradient_tau[c] += program->H_x_tau[(k * NX + i) * S + c] * x[i];
             }
     }
     for (int64_t i = 0; i < program->interval_row_count; i++) {

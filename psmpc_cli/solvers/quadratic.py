@@ -97,12 +97,12 @@ class QpArrays:
     and over intervals the ones of the model alone. H and g are those of `Linearization`.
 
     Attributes:
-        positions: Upper triangles of H by the positions, (K, n, n).
+        H_QQ: Upper triangles of H by the positions, (K, n, n).
         gradient: g by X, (K, 2n).
         gradient_tau: g by tau, (S,).
-        coupling: Diagonal of H by v_k and v_k+1, the negative weight of (v_k+1 - v_k)^2 / 2, (K, n).
-        arrow: H by X and tau, (K, 2n, S).
-        durations: H by tau, (S, S).
+        H_vv: Diagonal of H by v_k and v_k+1, the negative weight of (v_k+1 - v_k)^2 / 2, (K, n).
+        H_x_tau: H by X and tau, (K, 2n, S).
+        H_tau_tau: H by tau, (S, S).
         gap_velocity: Of the velocities at both ends of an interval, (K, 2).
         gap_tau: (K, n, S).
         gaps: (K, n).
@@ -123,12 +123,12 @@ class QpArrays:
         row_multipliers: Positive at an upper bound, negative at a lower one, (R,).
     """
 
-    positions: np.ndarray
+    H_QQ: np.ndarray
     gradient: np.ndarray
     gradient_tau: np.ndarray
-    coupling: np.ndarray
-    arrow: np.ndarray
-    durations: np.ndarray
+    H_vv: np.ndarray
+    H_x_tau: np.ndarray
+    H_tau_tau: np.ndarray
     gap_velocity: np.ndarray
     gap_tau: np.ndarray
     gaps: np.ndarray
@@ -161,18 +161,18 @@ class QpMethod(ABC):
     def solve(self, window: SqpWindow, model: Linearization, here: Evaluation) -> QpSolution:
         """Solve the program about a point: the model of the objective and the constraints there, bounds of steps."""
         bounds = window.bounds
-        K, n = model.coupling.shape
+        K, n = model.H_vv.shape
         S = len(here.point.tau)
         in_program = window.rows_in_program(model)
         rows = here.rows[in_program]
         X = np.zeros((K + 1, 2 * n))
         arrays = QpArrays(
-            positions=model.positions[1:],
+            H_QQ=model.H_QQ[1:],
             gradient=model.gradient[1:],
             gradient_tau=model.gradient_tau,
-            coupling=model.coupling,
-            arrow=model.arrow[1:],
-            durations=model.durations,
+            H_vv=model.H_vv,
+            H_x_tau=model.H_x_tau[1:],
+            H_tau_tau=model.H_tau_tau,
             gap_velocity=model.gap_velocity,
             gap_tau=model.gap_tau,
             gaps=model.at.gaps,
@@ -295,13 +295,13 @@ def load_kernel(coordinates: int, durations: int) -> Kernel | None:
     return Kernel(workspace_size=workspace_size, solve=solve)
 
 
-ANYTHING = ctypes.c_byte * 0
-"""What any array begins with."""
+RAW_BYTES = ctypes.c_byte * 0
+"""A buffer of no bytes: from any array it takes its address."""
 
 
 def address(array: np.ndarray) -> int:
     """Return where the memory of a writable array begins; `array.ctypes.data` takes ten times as long."""
-    return ctypes.addressof(ANYTHING.from_buffer(array.data))
+    return ctypes.addressof(RAW_BYTES.from_buffer(array.data))
 
 
 class RiccatiQp(QpMethod):
@@ -314,7 +314,7 @@ class RiccatiQp(QpMethod):
 
     def _solve(self, arrays: QpArrays) -> tuple[QpStatus, int]:
         program = QuadraticProgram(
-            K=len(arrays.coupling),
+            K=len(arrays.H_vv),
             node_row_count=len(arrays.row_jacobian),
             interval_row_count=len(arrays.interval_row),
             has_input_rows=len(arrays.input_low) > 0,
@@ -570,16 +570,16 @@ def _hessian_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
     Q = unknowns.Q
     v = unknowns.v
     tau = unknowns.tau
-    R = -arrays.coupling
+    R = -arrays.H_vv
     i, j = np.triu_indices(Q.shape[1])
     c, e = np.triu_indices(len(tau))
     return [
-        (Q[:, i], Q[:, j], arrays.positions[:, i, j]),
+        (Q[:, i], Q[:, j], arrays.H_QQ[:, i, j]),
         (v, v, R),
         (v[:-1], v[:-1], R[1:]),
         (v[:-1], v[1:], -R[1:]),
-        (unknowns.X[..., None], tau, arrays.arrow),
-        (tau[c], tau[e], arrays.durations[c, e]),
+        (unknowns.X[..., None], tau, arrays.H_x_tau),
+        (tau[c], tau[e], arrays.H_tau_tau[c, e]),
     ]
 
 

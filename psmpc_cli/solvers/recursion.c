@@ -70,10 +70,10 @@ typedef struct {
 /* The matrices that the recursion reads. Constraints at nodes add weight c'c to the Hessian of their node. */
 typedef struct {
     int64_t K;                    /* intervals */
-    const vec *positions;         /* Hessian by Q at nodes 1 .. K, (K, N, N), padded */
+    const vec *H_QQ;              /* Hessian by Q at nodes 1 .. K, (K, N, N), padded */
     const double *state_weights;  /* what is added to the diagonal of the Hessian by [Q; v] there, (K, 2N) */
-    const double *arrow;          /* Hessian by [Q; v] there and tau, (K, 2N, S) */
-    const double *durations;      /* Hessian by tau, (S, S) */
+    const double *H_x_tau;        /* Hessian by [Q; v] there and tau, (K, 2N, S) */
+    const double *H_tau_tau;      /* Hessian by tau, (S, S) */
     const double *R;              /* weights of (w - v)^2 / 2, (K, N) */
     const double *gap_velocity;   /* -a and -b, (K, 2) */
     const double *gap_tau;        /* -Gamma, (K, N, S) */
@@ -138,15 +138,15 @@ static inline void transpose_block(const vec *block, int stride, vec transposed[
  *
  * `rows_left` counts the constraints that are not added yet, those of earlier nodes. */
 static void add_node_cost(const RiccatiData *data, int64_t k, int64_t *rows_left, ValueFunction *P) {
-    const double *arrow = data->arrow + k * NX * S;
+    const double *H_x_tau = data->H_x_tau + k * NX * S;
     for (int i = 0; i < N; i++) {
-        for (int j = 0; j < N_VECS; j++) P->qq[i][j] += data->positions[(k * N + i) * N_VECS + j];
+        for (int j = 0; j < N_VECS; j++) P->qq[i][j] += data->H_QQ[(k * N + i) * N_VECS + j];
         scalars(P->qq[i])[i] += data->state_weights[k * NX + i];
         scalars(P->vv[i])[i] += data->state_weights[k * NX + N + i];
         for (int c = 0; c < S; c++) {
-            scalars(P->qq[i])[N + c] += arrow[i * S + c];
-            scalars(P->qq[N + c])[i] += arrow[i * S + c];
-            scalars(P->vq[i])[N + c] += arrow[(N + i) * S + c];
+            scalars(P->qq[i])[N + c] += H_x_tau[i * S + c];
+            scalars(P->qq[N + c])[i] += H_x_tau[i * S + c];
+            scalars(P->vq[i])[N + c] += H_x_tau[(N + i) * S + c];
         }
     }
     for (; *rows_left > 0 && data->row_node[*rows_left - 1] == k; --*rows_left) {
@@ -305,7 +305,7 @@ NOINLINE int riccati_factorize(const RiccatiData *data, IntervalGains *intervals
     int64_t rows_left = data->node_row_count;
     memset(&P, 0, sizeof P);
     for (int c = 0; c < S; c++)
-        for (int e = 0; e < S; e++) scalars(P.qq[N + c])[N + e] = data->durations[c * S + e];
+        for (int e = 0; e < S; e++) scalars(P.qq[N + c])[N + e] = data->H_tau_tau[c * S + e];
     for (int64_t k = data->K - 1; k >= 0; k--) {
         double a = -data->gap_velocity[2 * k];
         double b = -data->gap_velocity[2 * k + 1];

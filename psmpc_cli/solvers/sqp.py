@@ -1,8 +1,7 @@
 """Sequential quadratic programming with the Gauss-Newton Hessian: one iteration a sample on the shifted plan.
 
-A window whose guess is warm is the last one, shifted: it gets the iterations the task asks for. Any
-other guess is cold (an append, a drop, another shape) and is iterated until the step is small. Steps that bring nothing
-are halved.
+A window whose guess is warm is the last one, shifted: it gets the iterations the task asks for. Other guesses are cold
+(an append, a drop, another shape) and iterated until steps are small. The filter halves a step until it accepts it.
 """
 
 import time
@@ -32,15 +31,18 @@ from psmpc_cli.specs.task import SolverSpec
 SMALL = 1e-2
 """Step at which a cold start is iterated enough [m, rad, m/s, rad/s, s]: what is left after it is a tenth and less."""
 
-BENT = 1e-3
-"""By how much a warm window may violate soft rows further than its program foresaw [m, rad]. What is left of a gap at a
-sample lets a filter accept a step that raises the objective; the next iteration starts without one, and cannot."""
+MODEL_ERROR = 1e-3
+"""Largest violation of soft rows beyond the program's prediction at which a warm window is settled [m, rad].
 
-SHARPER = 0.1
-"""Our own method's tolerance in units of the solver's: its last iterations are cheap, and flat directions gain."""
+A gap that is left at a sample lets the filter accept a step that raises the objective. The next iteration starts
+without a gap, and rejects such a step.
+"""
+
+QP_TOLERANCE_FACTOR = 0.1
+"""Tolerance of our own QP method over that of the solver: its last iterations are cheap, and flat directions gain."""
 
 SHORTEST_STEP = 1 / 32
-"""The shortest share of a step that is tried."""
+"""The shortest step length that is tried."""
 
 LARGEST_CUT = 0.5
 """Largest share of its duration by which a step shortens a stage: the gaps are bilinear in durations and velocities.
@@ -55,14 +57,14 @@ The source has 1e-5. So little lets the iterations zigzag between two points whi
 cent: up to 22 iterations of a warm window, where 0.1 takes up to 5.
 """
 
-REVERSED = 0.8
-"""How long a step that undoes the last one is where it is shortened, in units of that."""
+AITKEN_MIN_RATIO = 0.8
+"""A step that undoes the last one is shortened if it is at least this long, in units of that one."""
 
-SHORTENED = 0.25
-"""The least share that is taken of it: one that is many times as long as the last one is of another kind."""
+AITKEN_MIN_FACTOR = 0.25
+"""Smallest factor of a shortened step: one that is many times as long as the last one has another cause."""
 
-SETTLING = 1e-2
-"""Largest violation from which steps may be shortened so, or corrected: further off, they are there to lower it."""
+NEARLY_FEASIBLE = 1e-2
+"""Largest violation at which steps are shortened (`aitken_factor`) or corrected; above it they have to lower it."""
 
 S_PHI = 2.3
 S_THETA = 1.1
@@ -74,8 +76,8 @@ DECREASE = 1e-4
 ROUNDING = 1e-9
 """Relative rise of the objective that is taken for rounding."""
 
-LATER = 0.9
-"""How much of the time that a stage could last longer it is given in a guess for a program without a solution."""
+LATE_SWITCH_FRACTION = 0.9
+"""Where a program has no solution: fraction of the way to its latest time by which the last switch is delayed."""
 
 BROKEN_DOWN = (QpStatus.NOT_CONVEX, QpStatus.FAILED)
 """How programs of the Gauss-Newton model end where their numbers break down: that model is convex but for rounding."""
@@ -120,15 +122,15 @@ class Iterate:
     Attributes:
         reached: The point.
         step: Largest component of the program's full step [m, rad, m/s, rad/s, s].
-        share: Fraction of that step that was taken; 0 if it was rejected.
-        bent: By how much soft rows are violated further than the program foresaw, at worst.
+        step_length: alpha, fraction of that step that was taken; 0 if it was rejected.
+        unpredicted_violation: Largest violation of a soft row beyond the program's prediction [m, rad].
         qp: The program's solution, None at the guess.
     """
 
     reached: Evaluation
     step: float = np.inf
-    share: float = 0.0
-    bent: float = 0.0
+    step_length: float = 0.0
+    unpredicted_violation: float = 0.0
     qp: QpSolution | None = None
 
 
@@ -171,7 +173,7 @@ class SqpSolver(Solver):
         kernel = load_kernel(form.grid.n, form.grid.switches) if self._spec.compiled else None
         if kernel is None:
             return PiqpQp(self._spec.tolerance)
-        return RiccatiQp(kernel, SHARPER * self._spec.tolerance)
+        return RiccatiQp(kernel, QP_TOLERANCE_FACTOR * self._spec.tolerance)
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         began = time.perf_counter()
@@ -185,8 +187,8 @@ class SqpSolver(Solver):
             window=sqp_window,
             method=method,
             report=self._report,
-            until=self.stop_time(began),
-            longest_until=time.process_time() + LONGEST_CALL,
+            stop_at=self.stop_time(began),
+            stop_at_cpu_time=time.process_time() + LONGEST_CALL,
             is_warm=is_warm,
             restores=not is_warm and not self._model.spec.moved_by.actuated,
         )
@@ -248,8 +250,8 @@ class _Solve:
         window: The window.
         method: Method for its programs.
         report: Takes the lines of the table of iterations.
-        until: When the solve has to stop, an instant of `time.perf_counter` [s].
-        longest_until: The same of `time.process_time`, far beyond what windows take [s].
+        stop_at: When the solve has to stop, an instant of `time.perf_counter` [s].
+        stop_at_cpu_time: The same of `time.process_time`, far beyond what windows take [s].
         is_warm: The guess is the last solution, shifted.
         restores: Elastic programs stand in for those without a solution, see `_restored`.
     """
@@ -258,8 +260,8 @@ class _Solve:
     window: SqpWindow
     method: QpMethod
     report: Report | None
-    until: float
-    longest_until: float
+    stop_at: float
+    stop_at_cpu_time: float
     is_warm: bool
     restores: bool
 
@@ -297,7 +299,7 @@ class _Solve:
 
     def _begin(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Program]:
         """Return the iterate at a guess, and the program there."""
-        here, model = self.window.linearize(self.window.with_given_rates(guess))
+        here, model = self.window.linearize(self.window.with_dependent_rates(guess))
         return Iterate(here), self._restored(here, self._program(here, model, multipliers))
 
     def _keeps_limits(self, program: Program) -> bool:
@@ -362,9 +364,9 @@ class _Solve:
                 return Program(model, qp, reached)
             model = window.with_rows(model, here.point, of_nodes, of_intervals)
 
-    def _after(self, here: Evaluation, step: Point, share: float) -> Evaluation:
-        """Return the point a share of a step further."""
-        return self.window.evaluation(self.window.with_given_rates(here.point.moved(step, share)))
+    def _after(self, here: Evaluation, step: Point, step_length: float) -> Evaluation:
+        """Return the point after a step of a length, 1 being the full one."""
+        return self.window.evaluation(self.window.with_dependent_rates(here.point.moved(step, step_length)))
 
     def _outcome(self, count: int, iterate: Iterate, before: Iterate, program: Program) -> Outcome | None:
         """Return how the solve has ended after an iteration; None where it goes on.
@@ -383,12 +385,12 @@ class _Solve:
             return Outcome.OPTIMAL
         if brings_nothing:
             return self._unfinished(iterate, Outcome.FAILED)
-        settled = (self.is_warm and iterate.bent <= BENT) or iterate.step <= SMALL
+        settled = (self.is_warm and iterate.unpredicted_violation <= MODEL_ERROR) or iterate.step <= SMALL
         if count >= self.spec.iterations and settled and feasible:
             return Outcome.FEASIBLE
-        if time.perf_counter() >= self.until:
+        if time.perf_counter() >= self.stop_at:
             return self._unfinished(iterate, Outcome.DEADLINE)
-        if time.process_time() >= self.longest_until:
+        if time.process_time() >= self.stop_at_cpu_time:
             return self._unfinished(iterate, Outcome.TIMEOUT)
         return None
 
@@ -399,7 +401,7 @@ class _Solve:
         if program is None:
             self.report(HEADING)
         solved = program is not None and program.qp.status is QpStatus.SOLVED
-        step = f"{iterate.step:8.2e} {iterate.share:8.2e}" if solved else f"{'-':>8} {'-':>8}"
+        step = f"{iterate.step:8.2e} {iterate.step_length:8.2e}" if solved else f"{'-':>8} {'-':>8}"
         of_program = f"{'-':>3}" if program is None else f"{program.qp.iterations:3d}{program.remark}"
         reached = iterate.reached
         self.report(f"{count:4d} {reached.objective:15.8e} {reached.violation:8.2e} {step} {of_program}")
@@ -413,7 +415,7 @@ class _Solve:
         return iterate.qp is not None and iterate.reached.violation <= FEASIBLE
 
     def _step(self, iterate: Iterate, program: Program, filter_: "Filter") -> Iterate:
-        """Return the iterate after the longest share of the step that the filter accepts; the point itself, if none.
+        """Return the iterate after the longest step that the filter accepts; the point itself, if it accepts none.
 
         Near the constraints a step that leaves them, by curvature, is corrected first, if that brings it nearer. Not
         where it violates soft rows: the nearest point that meets the others would be another balance of them.
@@ -425,21 +427,23 @@ class _Solve:
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
         foreseen = self.window.foreseen(here, model, qp.step)
         slope += self.window.change_of_penalty(here, foreseen)
-        share = min(self._longest_share(here.point, qp.step), share_of_reversed(iterate, qp.step))
-        reached = program.reached if share == 1 else self._after(here, qp.step, share)
+        step_length = min(self._longest_step(here.point, qp.step), aitken_factor(iterate, qp.step))
+        reached = program.reached if step_length == 1 else self._after(here, qp.step, step_length)
         leaves_soft_rows = reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE
-        is_near = reached.violation > FEASIBLE and here.violation <= SETTLING
+        is_near = reached.violation > FEASIBLE and here.violation <= NEARLY_FEASIBLE
         if is_near and not leaves_soft_rows and not program.is_elastic:
             corrected = self._corrected(iterate, program)
             improves = corrected is not None and corrected.reached.violation < reached.violation
             if corrected is not None and improves and filter_.accepts(corrected, iterate, slope, is_elastic=False):
                 return corrected
-        while share >= SHORTEST_STEP:
-            trial = Iterate(reached, step, share, qp=qp)
+        while step_length >= SHORTEST_STEP:
+            trial = Iterate(reached, step, step_length, qp=qp)
             if filter_.accepts(trial, iterate, slope, program.is_elastic):
-                return replace(trial, bent=self.window.bent_rows(here, foreseen, share, reached))
-            share /= 2
-            reached = self._after(here, qp.step, share)
+                return replace(
+                    trial, unpredicted_violation=self.window.unpredicted_violation(here, foreseen, step_length, reached)
+                )
+            step_length /= 2
+            reached = self._after(here, qp.step, step_length)
         return Iterate(here, step, qp=qp)
 
     def _corrected(self, iterate: Iterate, program: Program) -> Iterate | None:
@@ -455,8 +459,8 @@ class _Solve:
         qp = replace(program.qp, step=correction.step)
         return Iterate(reached, _largest(program.qp.step), 1.0, qp=qp)
 
-    def _longest_share(self, point: Point, step: Point) -> float:
-        """Return the largest share of a step that shortens no stage by more than `LARGEST_CUT` of its duration."""
+    def _longest_step(self, point: Point, step: Point) -> float:
+        """Return the largest step length that shortens no stage by more than `LARGEST_CUT` of its duration."""
         durations = self.window.form.durations(point, self.window.horizon)
         changes = self.window.form.stage_durations @ step.tau
         cuts = -changes / durations
@@ -471,7 +475,7 @@ def _largest(step: Point) -> float:
 class Filter:
     """What later iterates of one solve must improve on: pairs of violation theta_j and objective phi_j.
 
-    A trial point after a share alpha of a step from iterate k is acceptable to the filter if for every entry
+    A trial point after a step of length alpha from iterate k is acceptable to the filter if for every entry
 
         theta <= (1 - gamma) theta_j   or   phi <= phi_j - gamma theta_j.
 
@@ -496,7 +500,7 @@ class Filter:
         """Tell whether a trial point is accepted; if so, enter the iterate where the filter has to remember it.
 
         Args:
-            trial: The iterate after a share of the step.
+            trial: The iterate after the step.
             iterate: Where the step starts.
             slope: m, with the penalties of soft limits.
             is_elastic: The step is that of an elastic program.
@@ -505,9 +509,9 @@ class Filter:
         theta_k = iterate.reached.violation
         phi_k = iterate.reached.objective
         phi = trial.reached.objective - ROUNDING * (1 + abs(phi_k))
-        steep = slope < 0 and trial.share * (-slope) ** S_PHI > theta_k**S_THETA
+        steep = slope < 0 and trial.step_length * (-slope) ** S_PHI > theta_k**S_THETA
         if theta_k <= FEASIBLE and steep:
-            return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.share * slope
+            return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.step_length * slope
         improves = _reduces(theta, theta_k) if is_elastic else _improves(theta, phi, theta_k, phi_k)
         if not (self._acceptable(theta, phi) and improves):
             return False
@@ -528,12 +532,12 @@ def _reduces(theta: float, old_theta: float) -> bool:
     return theta <= (1 - MARGIN) * old_theta
 
 
-def share_of_reversed(iterate: Iterate, step: Point) -> float:
-    """Return the share of a step that is taken where it undoes the last one and is about as long; else 1.
+def aitken_factor(iterate: Iterate, step: Point) -> float:
+    """Return the step length that stops a step from undoing the last one, if both are about as long; else 1.
 
-    Where the Gauss-Newton model misses curvature, steps go to and fro about the optimum. Two of them, d_ and d, the
-    share a_ of the first between them, are taken for those of a linear iteration. Of what is left after a share a of
-    the second, the component along the change of the step is gone at
+    Where the Gauss-Newton model misses curvature, steps alternate about the optimum. Let d_ be the last step, taken
+    with length a_, and d this one. If the iteration is linear, the length a of d that removes the error along the
+    change of the step is
 
         a = -a_ d_ . (d - d_) / |d - d_|^2.
 
@@ -542,23 +546,23 @@ def share_of_reversed(iterate: Iterate, step: Point) -> float:
     Source: Irons, Tuck: A version of the Aitken accelerator for computer iteration (1969).
     """
     reached = iterate.reached
-    if iterate.qp is None or not iterate.share or reached.violation > SETTLING:
+    if iterate.qp is None or not iterate.step_length or reached.violation > NEARLY_FEASIBLE:
         return 1.0
     if reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE:
         return 1.0
     last = np.append(iterate.qp.step.X, iterate.qp.step.tau)
     now = np.append(step.X, step.tau)
-    if last @ now >= 0.0 or now @ now < REVERSED**2 * (last @ last):
+    if last @ now >= 0.0 or now @ now < AITKEN_MIN_RATIO**2 * (last @ last):
         return 1.0
     change = now - last
-    return max(SHORTENED, iterate.share * float(-(last @ change) / (change @ change)))
+    return max(AITKEN_MIN_FACTOR, iterate.step_length * float(-(last @ change) / (change @ change)))
 
 
 def later_switch(window: SqpWindow, point: Point) -> Point | None:
-    """Return the motion of a guess with its last switch near the latest instant; None where that cannot move.
+    """Return the motion of a guess with its last switch near the latest time; None where that cannot move.
 
     A stage that is too short for its end condition has to last longer and to be faster at once. The product of the two
-    is not in a linear program; from a late instant the second alone is enough.
+    is not in a linear program; from a late switch time the second alone is enough.
     """
     form = window.form
     bounds = window.bounds
@@ -567,11 +571,11 @@ def later_switch(window: SqpWindow, point: Point) -> Point | None:
     if last < 0:
         return None
     longest, together = bounds.high[window.states :][[last, 2 * last + 1]]
-    room = min(longest, together - point.tau[:last].sum()) - point.tau[last]
-    if room <= 0:
+    latest = min(longest, together - point.tau[:last].sum())
+    if latest <= point.tau[last]:
         return None
     tau = point.tau.copy()
-    tau[last] += LATER * room
+    tau[last] += LATE_SWITCH_FRACTION * (latest - point.tau[last])
     before, after = (np.r_[0.0, np.cumsum(each), horizon] for each in (point.tau, tau))
     motion = Plan(mesh(before, form.grid.nodes), point.X, form.inputs(point, horizon), before[1:-1])
     X = motion.states_at(mesh(after, form.grid.nodes))

@@ -22,7 +22,7 @@ from psmpc_cli.ocp.constraints.boxes import (
     shift_limits,
 )
 from psmpc_cli.ocp.end import SHORTEST
-from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm, marked
+from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm, mask
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Parameters, Window, shortest_durations
 from psmpc_cli.solvers.base import FEASIBLE
@@ -188,16 +188,16 @@ class SqpWindow:
     @property
     def leaves_rows_out(self) -> bool:
         """Whether programs have those rows alone, of some constraints, that are near their bounds."""
-        return len(self.form.sometimes) > 0 or len(self.form.row_interval) > 0
+        return len(self.form.lazy_rows) > 0 or len(self.form.row_interval) > 0
 
     @property
     def states(self) -> int:
         """Number of the rows of states, the first of all."""
         return 2 * self.form.grid.n * self.form.grid.K
 
-    def with_given_rates(self, point: Point) -> Point:
+    def with_dependent_rates(self, point: Point) -> Point:
         """Return a point with the rates that rows at nodes determine."""
-        return self.form.with_given_rates(point, self.p)
+        return self.form.with_dependent_rates(point, self.p)
 
     @cached_property
     def elastic(self) -> "SqpWindow":
@@ -252,12 +252,12 @@ class SqpWindow:
 
     def _node_rows_beyond(self, excess: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
         """Return which rows at nodes that are not in all programs exceed their bounds, by `excess` (R,), by more."""
-        return np.asarray(self.form.sometimes[excess[self._sometimes] > limit])
+        return np.asarray(self.form.lazy_rows[excess[self._lazy_node_rows] > limit])
 
     @cached_property
-    def _sometimes(self) -> np.ndarray:
+    def _lazy_node_rows(self) -> np.ndarray:
         """Indices of the rows at nodes that are not in all programs."""
-        return np.asarray(self._first_node_row + self.form.sometimes)
+        return np.asarray(self._first_node_row + self.form.lazy_rows)
 
     def missed_rows(self, model: Linearization, reached: Evaluation) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows at nodes and those over intervals that a model does not have and a point violates, ascending.
@@ -266,14 +266,14 @@ class SqpWindow:
         """
         of_nodes = np.zeros(0, int)
         of_intervals = np.zeros(0, int)
-        if len(self.form.sometimes):
+        if len(self.form.lazy_rows):
             violated = self._node_rows_beyond(reached.excess, FEASIBLE)
-            if len(violated) and not marked(model.node_rows, len(reached.at.rows))[violated].all():
-                of_nodes = self._node_rows_beyond(reached.excess, self.form.excess_of_near)
+            if len(violated) and not mask(model.node_rows, len(reached.at.rows))[violated].all():
+                of_nodes = self._node_rows_beyond(reached.excess, self.form.activation_excess)
         if len(self.form.row_interval):
             values = reached.at.interval_rows
             violated = self._interval_rows_beyond(reached.point, values, 1.0, FEASIBLE)
-            if not marked(model.interval_rows, len(values))[violated].all():
+            if not mask(model.interval_rows, len(values))[violated].all():
                 of_intervals = self._interval_rows_beyond(reached.point, values, NEAR_BOUND, 0.0)
         return of_nodes, of_intervals
 
@@ -386,7 +386,7 @@ class SqpWindow:
         model = self.form.linearize(point, self.p)
         here = self.evaluated(point, model.at)
         if self.leaves_rows_out:
-            of_nodes = self._node_rows_beyond(here.excess, self.form.excess_of_near)
+            of_nodes = self._node_rows_beyond(here.excess, self.form.activation_excess)
             of_intervals = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
             model = self.with_rows(model, point, of_nodes, of_intervals)
         if not len(self._soft_rows) or not len(point.tau):
@@ -447,20 +447,22 @@ class SqpWindow:
             at=replace(model.at, gaps=gaps),
             gradient=gradient,
             gradient_tau=-step.tau,
-            positions=np.broadcast_to(np.eye(n), model.positions.shape),
-            coupling=-np.ones_like(model.coupling),
-            arrow=np.zeros_like(model.arrow),
-            durations=np.eye(len(step.tau)),
+            H_QQ=np.broadcast_to(np.eye(n), model.H_QQ.shape),
+            H_vv=-np.ones_like(model.H_vv),
+            H_x_tau=np.zeros_like(model.H_x_tau),
+            H_tau_tau=np.eye(len(step.tau)),
         )
         return replace(here, rows=rows), nearest
 
-    def bent_rows(self, here: Evaluation, foreseen: np.ndarray, share: float, reached: Evaluation) -> float:
-        """Return by how much soft rows at nodes are violated further than foreseen after a share of a step, at worst.
+    def unpredicted_violation(
+        self, here: Evaluation, foreseen: np.ndarray, step_length: float, reached: Evaluation
+    ) -> float:
+        """Return the largest violation of soft rows at nodes beyond the model's prediction after a step.
 
         Args:
             here: Where the step begins.
             foreseen: Values of the rows (R,) after the full step.
-            share: The share that was taken.
+            step_length: Fraction of the step that was taken.
             reached: The point there.
         """
         if not self.form.has_soft_rows:
@@ -468,7 +470,7 @@ class SqpWindow:
         violated = self._soft_rows[reached.penalties > 0]
         violated = violated[violated >= self.states]
         before = here.rows[violated]
-        after = before + share * (foreseen[violated] - before)
+        after = before + step_length * (foreseen[violated] - before)
         excess = np.maximum(self.bounds.low[violated] - after, after - self.bounds.high[violated])
         return float((reached.excess[violated] - np.maximum(excess, 0.0)).max(initial=0.0))
 

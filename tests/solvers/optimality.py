@@ -30,20 +30,20 @@ def energy(model: Linearization, one: Point, other: Point) -> float:
 
 def hessian(model: Linearization) -> np.ndarray:
     """The Hessian by x_1 .. x_K and the durations."""
-    K, n = model.coupling.shape
+    K, n = model.H_vv.shape
     size, S = 2 * n * K, len(model.gradient_tau)
     H = np.zeros((size + S, size + S))
     for k in range(K):
         Q, v = 2 * n * k + np.arange(n), 2 * n * k + n + np.arange(n)
-        upper = model.positions[k + 1]
+        upper = model.H_QQ[k + 1]
         H[np.ix_(Q, Q)] = upper + np.triu(upper, 1).T
-        H[v, v] -= model.coupling[k]
+        H[v, v] -= model.H_vv[k]
         if k:
-            H[v - 2 * n, v - 2 * n] -= model.coupling[k]
-            H[v, v - 2 * n] = H[v - 2 * n, v] = model.coupling[k]
-    H[:size, size:] = model.arrow[1:].reshape(size, S)
+            H[v - 2 * n, v - 2 * n] -= model.H_vv[k]
+            H[v, v - 2 * n] = H[v - 2 * n, v] = model.H_vv[k]
+    H[:size, size:] = model.H_x_tau[1:].reshape(size, S)
     H[size:, :size] = H[:size, size:].T
-    H[size:, size:] = model.durations
+    H[size:, size:] = model.H_tau_tau
     return H
 
 
@@ -106,6 +106,6 @@ def rows_after(task: Task, step: Point) -> np.ndarray:
 
 
 def _change_of_gaps(model: Linearization, step: Point) -> np.ndarray:
-    n, v = model.coupling.shape[1], step.X[:, model.coupling.shape[1] :]
+    n, v = model.H_vv.shape[1], step.X[:, model.H_vv.shape[1] :]
     by_velocity = model.gap_velocity[:, :1] * v[:-1] + model.gap_velocity[:, 1:] * v[1:]
     return np.asarray(np.diff(step.X[:, :n], axis=0) + by_velocity + model.gap_tau @ step.tau)

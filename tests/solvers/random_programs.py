@@ -44,7 +44,7 @@ def structure(nodes: tuple[int, ...], over_intervals: bool = False) -> VelocityF
             self.grid, self.nodes, self.weights = Grid(COORDINATES, nodes), np.array(nodes), (0.5, 0.5)
             self.row_node = np.repeat(self.grid.first_node[1:-1], END_ROWS)
             self.row_is_soft = np.zeros(len(self.row_node), bool)
-            self.sometimes = np.zeros(0, int)
+            self.lazy_rows = np.zeros(0, int)
             constrained = [k for k in range(self.grid.K) if over_intervals and k % 4 != 3]
             self.row_interval = np.repeat(np.array(constrained, int), INTERVAL_ROWS)
 
@@ -89,10 +89,10 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
         ),
         gradient=rng.normal(size=(K + 1, 2 * n)),
         gradient_tau=rng.normal(size=S),
-        positions=np.triu(positions),
-        coupling=coupling,
-        arrow=arrow,
-        durations=durations,
+        H_QQ=np.triu(positions),
+        H_vv=coupling,
+        H_x_tau=arrow,
+        H_tau_tau=durations,
         gap_velocity=-h * np.array([0.5, 0.5]),
         gap_tau=rng.normal(size=(K, n, S)),
         node_rows=np.arange(END_ROWS * S),

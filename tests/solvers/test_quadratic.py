@@ -98,9 +98,9 @@ def less_convex(rng: np.random.Generator, task: Task) -> Task:
     """The same program with less curvature by durations or positions, none of it or far too little."""
     model = task.model
     of_durations, of_positions = 10 ** rng.uniform(-3, 4, 2) * (rng.random(2) < 1 / 2)
-    durations = model.durations - of_durations * np.eye(len(model.durations))
-    positions = model.positions - of_positions * np.eye(model.positions.shape[1])
-    return replace(task, model=replace(model, durations=durations, positions=positions))
+    durations = model.H_tau_tau - of_durations * np.eye(len(model.H_tau_tau))
+    positions = model.H_QQ - of_positions * np.eye(model.H_QQ.shape[1])
+    return replace(task, model=replace(model, H_tau_tau=durations, H_QQ=positions))
 
 
 def is_equation(task: Task) -> np.ndarray:
@@ -156,7 +156,7 @@ def test_a_saddle_at_the_first_iterate_is_no_solution() -> None:
         at=replace(model.at, gaps=nothing(model.at.gaps)),
         gradient=nothing(model.gradient),
         gradient_tau=nothing(model.gradient_tau),
-        durations=model.durations - 1e4,
+        H_tau_tau=model.H_tau_tau - 1e4,
     )
     rows = np.full(len(task.window.bounds.low), np.inf)
     saddle = replace(task, model=flat).with_bounds(low=-rows, high=rows)
@@ -168,7 +168,7 @@ def test_durations_that_cost_nothing_are_no_negative_curvature() -> None:
     for seed in range(40):
         task = random_task(np.random.default_rng(seed), (2, 3, 2), {"inputs"})
         model = task.model
-        linear = replace(model, arrow=np.zeros_like(model.arrow), durations=np.zeros_like(model.durations))
+        linear = replace(model, H_x_tau=np.zeros_like(model.H_x_tau), H_tau_tau=np.zeros_like(model.H_tau_tau))
         without_motion = replace(linear, gap_tau=np.zeros_like(model.gap_tau))
         assert ours(replace(task, model=without_motion)).status in (QpStatus.SOLVED, QpStatus.INFEASIBLE)
 

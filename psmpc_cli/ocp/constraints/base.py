@@ -46,7 +46,7 @@ class NodeRows:
         argument: Parameters of a window, numbers or symbols -> a, (numbers,), or one at each of the nodes, a row each.
         bounds: Window -> low and high (rows,); where they are equal the rows are equations.
         soft: They may be violated at a cost, see `boxes.PENALTY`.
-        near: Rows further from their bounds than this are no part of a program; infinite: all are.
+        activation_distance: Rows further from their bounds than this are not part of a program; infinite: all are.
     """
 
     name: str
@@ -55,7 +55,7 @@ class NodeRows:
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
     soft: bool = False
-    near: float = np.inf
+    activation_distance: float = np.inf
 
     def expression(self, k: int, x: Any, p: Parameters[Any]) -> Any:
         """Return the rows (rows,) at one of the nodes, whose state is x (2n,)."""
@@ -144,7 +144,7 @@ def rows_at_nodes(
     name: str,
     functions: Callable[[RobotModel, Any], ConstraintFunctions],
     soft: Callable[[Any], bool] = lambda structure: False,
-    near: float = np.inf,
+    activation_distance: float = np.inf,
 ) -> RowsOfShape:
     """Return how a constraint yields its rows at the nodes of the stages that it concerns.
 
@@ -154,7 +154,7 @@ def rows_at_nodes(
         name: Of the constraint in the table.
         functions: Robot, structure -> x, [anchor of the chart; argument] -> the rows.
         soft: Structure -> whether they may be violated at a cost.
-        near: Rows further from their bounds than this are no part of a program.
+        activation_distance: Rows further from their bounds than this are not part of a program.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
@@ -167,7 +167,7 @@ def rows_at_nodes(
                 argument=argument_of(held, s),
                 bounds=bounds_of(held, s),
                 soft=soft(structure),
-                near=near,
+                activation_distance=activation_distance,
             )
 
     return rows

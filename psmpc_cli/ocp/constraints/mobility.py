@@ -55,11 +55,11 @@ def functions(model: RobotModel, load: Load) -> ConstraintFunctions:
     x = ca.SX.sym("x", 2 * model.n)
     if not model.spec.moved_by.moves:
         anchor = ca.SX.sym("anchor", space.n_anchor)
-        return ConstraintFunctions(x, anchor, x[model.n :][space.base], gives=space.base)
+        return ConstraintFunctions(x, anchor, x[model.n :][space.base], solved_for=space.base)
     argument = ca.SX.sym("argument", space.n_anchor + space.n_twist)
     h = argument[space.n_anchor :]
     rows = load.momentum(model)(x, argument[: space.n_anchor]) - h
-    return ConstraintFunctions(x, argument, rows, gives=space.base)
+    return ConstraintFunctions(x, argument, rows, solved_for=space.base)
 
 
 CONSTRAINT = Constraint(rows_at_nodes("mobility", functions), numbers)

@@ -176,7 +176,7 @@ def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object
     plan = solved(problem, window, "sqp").plan
     bounds = window_bounds(form, fixed_bounds(form, window), window, plan, plan.instants, np.inf)
     sqp_window = SqpWindow(form, bounds, p)
-    start = sqp_window.with_given_rates(Point(plan.X + 0.01 * (X - window.x0), plan.instants))
+    start = sqp_window.with_dependent_rates(Point(plan.X + 0.01 * (X - window.x0), plan.instants))
     here, program = sqp_window.linearize(start)
     kernel = load_kernel(model.n, 1)
     assert kernel is not None

@@ -76,7 +76,7 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
     for i, e in enumerate(np.eye(len(x))):
         difference = own.value(x + step * e, argument)[0] - own.value(x - step * e, argument)[0]
         np.testing.assert_allclose(jacobian[:, i], difference.ravel() / (2 * step), atol=1e-7)
-    G = own.by_given(x, argument)[1].reshape(model.space.n_twist, -1)
+    G = own.by_solved_for(x, argument)[1].reshape(model.space.n_twist, -1)
     x[model.n :][model.space.base] -= np.linalg.solve(G, value.ravel())
     np.testing.assert_allclose(own.value(x, argument)[0], 0, atol=1e-12)
     if mobility == "free-floating":

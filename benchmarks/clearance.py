@@ -32,7 +32,7 @@ from psmpc_cli.ocp.constraints import soft_row_violations
 from psmpc_cli.ocp.constraints.clearance import argument_of, functions, groups, poses_at
 from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, parse_task
@@ -169,7 +169,7 @@ def nearest(problem: Problem, Q: np.ndarray) -> float:
     for Q_of_one in Q:
         chart = model.space.chart_at(Q_of_one)
         x = np.asarray(chart.enter(Q_of_one[None], np.zeros((1, model.n))))[0]
-        sample = SampleView(0.0, x, chart.anchor)
+        sample = SampleContext(0.0, x, chart.anchor)
         for group in groups(problem.spec, model, 0).values():
             argument = argument_of(group, model, sample)
             if argument is not None:

@@ -9,7 +9,7 @@ from psmpc_cli.control.multistart import solve_from_several
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.ocp.constraints import soft_row_violations
-from psmpc_cli.ocp.constraints.boxes import own_violations
+from psmpc_cli.ocp.constraints.boxes import initial_violations
 from psmpc_cli.ocp.plan import Plan, shift
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage
@@ -73,15 +73,16 @@ class Attempts:
         self._unfinished = unfinished
 
     def solve_longest(self, sequence: MovingSequence, longer: MovingSequence | None) -> Attempt:
-        """Solve the window over the longest sequence that has a solution; over `sequence` if none has.
+        """Try the longer window, then `sequence`, then that one cold, then without the stages that wait.
 
-        Where a stage has appeared that is the one with it. Where no point meets all constraints, the window is solved
-        once more as a cold one: its instants may have to move far. Where that has no solution either, an impact has put
-        the end condition of the current stage out of reach for example, the stages that wait are left to be seen again.
-        Soft limits make no difference: a window that violates them further than one with fewer stages has no solution.
-        A switch that is planned before the next sample takes place as planned all the same, by the plan in force, where
-        the measured state meets the end condition within the detection margin: what is left of the stage is too short
-        to correct what the measurement is off by.
+        The first of them that has a solution counts; if none has, `sequence` does. A cold solve may move switch times
+        far. Without waiting stages there may be a solution where, for example, an impact has put the end condition of
+        the current stage out of reach; the stages are appended again when they are detected. A window that violates
+        soft limits further than one with fewer stages counts as one without a solution.
+
+        A switch that is planned before the next sample takes place as planned, by the plan in force, if the measured
+        state meets the end condition within the detection margin: the rest of the stage is too short to correct the
+        error of a measurement.
 
         Args:
             sequence: The stages that are in the window.
@@ -96,42 +97,42 @@ class Attempts:
                 return Attempt(longer, solved, unfinished)
             shorter = self._solve(sequence, unfinished, self._solver)
             if solved.outcome.usable and self._keeps_limits(solved, shorter):
-                return Attempt(longer, _with_time_of(shorter, solved), unfinished)
-            solved = _with_time_of(solved, shorter)
+                return Attempt(longer, _with_total_time(shorter, solved), unfinished)
+            solved = _with_total_time(solved, shorter)
         if solved.outcome is not Outcome.INFEASIBLE and self._keeps_limits(solved):
             return Attempt(sequence, solved, unfinished)
-        if self._hands_over(sequence):
+        if self._switch_is_imminent(sequence):
             return Attempt(sequence, replace(solved, outcome=Outcome.INFEASIBLE), unfinished)
         if len(sequence.segments) == 1:
             return Attempt(sequence, solved, unfinished)
         if solved.warm:
             cold = self._solve(sequence, unfinished, self._solver, is_warm=False)
             if cold.outcome.usable and self._keeps_limits(cold):
-                return Attempt(sequence, _with_time_of(cold, solved), unfinished)
-            solved = _with_time_of(solved, cold)
-        alone = self._solve(sequence.alone, unfinished, self._solver)
-        better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, alone)
-        if alone.outcome.usable and better:
-            return Attempt(sequence.alone, _with_time_of(solved, alone), unfinished)
-        return Attempt(sequence, _with_time_of(alone, solved), unfinished)
+                return Attempt(sequence, _with_total_time(cold, solved), unfinished)
+            solved = _with_total_time(solved, cold)
+        current_solved = self._solve(sequence.current_only, unfinished, self._solver)
+        better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, current_solved)
+        if current_solved.outcome.usable and better:
+            return Attempt(sequence.current_only, _with_total_time(solved, current_solved), unfinished)
+        return Attempt(sequence, _with_total_time(current_solved, solved), unfinished)
 
     def _keeps_limits(self, solved: Solution, shorter: Solution | None = None) -> bool:
         """Tell whether a window violates soft limits no further than the measured state, or than a shorter one."""
-        found, acceptable = self._violations(solved)
+        largest, acceptable = self._violations(solved)
         if shorter is not None and shorter.outcome.usable:
             acceptable = np.maximum(acceptable, self._violations(shorter)[0])
-        return bool((found <= acceptable + FEASIBLE).all())
+        return bool((largest <= acceptable + FEASIBLE).all())
 
     def _violations(self, solved: Solution) -> tuple[np.ndarray, np.ndarray]:
         """Return by how much soft limits of states and rows are violated: at nodes, and by the measured state."""
         window = solved.window
         of_states = solved.violations
-        own = own_violations(window.x0, window.stages) if window.soft else np.zeros(0)
-        of_rows, own_of_rows = soft_row_violations(self._model, window, solved.plan)
-        return np.append(of_states, of_rows), np.append(own[: len(of_states)], own_of_rows)
+        initial = initial_violations(window.x0, window.stages) if window.soft else np.zeros(0)
+        of_rows, initial_of_rows = soft_row_violations(self._model, window, solved.plan)
+        return np.append(of_states, of_rows), np.append(initial[: len(of_states)], initial_of_rows)
 
-    def _hands_over(self, sequence: MovingSequence) -> bool:
-        """Tell whether the next stage begins before the next sample, from near the target of the current one."""
+    def _switch_is_imminent(self, sequence: MovingSequence) -> bool:
+        """Tell whether the next stage begins before the next sample, the current one being near its target."""
         prediction = self._prediction
         if sequence.planned_end > prediction.start + self._spec.sample_time:
             return False
@@ -161,6 +162,6 @@ class Attempts:
         return sequence.guess(prediction)
 
 
-def _with_time_of(other: Solution, solved: Solution) -> Solution:
-    """Return a solve whose wall time counts another one in the same sample."""
+def _with_total_time(other: Solution, solved: Solution) -> Solution:
+    """Return a solve with the wall time of both it and another one in the same sample."""
     return replace(solved, wall_time=other.wall_time + solved.wall_time)

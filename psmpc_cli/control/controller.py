@@ -209,7 +209,9 @@ class ControlLaw:
             Q = foreseen[0]
         return space.chart_at(Q)
 
-    def _place(self, memory: Memory, time: float, x: np.ndarray, chart: Chart, at_ends: bool = False) -> Placement:
+    def _place(
+        self, memory: Memory, time: float, x: np.ndarray, chart: Chart, at_planned_ends: bool = False
+    ) -> Placement:
         return self._placer.place(
             time=time,
             x=x,
@@ -219,7 +221,7 @@ class ControlLaw:
             target_object=memory.target_object,
             signs=memory.signs,
             waypoints=memory.route.waypoints,
-            at_ends=at_ends,
+            at_planned_ends=at_planned_ends,
         )
 
     def _drop(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
@@ -236,14 +238,14 @@ class ControlLaw:
         costs = self.problem.costs
         sequence = memory.sequence.with_measurement(stages, costs, time, x)
         may_end = stages[sequence.first].end.accepts(self._planned_end(sequence, memory.solution, situation))
-        sequence, passed = drop_passed(sequence if may_end else sequence.alone, time)
+        sequence, passed = drop_passed(sequence if may_end else sequence.current_only, time)
         sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x), stages, costs, time, x)
         sequence = sequence.with_measurement(stages, costs, time, x)
         memory = replace(memory, sequence=sequence)
 
         placement = situation.placement
         if self._placer.follows_object:
-            placement = self._place(memory, time, x, placement.chart, at_ends=True)
+            placement = self._place(memory, time, x, placement.chart, at_planned_ends=True)
             memory = replace(memory, signs=placement.signs)
         x = self._with_predicted(memory, time, x)
         arguments = self._placer.arguments(
@@ -307,7 +309,7 @@ class ControlLaw:
         if longer is None or not self._placer.follows_object:
             return situation
         extended = replace(memory, sequence=longer)
-        placement = self._place(extended, situation.time, situation.x, situation.placement.chart, at_ends=True)
+        placement = self._place(extended, situation.time, situation.x, situation.placement.chart, at_planned_ends=True)
         return replace(situation, placement=placement.with_arguments(memory.arguments))
 
     def _attempts(self, memory: Memory, situation: Situation, prediction: Plan, stop_at: float) -> Attempts:
@@ -333,9 +335,9 @@ class ControlLaw:
         sequence = attempt.sequence
         solution = attempt.solution
         stage = situation.stages[sequence.first]
-        used_up = memory.plans.used_up(situation.time, self._spec.sample_time)
+        expires = memory.plans.expires_before_next(situation.time, self._spec.sample_time)
         levels: tuple[Solution, ...] = ()
-        solved = solution.outcome.usable and (situation.is_measured or not used_up)
+        solved = solution.outcome.usable and (situation.is_measured or not expires)
         if solved:
             sequence = replace(sequence, instants=solution.plan.instants)
             if self._hierarchy is not None:
@@ -344,14 +346,14 @@ class ControlLaw:
                     stages, sequence.progress.entered, solution, prediction, memory.levels, stop_at
                 )
             plan = (levels or (solution,))[-1].plan
-            plans = memory.plans.with_plan(plan, sequence)
+            plans = memory.plans.on_success(plan, sequence)
         else:
             plans = memory.plans
             if stage.end.awaits_object:
                 plans = plans.trusted_to_end_of(sequence.first)
                 is_due = sequence.planned_end < situation.time + self._spec.sample_time
-                sequence = sequence.alone if is_due else sequence
-            plans, plan = plans.without_plan(
+                sequence = sequence.current_only if is_due else sequence
+            plans, plan = plans.on_failure(
                 situation.time,
                 situation.x,
                 stage.limits,

@@ -41,13 +41,13 @@ class PlansInForce:
         braking = None if self.braking is None else self.braking.in_chart(chart)
         return replace(self, solved=solved, braking=braking)
 
-    def used_up(self, time: float, sample_time: float) -> bool:
+    def expires_before_next(self, time: float, sample_time: float) -> bool:
         """Tell whether the solved plan, or the trust in it, ends before the next sample."""
         end = np.inf if self.solved is None else self.solved.end
         return time > min(end, self.trusted_until) - sample_time
 
-    def with_plan(self, plan: Plan, sequence: MovingSequence) -> "PlansInForce":
-        """Return the plans after a solve for these stages."""
+    def on_success(self, plan: Plan, sequence: MovingSequence) -> "PlansInForce":
+        """Return the plans after a sample whose solve for these stages succeeded."""
         return replace(self, solved=plan, braking=None, sequence=sequence)
 
     def trusted_to_end_of(self, stage: int) -> "PlansInForce":
@@ -59,7 +59,7 @@ class PlansInForce:
             return self
         return replace(self, trusted_until=min(self.trusted_until, float(ends[0])))
 
-    def without_plan(
+    def on_failure(
         self,
         time: float,
         x: np.ndarray,
@@ -91,7 +91,7 @@ class PlansInForce:
             return replace(self, solved=first), first
         if self.braking is not None:
             return self, self.braking
-        if self.used_up(time, sample_time):
+        if self.expires_before_next(time, sample_time):
             braking = braking_plan(time, x, duration, chart=chart, brakes=brakes)
             return replace(self, braking=braking), braking
         return self, self.solved

@@ -19,7 +19,7 @@ from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays
 from psmpc_cli.ocp.postures import configurations, held_pose, unforeseen
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.skills import Posture, skill_in
-from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.progress import Work
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.specs.parts import has_posture
@@ -103,7 +103,7 @@ class Guide:
         limits = own.limits
         moves = self._problem.model.spec.moved_by.moves
         free = np.arange(n)[space.base] if held else np.arange(0 if moves else space.n_twist, n)
-        sample = SampleView(
+        sample = SampleContext(
             0.0, np.append(ends[0], np.zeros(n)), chart.anchor, object_state=self._nominal(stage, start)
         )
         margin = clearance.margin + spec.routes.spare
@@ -141,7 +141,7 @@ class Guide:
             pose = np.array(body.destination.pose)
         return pose, np.zeros(self._problem.model.space.n_twist)
 
-    def _motions(self, stage: int, chart: Chart, sample: SampleView, margin: float) -> StraightMotions | None:
+    def _motions(self, stage: int, chart: Chart, sample: SampleContext, margin: float) -> StraightMotions | None:
         """Return straight motions that keep a margin as a sample finds what is around; None where nothing is."""
         model = self._problem.model
         native = self._problem.spec.solver.compiled
@@ -180,7 +180,7 @@ class Guide:
             if stage == first and np.isfinite(state.Q).all():
                 Q = np.asarray(planned.chart.enter(state.Q[None], np.zeros((1, n))))[0, :n]
             object_state = target_object.at(time)
-            sample = SampleView(time, np.append(Q, np.zeros(n)), planned.chart.anchor, object_state=object_state)
+            sample = SampleContext(time, np.append(Q, np.zeros(n)), planned.chart.anchor, object_state=object_state)
             spec = self._problem.spec.clearance_of(stage)
             motions = (
                 None if spec is None else self._motions(stage, planned.chart, sample, FOLLOWED_SHARE * spec.margin)

@@ -9,15 +9,15 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, SampleView
+from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, SampleContext
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.model import RobotModel
 
 QUATERNION_FLIP_THRESHOLD = -0.17
 """Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
 
-LOOKED_AT = 9
-"""States of the plan in force by which constraints tell what comes near."""
+PREDICTION_SAMPLES = 9
+"""Number of states of the plan in force at which constraints look for what comes near."""
 
 Signs = Mapping[int, Mapping[str, float]]
 """Signs of the quaternions in spatial targets, by stage index and frame."""
@@ -37,9 +37,9 @@ class Placement:
     stages: tuple[PlacedStage, ...]
     signs: Signs
 
-    def with_arguments(self, found: Mapping[str, np.ndarray]) -> "Placement":
+    def with_arguments(self, arguments: Mapping[str, np.ndarray]) -> "Placement":
         """Return the placement with the arguments of constraints that samples set, by name."""
-        return replace(self, stages=tuple(stage.with_arguments(found) for stage in self.stages))
+        return replace(self, stages=tuple(stage.with_arguments(arguments) for stage in self.stages))
 
 
 class Placer:
@@ -68,7 +68,7 @@ class Placer:
         target_object: ObjectEstimate,
         signs: Signs,
         waypoints: Mapping[int, np.ndarray],
-        at_ends: bool = False,
+        at_planned_ends: bool = False,
     ) -> Placement:
         """Place the stages at a sample.
 
@@ -83,26 +83,26 @@ class Placer:
             target_object: What is known of the object.
             signs: Those of the sample before.
             waypoints: Points of routes that costs follow, by stage index: numbers of its target.
-            at_ends: Targets relative to the object are where it is when their stage is planned to end, or at the end of
-                the horizon. A current stage whose end is never planned follows the object over the horizon.
+            at_planned_ends: Targets relative to the object are where it is when their stage is planned to end, or at
+                the end of the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
         stages = self._stages
         if self.follows_object:
-            stages = self._at_object(time, sequence, target_object, at_ends)
+            stages = self._at_object(time, sequence, target_object, at_planned_ends)
         if self._problem.spec.routes is not None:
             stages = tuple(stage.with_waypoint(waypoints.get(stage.index)) for stage in stages)
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
         begins = dict(enumerate([time, *sequence.instants][: sequence.count], start=sequence.first))
-        found = {
+        all_signs = {
             stage.index: self._signs(stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {}))
             for stage in stages
         }
         model = self._problem.model
         if sequence.first in self._problem.held_stages:
-            stages = self._held(stages, time, x, chart, target_object)
+            stages = self._with_held_object(stages, time, x, chart, target_object)
         posture = model.space.posture(x[model.space.joint_rates])
-        charted = tuple(stage.in_chart(chart.anchor, posture, found[stage.index]) for stage in stages)
-        return Placement(chart, charted, found)
+        charted = tuple(stage.in_chart(chart.anchor, posture, all_signs[stage.index]) for stage in stages)
+        return Placement(chart, charted, all_signs)
 
     def arguments(
         self,
@@ -114,7 +114,7 @@ class Placer:
         target_object: ObjectEstimate,
         before: Mapping[str, np.ndarray],
     ) -> dict[str, np.ndarray]:
-        """Return the arguments of the constraints that samples set, by name, of the first stage that says them.
+        """Return sampled constraint arguments by name; the first stage in the sequence that has one sets it.
 
         Args:
             time: Of the sample [s].
@@ -125,26 +125,26 @@ class Placer:
             target_object: What is known of the object.
             before: The arguments at the sample before.
         """
-        found = dict[str, np.ndarray]()
+        arguments = dict[str, np.ndarray]()
         sampled = [(stage, stage.sampled_constraints) for stage in self._stages[sequence.first :]]
         if not any(constraints for _, constraints in sampled):
-            return found
-        view = SampleView(
+            return arguments
+        view = SampleContext(
             time=time,
             x=x,
             anchor=chart.anchor,
-            ahead=None if plan is None else _ahead(plan, time),
+            prediction=None if plan is None else _ahead(plan, time),
             object_state=target_object.at(time),
         )
         for stage, constraints in sampled:
-            for name in constraints.keys() - found.keys():
+            for name in constraints.keys() - arguments.keys():
                 at_stage = replace(view, is_current=stage.index == sequence.first, before=before.get(name))
                 argument = _argument(constraints[name], self._problem.model, at_stage)
                 if argument is not None:
-                    found[name] = argument
-        return found
+                    arguments[name] = argument
+        return arguments
 
-    def _held(
+    def _with_held_object(
         self,
         stages: Sequence[PlacedStage],
         time: float,
@@ -152,7 +152,7 @@ class Placer:
         chart: Chart,
         target_object: ObjectEstimate,
     ) -> tuple[PlacedStage, ...]:
-        """Return the stages with the held object where it is measured in the gripper, if it is measured at all."""
+        """Return the stages with the held object at its measured pose in the gripper, if it was measured recently."""
         controller = self._problem.spec.controller
         oldest = time - (controller.known_delay + 1.5) * controller.sample_time
         if target_object.measured_at < oldest or not np.isfinite(x).all():
@@ -162,45 +162,45 @@ class Placer:
         return target_object.hold(stages, time, {frame: xi[rows] for frame, rows in model.pose_rows.items()})
 
     def _at_object(
-        self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_ends: bool
+        self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_planned_ends: bool
     ) -> tuple[PlacedStage, ...]:
         ends = dict(enumerate(sequence.instants, start=sequence.first))
         placed = list(self._stages)
         for stage in placed[sequence.first :]:
-            when = float(ends.get(stage.index, time + self._horizon)) if at_ends else time
+            when = float(ends.get(stage.index, time + self._horizon)) if at_planned_ends else time
             placed[stage.index] = target_object.place(stage, when)
         current = placed[sequence.first]
-        if at_ends and not current.end.is_planned:
+        if at_planned_ends and not current.end.is_planned:
             elapsed = time - sequence.progress.entered
             placed[sequence.first] = target_object.follow(current, time, elapsed, self._horizon)
         return tuple(placed)
 
     def _signs(
-        self, stage: PlacedStage, plan: Plan, begins: float | None, sequence: MovingSequence, known: Mapping[str, float]
+        self, stage: PlacedStage, plan: Plan, begins: float | None, sequence: MovingSequence, signs: Mapping[str, float]
     ) -> Mapping[str, float]:
         """Choose the signs of a stage's quaternions by frame; a trajectory counts where it is when the stage begins."""
         if not stage.attitudes:
-            return known
+            return signs
         time = plan.end if begins is None else begins
         since = time - sequence.progress.entered if stage.index == sequence.first else 0.0
         wanted = stage.wanted(since)
         model = self._problem.model
         Q = plan.states_at(np.array([time]))[0, : model.n]
         xi = np.asarray(model.charted(Q, plan.chart.anchor)).ravel()
-        found = dict(known)
+        new_signs = dict(signs)
         for frame, at in stage.attitudes.items():
             w = float(wanted[at : at + 4] @ xi[model.pose_rows[frame]][model.space.pose_attitude])
-            sign = known.get(frame)
+            sign = signs.get(frame)
             if sign is None or begins is None or sign * w < QUATERNION_FLIP_THRESHOLD:
-                found[frame] = 1.0 if w >= 0 else -1.0
-        return found
+                new_signs[frame] = 1.0 if w >= 0 else -1.0
+        return new_signs
 
 
 def _ahead(plan: Plan, time: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times and states of a plan from a time on [s], some of them."""
-    times = np.linspace(time, max(time, plan.end), LOOKED_AT)
+    times = np.linspace(time, max(time, plan.end), PREDICTION_SAMPLES)
     return times, plan.states_at(times)
 
 
-def _argument(numbers: ConstraintNumbers, model: RobotModel, sample: SampleView) -> np.ndarray | None:
-    return None if numbers.at_sample is None else numbers.at_sample(model, sample)
+def _argument(constraint: ConstraintNumbers, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
+    return None if constraint.at_sample is None else constraint.at_sample(model, sample)

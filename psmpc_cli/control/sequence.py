@@ -63,7 +63,7 @@ class MovingSequence:
         return (self.progress.entered, *self.instants)[: self.count]
 
     @property
-    def alone(self) -> "MovingSequence":
+    def current_only(self) -> "MovingSequence":
         """The current stage, without a planned end and without stages that wait."""
         return replace(self, segments=self.segments[:1], instants=np.zeros(0))
 
@@ -91,7 +91,7 @@ class MovingSequence:
         """Return the sequence after a sample at time now [s] that measured x (2n,)."""
         stage = stages[self.first]
         progress = stage.end.observed(self.progress, now, partial(_is_met, costs, stage, x))
-        return replace(self.alone if progress.hold_lost else self, progress=progress)
+        return replace(self.current_only if progress.hold_lost else self, progress=progress)
 
 
 class Switch(NamedTuple):

@@ -174,7 +174,7 @@ def attitude_error(run: Run) -> np.ndarray:
     for span in run.spans:
         stage = run.followed[span.index]
         during = (motion.time >= span.start) & (motion.time <= span.end)
-        if during.any() and stage.asked[3:6].any():
+        if during.any() and stage.relevant_rows[3:6].any():
             errors = _errors(run.problem, stage, motion.Q[during], motion.time[during] - span.start)
             angle[during] = np.linalg.norm(errors[:, 3:6], axis=1)
             if span.index > 0:
@@ -429,7 +429,7 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
                 is_angle = [units_of(part, axis, sliding) != LENGTH for axis in axes]
                 rows = [row for row, each in enumerate(is_angle, start=first_row) if each == angular]
                 rows_in_end = [row for row in rows if row in tolerances]
-                if asked := rows_in_end or [row for row in rows if stage.asked[row]]:
+                if asked := rows_in_end or [row for row in rows if stage.relevant_rows[row]]:
                     largest = errors[:, asked].max(axis=1)
                     tightest = min((tolerances[row] for row in rows_in_end), default=np.nan)
                     yield ErrorCurve(span, part, angular, time, largest, tightest)

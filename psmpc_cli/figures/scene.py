@@ -264,12 +264,12 @@ def asked_frames(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np.ndarra
     Joints have their end-effector at one place and attitude only with the base at its own. An arm that points at a
     point has no attitude to take.
     """
-    asks_for_base = stage.asked[stage.parts[BASE].rows].all()
+    asks_for_base = stage.relevant_rows[stage.parts[BASE].rows].all()
     positions = dict.fromkeys(model.pose_rows, False)
     attitudes = dict.fromkeys(model.pose_rows, False)
     for name in positions.keys() & stage.parts.keys():
         kind = stage.parts[name].kind
-        asked = stage.asked[stage.parts[name].rows]
+        asked = stage.relevant_rows[stage.parts[name].rows]
         if kind.is_pose:
             positions[name] = bool(asked[: model.dimension].any())
             attitudes[name] = bool(asked[model.dimension :].any())

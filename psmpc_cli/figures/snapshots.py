@@ -496,6 +496,6 @@ def _draw_capsules(axes: Axes, camera: Camera, model: RobotModel, pieces: Sequen
 
 def _base_of_scenario(model: RobotModel, stage: Stage) -> str:
     """Return what the legend calls the base of the robot at a stage's target."""
-    if stage.asked[model.space.base].any():
+    if stage.relevant_rows[model.space.base].any():
         return "base at the target"
     return "base as if it stayed" if model.spec.moved_by.moves else "fixed base"

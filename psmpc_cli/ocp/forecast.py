@@ -170,7 +170,7 @@ def tolerances_of(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
 
 def counts(stage: Stage, rows: Sequence[int]) -> bool:
     """Tell whether weights or the end condition ask for all of some rows of the target."""
-    return bool(stage.asked[list(rows)].all())
+    return bool(stage.relevant_rows[list(rows)].all())
 
 
 def reaches_of(

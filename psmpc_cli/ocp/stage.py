@@ -17,19 +17,19 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.parts import BASE, Space
 from psmpc_cli.specs.robot import Limits
 
-FOLLOWED = 41
+REFERENCE_POINTS = 41
 """Points of the object's predicted motion that a cost follows: at 10 deg/s over 4 s straight to 0.03 mm at 0.6 m."""
 
 
 @dataclass(frozen=True, eq=False)
-class SampleView:
-    """What a sample has for the arguments of constraints.
+class SampleContext:
+    """A sample as the arguments of constraints depend on it.
 
     Attributes:
         time: Of the sample [s].
         x: State in the chart (2n,).
         anchor: Of the chart.
-        ahead: Times [s] and states (M, 2n) of the plan in force from now on; None before the first plan.
+        prediction: Times [s] and states (M, 2n) of the plan in force from now on; None before the first plan.
         object_state: Estimated pose and velocity of the object; None without one with a mass.
         is_current: The stage has begun.
         before: The argument at the sample before, or None.
@@ -38,14 +38,14 @@ class SampleView:
     time: float
     x: np.ndarray
     anchor: np.ndarray
-    ahead: tuple[np.ndarray, np.ndarray] | None = None
+    prediction: tuple[np.ndarray, np.ndarray] | None = None
     object_state: tuple[np.ndarray, np.ndarray] | None = None
     is_current: bool = True
     before: np.ndarray | None = None
 
 
-ArgumentAtSample: TypeAlias = Callable[[RobotModel, SampleView], np.ndarray | None]
-"""Robot, what a sample has -> argument (numbers,), NaN while the constraint has no rows; None where it is not said."""
+ArgumentAtSample: TypeAlias = Callable[[RobotModel, SampleContext], np.ndarray | None]
+"""Robot, sample -> argument (numbers,), NaN while the constraint has no rows; None where the sample leaves it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,11 +117,11 @@ class Stage:
         return f"<{name}: index {self.index}, in {self.space} space, priority {self.priority:g}, {size}>"
 
     @cached_property
-    def asked(self) -> np.ndarray:
-        """Which rows of the error the weights or the end condition ask for (rows,)."""
-        found = self.weights > 0
-        found[list(self.end.rows)] = True
-        return np.asarray(found)
+    def relevant_rows(self) -> np.ndarray:
+        """Which rows of the error have a weight or are in the end condition (rows,)."""
+        is_relevant = self.weights > 0
+        is_relevant[list(self.end.rows)] = True
+        return np.asarray(is_relevant)
 
     @property
     def sampled_constraints(self) -> dict[str, ConstraintNumbers]:
@@ -205,10 +205,10 @@ class PlacedStage(Stage):
         """Return the stage with the object where it is seen in the gripper that holds it, see `End`."""
         return self.with_end(self.end.with_held_object(grippers, pose, v))
 
-    def with_arguments(self, found: Mapping[str, np.ndarray]) -> "PlacedStage":
+    def with_arguments(self, arguments: Mapping[str, np.ndarray]) -> "PlacedStage":
         """Return a stage with the arguments (numbers,) of constraints that samples set, by name; others are unknown."""
         sampled = {
-            name: replace(each, argument=np.broadcast_to(found.get(name, np.nan), each.argument.shape))
+            name: replace(each, argument=np.broadcast_to(arguments.get(name, np.nan), each.argument.shape))
             for name, each in self.sampled_constraints.items()
         }
         return replace(self, constraints={**self.constraints, **sampled}) if sampled else self
@@ -220,14 +220,14 @@ class PlacedStage(Stage):
         """
         space = space_of_pose(len(pose))
         target = self.target.copy()
-        drift = np.zeros(len(self.weights))
+        target_rates = np.zeros(len(self.weights))
         for frame, inside in self.on_object.items():
             part = self.parts[frame]
             target[part.numbers] = space.composed(pose, inside)
-            drift[part.rows] = space.carried_rate(pose, v, inside)
+            target_rates[part.rows] = space.carried_rate(pose, v, inside)
         return replace(
             self.with_target(target),
-            end=self.end.with_target_rates(drift),
+            end=self.end.with_target_rates(target_rates),
             object_state=np.concatenate([pose, v]),
         )
 
@@ -241,10 +241,10 @@ class PlacedStage(Stage):
             horizon: How far ahead the cost looks [s].
         """
         pose, v = np.split(state, [body.space.n_pose])
-        ahead = np.linspace(0.0, horizon, FOLLOWED)
-        placed = [self.at_object(*body.predicted(pose, v, each)) for each in ahead]
-        values = np.array([stage.target for stage in placed])
-        return replace(placed[0], reference=Trajectory(elapsed + ahead, values, tuple(self.attitudes.values())))
+        times = np.linspace(0.0, horizon, REFERENCE_POINTS)
+        at_times = [self.at_object(*body.predicted(pose, v, each)) for each in times]
+        values = np.array([stage.target for stage in at_times])
+        return replace(at_times[0], reference=Trajectory(elapsed + times, values, tuple(self.attitudes.values())))
 
     def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "PlacedStage":
         """Return the stage of a spatial robot with the numbers of its target that a sample sets.
@@ -255,7 +255,7 @@ class PlacedStage(Stage):
             signs: Of the target's quaternions, by frame: of the two for one attitude the one meant.
         """
 
-        def placed(numbers: np.ndarray) -> np.ndarray:
+        def with_sample_numbers(numbers: np.ndarray) -> np.ndarray:
             numbers = numbers.copy()
             for frame, at in self.attitudes.items():
                 numbers[..., at : at + 4] *= signs[frame]
@@ -266,7 +266,12 @@ class PlacedStage(Stage):
         if not self.attitudes and not len(of_sample):
             return self
         taken = tuple(signs[frame] for frame in self.attitudes)
-        return replace(self, target=placed(self.target), reference=self.reference.mapped(placed), signs=taken)
+        return replace(
+            self,
+            target=with_sample_numbers(self.target),
+            reference=self.reference.mapped(with_sample_numbers),
+            signs=taken,
+        )
 
 
 @dataclass(frozen=True)

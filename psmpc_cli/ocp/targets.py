@@ -9,7 +9,7 @@ from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.postures import arm_postures, held_pose
 from psmpc_cli.ocp.skills import Posture, skill_in
-from psmpc_cli.ocp.stage import SampleView, Stage
+from psmpc_cli.ocp.stage import SampleContext, Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.document import Fault, Location, counted, quoted
 from psmpc_cli.specs.geometry import pair_name
@@ -102,7 +102,7 @@ def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stop
         for stage in stages
         if has_posture(model.spec.arms, stage.space)
         and not (model.spec.moved_by.reacts and stage.poses_of_arms)
-        and stage.asked[of_base:].all()
+        and stage.relevant_rows[of_base:].all()
         and not (drifts and stage.on_object)
     } - missing
 
@@ -114,7 +114,7 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     x = np.asarray(chart.enter(Q[None], np.zeros((1, model.n)))[0])
     pose = _object_pose(task, model, stage, Q)
     state = None if pose is None else (pose, np.zeros(space.n_twist))
-    view = SampleView(0.0, x, chart.anchor, object_state=state)
+    view = SampleContext(0.0, x, chart.anchor, object_state=state)
     found = dict[tuple[str, str], float]()
     for group in kept_groups(task.spec, model, 0 if stage is None else stage.index).values():
         argument = argument_of(group, model, view)
@@ -122,13 +122,13 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
             continue
         taken = np.concatenate([chart.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
         apart = distances_on_arrays(model, group.pairs)(x, taken)[0].ravel()
-        for pair, distance in zip(group.pairs.of_rows, apart.tolist(), strict=True):
+        for pair, distance in zip(group.pairs.pair_of_row, apart.tolist(), strict=True):
             name = group.pairs.names[pair]
             found[name] = min(distance, found.get(name, np.inf))
     return found
 
 
-def _has_moved(group: Group, model: RobotModel, start: SampleView) -> bool:
+def _has_moved(group: Group, model: RobotModel, start: SampleContext) -> bool:
     """Tell whether an obstacle of a group is elsewhere at a target than at the start, seen from a base that reacts."""
     has_poses = group.pairs.has("object") or group.pairs.has("obstacle")
     if model.spec.moved_by.reacts and has_poses:
@@ -195,10 +195,10 @@ def _poses_at_target(model: RobotModel, stage: Stage) -> dict[str, np.ndarray]:
     poses = dict(
         zip(model.pose_rows, model.poses(skill_in(stage.space).after(model, at_rest, stage.target).Q), strict=True)
     )
-    asks_for_base = stage.asked[stage.parts[BASE].rows].all()
+    asks_for_base = stage.relevant_rows[stage.parts[BASE].rows].all()
     known = dict[str, np.ndarray]()
     for name, part in stage.parts.items():
-        asks_for_part = stage.asked[part.rows].all()
+        asks_for_part = stage.relevant_rows[part.rows].all()
         if part.kind.is_pose and asks_for_part:
             known[name] = stage.target[part.numbers]
         elif part.kind.is_joints and asks_for_part and asks_for_base:

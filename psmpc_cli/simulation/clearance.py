@@ -15,7 +15,7 @@ from psmpc_cli.ocp.constraints.clearance import (
     poses_after,
 )
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.plant import Ticks
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.specs.geometry import pair_name
@@ -70,7 +70,7 @@ class ClearanceMeter:
             group=group,
             pairs=pairs,
             columns=np.array([self.pairs.index(name) for name in pairs.names]),
-            pair_of_row=pairs.of_rows,
+            pair_of_row=pairs.pair_of_row,
             distances=distances_on_arrays(model, pairs, self._problem.spec.solver.compiled),
             points=model.owned((nearest_points, pairs), partial(nearest_points, model, pairs)),
         )
@@ -106,7 +106,7 @@ class ClearanceMeter:
                 return None
             parts.append(ticks.target_object.pose)
         if each.pairs.has("obstacle"):
-            state = each.group.state(SampleView(float(ticks.time[0]), ticks.X[0], chart.anchor))
+            state = each.group.state(SampleContext(float(ticks.time[0]), ticks.X[0], chart.anchor))
             if state is None:
                 return None
             parts.append(poses_after(self._problem.model, *state, ticks.time - ticks.time[0]))

@@ -15,11 +15,11 @@ from psmpc_cli.ocp.constraints.boxes import (
     NARROWEST_SOFT,
     PENALTY,
     acceleration_limits,
-    moved_apart,
     node_limits,
     scaled_violations,
     shares_of_time,
     shift_limits,
+    widened,
 )
 from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm, mask
@@ -63,7 +63,7 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     S = form.grid.switches
     low, high = node_limits(grid, stages)
     first = np.array([low[0], high[0]]) if window.soft else np.array([[-np.inf], [np.inf]]) * np.ones(low.shape[1])
-    low, high = moved_apart(low[1:], high[1:]) if window.soft else (low[1:], high[1:])
+    low, high = widened(low[1:], high[1:]) if window.soft else (low[1:], high[1:])
     of_window = np.full(2 * S + len(form.row_node), np.inf)  # durations, and rows at nodes
     lows = [low.ravel(), -of_window]
     highs = [high.ravel(), of_window]

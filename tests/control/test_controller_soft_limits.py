@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control import State
-from psmpc_cli.ocp.constraints.boxes import own_violations
+from psmpc_cli.ocp.constraints.boxes import initial_violations
 from psmpc_cli.simulation.run import Experiment
 
 from .short_transports import run
@@ -47,7 +47,7 @@ def test_a_state_measured_far_beyond_a_limit_is_led_back(experiment_of: Build, k
     assert all(level.outcome.usable for level in command.levels)
     y = command.plan.X[:, 1]
     assert (np.diff(y[y < -0.01]) > 0).all()
-    assert (command.solution.violations <= own_violations(x, command.solution.window.stages) + 1e-6).all()
+    assert (command.solution.violations <= initial_violations(x, command.solution.window.stages) + 1e-6).all()
 
 
 def test_limits_are_soft_where_measurements_are_noisy_unless_the_task_says_otherwise(experiment_of: Build) -> None:

@@ -57,11 +57,11 @@ def test_a_robot_that_moves_brakes_at_once_where_its_first_solve_fails() -> None
 
 def test_a_plan_is_trusted_no_further_than_to_the_end_of_a_stage() -> None:
     plan = resting_plan(0.0, 8.0, 4, np.zeros(18))
-    plans = PlansInForce().with_plan(plan, sequence_of(2, [3.0, 5.0])).measured()
+    plans = PlansInForce().on_success(plan, sequence_of(2, [3.0, 5.0])).measured()
     for stage, end in ((2, 3.0), (3, 5.0), (4, 8.0)):
         trusted = plans.trusted_to_end_of(stage)
-        assert not trusted.used_up(end - 0.11, 0.1)
-        assert trusted.used_up(end - 0.09, 0.1)
+        assert not trusted.expires_before_next(end - 0.11, 0.1)
+        assert trusted.expires_before_next(end - 0.09, 0.1)
 
 
 def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_target() -> None:

@@ -121,7 +121,7 @@ def test_a_stage_that_continues_is_alone_in_its_window() -> None:
     assert (CONTINUING.planned_end, CONTINUING.begins) == (2.0, (0.5,))
     several = sequence_of(1, [2.0], 0.5)
     assert (several.count, several.last, several.begins) == (2, 2, (0.5, 2.0))
-    alone = CONTINUING.alone
+    alone = CONTINUING.current_only
     assert (alone.segments, alone.planned_end) == ((1,), np.inf)
     assert CONTINUING.up_to(1).segments == (1, 1)
     assert several.up_to(1).segments == (1,)

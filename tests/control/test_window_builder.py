@@ -66,7 +66,7 @@ def test_a_stage_that_continues_has_one_scale_and_meshes_of_its_own_before_and_a
     assert before.reference is moving.reference
     assert not after.reference.moves
     np.testing.assert_array_equal(window.omega, [100, 100])
-    assert window.scale[0] == window.scale[1] == builder.build(sequence.alone, stages, prediction).scale[0]
+    assert window.scale[0] == window.scale[1] == builder.build(sequence.current_only, stages, prediction).scale[0]
     assert window.nodes[0] < window.nodes[1]
 
     guess = replace(prediction, instants=sequence.instants)

@@ -23,7 +23,7 @@ from psmpc_cli.figures.snapshots import draw_scene
 from psmpc_cli.figures.style import new_figure
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.constraints.clearance import groups, poses_after
-from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.robot.kinematics import PlanarFrame, place
@@ -76,7 +76,7 @@ def test_obstacles_are_drawn_where_they_are_kept_clear_of(load: Load, keeping_cl
     run = load(**keeping_clear)
     found = groups(run.task.spec, run.problem.model, 0)
     for obstacle in scene_of(run).obstacles:
-        state = found[obstacle.name].state(SampleView(4.0, run.motion.Q[10], run.motion.Q[10]))
+        state = found[obstacle.name].state(SampleContext(4.0, run.motion.Q[10], run.motion.Q[10]))
         assert state is not None
         pose, velocity = state
         (expected,) = pose_frames(poses_after(run.problem.model, pose, velocity, np.array([2.0])))

@@ -38,7 +38,7 @@ def test_the_smallest_distance_of_a_sample_is_that_of_its_ticks(run: Run) -> Non
     columns = [str(pair) for pair in run["clearance/pair"]]
     sample_of = np.searchsorted(run.time, time + 1e-9, side="right") - 1
     for name in {f"{first} - {second}" for first, second in pairs.names}:
-        own = [row for row, pair in enumerate(pairs.of_rows) if " - ".join(pairs.names[pair]) == name]
+        own = [row for row, pair in enumerate(pairs.pair_of_row) if " - ".join(pairs.names[pair]) == name]
         nearest = apart[:, own].min(axis=1)
         by_tick = np.array([nearest[sample_of == sample].min() for sample in range(len(run.time))])
         at_end = nearest[np.searchsorted(sample_of, np.arange(1, len(run.time)))]  # the first tick of the next sample

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.ocp.constraints.boxes import own_violations
+from psmpc_cli.ocp.constraints.boxes import initial_violations
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import Stage
@@ -274,7 +274,7 @@ def test_soft_limits_give_way_to_the_measured_state_alike_in_all_back_ends(
         assert found.outcome is optimum.outcome is Outcome.OPTIMAL
         assert found.objective == pytest.approx(optimum.objective, rel=1e-4)
         assert found.violations == pytest.approx(optimum.violations, abs=1e-5)
-        assert (found.violations <= own_violations(beyond.window.x0, beyond.window.stages) + 1e-6).all()
+        assert (found.violations <= initial_violations(beyond.window.x0, beyond.window.stages) + 1e-6).all()
         assert judge.violation(found.window, found.plan) < 1e-6
     stopped = again(build_solver(problem, CONVERGED), hard, False)
     assert len(stopped.violations) == 0

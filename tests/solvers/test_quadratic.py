@@ -13,7 +13,7 @@ from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.quadratic import EQUALITY_WIDTH, PiqpQp, QpSolution, QpStatus
-from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, moved_apart, window_bounds
+from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, widened, window_bounds
 
 from .optimality import curvatures, energy, objective, optimality, rows_after
 from .quadratic_forms import our_method, ours
@@ -196,7 +196,7 @@ def softened(task: Task, away: np.ndarray | float = 0.0, node_rows: bool = False
     soft = soft_rows(task, states=True, node_rows=node_rows)
     low = bounds.low.copy()
     high = bounds.high.copy()
-    low[soft], high[soft] = moved_apart(low[soft], high[soft])
+    low[soft], high[soft] = widened(low[soft], high[soft])
     at = slice(task.window.states)
     return task.with_bounds(low=low + _padded(away, len(low), at), high=high + _padded(away, len(low), at), soft=soft)
 

@@ -55,7 +55,7 @@ def acceleration_limits(grid: Grid, stages: Sequence[Stage]) -> tuple[np.ndarray
 
 
 def scaled_violations(X: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return rho times that by which states (..., 2n) lie beyond low or high, 0 where they do not."""
+    """Return rho times the bound violation of states (..., 2n), 0 inside the bounds."""
     return np.asarray(PENALTY * np.maximum(np.maximum(low - X, X - high), 0.0))
 
 
@@ -67,13 +67,13 @@ def shares_of_time(steps: np.ndarray) -> np.ndarray:
     return shares
 
 
-def own_violations(x0: np.ndarray, stages: Sequence[Stage]) -> np.ndarray:
-    """Return by how much a measured state (2n,) violates the limits of a window's first stage itself, (2n,)."""
+def initial_violations(x0: np.ndarray, stages: Sequence[Stage]) -> np.ndarray:
+    """Return by how much a window's initial state (2n,) violates the limits of its first stage, (2n,)."""
     limits = stages[0].limits
     return scaled_violations(x0, limits.state_low, limits.state_high) / PENALTY
 
 
-def moved_apart(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return soft bounds with at least `NARROWEST_SOFT` between them."""
+def widened(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return soft bounds widened about their middle to at least `NARROWEST_SOFT` between them."""
     apart = np.maximum(NARROWEST_SOFT - (high - low), 0.0) / 2
     return low - apart, high + apart

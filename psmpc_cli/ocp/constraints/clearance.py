@@ -17,7 +17,7 @@ import numpy as np
 
 from psmpc_cli.native.functions import RowFunction
 from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
-from psmpc_cli.ocp.stage import ConstraintNumbers, SampleView
+from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
 from psmpc_cli.robot.distances import distances, part_count, witnesses
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.geometry import Piece, capsules_of, own_pairs, pieces_of
@@ -30,11 +30,11 @@ from psmpc_cli.specs.geometry import DEEP, OBJECT, ClearanceSpec, ObstacleSpec, 
 from psmpc_cli.specs.robot import Attachment
 from psmpc_cli.specs.task import TaskSpec
 
-FORESEEN = 0.5
-"""How near the margin the plan in force must come for the pairs of a group to be in windows [m]."""
+GROUP_ACTIVATION = 0.5
+"""A group's pairs are in windows if the plan in force comes nearer to the margin than this [m]."""
 
-NEAR = 0.05
-"""How near its margin the distance of a pair must be at a node to be a row of a program [m]."""
+ROW_ACTIVATION = 0.05
+"""A pair is a row of a program at a node if its distance there is nearer to the margin than this [m]."""
 
 MOST_ROWS = 60
 """Distances of a group; larger ones are split by arms. The derivatives of all 140 of a robot with two arms of seven
@@ -107,7 +107,7 @@ class Pairs:
         return self.has("obstacle") or (self.has("object") and self.gripper is None)
 
     @property
-    def of_rows(self) -> list[int]:
+    def pair_of_row(self) -> list[int]:
         """The number of the pair of each of the distances."""
         counts = [part_count(first.shape, second.shape) for first, second in self.pairs]
         return np.repeat(np.arange(len(counts)), counts).tolist()
@@ -128,7 +128,7 @@ class Group:
     """
 
     pairs: Pairs
-    state: Callable[[SampleView], PoseState | None] = lambda sample: None
+    state: Callable[[SampleContext], PoseState | None] = lambda sample: None
 
 
 def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
@@ -183,7 +183,7 @@ def _cover(lengths: tuple[float, ...]) -> Iterator[Solid]:
         yield Solid(piece.part, piece.shape, piece.at, "object")
 
 
-def _of_obstacle(obstacle: ObstacleSpec, model: RobotModel, sample: SampleView) -> PoseState:
+def _of_obstacle(obstacle: ObstacleSpec, model: RobotModel, sample: SampleContext) -> PoseState:
     """Return where an obstacle is at a sample, and its velocity."""
     v = np.zeros(model.space.n_twist)
     v[: len(obstacle.velocity)] = obstacle.velocity
@@ -195,7 +195,7 @@ def _free(model: RobotModel) -> FreeBody:
     return FreeBody(1.0, np.ones(model.space.n_principal))
 
 
-def _of_object(sample: SampleView) -> PoseState | None:
+def _of_object(sample: SampleContext) -> PoseState | None:
     return sample.object_state
 
 
@@ -232,7 +232,7 @@ def _numbers(group: Group, spec: ClearanceSpec, model: RobotModel) -> Constraint
     )
 
 
-def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: SampleView) -> np.ndarray | None:
+def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
     """Return a 0, the object's pose in its gripper, pose and velocity of what moves by itself; NaN of a group far away.
 
     Of an object that is not held yet the pose in the gripper is not known.
@@ -243,19 +243,19 @@ def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: Sam
     pairs = group.pairs
     since = np.zeros(1)
     X = sample.x[None]
-    if sample.ahead is not None:
-        since = np.append(since, sample.ahead[0] - sample.time)
-        X = np.vstack([X, sample.ahead[1]])
+    if sample.prediction is not None:
+        since = np.append(since, sample.prediction[0] - sample.time)
+        X = np.vstack([X, sample.prediction[1]])
     anchors = np.tile(sample.anchor, (len(X), 1))
     taken = np.hstack([anchors, poses_at(pairs, model, argument, since)])
     apart = distances_on_arrays(model, pairs)(X, taken, rows=len(X))[0]
-    is_far = sample.ahead is not None and apart.min() > spec.margin + FORESEEN
+    is_far = sample.prediction is not None and apart.min() > spec.margin + GROUP_ACTIVATION
     is_inside = bool(apart[0].min() < spec.margin)
     unused = spec.hard and pairs.hard == is_inside
     return np.full(len(argument), np.nan) if is_far or unused else argument
 
 
-def argument_of(group: Group, model: RobotModel, sample: SampleView) -> np.ndarray | None:
+def argument_of(group: Group, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
     """Return the argument of a group at a sample, however far its pairs are; None where it is not known."""
     argument = np.zeros(1)
     if group.pairs.gripper is not None:
@@ -381,4 +381,4 @@ def _is_soft(pairs: Pairs) -> bool:
     return not pairs.hard
 
 
-CONSTRAINT = Constraint(rows_at_nodes("clearance", functions, _is_soft, NEAR), numbers)
+CONSTRAINT = Constraint(rows_at_nodes("clearance", functions, _is_soft, ROW_ACTIVATION), numbers)

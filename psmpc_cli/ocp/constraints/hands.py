@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
-from psmpc_cli.ocp.stage import ConstraintNumbers, SampleView
+from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, product, rotate, scaled
@@ -38,7 +38,7 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     )
 
 
-def _relative_poses(grippers: tuple[str, ...], model: RobotModel, sample: SampleView) -> np.ndarray | None:
+def _relative_poses(grippers: tuple[str, ...], model: RobotModel, sample: SampleContext) -> np.ndarray | None:
     """Return the poses of the others in the frame of the first gripper, one after the other, (others n_pose,)."""
     if not sample.is_current:
         return None

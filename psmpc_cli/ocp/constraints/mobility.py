@@ -19,7 +19,7 @@ import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
 from psmpc_cli.ocp.loads import Load, known_load
-from psmpc_cli.ocp.stage import ConstraintNumbers, SampleView
+from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
 
@@ -41,7 +41,7 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     )
 
 
-def _measured_momentum(load: Load, model: RobotModel, sample: SampleView) -> np.ndarray:
+def _measured_momentum(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray:
     """Return the momentum (n_twist,) of the robot and its load at a sample."""
     return np.asarray(load.momentum(model)(sample.x, sample.anchor)).ravel()
 

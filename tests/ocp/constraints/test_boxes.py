@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.constraints.boxes import node_limits, own_violations, shares_of_time
+from psmpc_cli.ocp.constraints.boxes import initial_violations, node_limits, shares_of_time
 from psmpc_cli.ocp.plan import Grid, mesh
 from psmpc_cli.ocp.stage import Stage
 
@@ -26,4 +26,4 @@ def test_nodes_share_the_time_of_the_intervals_beside_them() -> None:
 def test_a_measured_state_violates_the_limits_of_the_current_stage(stages: tuple[Stage, ...]) -> None:
     x0 = np.zeros(18)
     x0[9] = 0.3
-    assert own_violations(x0, stages) == pytest.approx(np.where(np.arange(18) == 9, 0.1, 0.0))
+    assert initial_violations(x0, stages) == pytest.approx(np.where(np.arange(18) == 9, 0.1, 0.0))

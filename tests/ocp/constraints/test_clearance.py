@@ -9,10 +9,10 @@ import pytest
 
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.constraints import node_rows
-from psmpc_cli.ocp.constraints.clearance import FORESEEN, Pairs, functions, groups, nearest_points
+from psmpc_cli.ocp.constraints.clearance import GROUP_ACTIVATION, Pairs, functions, groups, nearest_points
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
-from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.ocp.window import Window, on_mesh, window_numbers, window_shape
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.simulation.run import simulate
@@ -55,7 +55,7 @@ def sampled(problem: Problem, stage: int, Q: np.ndarray, time: float = 0.0, **mo
     model = problem.model
     chart = model.space.chart_at(Q)
     x = np.asarray(chart.enter(Q[None], np.zeros((1, model.n)))[0])
-    view = SampleView(time, x, chart.anchor, **more)
+    view = SampleContext(time, x, chart.anchor, **more)
     found = problem.stages[stage].sampled_constraints
     arguments = {name: each.at_sample(model, view) for name, each in found.items() if each.at_sample is not None}
     return {name: argument for name, argument in arguments.items() if argument is not None}
@@ -186,9 +186,9 @@ def test_a_group_is_in_windows_while_the_plan_comes_near() -> None:
     beyond = np.r_[-2, np.zeros(8)]
     for step, is_near in ((near, True), (beyond, False)):
         X = np.hstack([np.array([Q + step, Q + step]), np.zeros((2, 9))])
-        found = sampled(problem, 0, Q + step, ahead=(np.array([0.0, 4.0]), X))
+        found = sampled(problem, 0, Q + step, prediction=(np.array([0.0, 4.0]), X))
         assert np.isfinite(found["clearance post"]).all() == is_near
-    assert FORESEEN > 0.1
+    assert GROUP_ACTIVATION > 0.1
 
 
 def test_an_obstacle_that_moves_is_at_every_node_where_it_is_then() -> None:

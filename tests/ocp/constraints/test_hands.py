@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.ocp.constraints import NodeRows, node_rows, soft_row_violations
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem, in_own_chart
-from psmpc_cli.ocp.stage import SampleView
+from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.ocp.window import Window, window_numbers, window_shape
 from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.robot.configuration import space_of_pose
@@ -119,7 +119,7 @@ def test_the_band_is_about_the_pose_that_the_hands_have_at_each_sample(problem: 
     x = np.asarray(chart.enter(Q[None], np.zeros((1, problem.model.n)))[0])
     relative = relative_pose(problem, Q)
     earlier = None if before is None else np.full(len(relative), before)
-    view = SampleView(0.0, x, chart.anchor, before=earlier)
+    view = SampleContext(0.0, x, chart.anchor, before=earlier)
     found = at_sample(problem.model, view)
     np.testing.assert_allclose(found, relative, atol=1e-12)
     assert at_sample(problem.model, replace(view, is_current=False)) is None

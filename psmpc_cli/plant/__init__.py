@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pkgutil import resolve_name
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks
 from psmpc_cli.plant.grasp import Capture, PlantSetup
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import PlantSpec
@@ -29,7 +29,7 @@ def build_plant(
     spec: PlantSpec,
     model: RobotModel,
     native: bool = False,
-    resistance: Resistance | None = None,
+    friction: JointFriction | None = None,
     capture: Capture | None = None,
     force_limits: ForceLimits | None = None,
 ) -> Plant:
@@ -39,7 +39,7 @@ def build_plant(
         spec: Which plant.
         model: The robot as its controller knows it.
         native: Whether to run as compiled C, where the plant can.
-        resistance: Friction of a disturbed plant; None for an undisturbed one.
+        friction: Friction of a disturbed plant; None for an undisturbed one.
         capture: An object with a mass and its grasps.
         force_limits: At which the force of the low-level law is cut; None where nothing limits it.
 
@@ -47,7 +47,7 @@ def build_plant(
         InputError: A package that the plant needs is not installed.
     """
     tick, substeps = ticks_of(spec)
-    plant: Plant = require_plant(spec)(PlantSetup(model, tick, substeps, native, resistance, capture, force_limits))
+    plant: Plant = require_plant(spec)(PlantSetup(model, tick, substeps, native, friction, capture, force_limits))
     return plant
 
 

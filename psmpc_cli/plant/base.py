@@ -61,9 +61,9 @@ class Ticks:
         time: (M + 1,) [s], the first is the sample's start.
         X: States [Q; v] at those times (M + 1, nq + n).
         F: Generalized force applied over each tick, within the limits of the plant (M, n) [N, N m].
-        gained: Integral of the external wrench over the sample, linear [N s] and angular about the inertial origin
-            [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,). NaN where
-            it is not known.
+        impulse_and_work: Integral of the external wrench over the sample, linear [N s] and angular about the inertial
+            origin [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,).
+            NaN where it is not known.
         target_object: What an object with a mass did; None without one.
         commanded: Generalized force that the law commanded, before the plant cut it at its limits (M, n) [N, N m];
             None of a plant without limits, where it is F.
@@ -72,7 +72,7 @@ class Ticks:
     time: np.ndarray
     X: np.ndarray
     F: np.ndarray
-    gained: np.ndarray = field(default_factory=lambda: np.array(np.nan))
+    impulse_and_work: np.ndarray = field(default_factory=lambda: np.array(np.nan))
     target_object: ObjectTicks | None = None
     commanded: np.ndarray | None = None
 
@@ -82,7 +82,7 @@ class Ticks:
 
 
 @dataclass(frozen=True, eq=False)
-class Resistance:
+class JointFriction:
     """Joint friction by coordinate (n,), constant throughout a run.
 
     Attributes:
@@ -96,12 +96,12 @@ class Resistance:
     width: float
 
     @classmethod
-    def none(cls, n: int) -> "Resistance":
+    def none(cls, n: int) -> "JointFriction":
         """Return that of n coordinates without friction."""
         return cls(np.zeros(n), np.zeros(n), 1.0)
 
-    def left_of(self, F: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return what friction at velocities v (n,) leaves of a generalized force F (n,)."""
+    def net_force(self, F: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return a generalized force F (n,) less the friction at velocities v (n,) [N, N m]."""
         return np.asarray(F - self.viscous * v - self.coulomb * np.tanh(v / self.width))
 
     @property
@@ -196,13 +196,13 @@ class Disturbance:
         law: Inertial parameters that the low-level law (7) uses.
         noise: Of the state that the law reads at each tick: a step of Q, then what is added to v (M, 2n) [m, rad, m/s,
             rad/s].
-        push: External generalized force over each tick (M, n) [N, N m].
+        external_force: External generalized force over each tick (M, n) [N, N m].
     """
 
     robot: InertialParameters
     law: InertialParameters
     noise: np.ndarray
-    push: np.ndarray
+    external_force: np.ndarray
 
     @classmethod
     def none(cls, robot: InertialParameters, ticks: int, n: int) -> "Disturbance":
@@ -226,7 +226,7 @@ class Plant(Protocol):
 
         Where rates of the frames' velocities (M, k) are given, they are applied instead, by the law in task space.
 
-        Without a disturbance nothing disturbs a plant; one is for plants built with a resistance. Those with an object
+        Without a disturbance nothing disturbs a plant; one is for plants built with friction. Those with an object
         close their grippers, and open them, at the ticks at which they are to be closed (M,).
         """
         ...
@@ -261,42 +261,42 @@ class TickedPlant(ABC):
         X = np.vstack([x, np.empty((M, nq + n))])
         commanded = np.empty((M, n))
         F = np.empty((M, n))
-        gained = np.zeros(self.model.parts["base"].stop + 1)
-        other = disturbance or Disturbance.none(self.model.nominal, M, n)
-        is_noisy = bool(other.noise.any())
+        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
+        disturbance = disturbance or Disturbance.none(self.model.nominal, M, n)
+        is_noisy = bool(disturbance.noise.any())
         time = start + self.tick * np.arange(M + 1)
         for k in range(M):
             grasps = self.begin_tick(float(time[k]), X[k], closed is not None and bool(closed[k]))
             Q = X[k, :nq]
             v = X[k, nq:]
             if is_noisy:
-                Q = np.array(space.integrate(Q, other.noise[k, :n]))
-                v = v + other.noise[k, n:]
+                Q = np.array(space.integrate(Q, disturbance.noise[k, :n]))
+                v = v + disturbance.noise[k, n:]
             commanded[k] = self.law.force(
                 Q,
                 v,
                 u[k],
                 twist_rates=None if twist_rates is None else twist_rates[k],
                 grasps=grasps,
-                parameters=other.law,
+                parameters=disturbance.law,
             )
             F[k] = commanded[k]
             if self.force_limits is not None:
                 F[k] = self.force_limits.limited(space, X[k, :nq], commanded[k])
-            X[k + 1], gained_in_tick = self.step(X[k], F[k] + other.push[k], other.robot)
-            gained += gained_in_tick
+            X[k + 1], of_tick = self.step(X[k], F[k] + disturbance.external_force[k], disturbance.robot)
+            impulse_and_work += of_tick
         return Ticks(
             time=time,
             X=X,
             F=F,
-            gained=self.gained(gained, X, F + other.push),
+            impulse_and_work=self.impulse_and_work(impulse_and_work, X, F + disturbance.external_force),
             target_object=self.end_sample(),
             commanded=None if self.force_limits is None else commanded,
         )
 
     @abstractmethod
     def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
-        """Return the state (nq + n,) a tick after x under the held external force F (n,), and what is gained in it.
+        """Return the state (nq + n,) a tick after x under the held external force F (n,), its impulse and its work.
 
         Args:
             x: State [Q; v].
@@ -304,7 +304,7 @@ class TickedPlant(ABC):
             robot: True inertial parameters.
 
         Returns:
-            The state, and impulse and work as in `Ticks.gained`.
+            The state, and impulse and work as in `Ticks.impulse_and_work`.
         """
 
     def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> np.ndarray | None:
@@ -317,8 +317,14 @@ class TickedPlant(ABC):
         """
         return None
 
-    def gained(self, sum_of_ticks: np.ndarray, X: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Return what is gained over a sample with states X (M + 1, nq + n) under external forces F (M, n)."""
+    def impulse_and_work(self, sum_of_ticks: np.ndarray, X: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return impulse and work over a sample with states X (M + 1, nq + n) under external forces F (M, n).
+
+        Args:
+            sum_of_ticks: Sum of what `step` returns of them.
+            X: The states.
+            F: The forces.
+        """
         return sum_of_ticks
 
     def end_sample(self) -> ObjectTicks | None:

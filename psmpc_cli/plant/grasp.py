@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import ForceLimits, GraspEvent, ObjectTicks, Resistance, TickedPlant
+from psmpc_cli.plant.base import ForceLimits, GraspEvent, JointFriction, ObjectTicks, TickedPlant
 from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -143,10 +143,10 @@ class GraspLaw:
         for i in range(len(self.grippers)):
             at, moving, J = self.gripper(i, Q, v)
             own = p[self.parameters * i : self.parameters * (i + 1)]
-            w, back, gained = self.bushing(at, moving, pose, rate, own)
+            w, back, power_of_grasp = self.bushing(at, moving, pose, rate, own)
             force = force + J.T @ w
             wrench = wrench + back
-            power = power + gained
+            power = power + power_of_grasp
             inside, _ = self.space.lifted(ca.vertsplit(own)[: self.sizes[0]])
             _, attitude = self.space.lifted(ca.vertsplit(pose))
             outwards = rotate(attitude, inside)
@@ -416,7 +416,7 @@ Step = Callable[
 """Physics of a robot and an object over a tick: what the plants of an object with a mass differ in.
 
 From states of robot and object, the held external force (n,), the parameters of the bushings gripper by gripper, and
-the robot's inertial parameters: both states a tick later, and what was gained meanwhile, as in `Ticks`.
+the robot's inertial parameters: both states a tick later, then impulse and work over the tick, as in `Ticks`.
 """
 
 
@@ -441,8 +441,8 @@ class CapturePlant(TickedPlant):
     def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
         """Advance robot and object by a tick."""
         capture = self.capture
-        after, capture.state, gained = self._step(x, capture.state, F, capture.parameters, robot)
-        return after, gained
+        after, capture.state, impulse_and_work = self._step(x, capture.state, F, capture.parameters, robot)
+        return after, impulse_and_work
 
     def end_sample(self) -> ObjectTicks:
         """Return what the object and its grasps did over the sample."""
@@ -458,7 +458,7 @@ class PlantSetup:
         tick: Length of a tick of the low-level loop [s].
         substeps: Steps of the integrator in a tick.
         native: Whether to run as compiled C, where the plant can.
-        resistance: Friction of a disturbed plant; None for an undisturbed one.
+        friction: Friction of a disturbed plant; None for an undisturbed one.
         capture: An object with a mass and its grasps; None without.
         force_limits: At which the force of the low-level law is cut; None where nothing limits it.
     """
@@ -467,6 +467,6 @@ class PlantSetup:
     tick: float
     substeps: int
     native: bool
-    resistance: Resistance | None
+    friction: JointFriction | None
     capture: Capture | None
     force_limits: ForceLimits | None

@@ -28,9 +28,9 @@ class IdealPlant:
     ) -> Ticks:
         """Advance the state x (nq + n,) over the M ticks of a sample, tick k under exactly the acceleration u[k] (n,).
 
-        F is the force that this acceleration needs at the beginning of its tick, by inverse dynamics. `gained` is the
-        change of momentum and kinetic energy from the first state to the last: the external impulse and the work of all
-        forces. `disturbance` and `closed` have no effect: this plant knows neither disturbances nor grippers.
+        F is the force that this acceleration needs at the beginning of its tick, by inverse dynamics. Impulse and work
+        are the change of momentum and kinetic energy from the first state to the last. `disturbance` and `closed` have
+        no effect: this plant knows neither disturbances nor grippers.
         Rates of the frames' velocities are turned into accelerations where each tick begins.
         """
         model = self.model
@@ -39,8 +39,8 @@ class IdealPlant:
         Q, v = over_ticks(model.space, x[: model.nq], x[model.nq :], u, self.tick)
         (F,) = self._force(Q[:-1], v[:-1], u, model.nominal.vector, rows=len(u))
         momentum_and_energy = model.balance(Q[[0, -1]], v[[0, -1]])
-        gained = momentum_and_energy[1] - momentum_and_energy[0]
-        return Ticks(start + self.tick * np.arange(len(u) + 1), np.hstack([Q, v]), F, gained)
+        impulse_and_work = momentum_and_energy[1] - momentum_and_energy[0]
+        return Ticks(start + self.tick * np.arange(len(u) + 1), np.hstack([Q, v]), F, impulse_and_work)
 
     def _accelerations(self, x: np.ndarray, twist_rates: np.ndarray) -> np.ndarray:
         """Return the accelerations (M, n) that give twists these rates (M, k), one a tick, from x on."""

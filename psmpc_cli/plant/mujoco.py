@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import ForceLimits, Plant, Resistance, TickedPlant
+from psmpc_cli.plant.base import ForceLimits, JointFriction, Plant, TickedPlant
 from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -24,7 +24,7 @@ class MujocoPlant(TickedPlant):
 
     The robot model serves the low-level law alone, which is part of the controller. MuJoCo returns nothing but Q and
     v, so momentum and energy of the robot model at its states, less impulse and work, show whether the two agree.
-    With a resistance it is a disturbed plant; friction is then added to the forces before each step of the integrator,
+    With friction it is a disturbed plant; friction is then added to the forces before each step of the integrator,
     because MuJoCo's own friction is not a smooth function of the rate.
     """
 
@@ -33,13 +33,13 @@ class MujocoPlant(TickedPlant):
         model: RobotModel,
         tick: float,
         substeps: int = 1,
-        resistance: Resistance | None = None,
+        friction: JointFriction | None = None,
         force_limits: ForceLimits | None = None,
         target_object: FreeBody | None = None,
     ) -> None:
         super().__init__(LowLevelLaw(model), tick, force_limits)
         self.substeps = substeps
-        self.resistance = resistance or Resistance.none(model.n)
+        self.friction = friction or JointFriction.none(model.n)
         self._target_object = target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
         self._known = np.zeros(0)
@@ -67,12 +67,12 @@ class MujocoPlant(TickedPlant):
         self.data = mujoco.MjData(self.engine)
 
     def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
-        """Advance the engine by a tick; of what is gained, the work alone, see `gained`."""
+        """Advance the engine by a tick; the impulse is left 0, see `impulse_and_work`."""
         self.set_inertial_parameters(robot)
         after, work = self._step(x, F)
         return after, np.append(np.zeros(self.model.space.n_twist), work)
 
-    def gained(self, sum_of_ticks: np.ndarray, X: np.ndarray, F: np.ndarray) -> np.ndarray:
+    def impulse_and_work(self, sum_of_ticks: np.ndarray, X: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return work, and the impulse along the states; NaN of a mount, since MuJoCo does not return its force."""
         if not self.model.spec.moved_by.moves:
             return np.append(np.full(self.model.space.n_twist, np.nan), sum_of_ticks[-1])
@@ -93,7 +93,7 @@ class MujocoPlant(TickedPlant):
         nq = self.model.nq
         space = self.model.space
         data = self.data
-        way = self.resistance
+        friction = self.friction
         work = 0.0
         coordinates = self._moving_coordinates
         rates = self._moving_rates
@@ -104,17 +104,17 @@ class MujocoPlant(TickedPlant):
                 Q[space.base_coordinates]
             )
         for _ in range(self.substeps):
-            before = Q.copy()
-            slower = v.copy()
-            acting = way.left_of(F, v)
+            Q_before = Q.copy()
+            v_before = v.copy()
+            acting = friction.net_force(F, v)
             data.qpos[self.q] = Q[coordinates]
             data.qvel[self.v] = v[rates]
             data.qfrc_applied[self.v] = acting[rates]
             mujoco.mj_step(self.engine, data)
             Q[coordinates] = data.qpos[self.q]
             v[rates] = data.qvel[self.v]
-            step = np.array(space.difference(before, Q))
-            step = step - space.magnus_correction(slower[None], v[None], self.engine.opt.timestep)[0]
+            step = np.array(space.difference(Q_before, Q))
+            step = step - space.magnus_correction(v_before[None], v[None], self.engine.opt.timestep)[0]
             work += float(acting @ step)
         return np.concatenate([Q, v]), work
 
@@ -141,13 +141,13 @@ class MujocoStep:
     """
 
     def __init__(
-        self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, resistance: Resistance | None
+        self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, friction: JointFriction | None
     ) -> None:
         self._law = law
         self._model = law.model
         self._tick = tick
         self._substeps = substeps
-        self._robot = MujocoPlant(law.model, tick, substeps, resistance, target_object=body)
+        self._robot = MujocoPlant(law.model, tick, substeps, friction, target_object=body)
         self._bushing = ArrayFunction(law.bushing)
         engine = self._robot.engine
         self._sites = [engine.site(gripper).id for gripper in law.grippers]
@@ -186,30 +186,30 @@ class MujocoStep:
         data.qvel[self._v] = rate
         mujoco.mj_fwdPosition(engine, data)
         mujoco.mj_fwdVelocity(engine, data)
-        acting = self._robot.resistance.left_of(F, v)
+        acting = self._robot.friction.net_force(F, v)
         data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self._robot.v] = acting
         power = sum(self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4])
         mujoco.mj_fwdActuation(engine, data)
         mujoco.mj_fwdAcceleration(engine, data)
         vdot = data.qacc_smooth[self._robot.v]
-        faster = data.qacc_smooth[self._v]
+        velocity_rate = data.qacc_smooth[self._v]
         Qdot = model.space.rate(Q, v)
-        moving = law.body.space.rate(pose, rate)
+        pose_rate = law.body.space.rate(pose, rate)
         external = model.space.external_wrench(Q, F)
-        return np.array([*Qdot, *vdot, *moving, *faster, *external, acting @ v + power])
+        return np.array([*Qdot, *vdot, *pose_rate, *velocity_rate, *external, acting @ v + power])
 
     def _press(self, site: int, parameters: np.ndarray) -> float:
         """Apply the bushing at a gripper to both bodies; return its power [W]."""
         engine = self._robot.engine
         data = self._robot.data
         at = self._robot.data.site_xpos[site]
-        moving = np.zeros(6)
+        velocity = np.zeros(6)
         quaternion = np.zeros(4)
-        mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, moving, 0)
+        mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
         mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
         space = self._law.body.space
-        rate = np.array(space.twist(moving[3:], moving[:3]))
+        rate = np.array(space.twist(velocity[3:], velocity[:3]))
         pose = space.dropped(at, quaternion)
         w, _, power = self._bushing(pose, rate, data.qpos[self._q], data.qvel[self._v], parameters)
         force, moment = (np.array(each, dtype=float) for each in space.lifted_twist(w[0]))
@@ -222,6 +222,6 @@ def build(setup: PlantSetup) -> Plant:
     """Build the plant, of robot and object together where there is something to capture."""
     capture = setup.capture
     if capture is None:
-        return MujocoPlant(setup.model, setup.tick, setup.substeps, setup.resistance, setup.force_limits)
-    step = MujocoStep(capture.law, capture.body, setup.tick, setup.substeps, setup.resistance)
+        return MujocoPlant(setup.model, setup.tick, setup.substeps, setup.friction, setup.force_limits)
+    step = MujocoStep(capture.law, capture.body, setup.tick, setup.substeps, setup.friction)
     return CapturePlant(capture, step, setup.force_limits)

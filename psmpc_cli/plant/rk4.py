@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction, compiled
-from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks, limited_force
+from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks, limited_force
 from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -16,7 +16,7 @@ from psmpc_cli.robot.model import RobotModel
 class Rk4Plant:
     """Integrates state, external impulse and work together, `substeps` steps a tick; `native`, as compiled C.
 
-    With a resistance it is a disturbed plant: all that differs from what the controller knows is an argument of one
+    With friction it is a disturbed plant: all that differs from what the controller knows is an argument of one
     function, so every draw, with and without a payload, runs the same code. Without one these arguments are constants.
     Force limits are an argument where there are any.
     """
@@ -27,12 +27,12 @@ class Rk4Plant:
         tick: float,
         substeps: int = 1,
         native: bool = False,
-        resistance: Resistance | None = None,
+        friction: JointFriction | None = None,
         force_limits: ForceLimits | None = None,
     ) -> None:
         self.model = model
         self.tick = tick
-        self.resistance = resistance
+        self.friction = friction
         self.force_limits = force_limits
         self._native = native
         self._substeps = substeps
@@ -51,8 +51,8 @@ class Rk4Plant:
     ) -> Ticks:
         """Simulate the robot over one sample: len(u) ticks of the low-level law, integrated in one compiled call.
 
-        The integrated state is z = [x; external impulse; work]; the last two begin at 0 and say afterwards what the
-        robot gained. See `Plant.advance` for the arguments.
+        The integrated state is z = [x; external impulse; work]; the last two begin at 0 in each sample. See
+        `Plant.advance` for the arguments.
         """
         ticks = len(u)
         nx = len(x)
@@ -62,24 +62,24 @@ class Rk4Plant:
         if key not in self._sample:
             self._sample[key] = ArrayFunction(self._tick_by(in_task_space).mapaccum(ticks))
         what_differs: tuple[np.ndarray, ...] = ()  # from the robot that the low-level law knows
-        if self.resistance is not None and disturbance is not None:
-            parameters = disturbance.robot.vector, disturbance.law.vector, self.resistance.vector
-            what_differs = disturbance.noise, disturbance.push, np.concatenate(parameters)
+        if self.friction is not None and disturbance is not None:
+            parameters = disturbance.robot.vector, disturbance.law.vector, self.friction.vector
+            what_differs = disturbance.noise, disturbance.external_force, np.concatenate(parameters)
         limits = () if self.force_limits is None else (self.force_limits.vector,)
-        nothing_gained = np.zeros(self.model.parts["base"].stop + 1)
-        Z, F, *commanded = self._sample[key](np.concatenate([x, nothing_gained]), inputs, *what_differs, *limits)
+        no_impulse_or_work = np.zeros(self.model.parts["base"].stop + 1)
+        Z, F, *commanded = self._sample[key](np.concatenate([x, no_impulse_or_work]), inputs, *what_differs, *limits)
         return Ticks(
             time=start + self.tick * np.arange(ticks + 1),
             X=np.concatenate([x[None], Z[:, :nx]]),
             F=F,
-            gained=Z[-1, nx:],
+            impulse_and_work=Z[-1, nx:],
             commanded=commanded[0] if commanded else None,
         )
 
     def _tick_by(self, in_task_space: bool) -> ca.Function:
         """Return one tick under one of the two laws, built on first use."""
         if in_task_space not in self._ticks:
-            disturbed = self.resistance is not None
+            disturbed = self.friction is not None
             limited = self.force_limits is not None
             one = tick_function(self.model, self.tick, self._substeps, disturbed, limited, in_task_space)
             self._ticks[in_task_space] = compiled(one) if self._native else one
@@ -90,24 +90,24 @@ class Rk4Step:
     """Integrates robot and object together, the bushings between them evaluated in every stage of a step."""
 
     def __init__(
-        self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, native: bool, resistance: Resistance | None
+        self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, native: bool, friction: JointFriction | None
     ) -> None:
         self._model = law.model
         one = capture_tick(law, tick, substeps)
         self._tick = ArrayFunction(compiled(one) if native else one)
         self._body = np.array([body.mass, *body.inertia])
-        way = resistance or Resistance.none(law.model.n)
-        self._friction = np.concatenate([way.viscous, way.coulomb, [way.width]])
+        friction = friction or JointFriction.none(law.model.n)
+        self._friction = np.concatenate([friction.viscous, friction.coulomb, [friction.width]])
 
     def __call__(
         self, x: np.ndarray, target_object: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
-        gained = np.zeros(self._model.parts["base"].stop + 1)
+        impulse_and_work = np.zeros(self._model.parts["base"].stop + 1)
         size = len(x)
         p = np.concatenate([robot.vector, self._friction, self._body])
-        z = self._tick(np.concatenate([x, gained, target_object]), F, parameters.ravel(), p)[0][0]
-        return z[:size], z[size + len(gained) :], z[size : size + len(gained)]
+        z = self._tick(np.concatenate([x, impulse_and_work, target_object]), F, parameters.ravel(), p)[0][0]
+        return z[:size], z[size + len(impulse_and_work) :], z[size : size + len(impulse_and_work)]
 
 
 def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
@@ -134,11 +134,11 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     force, wrench, power, _, _ = law.forces(Q, v, pose, rate, g)
     acting = F - viscous * v - coulomb * ca.tanh(v / width)
     target_object = FreeBody(body[0], ca.vertsplit(body[1:]))
-    moving, faster = target_object.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
+    pose_rate, velocity_rate = target_object.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
     vdot = model.dynamics.forward(Q, v, acting + force, robot)
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
     external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
-    zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *moving, *faster)
+    zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *pose_rate, *velocity_rate)
     flow = ca.Function("flow", [z, F, g, p], [zdot])
     symbols = [ca.MX.sym(name, each.numel()) for name, each in zip("zFgp", (z, F, g, p), strict=True)]
     attitudes = model.space.attitudes_at(0, z.numel() - no)
@@ -153,21 +153,21 @@ def tick_function(
 
     In task space the law is `F = J' F_m`, and in the place of u are the rates of the frames' velocities.
 
-    A disturbed one has the further arguments noise (2n,), push (n,) and p: the inertial parameters of the robot and of
-    the law, then the vector of a `Resistance`. A limited one has the vector of `ForceLimits` as its last argument, and
+    A disturbed one has the further arguments noise (2n,), external force (n,) and p: the inertial parameters of the
+    robot and of the law, then the vector of a `JointFriction`. A limited one has the vector of `ForceLimits` last, and
     returns also the force that the law commanded, before it was cut there.
     """
     n = model.n
     nx = model.nq + model.n
     law, flow = _law_and_flow(model, disturbed, in_task_space)
     sizes = ("z", flow.size1_in(0)), ("u", law.size1_in(1)), ("noise", 2 * n), ("push", n), ("limits", 2 * n)
-    z, u, noise, push, limits = (ca.MX.sym(*each) for each in sizes)
+    z, u, noise, external_force, limits = (ca.MX.sym(*each) for each in sizes)
     p = ca.MX.sym("p", flow.size1_in(2) if disturbed else 0)
     commanded = law(z[:nx], u, noise, p) if disturbed else law(z[:nx], u)
     F = _cut(model)(z[: model.nq], commanded, limits) if limited else commanded
-    held = [F + push, p] if disturbed else [F]
+    held = [F + external_force, p] if disturbed else [F]
     after = _runge_kutta(flow, z, held, tick, substeps, model.space.attitudes_at(0))
-    arguments = [z, u, *([noise, push, p] if disturbed else []), *([limits] if limited else [])]
+    arguments = [z, u, *([noise, external_force, p] if disturbed else []), *([limits] if limited else [])]
     results = [after, F, *([commanded] if limited else [])]
     return ca.Function("disturbed" if disturbed else "tick", arguments, results)
 
@@ -198,7 +198,7 @@ def _law_and_flow(model: RobotModel, disturbed: bool, in_task_space: bool) -> tu
     nq = model.nq
     base = model.parts["base"].stop
     w = model.nominal.vector
-    known = np.concatenate([w, w, Resistance.none(n).vector])
+    known = np.concatenate([w, w, JointFriction.none(n).vector])
     p = ca.SX.sym("p", known.size) if disturbed else ca.SX(known)
     robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
     of_inputs = model.task_space.law if in_task_space else model.dynamics.law
@@ -248,6 +248,6 @@ def build(setup: PlantSetup) -> Plant:
     """Build the plant, of robot and object together where there is something to capture."""
     capture = setup.capture
     if capture is None:
-        return Rk4Plant(setup.model, setup.tick, setup.substeps, setup.native, setup.resistance, setup.force_limits)
-    step = Rk4Step(capture.law, capture.body, setup.tick, setup.substeps, setup.native, setup.resistance)
+        return Rk4Plant(setup.model, setup.tick, setup.substeps, setup.native, setup.friction, setup.force_limits)
+    step = Rk4Step(capture.law, capture.body, setup.tick, setup.substeps, setup.native, setup.friction)
     return CapturePlant(capture, step, setup.force_limits)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.plant.base import Disturbance, ForceLimits, Plant, Resistance, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, stack
@@ -27,11 +27,12 @@ class Contact:
 
     Attributes:
         x: State after it (nq + n,).
-        gained: Momentum [N s, N m s] and kinetic energy [J] that the robot, with what it holds, gains, (4,) or (7,).
+        momentum_and_energy: Momentum [N s, N m s] and kinetic energy [J] that the robot gains, with what it holds, (4,)
+            or (7,).
     """
 
     x: np.ndarray
-    gained: np.ndarray
+    momentum_and_energy: np.ndarray
 
 
 class Uncertainty:
@@ -43,7 +44,7 @@ class Uncertainty:
     Attributes:
         spec: The uncertainty of the task.
         draw: What was drawn for the bodies.
-        resistance: Friction, to build the plant with; None where nothing disturbs it.
+        friction: Friction, to build the plant with; None where nothing disturbs it.
     """
 
     def __init__(self, task: TaskSpec, model: RobotModel) -> None:
@@ -52,12 +53,12 @@ class Uncertainty:
         self._task = task
         self._model = model
         self.draw = draw_bodies(self.spec, model.spec, task.seed)
-        self.resistance: Resistance | None = None
+        self.friction: JointFriction | None = None
         self._ticks = round(task.controller.sample_time * task.plant.low_level_rate)
         self._true = self.draw.applied(model.nominal)
         if disturbs(task):
-            self.resistance = resistance_of(self.spec, model.spec)
-            _check_step(task, model.mass_matrix(model.neutral, self._true), self.resistance)
+            self.friction = friction_of(self.spec, model.spec)
+            _check_step(task, model.mass_matrix(model.neutral, self._true), self.friction)
 
     def measured(self, sample: int, x: np.ndarray) -> np.ndarray:
         """Return the state measured at a sample where the true one is x (nq + n,)."""
@@ -74,7 +75,7 @@ class Uncertainty:
 
     def contact(self, x: np.ndarray, before: int, after: int) -> Contact:
         """Return the effect of a switch from one stage to another on the true state x."""
-        if self.resistance is None or self.holds(before) == self.holds(after):
+        if self.friction is None or self.holds(before) == self.holds(after):
             return Contact(x, np.zeros(self._model.parts["base"].stop + 1))
         change = take_up if self.holds(after) else release
         return change(self._model, x, self._true, self._with_payload(self._true))
@@ -91,7 +92,7 @@ class Uncertainty:
         twist_rates: np.ndarray | None = None,
     ) -> Ticks:
         """Advance the plant over a sample of a stage from the true state x; see `Plant.advance`."""
-        if self.resistance is None:
+        if self.friction is None:
             return plant.advance(start, x, u, None, closed, twist_rates)
         robot = self.true_parameters(stage)
         law = self._model.nominal
@@ -102,7 +103,7 @@ class Uncertainty:
 
     def true_parameters(self, stage: int) -> InertialParameters:
         """Return the inertial parameters of the simulated robot and what it holds in a stage."""
-        if self.resistance is None:
+        if self.friction is None:
             return self._model.nominal
         return self._with_payload(self._true) if self.holds(stage) else self._true
 
@@ -127,7 +128,7 @@ class Uncertainty:
 
     def _push(self, start: float) -> np.ndarray:
         """Return the external generalized force at each tick of the sample that begins at `start` (M, n)."""
-        push = np.zeros((self._ticks, self._model.n))
+        external_force = np.zeros((self._ticks, self._model.n))
         impulse = self.spec.impulse
         if impulse is not None:
             rate = self._task.plant.low_level_rate
@@ -135,9 +136,9 @@ class Uncertainty:
             if 0 <= tick < self._ticks:
                 d = self._model.dimension
                 base = self._model.parts["base"].stop
-                push[tick, :d] = rate * np.array(impulse.linear)
-                push[tick, d:base] = rate * np.array(impulse.angular)
-        return push
+                external_force[tick, :d] = rate * np.array(impulse.linear)
+                external_force[tick, d:base] = rate * np.array(impulse.angular)
+        return external_force
 
 
 def disturbs(task: TaskSpec) -> bool:
@@ -219,11 +220,11 @@ def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int,
     return np.asarray(drawn * deviation)
 
 
-def resistance_of(spec: UncertaintySpec, robot: RobotSpec) -> Resistance:
+def friction_of(spec: UncertaintySpec, robot: RobotSpec) -> JointFriction:
     """Return friction by coordinate."""
     viscous, coulomb = (_by_coordinate(each, robot, 0.0) for each in (spec.friction.viscous, spec.friction.coulomb))
     viscous[: robot.parts["base"]] = coulomb[: robot.parts["base"]] = 0.0
-    return Resistance(viscous, coulomb, spec.friction.width)
+    return JointFriction(viscous, coulomb, spec.friction.width)
 
 
 def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
@@ -239,13 +240,13 @@ def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
     return ForceLimits(share * declared.force_low, share * declared.force_high)
 
 
-def _check_step(task: TaskSpec, inertia: np.ndarray, way: Resistance) -> None:
+def _check_step(task: TaskSpec, inertia: np.ndarray, friction: JointFriction) -> None:
     """Make sure that the integrator's step suits the friction, which is stiffest near rest.
 
     Args:
         task: The task.
         inertia: Mass matrix of the true robot (n, n).
-        way: Its friction.
+        friction: Of its joints.
 
     Raises:
         InputError: It does not, or the mass matrix is singular.
@@ -256,9 +257,9 @@ def _check_step(task: TaskSpec, inertia: np.ndarray, way: Resistance) -> None:
             "mass nearer to the nominal ones"
         )
     step = task.plant.step or 1 / task.plant.low_level_rate
-    fastest = _fastest_rate(inertia, way.viscous + way.coulomb / way.width)
+    fastest = _fastest_rate(inertia, friction.viscous + friction.coulomb / friction.width)
     if step * fastest > 1.0:
-        viscous_alone = step * _fastest_rate(inertia, way.viscous) <= 1.0
+        viscous_alone = step * _fastest_rate(inertia, friction.viscous) <= 1.0
         wider = ", a larger uncertainty.friction.width" if viscous_alone else ""
         raise InputError(
             f"uncertainty.friction: found a step of {step:g} s, expected at most {0.95 / fastest:.2g} s for this "

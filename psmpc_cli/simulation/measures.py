@@ -82,8 +82,10 @@ class Meter:
             u: Accelerations that reached the robot over the ticks (M, n).
             contact: Effect of taking up or letting go at the sample; None without a payload.
         """
-        gained = ticks.gained if contact is None else ticks.gained + contact.gained
-        self._expected = self._expected + gained
+        change = ticks.impulse_and_work
+        if contact is not None:
+            change = change + contact.momentum_and_energy
+        self._expected = self._expected + change
         pending = PendingSample(
             command=command,
             ticks=ticks,
@@ -170,7 +172,9 @@ class Meter:
             "state/Q_true": x[:, : model.nq],
             "state/Qdot_true": x[:, model.nq :],
             "payload/held": [held] * len(x),
-            "payload/energy": [0.0 if each.contact is None else each.contact.gained[-1] for each in samples],
+            "payload/energy": [
+                0.0 if each.contact is None else each.contact.momentum_and_energy[-1] for each in samples
+            ],
             **({"pose/condition": model.task_space_condition(x[:, : model.nq])} if self._acts_in_task_space else {}),
             **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
             **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),

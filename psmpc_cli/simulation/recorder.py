@@ -384,7 +384,7 @@ class Recorder:
                 time=np.array([command.time, next_command.time]),
                 X=np.array([command.x, next_command.x]),
                 F=np.full((1, command.u.shape[1]), np.nan),
-                gained=np.full(base.stop + 1, np.nan),
+                impulse_and_work=np.full(base.stop + 1, np.nan),
             )
 
 
@@ -404,8 +404,8 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
         if shape_of(getattr(ticks, name)) != shape:
             raise rejected(f"ticks.{name}", getattr(ticks, name), f"numbers {shape}")
     of_base = command.law.model.parts["base"].stop + 1
-    if shape_of(ticks.gained) not in ((), (of_base,)):
-        raise rejected("ticks.gained", ticks.gained, f"numbers ({of_base},)")
+    if shape_of(ticks.impulse_and_work) not in ((), (of_base,)):
+        raise rejected("ticks.impulse_and_work", ticks.impulse_and_work, f"numbers ({of_base},)")
     time = np.array(ticks.time, dtype=float)
     if not (np.diff(time) > 0).all() or not abs(time[0] - command.time) <= command.tick:
         found = f"{time[0]:g} s to {time[-1]:g} s"
@@ -416,5 +416,5 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
         X=np.array(ticks.X, dtype=float),
         F=np.array(ticks.F, dtype=float),
         commanded=np.array(ticks.commanded, dtype=float),
-        gained=np.array(np.broadcast_to(ticks.gained, (of_base,)), dtype=float),
+        impulse_and_work=np.array(np.broadcast_to(ticks.impulse_and_work, (of_base,)), dtype=float),
     )

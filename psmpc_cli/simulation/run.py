@@ -51,14 +51,14 @@ def build_experiment(loaded: Task) -> Experiment:
     compiled = compile_for(problem)
     controller = Controller(problem)
     uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
-    resistance = None if uncertainty is None else uncertainty.resistance
+    friction = None if uncertainty is None else uncertainty.friction
     capture = build_capture(task, model)
     Q = stack(task.initial, loaded.robot, "joint")
     return Experiment(
         problem=problem,
         controller=controller,
         counterfactuals=Counterfactuals(controller),
-        plant=build_plant(task.plant, model, compiled, resistance, capture, force_limits_of(task, model.spec)),
+        plant=build_plant(task.plant, model, compiled, friction, capture, force_limits_of(task, model.spec)),
         uncertainty=uncertainty,
         capture=capture,
         x0=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],

@@ -39,7 +39,7 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work(state: State, su
     x = np.r_[Q, 0.2 * v]
     for build in (Rk4Plant, MujocoPlant):
         ticks = build(model, TICK, substeps).advance(0.0, x, np.tile(0.2 * u, (50, 1)))
-        np.testing.assert_allclose(change(model, x, ticks.X[-1]), ticks.gained, atol=1e-9)
+        np.testing.assert_allclose(change(model, x, ticks.X[-1]), ticks.impulse_and_work, atol=1e-9)
 
 
 def test_computed_torque_makes_the_robot_follow_the_ideal_plant(model: RobotModel, x: np.ndarray) -> None:

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.plant import Disturbance, ForceLimits, Plant, Resistance, Ticks
+from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Plant, Ticks
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
 
 TICK, M = 1e-3, 60
-FREE = Resistance.none(9)
-ROUGH = Resistance(np.r_[np.zeros(3), np.full(6, 0.2)], np.r_[np.zeros(3), np.full(6, 0.05)], 0.02)
+FREE = JointFriction.none(9)
+ROUGH = JointFriction(np.r_[np.zeros(3), np.full(6, 0.2)], np.r_[np.zeros(3), np.full(6, 0.05)], 0.02)
 PLANTS = (Rk4Plant, MujocoPlant)
 
 
-def build(plant: type, model: RobotModel, resistance: Resistance, substeps: int = 1) -> Plant:
-    built: Plant = plant(model, TICK, substeps, resistance=resistance)
+def build(plant: type, model: RobotModel, friction: JointFriction, substeps: int = 1) -> Plant:
+    built: Plant = plant(model, TICK, substeps, friction=friction)
     return built
 
 
@@ -43,18 +43,18 @@ def everything(model: RobotModel, nothing: Disturbance) -> Disturbance:
         np.array([2.5, 2.0]),
         np.array([0.3, 0.2]),
     )
-    push = np.zeros((M, 9))
-    push[20, :3] = [500.0, -300.0, 40.0]
-    return replace(nothing, robot=robot, noise=1e-3 * random.standard_normal((M, 18)), push=push)
+    external_force = np.zeros((M, 9))
+    external_force[20, :3] = [500.0, -300.0, 40.0]
+    return replace(nothing, robot=robot, noise=1e-3 * random.standard_normal((M, 18)), external_force=external_force)
 
 
-def gained(model: RobotModel, robot: InertialParameters, ticks: Ticks) -> np.ndarray:
+def imbalance(model: RobotModel, robot: InertialParameters, ticks: Ticks) -> np.ndarray:
     """Momentum and energy gained over a sample, less impulse and work (4,)."""
     before, after = (
         np.r_[model.momentum(*np.split(x, 2), robot), model.kinetic_energy(*np.split(x, 2), robot)]
         for x in ticks.X[[0, -1]]
     )
-    return after - before - ticks.gained
+    return after - before - ticks.impulse_and_work
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -94,13 +94,13 @@ def test_the_engines_differ_under_friction_by_the_step_it_is_held_for(
     assert apart[0] < 2e-3
 
 
-@pytest.mark.parametrize("resistance", [FREE, ROUGH], ids=["free", "rough"])
+@pytest.mark.parametrize("friction", [FREE, ROUGH], ids=["free", "rough"])
 @pytest.mark.parametrize("plant", PLANTS)
 def test_momentum_changes_by_the_impulse_and_energy_by_the_work(
-    model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance, plant: type, resistance: Resistance
+    model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance, plant: type, friction: JointFriction
 ) -> None:
-    ticks = build(plant, model, resistance, 2).advance(0.0, x, u, everything)
-    np.testing.assert_allclose(gained(model, everything.robot, ticks), 0, atol=1e-8)
+    ticks = build(plant, model, friction, 2).advance(0.0, x, u, everything)
+    np.testing.assert_allclose(imbalance(model, everything.robot, ticks), 0, atol=1e-8)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -109,11 +109,11 @@ def test_friction_takes_energy_and_no_momentum(
 ) -> None:
     """No force acts: the limits leave nothing of it."""
     still = ForceLimits(np.full(9, -1e-12), np.full(9, 1e-12))
-    without_force = plant(model, TICK, 1, resistance=ROUGH, force_limits=still)
+    without_force = plant(model, TICK, 1, friction=ROUGH, force_limits=still)
     ticks = without_force.advance(0.0, x, np.zeros((M, 9)), nothing)
-    assert ticks.gained[-1] < -1e-4
-    np.testing.assert_allclose(ticks.gained[:-1], 0, atol=1e-10)
-    np.testing.assert_allclose(gained(model, nothing.robot, ticks), 0, atol=1e-9)
+    assert ticks.impulse_and_work[-1] < -1e-4
+    np.testing.assert_allclose(ticks.impulse_and_work[:-1], 0, atol=1e-10)
+    np.testing.assert_allclose(imbalance(model, nothing.robot, ticks), 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("plant", PLANTS)

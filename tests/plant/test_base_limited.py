@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.plant import Disturbance, ForceLimits, Resistance, Ticks, build_plant
+from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Ticks, build_plant
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -58,9 +58,9 @@ def disturbance(robot: RobotModel) -> Disturbance:
         held_mass=known.held_mass,
         held_inertia=known.held_inertia,
     )
-    push = np.zeros((M, robot.n))
-    push[20, : robot.dimension] = 50.0
-    return Disturbance(true, known, 1e-3 * random.standard_normal((M, 2 * robot.n)), push)
+    external_force = np.zeros((M, robot.n))
+    external_force[20, : robot.dimension] = 50.0
+    return Disturbance(true, known, 1e-3 * random.standard_normal((M, 2 * robot.n)), external_force)
 
 
 def limits_within(robot: RobotModel, x: Array, u: Array) -> ForceLimits:
@@ -94,8 +94,8 @@ def test_forces_are_cut_along_the_axes_of_the_base(
     robot: RobotModel, x: Array, u: Array, disturbance: Disturbance, plant: type, disturbed: bool
 ) -> None:
     limits = limits_within(robot, x, u)
-    resistance = Resistance.none(robot.n) if disturbed else None
-    built = plant(robot, TICK, resistance=resistance, force_limits=limits)
+    friction = JointFriction.none(robot.n) if disturbed else None
+    built = plant(robot, TICK, friction=friction, force_limits=limits)
     ticks: Ticks = built.advance(0.0, x, u, disturbance if disturbed else None)
 
     commanded = along_own_axes(robot, ticks.X[:-1], ticks.commanded)
@@ -149,13 +149,13 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work_of_what_is_appli
     robot: RobotModel, x: Array, u: Array, disturbance: Disturbance, plant: type
 ) -> None:
     limits = limits_within(robot, x, u)
-    rough = Resistance(np.r_[np.zeros(6), np.full(robot.n - 6, 0.02)], np.zeros(robot.n), 0.02)
-    for resistance, given in ((None, None), (rough, disturbance)):
-        ticks = plant(robot, TICK, 2, resistance=resistance, force_limits=limits).advance(0.0, x, u, given)
+    rough = JointFriction(np.r_[np.zeros(6), np.full(robot.n - 6, 0.02)], np.zeros(robot.n), 0.02)
+    for friction, given in ((None, None), (rough, disturbance)):
+        ticks = plant(robot, TICK, 2, friction=friction, force_limits=limits).advance(0.0, x, u, given)
         assert not np.array_equal(ticks.F, ticks.commanded)
         true = None if given is None else given.robot
         change = kept(robot, ticks.X[-1], true) - kept(robot, x, true)
-        np.testing.assert_allclose(change, ticks.gained, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(change, ticks.impulse_and_work, rtol=0, atol=1e-8)
 
 
 @BOTH
@@ -169,9 +169,9 @@ def test_the_engines_agree(robot: RobotModel, x: Array, u: Array) -> None:
 @BOTH
 def test_compiled_is_interpreted_to_the_bit(robot: RobotModel, x: Array, u: Array, disturbance: Disturbance) -> None:
     limits = limits_within(robot, x, u)
-    for resistance, given in ((None, None), (Resistance.none(robot.n), disturbance)):
+    for friction, given in ((None, None), (JointFriction.none(robot.n), disturbance)):
         one, other = (
-            Rk4Plant(robot, TICK, 1, native, resistance, limits).advance(0.0, x, u, given) for native in (False, True)
+            Rk4Plant(robot, TICK, 1, native, friction, limits).advance(0.0, x, u, given) for native in (False, True)
         )
         for name in ("X", "F", "commanded"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
@@ -219,7 +219,7 @@ def test_forces_are_cut_while_the_robot_holds_an_object(tmp_path: Path, kind: st
         ticks = build_plant(spec, model, False, None, capture, limits).advance(0.0, start, u, None, np.ones(50, bool))
         assert ticks.target_object is not None and ticks.target_object.closed.all()
         after = kept(model, ticks.X[-1]) + capture.kept
-        np.testing.assert_allclose(after - before, ticks.gained, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(after - before, ticks.impulse_and_work, rtol=0, atol=1e-6)
         made.append(ticks)
     free, limited = made
     assert free.commanded is None

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.plant import Disturbance, Plant, Resistance, Ticks
+from psmpc_cli.plant import Disturbance, JointFriction, Plant, Ticks
 from psmpc_cli.plant.adaptive import AdaptiveDynamics
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.mujoco import MujocoPlant
@@ -60,9 +60,9 @@ def everything(robot: RobotModel) -> Disturbance:
         np.array([0.5, 0.2]),
         np.array([0.03, 0.01]),
     )
-    push = np.zeros((M, robot.n))
-    push[20, :6] = [50.0, -30.0, 10.0, 3.0, -2.0, 5.0]
-    return Disturbance(true, known, 1e-3 * random.standard_normal((M, 2 * robot.n)), push)
+    external_force = np.zeros((M, robot.n))
+    external_force[20, :6] = [50.0, -30.0, 10.0, 3.0, -2.0, 5.0]
+    return Disturbance(true, known, 1e-3 * random.standard_normal((M, 2 * robot.n)), external_force)
 
 
 def kept(robot: RobotModel, x: Array, parameters: InertialParameters | None = None) -> Array:
@@ -81,7 +81,7 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work(
     robot: RobotModel, x: Array, u: Array, plant: type
 ) -> None:
     ticks: Ticks = plant(robot, TICK).advance(0.0, x, u)
-    np.testing.assert_allclose(kept(robot, ticks.X[-1]) - kept(robot, x), ticks.gained, atol=1e-10)
+    np.testing.assert_allclose(kept(robot, ticks.X[-1]) - kept(robot, x), ticks.impulse_and_work, atol=1e-10)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -89,15 +89,15 @@ def test_so_it_is_with_everything_that_disturbs(
     robot: RobotModel, x: Array, u: Array, everything: Disturbance, plant: type
 ) -> None:
     n = robot.n
-    rough = Resistance(np.r_[np.zeros(6), np.full(n - 6, 0.02)], np.zeros(n), 0.02)
-    ticks: Ticks = plant(robot, TICK, 2, resistance=rough).advance(0.0, x, u, everything)
+    rough = JointFriction(np.r_[np.zeros(6), np.full(n - 6, 0.02)], np.zeros(n), 0.02)
+    ticks: Ticks = plant(robot, TICK, 2, friction=rough).advance(0.0, x, u, everything)
     before, after = (kept(robot, ticks.X[k], everything.robot) for k in (0, -1))
-    np.testing.assert_allclose(after - before, ticks.gained, atol=2e-9)
+    np.testing.assert_allclose(after - before, ticks.impulse_and_work, atol=2e-9)
 
 
 def test_the_engines_agree(robot: RobotModel, x: Array, u: Array, everything: Disturbance) -> None:
-    free, replayed = Resistance.none(robot.n), Rk4Plant(robot, TICK).advance(0.0, x, u)
-    built: list[Plant] = [plant(robot, TICK, 1, resistance=free) for plant in PLANTS]
+    free, replayed = JointFriction.none(robot.n), Rk4Plant(robot, TICK).advance(0.0, x, u)
+    built: list[Plant] = [plant(robot, TICK, 1, friction=free) for plant in PLANTS]
     one, other = (plant.advance(0.0, x, u, everything).X for plant in built)
     assert apart(robot, one, other) < 1e-10
     assert apart(robot, one, replayed.X) > 1e-3
@@ -107,12 +107,14 @@ def test_the_engines_agree(robot: RobotModel, x: Array, u: Array, everything: Di
 def test_a_push_is_a_blow_to_the_base_in_space(robot: RobotModel, x: Array, everything: Disturbance) -> None:
     """Force along inertial axes, torque about the body's: the momentum it gives is that of the impulse."""
     blow = replace(everything, robot=robot.nominal, noise=np.zeros((M, 2 * robot.n)))
-    free = Rk4Plant(robot, TICK, resistance=Resistance.none(robot.n))
+    free = Rk4Plant(robot, TICK, friction=JointFriction.none(robot.n))
     x = np.r_[x[: robot.nq], np.zeros(robot.n)]
     ticks = free.advance(0.0, x, np.zeros((M, robot.n)), blow)
-    force, torque = TICK * blow.push[20, :3], TICK * blow.push[20, 3:6]
+    force, torque = TICK * blow.external_force[20, :3], TICK * blow.external_force[20, 3:6]
     turned = Rotation.from_quat(x[3:7], scalar_first=True).apply(torque)
-    np.testing.assert_allclose(ticks.gained[:-1], [*force, *(turned + np.cross(x[:3], force))], rtol=1e-2, atol=1e-4)
+    np.testing.assert_allclose(
+        ticks.impulse_and_work[:-1], [*force, *(turned + np.cross(x[:3], force))], rtol=1e-2, atol=1e-4
+    )
 
 
 def test_the_quaternion_stays_a_unit_one_for_a_minute(robot: RobotModel, x: Array) -> None:
@@ -156,7 +158,7 @@ def test_taking_up_keeps_momentum_and_letting_go_velocities(robot: RobotModel, x
     holding = robot.nominal.holding(np.array([3.0, 2.0]), np.array([0.4, 0.3]))
     taken, left = take_up(robot, x, robot.nominal, holding), release(robot, x, robot.nominal, holding)
     np.testing.assert_allclose(kept(robot, taken.x, holding)[:6], kept(robot, x)[:6], atol=1e-12)
-    assert taken.gained[-1] == pytest.approx(kept(robot, taken.x, holding)[6] - kept(robot, x)[6])
-    assert taken.gained[-1] < 0
+    assert taken.momentum_and_energy[-1] == pytest.approx(kept(robot, taken.x, holding)[6] - kept(robot, x)[6])
+    assert taken.momentum_and_energy[-1] < 0
     np.testing.assert_array_equal(left.x, x)
-    np.testing.assert_allclose(kept(robot, x, holding) + left.gained, kept(robot, x), atol=1e-12)
+    np.testing.assert_allclose(kept(robot, x, holding) + left.momentum_and_energy, kept(robot, x), atol=1e-12)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.plant.base import Disturbance, Plant, Resistance
+from psmpc_cli.plant.base import Disturbance, JointFriction, Plant
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -83,10 +83,10 @@ def test_a_disturbed_plant_takes_the_law_of_what_it_knows() -> None:
     known = robot.nominal
     heavier = known.holding(np.full(2, 5.0), np.full(2, 0.1))
     nothing = np.zeros((M, 9))
-    disturbance = Disturbance(robot=heavier, law=known, noise=np.zeros((M, 18)), push=nothing)
+    disturbance = Disturbance(robot=heavier, law=known, noise=np.zeros((M, 18)), external_force=nothing)
     rates = np.full((M, 9), 0.1)
     one, other = (
-        plant(robot, TICK, resistance=Resistance.none(9)).advance(0.0, x, nothing, disturbance, None, rates)
+        plant(robot, TICK, friction=JointFriction.none(9)).advance(0.0, x, nothing, disturbance, None, rates)
         for plant in (Rk4Plant, MujocoPlant)
     )
     np.testing.assert_allclose(one.X, other.X, rtol=0, atol=1e-8)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.plant import Disturbance, ForceLimits, Resistance
+from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction
 from psmpc_cli.plant.adaptive import AdaptiveDynamics
 from psmpc_cli.plant.base import TickedPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -41,18 +41,18 @@ def u() -> np.ndarray:
 def disturbance(model: RobotModel) -> Disturbance:
     """Noise at every tick, a law that takes the bodies for lighter, and a push."""
     random = np.random.default_rng(9)
-    push = np.zeros((M, 9))
-    push[7, :3] = [300.0, -200.0, 40.0]
+    external_force = np.zeros((M, 9))
+    external_force[7, :3] = [300.0, -200.0, 40.0]
     none = Disturbance.none(model.nominal, M, 9)
     law = replace(model.nominal, mass=0.9 * model.nominal.mass)
-    return replace(none, law=law, noise=1e-3 * random.standard_normal((M, 18)), push=push)
+    return replace(none, law=law, noise=1e-3 * random.standard_normal((M, 18)), external_force=external_force)
 
 
 @pytest.mark.parametrize("limits", [None, LIMITS], ids=["free", "limited"])
 def test_the_loop_is_that_which_rk4_has_compiled(
     model: RobotModel, x: np.ndarray, u: np.ndarray, disturbance: Disturbance, limits: ForceLimits | None
 ) -> None:
-    rk4 = Rk4Plant(model, TICK, resistance=Resistance.none(9), force_limits=limits)
+    rk4 = Rk4Plant(model, TICK, friction=JointFriction.none(9), force_limits=limits)
     expected = rk4.advance(1.5, x, u, disturbance)
     ticks = Adaptive(model, limits).advance(1.5, x, u, disturbance)
     np.testing.assert_array_equal(ticks.time, expected.time)

@@ -122,9 +122,9 @@ def test_momentum_and_energy_are_kept(make: Any, plant: str, grasp: dict[str, An
     assert first.target_object is not None and last.target_object is not None and last.target_object.closed.all()
     states = ((first.X[0], first.target_object, 0), (last.X[-1], last.target_object, -1))
     before, after = (kept(task, capture, x, np.r_[o.pose[k], o.v[k]]) for x, o, k in states)
-    gained = sum(ticks.gained for ticks in made)
-    assert np.abs(after - before - gained)[:-1].max() < 1e-7
-    assert abs(after - before - gained)[-1] < 1e-6
+    impulse_and_work = sum(ticks.impulse_and_work for ticks in made)
+    assert np.abs(after - before - impulse_and_work)[:-1].max() < 1e-7
+    assert abs(after - before - impulse_and_work)[-1] < 1e-6
 
 
 @BOTH
@@ -164,7 +164,7 @@ def test_what_a_grasp_gives_to_the_robot_it_takes_from_the_object(make: Any) -> 
     robot = [model.momentum(made[0].X[k, : model.nq], made[0].X[k, model.nq :]) for k in (0, -1)]
     body = [np.array(capture.body.momentum(target_object.pose[k], target_object.v[k])) for k in (0, -1)]
     assert np.abs(body[1] - body[0]).max() > 1e-3  # it was pulled
-    assert robot[1] - robot[0] - made[0].gained[:-1] == pytest.approx(-(body[1] - body[0]), abs=1e-9)
+    assert robot[1] - robot[0] - made[0].impulse_and_work[:-1] == pytest.approx(-(body[1] - body[0]), abs=1e-9)
     assert size == len(target_object.pose[0])
 
 
@@ -322,6 +322,6 @@ def test_a_law_that_does_not_know_its_load_accelerates_less_by_the_largest_ratio
     plant = build_plant(task.spec.plant, model, False, None, capture)
     u = 0.05 * v / np.abs(v).max()
     ticks = plant.advance(0.0, np.r_[Q, np.zeros(model.n)], u * np.ones((M, 1)), None, np.ones(M, bool))
-    gained = ticks.X[-1, model.nq :] / (M * TICK)
+    impulse_and_work = ticks.X[-1, model.nq :] / (M * TICK)
     H = model.mass_matrix(Q)
-    assert gained @ H @ u == pytest.approx(u @ H @ u / (1 + ratio), rel=0.02)
+    assert impulse_and_work @ H @ u == pytest.approx(u @ H @ u / (1 + ratio), rel=0.02)

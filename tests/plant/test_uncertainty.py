@@ -7,9 +7,9 @@ from psmpc_cli.plant import ForceLimits
 from psmpc_cli.plant.uncertainty import (
     draw_bodies,
     force_limits_of,
+    friction_of,
     measurement_noise,
     release,
-    resistance_of,
     take_up,
 )
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -69,10 +69,10 @@ def test_noise_is_a_function_of_seed_and_sample_with_its_deviations(model: Robot
 
 
 def test_friction_is_of_the_coordinates_it_names(model: RobotModel) -> None:
-    friction = {"viscous": 0.1, "coulomb": {"arm_2": [0.1, 0.2, 0.3]}}
-    way = resistance_of(spec(friction=friction), model.spec)
-    np.testing.assert_array_equal(way.viscous, [0, 0, 0] + 6 * [0.1])
-    np.testing.assert_array_equal(way.coulomb, 6 * [0] + [0.1, 0.2, 0.3])
+    coefficients = {"viscous": 0.1, "coulomb": {"arm_2": [0.1, 0.2, 0.3]}}
+    friction = friction_of(spec(friction=coefficients), model.spec)
+    np.testing.assert_array_equal(friction.viscous, [0, 0, 0] + 6 * [0.1])
+    np.testing.assert_array_equal(friction.coulomb, 6 * [0] + [0.1, 0.2, 0.3])
 
 
 def limits_of(*changes: str) -> ForceLimits | None:
@@ -122,11 +122,11 @@ def test_a_take_up_conserves_momentum_and_loses_energy(
     contact = take_up(model, x, model.nominal, holding)
     (p, T), (p_after, T_after) = kept(model, x, model.nominal), kept(model, contact.x, holding)
     np.testing.assert_allclose(p_after, p, atol=1e-12)
-    np.testing.assert_array_equal(contact.gained[:-1], 0)
+    np.testing.assert_array_equal(contact.momentum_and_energy[:-1], 0)
     np.testing.assert_array_equal(contact.x[:9], x[:9])
     assert np.abs(contact.x[9:] - x[9:]).max() > 0.01
-    assert contact.gained[-1] == pytest.approx(T_after - T, rel=1e-12)
-    assert contact.gained[-1] < 0
+    assert contact.momentum_and_energy[-1] == pytest.approx(T_after - T, rel=1e-12)
+    assert contact.momentum_and_energy[-1] < 0
 
 
 def test_the_loss_is_that_of_a_plastic_impact(model: RobotModel) -> None:
@@ -140,7 +140,9 @@ def test_the_loss_is_that_of_a_plastic_impact(model: RobotModel) -> None:
     J = model.J_C(x[:9]).full()[model.pose_rows["arm_1"]]
     v, mobility = J @ x[9:], J @ np.linalg.solve(model.mass_matrix(x[:9]), J.T)
     together = np.linalg.inv(mobility + np.diag(1 / np.array([4.0, 4.0, 0.5])))
-    assert take_up(model, x, model.nominal, held).gained[-1] == pytest.approx(-float(v @ together @ v) / 2, rel=1e-10)
+    assert take_up(model, x, model.nominal, held).momentum_and_energy[-1] == pytest.approx(
+        -float(v @ together @ v) / 2, rel=1e-10
+    )
 
 
 def test_a_release_keeps_velocities_and_gives_away_the_objects_share(
@@ -149,5 +151,5 @@ def test_a_release_keeps_velocities_and_gives_away_the_objects_share(
     contact = release(model, x, model.nominal, holding)
     (p, T), (p_left, T_left) = kept(model, x, holding), kept(model, x, model.nominal)
     np.testing.assert_array_equal(contact.x, x)
-    np.testing.assert_allclose(p + contact.gained[:-1], p_left, atol=1e-12)
-    assert T + contact.gained[-1] == pytest.approx(T_left, rel=1e-12)
+    np.testing.assert_allclose(p + contact.momentum_and_energy[:-1], p_left, atol=1e-12)
+    assert T + contact.momentum_and_energy[-1] == pytest.approx(T_left, rel=1e-12)

@@ -165,8 +165,8 @@ def test_a_wrong_command_is_an_error_and_is_not_recorded() -> None:
     cut = replace(of_sample, commanded=np.zeros((2, n)))
     backwards = replace(of_sample, time=command.edges[::-1])
     later = replace(of_sample, time=command.edges + 1.0)
-    with_gain = replace(of_sample, gained=np.zeros(3))
-    in_words = replace(of_sample, gained="much")
+    with_gain = replace(of_sample, impulse_and_work=np.zeros(3))
+    in_words = replace(of_sample, impulse_and_work="much")
     for wrong, message in (
         ((other,), "command: found .*expected one of <Controller psmpc for transport"),
         ((3,), "command: found 3, expected a Command"),
@@ -174,8 +174,8 @@ def test_a_wrong_command_is_an_error_and_is_not_recorded() -> None:
         ((command, ticks), r"ticks.time: found an array \(3,\).*numbers \(101,\)"),
         ((command, backwards), r"ticks.time: found 0.1 s to 0 s, expected ascending times from 0 s on"),
         ((command, later), r"ticks.time: found 1 s to 1.1 s, expected ascending times from 0 s on"),
-        ((command, with_gain), r"ticks.gained: found an array \(3,\).*numbers \(4,\)"),
-        ((command, in_words), r"ticks.gained: found the text \"much\", expected numbers \(4,\)"),
+        ((command, with_gain), r"ticks.impulse_and_work: found an array \(3,\).*numbers \(4,\)"),
+        ((command, in_words), r"ticks.impulse_and_work: found the text \"much\", expected numbers \(4,\)"),
         ((command, cut), r"ticks.commanded: found an array \(2, 9\).*numbers \(100, 9\)"),
     ):
         with pytest.raises(psmpc.InputError, match=message):
@@ -204,10 +204,10 @@ def test_ticks_that_were_added_can_be_written_to_again() -> None:
     n = controller.problem.model.n
     command = controller.step(0.0, psmpc.State(np.zeros(n), np.zeros(n)))
     X = np.zeros((101, 2 * n))
-    gained = np.zeros(4)
-    recorder.add(command, psmpc.Ticks(time=command.edges, X=X, F=np.zeros((100, n)), gained=gained))
+    impulse_and_work = np.zeros(4)
+    recorder.add(command, psmpc.Ticks(time=command.edges, X=X, F=np.zeros((100, n)), impulse_and_work=impulse_and_work))
     X[:] = 7.0
-    gained[:] = 7.0
+    impulse_and_work[:] = 7.0
     run = recorder.run()
     assert not run.ticks["Q"].any()
-    assert X.flags.writeable and gained.flags.writeable
+    assert X.flags.writeable and impulse_and_work.flags.writeable

@@ -174,7 +174,7 @@ def nearest(problem: Problem, Q: np.ndarray) -> float:
             argument = argument_of(group, model, sample)
             if argument is not None:
                 taken = np.concatenate([chart.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
-                rows = model.owned((functions, group.pairs), partial(functions, model, group.pairs))
+                rows = model.cached((functions, group.pairs), partial(functions, model, group.pairs))
                 found.append(rows.value(x, taken)[0].min())
     return float(np.min(found))
 

@@ -44,8 +44,8 @@ class Grip:
         frame = list(model.pose_rows).index(gripper)
         pose = model.poses(Q)[frame]
         twist = (np.array(model.J_C(Q)) @ v).reshape(-1, space.n_twist)[frame]
-        linear, angular = space.lifted_twist(twist)
-        _, attitude = space.lifted(pose)
+        linear, angular = space.twist_to_3d(twist)
+        _, attitude = space.to_3d(pose)
         return cls(pose, np.array(space.twist(linear, rotate(conjugate(attitude), angular))))
 
 

@@ -167,7 +167,7 @@ def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterato
     """
     robot = task.robot
     for index, (numbers, reaches) in enumerate(zip(forecast.stage.reference.points, forecast.along, strict=True)):
-        base = f"with the base at {configuration_space(robot).written(numbers)}"
+        base = f"with the base at {configuration_space(robot).format_pose(numbers)}"
         for arm, reach in reaches.items():
             known = True
             far = f"{reach.distance:.4g} m from"

@@ -69,7 +69,7 @@ class Load:
             h = model.dynamics.momentum(Q, v, self.parameters(model).vector)
             return ca.Function("momentum", [x, anchor], ca.cse([h]))
 
-        return model.owned((type(self).momentum, self), build)
+        return model.cached((type(self).momentum, self), build)
 
     def force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
         """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7)."""

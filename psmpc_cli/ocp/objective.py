@@ -366,9 +366,9 @@ class StageFunctions:
         frame = self.model.pose_rows[self.shape.object_names[0]]
         of_skill = self._target[: self._numbers_of_skill]
         inside, destination = ca.vertsplit(self._target[self._numbers_of_skill :], space.n_pose)
-        p, q = space.lifted(ca.vertsplit(self.model.charted(self._Q, of_skill[self.anchor])[frame]))
-        r, q_r = space.lifted(ca.vertsplit(inside))
-        wanted_position, wanted_attitude = space.lifted(ca.vertsplit(destination))
+        p, q = space.to_3d(ca.vertsplit(self.model.charted(self._Q, of_skill[self.anchor])[frame]))
+        r, q_r = space.to_3d(ca.vertsplit(inside))
+        wanted_position, wanted_attitude = space.to_3d(ca.vertsplit(destination))
         position = add(p, rotate(q, r))
         attitude = product(q, q_r)
         turned = product(conjugate(wanted_attitude), attitude)
@@ -437,7 +437,9 @@ class StageFunctions:
     def step(self, discretization: str) -> ca.Function:
         """Return x (2n,), u, dt, anchor of the chart -> x after dt under a constant u."""
         of_input = self.shape.input
-        return self.model.owned(("step", of_input, discretization), lambda: _step(self.model, of_input, discretization))
+        return self.model.cached(
+            ("step", of_input, discretization), lambda: _step(self.model, of_input, discretization)
+        )
 
 
 def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
@@ -457,12 +459,12 @@ def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
         F = load.own_force(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
         return IntervalFunctions(x, dv, h, anchor, F / ca.sqrt(h), ends=(0,))
 
-    return model.owned((force_residual, load), build)
+    return model.cached((force_residual, load), build)
 
 
 def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) -> StageFunctions:
     """Return the functions of the stages of a shape, the same ones for every call; the model owns them."""
-    return model.owned((StageFunctions, shape, native), lambda: StageFunctions(model, shape, native))
+    return model.cached((StageFunctions, shape, native), lambda: StageFunctions(model, shape, native))
 
 
 class StageCosts:

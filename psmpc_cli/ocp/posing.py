@@ -253,7 +253,7 @@ def _times(space: ConfigurationSpace, stage: Stage, way: np.ndarray, turn: float
         turn: By how much a spatial base turns [rad]; it stands for the components of its attitude.
     """
     change = np.append(way, turn)
-    if space.turns_freely:
+    if space.has_quaternion:
         change[space.rotation] = 0.0
     rates = largest_rates(space, stage)
     rate, gain = np.where(change > 0, rates[::2], rates[1::2])

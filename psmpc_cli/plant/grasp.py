@@ -64,11 +64,11 @@ def compared(space: ConfigurationSpace, gripper: Any, rate: Any, pose: Any, v: A
         v: Its velocity, angular about its own axes.
         anchor: The pose in the object's frame that the gripper is compared with.
     """
-    at, attitude = space.lifted(gripper)
-    moving, turning = space.lifted_twist(rate)
-    centre, q = space.lifted(pose)
-    carried, spin = space.lifted_twist(v)
-    inside, turned = space.lifted(anchor)
+    at, attitude = space.to_3d(gripper)
+    moving, turning = space.twist_to_3d(rate)
+    centre, q = space.to_3d(pose)
+    carried, spin = space.twist_to_3d(v)
+    inside, turned = space.to_3d(anchor)
     spin = rotate(q, spin)
     lever = add(at, scaled(centre, -1))
     wanted = product(q, turned)
@@ -147,10 +147,10 @@ class GraspLaw:
             force = force + J.T @ w
             wrench = wrench + back
             power = power + power_of_grasp
-            inside, _ = self.space.lifted(ca.vertsplit(own)[: self.sizes[0]])
-            _, attitude = self.space.lifted(ca.vertsplit(pose))
+            inside, _ = self.space.to_3d(ca.vertsplit(own)[: self.sizes[0]])
+            _, attitude = self.space.to_3d(ca.vertsplit(pose))
             outwards = rotate(attitude, inside)
-            on_object, moment = self.space.lifted_twist(ca.vertsplit(-w))
+            on_object, moment = self.space.twist_to_3d(ca.vertsplit(-w))
             distance = ca.sqrt(dot(outwards, outwards))
             pull = dot(on_object, outwards) / ca.fmax(distance, TINY)
             shear = ca.sqrt(ca.fmax(dot(on_object, on_object) - pull**2, 0))
@@ -187,8 +187,8 @@ class GraspLaw:
             anchors: Poses of the grippers in the object's frame (A, 3) or (A, 7); they may not be there yet.
         """
         J = np.vstack([self.gripper(i, Q, np.zeros(self.model.n))[2].full() for i in range(len(self.grippers))])
-        _, attitude = self.space.lifted(pose)
-        levers = [rotate(attitude, self.space.lifted(anchor)[0]) for anchor in anchors]
+        _, attitude = self.space.to_3d(pose)
+        levers = [rotate(attitude, self.space.to_3d(anchor)[0]) for anchor in anchors]
         of_object = np.block([[self._inverse_mass(pose, there, here) for there in levers] for here in levers])
         return np.asarray(J @ np.linalg.solve(self.model.mass_matrix(Q), J.T) + of_object)
 
@@ -196,10 +196,10 @@ class GraspLaw:
         """Return the acceleration of the object's point at the lever `here` by a wrench on it at the lever `there`."""
         columns = []
         space = self.space
-        for force, moment in map(space.lifted_twist, np.eye(self.size)):
+        for force, moment in map(space.twist_to_3d, np.eye(self.size)):
             wrench = space.twist(force, add(moment, cross(there, force)))
-            linear, angular = space.lifted_twist(self.body.rates(pose, np.zeros(self.size), wrench)[1])
-            angular = rotate(space.lifted(pose)[1], angular)
+            linear, angular = space.twist_to_3d(self.body.rates(pose, np.zeros(self.size), wrench)[1])
+            angular = rotate(space.to_3d(pose)[1], angular)
             columns.append(space.twist(add(linear, cross(angular, here)), angular))
         return np.array(columns, dtype=float).T
 

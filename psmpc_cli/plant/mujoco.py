@@ -100,9 +100,7 @@ class MujocoPlant(TickedPlant):
         Q = x[:nq].copy()
         v = x[nq:].copy()
         if not self.model.spec.moved_by.moves:
-            self.engine.body_pos[self._base], self.engine.body_quat[self._base] = space.lifted(
-                Q[space.base_coordinates]
-            )
+            self.engine.body_pos[self._base], self.engine.body_quat[self._base] = space.to_3d(Q[space.base_coordinates])
         for _ in range(self.substeps):
             Q_before = Q.copy()
             v_before = v.copy()
@@ -210,9 +208,9 @@ class MujocoStep:
         mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
         space = self._law.body.space
         rate = np.array(space.twist(velocity[3:], velocity[:3]))
-        pose = space.dropped(at, quaternion)
+        pose = space.from_3d(at, quaternion)
         w, _, power = self._bushing(pose, rate, data.qpos[self._q], data.qvel[self._v], parameters)
-        force, moment = (np.array(each, dtype=float) for each in space.lifted_twist(w[0]))
+        force, moment = (np.array(each, dtype=float) for each in space.twist_to_3d(w[0]))
         for body, sign in ((engine.site_bodyid[site], 1.0), (self._body, -1.0)):
             mujoco.mj_applyFT(engine, data, sign * force, sign * moment, at, body, data.qfrc_applied)
         return float(power[0, 0])

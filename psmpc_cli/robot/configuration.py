@@ -205,7 +205,7 @@ class ConfigurationSpace(ABC):
         self.joint_coordinates = slice(self.n_pose, self.nq)
 
     @property
-    def turns_freely(self) -> bool:
+    def has_quaternion(self) -> bool:
         """Whether the attitude of a frame has a quaternion, and motions a chart about one."""
         return self.n_anchor > 0
 
@@ -236,7 +236,7 @@ class ConfigurationSpace(ABC):
     def attitudes_at(self, *first: int) -> list[slice]:
         """Return the rows of the unit quaternions in a vector that has poses from these rows on; none in the plane."""
         rows = self.pose_attitude
-        return [slice(at + rows.start, at + rows.stop) for at in first if self.turns_freely]
+        return [slice(at + rows.start, at + rows.stop) for at in first if self.has_quaternion]
 
     # Motion
 
@@ -275,7 +275,7 @@ class ConfigurationSpace(ABC):
     def normalized(self, Q: Array) -> Array:
         """Return coordinates (..., nq) with unit quaternions."""
         Q = Q.copy()
-        if self.turns_freely:
+        if self.has_quaternion:
             Q[..., self.attitude] /= np.linalg.norm(Q[..., self.attitude], axis=-1, keepdims=True)
         return Q
 
@@ -315,7 +315,7 @@ class ConfigurationSpace(ABC):
         """Return coordinates (K, nq) as numbers that are continuous along the rows, in the order of v (K, n)."""
 
     @abstractmethod
-    def written(self, pose: Array) -> str:
+    def format_pose(self, pose: Array) -> str:
         """Write a pose for a message."""
 
     # Forces
@@ -338,8 +338,8 @@ class ConfigurationSpace(ABC):
 
     def _with_force_turned(self, Q: Any, F: Any, by: Callable[[list[Any]], list[Any]]) -> list[Any]:
         """Return the components F (n,) with the base's force turned by its attitude, or by the inverse."""
-        _, quaternion = self.lifted([Q[i] for i in range(self.n_pose)])
-        linear, angular = self.lifted_twist([F[i] for i in range(self.n_twist)])
+        _, quaternion = self.to_3d([Q[i] for i in range(self.n_pose)])
+        linear, angular = self.twist_to_3d([F[i] for i in range(self.n_twist)])
         turned = self.twist(rotate(by(quaternion), linear), angular)
         return [*turned, *(F[i] for i in range(self.n_twist, self.n))]
 
@@ -372,23 +372,23 @@ class ConfigurationSpace(ABC):
     # Vectors of the plane in space
 
     @abstractmethod
-    def lifted(self, pose: Any) -> tuple[list[Any], list[Any]]:
+    def to_3d(self, pose: Any) -> tuple[list[Any], list[Any]]:
         """Return position (3,) and unit quaternion (4,) of a pose."""
 
     @abstractmethod
-    def dropped(self, position: Array, quaternion: Array) -> Array:
-        """Return the pose (n_pose,) at a position (3,) and a unit quaternion (4,); the inverse of `lifted`."""
+    def from_3d(self, position: Array, quaternion: Array) -> Array:
+        """Return the pose (n_pose,) at a position (3,) and a unit quaternion (4,); the inverse of `to_3d`."""
 
     @abstractmethod
-    def lifted_twist(self, twist: Any) -> tuple[list[Any], list[Any]]:
+    def twist_to_3d(self, twist: Any) -> tuple[list[Any], list[Any]]:
         """Return the linear and the angular vector (3,) of a velocity or a wrench."""
 
     @abstractmethod
     def twist(self, linear: Any, angular: Any) -> list[Any]:
-        """Return the components (n_twist,) of two vectors (3,) that count; the inverse of `lifted_twist`."""
+        """Return the components (n_twist,) of two vectors (3,) that count; the inverse of `twist_to_3d`."""
 
     @abstractmethod
-    def lifted_moments(self, moments: Any) -> list[Any]:
+    def moments_to_3d(self, moments: Any) -> list[Any]:
         """Return xx, yy, zz, xy, xz, yz of an inertia (n_moments,)."""
 
     # Poses relative to others
@@ -407,9 +407,9 @@ class ConfigurationSpace(ABC):
 
     def carried_rate(self, pose: Any, v: Any, inside: Any) -> Array:
         """Compute the velocity of a pose fixed to a moving one: linear in the inertial frame, angular in its own."""
-        _, quaternion = self.lifted(pose)
-        at, turned = self.lifted(inside)
-        linear, angular = self.lifted_twist(v)  # about the body's axes, which in the plane is the same
+        _, quaternion = self.to_3d(pose)
+        at, turned = self.to_3d(inside)
+        linear, angular = self.twist_to_3d(v)  # about the body's axes, which in the plane is the same
         moved = add(linear, rotate(quaternion, cross(angular, at)))
         return np.array(self.twist(moved, rotate(conjugate(turned), angular)))
 
@@ -486,7 +486,7 @@ class PlanarSpace(ConfigurationSpace):
         """Return Q."""
         return Q
 
-    def written(self, pose: Array) -> str:
+    def format_pose(self, pose: Array) -> str:
         """Write the angle in degrees."""
         return f"[{pose[0]:g}, {pose[1]:g}, {np.degrees(pose[2]):g} deg]"
 
@@ -522,19 +522,19 @@ class PlanarSpace(ConfigurationSpace):
         """Turn about z."""
         return turn_matrix((0.0, 0.0, 1.0), Q[2])
 
-    def lifted_moments(self, moments: Any) -> list[Any]:
+    def moments_to_3d(self, moments: Any) -> list[Any]:
         """Return zero but for zz."""
         return [0.0, 0.0, *moments, 0.0, 0.0, 0.0]
 
-    def lifted(self, pose: Any) -> tuple[list[Any], list[Any]]:
+    def to_3d(self, pose: Any) -> tuple[list[Any], list[Any]]:
         """Put the pose at z = 0."""
         return [pose[0], pose[1], 0.0], turn((0.0, 0.0, 1.0), pose[2])
 
-    def dropped(self, position: Array, quaternion: Array) -> Array:
+    def from_3d(self, position: Array, quaternion: Array) -> Array:
         """Take the angle about z."""
         return np.array([*position[:2], 2 * np.arctan2(quaternion[3], quaternion[0])])
 
-    def lifted_twist(self, twist: Any) -> tuple[list[Any], list[Any]]:
+    def twist_to_3d(self, twist: Any) -> tuple[list[Any], list[Any]]:
         """Turn about z."""
         return [twist[0], twist[1], 0.0], [0.0, 0.0, twist[2]]
 
@@ -544,15 +544,15 @@ class PlanarSpace(ConfigurationSpace):
 
     def composed(self, pose: Any, inside: Any) -> Array:
         """Turn the position and add the angles."""
-        position, quaternion = self.lifted(pose)
-        at, _ = self.lifted(inside)
+        position, quaternion = self.to_3d(pose)
+        at, _ = self.to_3d(inside)
         moved = add(position, rotate(quaternion, at))
         return np.array([*moved[:2], pose[2] + inside[2]])
 
     def relative(self, pose: Any, to: Any) -> Array:
         """Turn the position back and subtract the angles."""
-        position, quaternion = self.lifted(to)
-        at, _ = self.lifted(pose)
+        position, quaternion = self.to_3d(to)
+        at, _ = self.to_3d(pose)
         apart = rotate(conjugate(quaternion), add(at, scaled(position, -1)))
         return np.array([*apart[:2], pose[2] - to[2]])
 
@@ -663,7 +663,7 @@ class SpatialSpace(ConfigurationSpace):
         vector = np.array(log((Q[:, 3:7] * np.r_[1.0, flips][:, None]).T)).T
         return np.hstack([Q[:, :3], vector, Q[:, 7:]])
 
-    def written(self, pose: Array) -> str:
+    def format_pose(self, pose: Array) -> str:
         """Write the angle of the turn in degrees."""
         turned = np.degrees(2 * np.arctan2(np.linalg.norm(pose[4:7]), abs(pose[3])))
         return f"[{pose[0]:g}, {pose[1]:g}, {pose[2]:g}], turned by {turned:g} deg"
@@ -706,19 +706,19 @@ class SpatialSpace(ConfigurationSpace):
         """Return the matrix of the quaternion."""
         return matrix([Q[3 + i] for i in range(4)])
 
-    def lifted_moments(self, moments: Any) -> list[Any]:
+    def moments_to_3d(self, moments: Any) -> list[Any]:
         """Return all of them."""
         return list(moments)
 
-    def lifted(self, pose: Any) -> tuple[list[Any], list[Any]]:
+    def to_3d(self, pose: Any) -> tuple[list[Any], list[Any]]:
         """Split position and quaternion."""
         return list(pose[:3]), list(pose[3:])
 
-    def dropped(self, position: Array, quaternion: Array) -> Array:
+    def from_3d(self, position: Array, quaternion: Array) -> Array:
         """Join both."""
         return np.concatenate([position, quaternion])
 
-    def lifted_twist(self, twist: Any) -> tuple[list[Any], list[Any]]:
+    def twist_to_3d(self, twist: Any) -> tuple[list[Any], list[Any]]:
         """Split linear and angular parts."""
         return list(twist[:3]), list(twist[3:])
 
@@ -728,14 +728,14 @@ class SpatialSpace(ConfigurationSpace):
 
     def composed(self, pose: Any, inside: Any) -> Array:
         """Turn the position and multiply the quaternions."""
-        position, quaternion = self.lifted(pose)
-        at, turned = self.lifted(inside)
+        position, quaternion = self.to_3d(pose)
+        at, turned = self.to_3d(inside)
         return np.array([*add(position, rotate(quaternion, at)), *product(quaternion, turned)])
 
     def relative(self, pose: Any, to: Any) -> Array:
         """Turn position and quaternion back."""
-        position, quaternion = self.lifted(to)
-        at, turned = self.lifted(pose)
+        position, quaternion = self.to_3d(to)
+        at, turned = self.to_3d(pose)
         back = conjugate(quaternion)
         return np.array([*rotate(back, add(at, scaled(position, -1))), *product(back, turned)])
 

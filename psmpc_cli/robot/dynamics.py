@@ -317,8 +317,8 @@ class _Tree:
     def motions(self, v: ca.SX, vdot: ca.SX) -> list[_Motion]:
         """Compute the motion of every body, each in its own frame."""
         base = self.space.base
-        _, angular = self.space.lifted_twist(ca.vertsplit(v[base]))
-        pulled, twisted = self.space.lifted_twist(ca.vertsplit(vdot[base]))
+        _, angular = self.space.twist_to_3d(ca.vertsplit(v[base]))
+        pulled, twisted = self.space.twist_to_3d(ca.vertsplit(vdot[base]))
         found = [_Motion(angular, twisted, _times(_transposed(self.turned), pulled))]
         rates = zip(*(ca.vertsplit(each)[base.stop :] for each in (v, vdot)), strict=True)
         for joint, place, rate in zip(self.joints, self.places, rates, strict=True):
@@ -388,7 +388,7 @@ def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
     lumps = list[_Lump]()
     for i, body in enumerate(spec.bodies):
         own = ca.horzsplit(moments[i, :])
-        xx, yy, zz, xy, xz, yz = space.lifted_moments(own)
+        xx, yy, zz, xy, xz, yz = space.moments_to_3d(own)
         centre = add(list(body.centre), [*ca.horzsplit(offsets[i, :]), 0.0][:3])
         lumps.append(_Lump(i, mass[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     for a, tool in enumerate(spec.tools.values()):

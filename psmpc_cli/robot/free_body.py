@@ -41,9 +41,9 @@ class FreeBody:
     def rates(self, Q: Any, v: Any, wrench: Any) -> tuple[list[Any], list[Any]]:
         """Compute the rates of pose and velocity under a wrench about the centre of mass, in the inertial frame."""
         space = self.space
-        _, q = space.lifted(Q)
-        _, omega = space.lifted_twist(v)
-        force, moment = space.lifted_twist(wrench)
+        _, q = space.to_3d(Q)
+        _, omega = space.twist_to_3d(v)
+        force, moment = space.twist_to_3d(wrench)
         spin = [moment * rate for moment, rate in zip(self.moments, omega, strict=True)]
         moment = add(rotate(conjugate(q), moment), scaled(cross(omega, spin), -1))
         alpha = [each / own for each, own in zip(moment, self.moments, strict=True)]
@@ -51,15 +51,15 @@ class FreeBody:
 
     def momentum(self, Q: Any, v: Any) -> list[Any]:
         """Compute linear [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""
-        position, quaternion = self.space.lifted(Q)
-        linear, angular = self.space.lifted_twist(v)
+        position, quaternion = self.space.to_3d(Q)
+        linear, angular = self.space.twist_to_3d(v)
         p = scaled(linear, self.mass)
         spin = rotate(quaternion, [moment * rate for moment, rate in zip(self.moments, angular, strict=True)])
         return self.space.twist(p, add(spin, cross(position, p)))
 
     def kinetic_energy(self, v: Any) -> Any:
         """Compute the kinetic energy [J]."""
-        linear, angular = self.space.lifted_twist(v)
+        linear, angular = self.space.twist_to_3d(v)
         turning = sum(moment * rate**2 for moment, rate in zip(self.moments, angular, strict=True))
         return (self.mass * dot(linear, linear) + turning) / 2
 
@@ -69,7 +69,7 @@ class FreeBody:
         v = np.asarray(v, dtype=float)
         time = np.asarray(time, dtype=float)
         space = self.space
-        if not space.turns_freely:
+        if not space.has_quaternion:
             return Q + time[..., None] * v, np.broadcast_to(v, (*time.shape, len(v)))
         turned = np.abs(time).max(initial=0.0) * float(np.linalg.norm(v[space.rotation]))
         steps = max(1, int(np.ceil(turned / STEP)))

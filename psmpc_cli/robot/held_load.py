@@ -26,9 +26,9 @@ class HeldLoad:
     object: it is replaced by the nearest one u' with S_i u' + s_i the same for all i, nearest without regard to mass,
     since a metric of masses has the light wrists make up for all of it, and a controller that brings them back within
     their limits at once then overcompensates. The force is that of the robot under u' and the object's, of which
-    gripper i bears C_i (sum C)^-1, C_i its bushing's stiffness about the object's centre: then all grasps give alike,
-    and the grippers stay consistent. Equal shares would twist them against each other. With one gripper nothing can
-    differ, u' = u, and it bears everything: the object is part of the last body.
+    gripper i bears C_i (sum C)^-1, C_i its bushing's stiffness about the object's centre, so that all grasps deflect
+    equally and the grippers stay consistent. Equal shares would twist them against each other. With one gripper nothing
+    can differ, u' = u, and it bears everything: the object is part of the last body.
 
     Attributes:
         grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9), as described.
@@ -211,10 +211,10 @@ def _chain(
     for i, gripper in enumerate(grippers):
         frame = list(model.pose_rows).index(gripper)
         own = ca.vertsplit(p)[numbers * i : numbers * (i + 1)]
-        inside, turned = space.lifted(own[:-2])
-        _, at = space.lifted(ca.vertsplit(xi[model.pose_rows[gripper]]))
+        inside, turned = space.to_3d(own[:-2])
+        _, at = space.to_3d(ca.vertsplit(xi[model.pose_rows[gripper]]))
         attitude = product(at, conjugate(turned))
-        linear, angular = space.lifted_twist(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
+        linear, angular = space.twist_to_3d(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
         lever = scaled(rotate(attitude, inside), -1)
         stiffness.append(_at_centre(space, scaled(lever, -1), *own[-2:]))
         velocities += space.twist(add(linear, cross(angular, lever)), angular)
@@ -224,7 +224,7 @@ def _chain(
 def _at_centre(space: ConfigurationSpace, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
     """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
     displacement = ca.SX.sym("d", space.n_twist)
-    moved, turned = space.lifted_twist(ca.vertsplit(displacement))
+    moved, turned = space.twist_to_3d(ca.vertsplit(displacement))
     force = scaled(add(moved, cross(turned, lever)), k)
     wrench = space.twist(force, add(scaled(turned, kappa), cross(lever, force)))
     return ca.SX(ca.jacobian(ca.vertcat(*wrench), displacement))
@@ -242,8 +242,8 @@ def _load(body: FreeBody, attitude: Vector, velocity: Vector) -> tuple[ca.SX, ca
         return rotate(attitude, [moment * rate for moment, rate in zip(body.moments, turned, strict=True)])
 
     twist = ca.SX.sym("twist", space.n_twist)
-    linear, angular = space.lifted_twist(ca.vertsplit(twist))
+    linear, angular = space.twist_to_3d(ca.vertsplit(twist))
     momentum = ca.vertcat(*space.twist(scaled(linear, body.mass), spin(angular)))
-    _, omega = space.lifted_twist(velocity)
+    _, omega = space.twist_to_3d(velocity)
     bias = ca.vertcat(*space.twist([0.0, 0.0, 0.0], cross(omega, spin(omega))))
     return ca.SX(ca.jacobian(momentum, twist)), bias

@@ -60,7 +60,7 @@ class RobotModel:
     """
 
     def __init__(self, spec: RobotSpec) -> None:
-        self._owned: dict[Hashable, Any] = {}
+        self._cache: dict[Hashable, Any] = {}
         self.spec = spec
         self.space = configuration_space(spec)
         self.dimension = self.space.dimension
@@ -82,12 +82,12 @@ class RobotModel:
         size = f"{len(self.spec.bodies)} bodies, {self.n} degrees of freedom"
         return f"<RobotModel {self.spec.name}: in {'the plane' if self.dimension == 2 else 'space'}, {size}>"
 
-    def owned(self, key: Hashable, build: Callable[[], T]) -> T:
+    def cached(self, key: Hashable, build: Callable[[], T]) -> T:
         """Return what is built for this robot under a key; the same object for every call while it lives."""
-        if key not in self._owned:
-            self._owned[key] = build()
-        found: T = self._owned[key]
-        return found
+        if key not in self._cache:
+            self._cache[key] = build()
+        built: T = self._cache[key]
+        return built
 
     def _placed(self, base: Frame, joints: ca.SX) -> tuple[list[Frame], ca.SX]:
         """Return the frames of the bodies, and the poses xi (m,), with the base at a frame and joints (joints,)."""
@@ -241,7 +241,7 @@ class RobotModel:
 
     def mass_matrix(self, Q: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return H(Q), (n, n) [kg, kg m, kg m^2]. Paper eq. (3)."""
-        return self._evaluate("H", Q, self._w(parameters)).reshape(self.n, self.n)
+        return self._evaluate("H", Q, self._parameter_vector(parameters)).reshape(self.n, self.n)
 
     def bias(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return the Coriolis and centrifugal forces C(Q, v) v, (n,) [N, N m]. Below paper eq. (3)."""
@@ -251,7 +251,7 @@ class RobotModel:
         self, Q: ArrayLike, v: ArrayLike, vdot: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
         """Return the generalized force F = H vdot + C v, (n,) [N, N m], of accelerations vdot (n,). Paper eq. (3)."""
-        return self._evaluate("inverse", Q, v, vdot, self._w(parameters))
+        return self._evaluate("inverse", Q, v, vdot, self._parameter_vector(parameters))
 
     def computed_torque(
         self, Q: ArrayLike, v: ArrayLike, u: ArrayLike, parameters: InertialParameters | None = None
@@ -261,7 +261,7 @@ class RobotModel:
         Where the base has thrusters it is that of inverse dynamics. Without them the base gets no force, and its rows
         of u have no effect: it reacts to the joints, or stands still.
         """
-        return self._evaluate("law", Q, v, u, self._w(parameters))
+        return self._evaluate("law", Q, v, u, self._parameter_vector(parameters))
 
     def task_space_force(
         self, Q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: InertialParameters | None = None
@@ -273,13 +273,13 @@ class RobotModel:
         Raises:
             InputError: An arm has fewer joints than its pose has coordinates.
         """
-        return self._evaluate("task_law", Q, v, a, self._w(parameters))
+        return self._evaluate("task_law", Q, v, a, self._parameter_vector(parameters))
 
     def task_space_acceleration(
         self, Q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
         """Return the rates of v (n,) [m/s^2, rad/s^2] under `task_space_force`."""
-        return self._evaluate("task_acceleration", Q, v, a, self._w(parameters))
+        return self._evaluate("task_acceleration", Q, v, a, self._parameter_vector(parameters))
 
     def twists(self, Q: ArrayLike, v: ArrayLike) -> Array:
         """Return the velocities J_C v of base and end-effectors (k,) [m/s, rad/s]. Paper eq. (2).
@@ -299,7 +299,7 @@ class RobotModel:
         self, Q: ArrayLike, v: ArrayLike, F: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
         """Return the accelerations H^-1 (F - C v), (n,) [m/s^2, rad/s^2], under a generalized force F (n,)."""
-        return self._evaluate("forward", Q, v, F, self._w(parameters))
+        return self._evaluate("forward", Q, v, F, self._parameter_vector(parameters))
 
     def momentum(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return linear momentum [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""
@@ -314,7 +314,7 @@ class RobotModel:
 
         At coordinates (nq,) and velocities (n,), or at each of (K, nq) and (K, n).
         """
-        return self._evaluate("balance", Q, v, self._w(parameters))
+        return self._evaluate("balance", Q, v, self._parameter_vector(parameters))
 
     def _evaluate(self, name: str, *arguments: ArrayLike) -> Array:
         """Return the result of a CasADi function at coordinates (nq,), or at each of (K, nq).
@@ -333,7 +333,7 @@ class RobotModel:
                 raise rejected(of, argument, f"numbers ({size},), or ({size},) at each of K rows of Q")
         return function(*arguments, rows=max((1, *rows)))[0].reshape(*rows, -1)
 
-    def _w(self, parameters: InertialParameters | None) -> Array:
+    def _parameter_vector(self, parameters: InertialParameters | None) -> Array:
         if parameters is None:
             return self.nominal.vector
         require("parameters", parameters, InertialParameters, "InertialParameters")
@@ -346,7 +346,7 @@ class RobotModel:
             function = self._array_source(name)
             return RowFunction(function), {function.name_in(i): function.size1_in(i) for i in range(function.n_in())}
 
-        return self.owned(("on arrays", name), build)
+        return self.cached(("on arrays", name), build)
 
     def _array_source(self, name: str) -> ca.Function:
         """Return the CasADi function of this name, built on first use: those in task space take seconds."""

@@ -156,7 +156,7 @@ def _configuration(
     Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
     """
     frames = np.r_[tuple(base.position), tuple(base.quaternion), tuple(target.position), tuple(target.quaternion)]
-    miss, derivative = model.owned(("reach", arm), lambda: _miss(model.spec, arm))
+    miss, derivative = model.cached(("reach", arm), lambda: _miss(model.spec, arm))
     _, sliding = _joints(model.spec, arm)
 
     def error(q: Array) -> Array:
@@ -253,7 +253,7 @@ def _frame(robot: RobotSpec, name: str, values: ArrayLike) -> SpatialFrame:
     if pose.shape != (space.n_pose,):
         numbers = f"{space.n_pose} numbers ({space.pose_text})"
         raise InputError(f"{name} is {np.asarray(values).tolist()}, but {numbers} are expected")
-    position, turned = space.lifted(pose.tolist())
+    position, turned = space.to_3d(pose.tolist())
     return SpatialFrame(position, scaled(turned, 1 / float(np.linalg.norm(turned))))
 
 

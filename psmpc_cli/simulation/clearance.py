@@ -72,7 +72,7 @@ class ClearanceMeter:
             columns=np.array([self.pairs.index(name) for name in pairs.names]),
             pair_of_row=pairs.pair_of_row,
             distances=distances_on_arrays(model, pairs, self._problem.spec.solver.compiled),
-            points=model.owned((nearest_points, pairs), partial(nearest_points, model, pairs)),
+            points=model.cached((nearest_points, pairs), partial(nearest_points, model, pairs)),
         )
 
     def measure(self, stage: int, chart: Chart, ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:

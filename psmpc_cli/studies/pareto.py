@@ -221,7 +221,7 @@ def _solve_sample(cell: tuple[Task, ParetoSettings, Solution]) -> list[Quantity]
     problem = build_problem(converging(task))
     trade_off = TradeOff(problem)
     solve = logged
-    if problem.model.space.turns_freely:  # one iteration may leave an instant 1e-3 s before limits of omega allow it
+    if problem.model.space.has_quaternion:  # one iteration may leave an instant 1e-3 s before limits of omega allow it
         solve = trade_off.solve(logged.window.about(logged.guess), logged, None)
     window = solve.window
     instant = float(solve.plan.instants[0])

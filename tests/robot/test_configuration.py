@@ -110,10 +110,10 @@ def test_relative_is_the_inverse_of_composed(space: ConfigurationSpace, seed: in
 def test_lifted_poses_and_twists_come_back(space: ConfigurationSpace) -> None:
     random = np.random.default_rng(5)
     pose = some_Q(space, random)
-    position, quaternion = space.lifted(pose)
-    np.testing.assert_allclose(space.dropped(np.array(position), np.array(quaternion)), pose, atol=1e-12)
+    position, quaternion = space.to_3d(pose)
+    np.testing.assert_allclose(space.from_3d(np.array(position), np.array(quaternion)), pose, atol=1e-12)
     twist = random.standard_normal(space.n_twist)
-    assert space.twist(*space.lifted_twist(twist)) == twist.tolist()
+    assert space.twist(*space.twist_to_3d(twist)) == twist.tolist()
 
 
 @given(angle=st.floats(-100, 100), wanted=st.floats(-100, 100))

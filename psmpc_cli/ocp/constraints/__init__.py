@@ -63,7 +63,7 @@ def _rows(model: RobotModel, shape: WindowShape) -> tuple[NodeRows | IntervalRow
     def yielded() -> tuple[NodeRows | IntervalRows, ...]:
         return tuple(rows for constraint in CONSTRAINTS.values() for rows in constraint.rows(model, shape))
 
-    return model.owned(("rows", shape), yielded)
+    return model.cached(("rows", shape), yielded)
 
 
 def missing_row_violation(model: RobotModel, window: Window, plan: Plan) -> float:

@@ -163,7 +163,7 @@ def rows_at_nodes(
             yield NodeRows(
                 name=held,
                 nodes=range(int(first_node[s]) + 1, int(first_node[s + 1]) + 1),
-                functions=model.owned((functions, structure), partial(functions, model, structure)),
+                functions=model.cached((functions, structure), partial(functions, model, structure)),
                 argument=argument_of(held, s),
                 bounds=bounds_of(held, s),
                 soft=soft(structure),
@@ -187,7 +187,7 @@ def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], Interv
             yield IntervalRows(
                 name=held,
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
-                functions=model.owned((functions, structure), partial(functions, model, structure)),
+                functions=model.cached((functions, structure), partial(functions, model, structure)),
                 argument=argument_of(held, s),
                 bounds=bounds_of(held, s),
             )

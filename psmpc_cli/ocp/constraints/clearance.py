@@ -136,7 +136,7 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
 
     Bodies that hold the object, or are about to, may touch it.
     """
-    pieces, own = model.owned(groups, lambda: _robot(model))
+    pieces, own = model.cached(groups, lambda: _robot(model))
     found = {ITSELF: Group(Pairs(own))}
     obstacles = {each.name: (_solid(each), partial(_of_obstacle, each, model)) for each in task.obstacles}
     for name, (obstacle, state) in obstacles.items():
@@ -291,9 +291,9 @@ def poses_at(pairs: Pairs, model: RobotModel, argument: np.ndarray, since: np.nd
 def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.ndarray) -> np.ndarray:
     """Return the poses (N, n_pose) of a body that moves freely at times (N,) [s] after a pose and a velocity."""
     space = model.space
-    if space.turns_freely and v[space.rotation].any():
+    if space.has_quaternion and v[space.rotation].any():
         return _free(model).predicted(pose, v, since)[0]
-    moving = slice(space.dimension) if space.turns_freely else slice(None)
+    moving = slice(space.dimension) if space.has_quaternion else slice(None)
     poses = np.empty((len(since), len(pose)))
     poses[:] = pose
     poses[:, moving] += since[:, None] * v[moving]
@@ -336,7 +336,7 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
 
 def distances_on_arrays(model: RobotModel, pairs: Pairs, native: bool = False) -> RowFunction:
     """Return the function of the distances on arrays; `native`, as compiled C."""
-    found = model.owned((functions, pairs), partial(functions, model, pairs))
+    found = model.cached((functions, pairs), partial(functions, model, pairs))
     return found.compiled.value if native else found.value
 
 
@@ -360,7 +360,7 @@ def _placed(
     carrying = dict[str, SpatialFrame]()
     for i, carrier in enumerate(carriers):
         pose = poses[i * space.n_pose : (i + 1) * space.n_pose]
-        carrying[carrier] = SpatialFrame(*space.lifted(ca.vertsplit(pose)))
+        carrying[carrier] = SpatialFrame(*space.to_3d(ca.vertsplit(pose)))
     if pairs.gripper is not None:
         carrying["object"] = _composed(tools[pairs.gripper].in_space(), carrying["object"])
     frames = dict[Solid, SpatialFrame]()

@@ -118,12 +118,12 @@ def _pose_of_axis(spec: ConeSpec, axis: np.ndarray, space: ConfigurationSpace) -
     # the shortest rotation from (1, 0, 0) to (x, y, z); half a turn about z where that is opposite
     turned = np.array([1 + x, 0.0, -z, y]) if x > -1 + 1e-12 else np.array([0.0, 0.0, 0.0, 1.0])
     apex = [*(spec.apex or np.zeros(space.dimension)), 0.0][:3]
-    return space.dropped(np.array(apex), turned / np.linalg.norm(turned))
+    return space.from_3d(np.array(apex), turned / np.linalg.norm(turned))
 
 
 def angle_of_axis(spec: ConeSpec, pose: np.ndarray, space: ConfigurationSpace) -> float:
     """Return the angle between the axis of a cone, on a frame at a pose (n_pose,), and what it is about [rad]."""
-    position, quaternion = space.lifted(pose)
+    position, quaternion = space.to_3d(pose)
     axis = rotate(quaternion, [*spec.axis, 0.0][:3])
     apex = add(position, rotate(quaternion, [*(spec.apex or np.zeros(space.dimension)), 0.0][:3]))
     line = [*_target(spec), 0.0][:3]
@@ -150,8 +150,8 @@ def functions(model: RobotModel, cone: Cone) -> ConstraintFunctions:
     target = ca.SX.sym("target", d)
     angle = ca.SX.sym("angle")
     xi = model.charted(x[: model.n], anchor)
-    position, quaternion = space.lifted(ca.vertsplit(xi[model.pose_rows[cone.frame]]))
-    at, turned = space.lifted(ca.vertsplit(inside))
+    position, quaternion = space.to_3d(ca.vertsplit(xi[model.pose_rows[cone.frame]]))
+    at, turned = space.to_3d(ca.vertsplit(inside))
     line = [*ca.vertsplit(target), ca.SX(0)][:3]
     if cone.has_point:
         line = add(line, scaled(add(position, rotate(quaternion, at)), -1))

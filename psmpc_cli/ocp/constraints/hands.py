@@ -59,12 +59,12 @@ def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctio
     x = ca.SX.sym("x", 2 * model.n)
     argument = ca.SX.sym("argument", space.n_anchor + others * space.n_pose)
     xi = model.charted(x[: model.n], argument[: space.n_anchor])
-    poses = [space.lifted(ca.vertsplit(xi[model.pose_rows[gripper]])) for gripper in grippers]
+    poses = [space.to_3d(ca.vertsplit(xi[model.pose_rows[gripper]])) for gripper in grippers]
     (p_0, q_0), *_ = poses
     rows = list[ca.SX]()
     for i, (p, q) in enumerate(poses[1:]):
         first = space.n_anchor + i * space.n_pose
-        r, q_r = space.lifted(ca.vertsplit(argument[first : first + space.n_pose]))
+        r, q_r = space.to_3d(ca.vertsplit(argument[first : first + space.n_pose]))
         moved = add(rotate(conjugate(q_0), add(p, scaled(p_0, -1))), scaled(r, -1))
         turned = product(conjugate(q_r), product(conjugate(q_0), q))
         rows += space.twist(moved, scaled(turned[1:], 2))

@@ -42,7 +42,7 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     """
     limits = resolve_limits(model.spec, task.limits, task.skills[task.stages[stage].skill].limits)
     is_limited = np.isfinite(limits.position_low) | np.isfinite(limits.position_high)
-    if model.space.turns_freely:
+    if model.space.has_quaternion:
         is_limited[model.space.rotation] = False
     if not is_limited.any():
         return None
@@ -69,7 +69,7 @@ def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
                 yield IntervalRows(
                     name=name,
                     intervals=intervals,
-                    functions=model.owned(
+                    functions=model.cached(
                         (functions, coordinates, is_first), partial(functions, model, coordinates, is_first)
                     ),
                     argument=argument_of(name, s),

@@ -95,7 +95,7 @@ class Skill:
 
     def parts(self, model: RobotModel) -> Mapping[str, TargetPart]:
         """Return the parts of a target by their name; free arms are none."""
-        return model.owned(("target parts", self._space), lambda: self._parts(model))
+        return model.cached(("target parts", self._space), lambda: self._parts(model))
 
     def _parts(self, model: RobotModel) -> Mapping[str, TargetPart]:
         rows = axes_of(model.spec.parts, self._space)
@@ -180,7 +180,7 @@ class Skill:
 
     def attitudes(self, model: RobotModel) -> dict[str, int]:
         """Return the first numbers of the quaternions of a spatial target, by frame."""
-        if not model.space.turns_freely:
+        if not model.space.has_quaternion:
             return {}
         return {name: part.numbers.start + model.space.attitude.start for name, part in self._poses(model)}
 

@@ -167,7 +167,7 @@ def test_jacobian_agrees_with_differences(task: str) -> None:
         rows = functions(model, pairs)
         x = np.r_[rng.uniform(-0.5, 0.5, model.n), np.zeros(model.n)]
         anchor = model.space.chart_at(model.neutral).anchor
-        poses = [model.space.dropped(rng.uniform(-1, 1, 3) * model.shape.reach, np.array([1.0, 0, 0, 0]))] * 2
+        poses = [model.space.from_3d(rng.uniform(-1, 1, 3) * model.shape.reach, np.array([1.0, 0, 0, 0]))] * 2
         size = rows.value.function.size1_in(1)
         a = np.r_[anchor, 0, np.concatenate(poses)][:size]
         by_x = rows.gradients(np.tile(x, (rows.count, 1)), a, np.arange(rows.count))[:, : model.n]

@@ -14,7 +14,7 @@ import numpy as np
 from psmpc_cli.control.interface import State
 from psmpc_cli.control.routes import Route, StraightMotions, find_route
 from psmpc_cli.control.tracking import ObjectEstimate
-from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, kept_groups, poses_at
 from psmpc_cli.ocp.postures import configurations, held_pose, unforeseen
 from psmpc_cli.ocp.problem import Problem
@@ -145,7 +145,7 @@ class Guide:
         """Return straight motions that keep a margin as a sample finds what is around; None where nothing is."""
         model = self._problem.model
         native = self._problem.spec.solver.compiled
-        evaluated = list[tuple[RowFunction, np.ndarray]]()
+        evaluated = list[tuple[BatchFunction, np.ndarray]]()
         for group in self._groups[stage].values():
             argument = argument_of(group, model, sample)
             if argument is not None:

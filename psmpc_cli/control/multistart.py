@@ -39,11 +39,10 @@ def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: So
     """Return the best solve of a window from so many guesses of its instants: those of a plan (S,) [s], then others.
 
     The others are spread from the earliest instants that can be met to the latest, each solved with the durations kept
-    near the guess: set free, an interior-point method leaves an early basin for the end of the horizon, uphill. That is
-    why the prediction's own basin is looked at twice where the free solve has left it. It is given up only for one that
-    is `BETTER`. A window without a free instant is solved once; so is
-    one without a solution from the prediction, because none of the others finds one then. Wall time and iterations are
-    those of all solves.
+    near the guess: set free, an interior-point method leaves an early basin for the end of the horizon, uphill. The
+    prediction's original basin is solved again if the free solve left it, and is given up only for one that is
+    `BETTER`. A window without a free switch time is solved once; so is one without a solution from the prediction,
+    because none of the others finds one then. Wall time and iterations are those of all solves.
     """
     own = solver.solve(window, guess, previous)
     if not own.outcome.usable or all(stage.end.shape.is_fixed for stage in window.stages[:-1]):

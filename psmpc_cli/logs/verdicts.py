@@ -8,7 +8,7 @@ import numpy as np
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.object import GRASP_LOADS, ObjectBody
-from psmpc_cli.specs.task import NOTHING_TOUCHED, OBJECT_CHECKS, MonitorSpec, TaskSpec
+from psmpc_cli.specs.task import NOTHING_TOUCHED, MonitorSpec, ObjectCheck, TaskSpec
 
 Arrays = Mapping[str, np.ndarray]
 """The datasets of a log by their paths."""
@@ -158,8 +158,8 @@ def when_let_go(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.n
 def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) -> Iterator[Verdict]:
     """Judge whether every gripper closed, none was pulled open, and the object left where and as slow as it should.
 
-    Margins are over what is allowed, that of the grasps is the smallest of their loads. Unlike a monitor that is not
-    judged an object that should have been let go and was not is not delivered.
+    Margins are relative to what is allowed; that of the grasps is the smallest of their loads. An object due for
+    release but still held was not delivered.
     """
     grasp = target_object.grasp
     destination = target_object.destination
@@ -169,7 +169,7 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
     closed = np.isfinite(arrays["grasp/closed_at"])
     taken = bool(closed.all())
     yield Verdict(
-        name=OBJECT_CHECKS[0],
+        name=ObjectCheck.TAKEN.value,
         held=taken,
         margin=float(np.min(1 - missed / allowed)),
         unit="1",
@@ -182,7 +182,7 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
     loads = {load: float(np.max(arrays[f"grasp/{load}"], initial=0.0)) for load in GRASP_LOADS}
     strength = dict(zip(GRASP_LOADS, grasp.largest_loads, strict=True))
     yield Verdict(
-        name=OBJECT_CHECKS[1],
+        name=ObjectCheck.NOT_LOST.value,
         held=taken and not lost.any(),
         margin=min(1 - loads[load] / strength[load] for load in GRASP_LOADS),
         unit="1",
@@ -208,7 +208,7 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
     if not taken:
         instead = "it was not taken"
     yield Verdict(
-        name=OBJECT_CHECKS[2],
+        name=ObjectCheck.DELIVERED.value,
         held=delivered,
         margin=margin,
         unit="1",

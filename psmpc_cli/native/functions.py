@@ -72,8 +72,8 @@ class ArrayFunction:
         return [values[:rows].copy() for values in self._results]
 
 
-class RowFunction:
-    """A CasADi function of dense columns, evaluated at each row of arrays; `native`, as compiled C.
+class BatchFunction:
+    """A CasADi function of dense columns, evaluated at a batch of points, one a row; `native`, as compiled C.
 
     Attributes:
         function: The function itself, for expressions.
@@ -82,7 +82,7 @@ class RowFunction:
     def __init__(self, function: ca.Function, native: bool = False) -> None:
         self.function = function
         self._evaluated = compiled(function) if native else function
-        self._mapped: dict[int, ArrayFunction] = {}  # by number of rows, and by room for them
+        self._mapped: dict[int, ArrayFunction] = {}  # by number of rows, and by capacity
 
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:
         """Evaluate the function at each row and return its results, (rows, size) each.
@@ -93,8 +93,10 @@ class RowFunction:
         """
         if rows not in self._mapped:
             step = 1 << max(rows.bit_length() - 4, 0)  # few sizes, none much larger than the number of rows
-            room = -(-rows // step) * step
-            if room not in self._mapped:
-                self._mapped[room] = ArrayFunction(self._evaluated.map(room) if room > 1 else self._evaluated)
-            self._mapped[rows] = self._mapped[room]
+            capacity = -(-rows // step) * step
+            if capacity not in self._mapped:
+                self._mapped[capacity] = ArrayFunction(
+                    self._evaluated.map(capacity) if capacity > 1 else self._evaluated
+                )
+            self._mapped[rows] = self._mapped[capacity]
         return self._mapped[rows](*arguments, rows=rows)

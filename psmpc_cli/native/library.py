@@ -132,13 +132,13 @@ def paths_of(libraries: Sequence[Library]) -> list[Path | None]:
     try:
         found = {each: each.find() for each in libraries}
         if missing := [each for each, path in found.items() if path is None]:
-            found |= _compile_all(missing)
+            found |= _compile_missing(missing)
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
     return [found.get(each) for each in libraries]
 
 
-def _compile_all(libraries: Sequence[Library]) -> dict[Library, Path | None]:
+def _compile_missing(libraries: Sequence[Library]) -> dict[Library, Path | None]:
     """Compile libraries several at once; return their files, None for those that failed."""
     directory = cache_directory()
     _remove_unused(directory)
@@ -160,8 +160,8 @@ def _compile_all(libraries: Sequence[Library]) -> dict[Library, Path | None]:
     return made
 
 
-def make_all(libraries: Iterable[Library]) -> bool:
-    """Make libraries several at once; return whether there were any and all could be made."""
+def compile_all(libraries: Iterable[Library]) -> bool:
+    """Compile libraries, several at once; return whether there were any and all could be compiled."""
     paths = paths_of([*libraries])
     return bool(paths) and None not in paths
 

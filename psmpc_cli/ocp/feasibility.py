@@ -100,7 +100,7 @@ def review(task: Task) -> list[Fault]:
 
 
 def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Give what of a capture's end condition and targets lets grippers be outside their envelope when they close."""
+    """Yield faults of a capture whose end condition or targets do not guarantee the grippers' envelope."""
     target_object = task.spec.body
     stage = forecasts[task.spec.held_stages.start - 1].stage
     poses = stage.poses_of_arms

@@ -1,7 +1,7 @@
-"""What the low-level law knows that the grippers hold in a stage, and the plan with it.
+"""The loads that the low-level law, and the plan with it, know the grippers to hold in a stage.
 
-A payload is part of the last links. An object with a mass, in grasps that are `known`, hangs on the grippers as the
-task describes them.
+A payload is lumped into the last links. An object with a mass, in grasps that are `known`, is held by the grippers as
+the task describes them.
 """
 
 from dataclasses import dataclass

@@ -11,7 +11,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.end import MEASURES, OPEN, component_counts
 from psmpc_cli.ocp.loads import Load
 from psmpc_cli.ocp.skills import skill_in
@@ -44,15 +44,15 @@ UNIT_ROWS = np.eye(ROWS_OF_PART)
 """The multipliers that single out each of them."""
 
 
-def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], native: bool) -> RowFunction:
+def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], native: bool) -> BatchFunction:
     """Return a function on rows of arrays; `native`, a large one as compiled C.
 
     In a large one looking for common subexpressions takes seconds, finds a few per cent, and a compiler does it too.
     """
     function = ca.Function(name, arguments, outputs)
     if function.n_instructions() < COMPILED_FROM:
-        return RowFunction(ca.Function(name, arguments, ca.cse(outputs)))
-    return RowFunction(function, native)
+        return BatchFunction(ca.Function(name, arguments, ca.cse(outputs)))
+    return BatchFunction(function, native)
 
 
 class ConstraintFunctions:
@@ -94,18 +94,18 @@ class ConstraintFunctions:
         return ConstraintFunctions(self._x, self._argument, self._rows, self.solved_for, self._is_convex, native=True)
 
     @cached_property
-    def value(self) -> RowFunction:
+    def value(self) -> BatchFunction:
         """x, a -> g (rows,)."""
         return _on_rows("h", [self._x, self._argument], [self._rows], self._native)
 
     @cached_property
-    def with_jacobian(self) -> RowFunction:
+    def with_jacobian(self) -> BatchFunction:
         """x, a -> g (rows,), dg/dx row by row (rows 2n,)."""
         outputs = [self._rows, _row_by_row(ca.jacobian(self._rows, self._x))]
         return _on_rows("end", [self._x, self._argument], outputs, self._native)
 
     @cached_property
-    def _gradients_by_part(self) -> list[RowFunction]:
+    def _gradients_by_part(self) -> list[BatchFunction]:
         """x, a, multipliers y of the rows of a part -> y' dg/dx (2n,): of a few rows much shorter than a Jacobian."""
         found = []
         y = ca.SX.sym("y", ROWS_OF_PART)
@@ -133,7 +133,7 @@ class ConstraintFunctions:
         return found
 
     @cached_property
-    def curvature(self) -> RowFunction | None:
+    def curvature(self) -> BatchFunction | None:
         """x, a, multipliers y (rows,) -> upper triangle of the second derivatives of y'g by Q (n, n); None where 0."""
         if not self.count or self.solved_for is not None or self._is_convex:
             return None
@@ -147,7 +147,7 @@ class ConstraintFunctions:
         return _on_rows("end_curvature", arguments, [_row_by_row(upper)], self._native)
 
     @cached_property
-    def by_solved_for(self) -> RowFunction | None:
+    def by_solved_for(self) -> BatchFunction | None:
         """x, a -> g (rows,), its derivatives by the rates it is solved for, row by row (rows rows,); None if none."""
         if self.solved_for is None:
             return None
@@ -155,7 +155,7 @@ class ConstraintFunctions:
         jacobian = ca.jacobian(self._rows, self._x[n:][self.solved_for])
         return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._native)
 
-    def prepare(self) -> tuple[RowFunction | None, ...]:
+    def prepare(self) -> tuple[BatchFunction | None, ...]:
         """Write those that solves need and return them."""
         if self._is_convex:
             return self.value, *self._gradients_by_part
@@ -193,12 +193,12 @@ class IntervalFunctions:
         return IntervalFunctions(x, dv, h, argument, self._rows, self._ends, native=True)
 
     @cached_property
-    def _value(self) -> RowFunction:
+    def _value(self) -> BatchFunction:
         """x, dv, h, a -> r."""
         return _on_rows("interval_rows", self._arguments, [self._rows], self._native)
 
     @cached_property
-    def _jacobian_by_part(self) -> tuple[RowFunction, ...]:
+    def _jacobian_by_part(self) -> tuple[BatchFunction, ...]:
         """x, dv, h, a -> its derivatives by Q, by Qdot and by [dv; h], row by row.
 
         All of them in one function would be so long that compilers do not optimize it.
@@ -249,7 +249,7 @@ class IntervalFunctions:
             by[:, i, :, -1] = found[..., -1]
         return by.reshape(K, self.count, 4 * n + 1)
 
-    def prepare(self) -> tuple[RowFunction, ...]:
+    def prepare(self) -> tuple[BatchFunction, ...]:
         """Write its functions and return them."""
         return self._value, *self._jacobian_by_part
 
@@ -295,16 +295,16 @@ class StageFunctions:
         return slice(first, first + self.model.space.n_anchor)
 
     @cached_property
-    def error(self) -> RowFunction:
+    def error(self) -> BatchFunction:
         """Q, target -> e (rows,)."""
-        return RowFunction(ca.Function("e", [self._Q, self._target], [self._e]))
+        return BatchFunction(ca.Function("e", [self._Q, self._target], [self._e]))
 
     @property
     def _rate(self) -> ca.SX:
         return ca.jtimes(self._e, self._Q, self._Qdot)
 
     @cached_property
-    def cost(self) -> RowFunction:
+    def cost(self) -> BatchFunction:
         """x, u, target, W, [W_r; W_F] -> Lbar."""
         L = self._L + weighted_square(self._u, self._W_r)
         if self.shape.force_load is not None:
@@ -312,10 +312,10 @@ class StageFunctions:
             F = self.shape.force_load.own_force(self.model, self._Q, self._Qdot, self._u, anchor)
             L += weighted_square(F, self._W_F)
         arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F)]
-        return RowFunction(ca.Function("Lbar", arguments, ca.cse([L])), self._native)
+        return BatchFunction(ca.Function("Lbar", arguments, ca.cse([L])), self._native)
 
     @cached_property
-    def gauss_newton(self) -> RowFunction:
+    def gauss_newton(self) -> BatchFunction:
         """Q, W, target, slope -> e'We, e'We_tau, e_tau'We_tau, E'We (n,), E'We_tau (n,), triu(E'WE) (n n,).
 
         E is the derivative of e by Q and e_tau that by the stage's duration, with which the target moves by `slope`.
@@ -329,17 +329,17 @@ class StageFunctions:
         by_duration = [ca.dot(W * e, e_tau), weighted_square(e_tau, W)]
         by_position = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _row_by_row(hessian)]
         outputs = ca.cse([self._L, *by_duration, *by_position])
-        return RowFunction(ca.Function("cost", [self._Q, W, self._target, slope], outputs), self._native)
+        return BatchFunction(ca.Function("cost", [self._Q, W, self._target, slope], outputs), self._native)
 
     @cached_property
-    def residual_curvature(self) -> RowFunction:
+    def residual_curvature(self) -> BatchFunction:
         """Q, W, target -> upper triangle of sum_i W_i e_i d2e_i/dQ2 (n n): half of what e'We has besides E'WE."""
         e = self._e
         E = ca.jacobian(e, self._Q)
         hessian, _ = ca.hessian(self._L, self._Q)
         curvature = ca.triu(hessian / 2 - E.T @ (ca.diag(self._W) @ E))
         arguments = [self._Q, self._W, self._target]
-        return RowFunction(ca.Function("curvature", arguments, ca.cse([_row_by_row(curvature)])), self._native)
+        return BatchFunction(ca.Function("curvature", arguments, ca.cse([_row_by_row(curvature)])), self._native)
 
     @cached_property
     def _end(self) -> ca.SX:
@@ -409,7 +409,7 @@ class StageFunctions:
         return ConstraintFunctions(self._x, self._target, self._e)
 
     @cached_property
-    def met(self) -> RowFunction:
+    def met(self) -> BatchFunction:
         """x, [target; centers; half widths], margin -> whether the end condition holds within margin * tolerance.
 
         What is bounded of the object is the length of its components.
@@ -425,9 +425,9 @@ class StageFunctions:
         most = [ca.norm_2(each) for each in ca.vertsplit(tolerance, bounded)]
         allowed = ca.vertcat(*most) * margin
         holds = ca.vertcat(*lengths) <= allowed + ca.fmin(SLACK, SLACK_SHARE * allowed)
-        return RowFunction(ca.Function("met", [self._x, numbers, margin], [ca.mmin(holds)]))
+        return BatchFunction(ca.Function("met", [self._x, numbers, margin], [ca.mmin(holds)]))
 
-    def prepare(self) -> tuple[RowFunction | None, ...]:
+    def prepare(self) -> tuple[BatchFunction | None, ...]:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
             return self.met, *self.end.prepare()
@@ -515,7 +515,7 @@ class StageCosts:
         return self._twist_rates(X[:, :n], X[:, n:], u, anchor, rows=len(X))[0]
 
     @cached_property
-    def _twist_rates(self) -> RowFunction:
+    def _twist_rates(self) -> BatchFunction:
         """Q, Qdot, u, anchor -> J_C vdot + Jdot_C v (n_twists,)."""
         space = self.model.space
         Q, Qdot, u = (ca.SX.sym(name, self.model.n) for name in ("Q", "Qdot", "u"))
@@ -524,7 +524,7 @@ class StageCosts:
         vdot = space.charted_acceleration(Q, Qdot, u)
         drift = self.model.Jdot_v(coordinates, space.charted_velocity(Q, Qdot))
         rates = self.model.J_C(coordinates) @ vdot + drift
-        return RowFunction(ca.Function("a", [Q, Qdot, u, anchor], [ca.densify(rates)]))
+        return BatchFunction(ca.Function("a", [Q, Qdot, u, anchor], [ca.densify(rates)]))
 
     def met(self, stage: Stage, X: np.ndarray, margin: float = 1.0) -> np.ndarray:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""

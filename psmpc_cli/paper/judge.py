@@ -25,7 +25,7 @@ from psmpc_cli.paper.missions import (
     time_tolerance,
     to_succeed,
 )
-from psmpc_cli.specs.task import OBJECT_CHECKS
+from psmpc_cli.specs.task import ObjectCheck
 from psmpc_cli.studies.front_movement import FrontMovement
 from psmpc_cli.studies.fronts import LEAST_IMPROVEMENT
 from psmpc_cli.studies.sweep import AlongRatio, SweepCells
@@ -170,7 +170,9 @@ def _object_outcome(summary: Summary) -> tuple[str, str]:
     """Return whether a grasped object was delivered, not delivered, or not let go at all, and what became of it."""
     verdicts = {one.name: one for one in summary.monitors}
     found = summary.capture
-    taken, kept, delivered = (verdicts[deed] for deed in OBJECT_CHECKS)
+    taken = verdicts[ObjectCheck.TAKEN]
+    kept = verdicts[ObjectCheck.NOT_LOST]
+    delivered = verdicts[ObjectCheck.DELIVERED]
     if delivered.held:
         return "delivered", "delivered"
     if not taken.held:

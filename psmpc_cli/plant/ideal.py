@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.plant.base import Disturbance, Ticks
 from psmpc_cli.plant.grasp import PlantSetup
 from psmpc_cli.robot.model import RobotModel
@@ -15,7 +15,7 @@ class IdealPlant:
     def __init__(self, model: RobotModel, tick: float) -> None:
         self.model = model
         self.tick = tick
-        self._force = RowFunction(model.dynamics.inverse)
+        self._force = BatchFunction(model.dynamics.inverse)
 
     def advance(
         self,

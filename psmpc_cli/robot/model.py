@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.configuration import configuration_space, pose_frames
 from psmpc_cli.robot.dynamics import (
@@ -339,12 +339,12 @@ class RobotModel:
         require("parameters", parameters, InertialParameters, "InertialParameters")
         return parameters.vector
 
-    def _on_arrays(self, name: str) -> tuple[RowFunction, dict[str, int]]:
+    def _on_arrays(self, name: str) -> tuple[BatchFunction, dict[str, int]]:
         """Return a CasADi function on arrays, and the sizes of its arguments by name, Q first."""
 
-        def build() -> tuple[RowFunction, dict[str, int]]:
+        def build() -> tuple[BatchFunction, dict[str, int]]:
             function = self._array_source(name)
-            return RowFunction(function), {function.name_in(i): function.size1_in(i) for i in range(function.n_in())}
+            return BatchFunction(function), {function.name_in(i): function.size1_in(i) for i in range(function.n_in())}
 
         return self.cached(("on arrays", name), build)
 

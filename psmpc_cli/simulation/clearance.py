@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.constraints.clearance import (
     Group,
     Pairs,
@@ -38,8 +38,8 @@ class Measured:
     pairs: Pairs
     columns: np.ndarray
     pair_of_row: list[int]
-    distances: RowFunction
-    points: RowFunction
+    distances: BatchFunction
+    points: BatchFunction
 
 
 class ClearanceMeter:

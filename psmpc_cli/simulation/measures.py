@@ -43,9 +43,8 @@ percent, write 100.0 %. A plan keeps to limits at the ends of its intervals, and
 class Meter:
     """Measures the samples of one run, and follows its balances of momentum and energy.
 
-    How the motion went is measured of the true state where that is not the one the controller saw. What no decision
-    needs is measured when it is first read, of one sample or of several at once; to the bit, their number and order do
-    not matter.
+    Tracking uses the true state, where that is not the one the controller saw. Metrics that no decision needs are
+    computed lazily, of one sample or of several at once; to the bit, their number and order do not matter.
     """
 
     def __init__(
@@ -70,7 +69,7 @@ class Meter:
         self._slides = np.array([joint.prismatic for joint in problem.model.spec.joints], bool)
         self._number = 0
         self._tick = 1 / problem.spec.plant.low_level_rate
-        self._expected = self._kept(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
+        self._expected = self._momentum_and_energy(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
 
     def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
         """Measure a sample.
@@ -137,7 +136,7 @@ class Meter:
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
         since = np.array([each.time - each.sequence.progress.entered for each in commands])
         of_object = np.array([each.of_object for each in samples]).reshape(len(x), -1)
-        kept = self._kept(stage.index, ends) + of_object - np.array([each.expected for each in samples])
+        kept = self._momentum_and_energy(stage.index, ends) + of_object - np.array([each.expected for each in samples])
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
         at_ends = [self._ends(*each) for each in zip(commands, ticks, charted, strict=True)]
         columns = {
@@ -228,7 +227,7 @@ class Meter:
         turning, sliding = (joints[..., chosen].max(axis=-1, initial=0.0) for chosen in (~self._slides, self._slides))
         return linear, angular, turning, sliding
 
-    def _kept(self, stage: int, x: np.ndarray) -> np.ndarray:
+    def _momentum_and_energy(self, stage: int, x: np.ndarray) -> np.ndarray:
         """Return momentum [N s, N m s] and energy [J] of the robot at states (K, nq + n) in a stage, (K, 4 or 7)."""
         nq = self._problem.model.nq
         uncertainty = self._uncertainty

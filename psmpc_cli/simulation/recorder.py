@@ -22,7 +22,7 @@ from psmpc_cli.logs.run import Run, read_run, run_in
 from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, SLIDING, Sample, conditions_of
 from psmpc_cli.logs.verdicts import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
-from psmpc_cli.native.library import Library, describe_compiler, describe_processor, make_all
+from psmpc_cli.native.library import Library, compile_all, describe_compiler, describe_processor
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.plant import Ticks
@@ -344,7 +344,7 @@ class Recorder:
             uncertainty=None,
             capture=None,
             x0=self._commands[0].x if self._ticks[0] is None else self._ticks[0].X[0],
-            compiled=problem.spec.solver.compiled and make_all(libraries_of(problem)),
+            compiled=problem.spec.solver.compiled and compile_all(libraries_of(problem)),
             plant_kind=OWN_LOOP,
             knows_ticks=knows_ticks,
             is_simulated=False,

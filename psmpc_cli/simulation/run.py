@@ -14,7 +14,7 @@ from psmpc_cli.control.interface import Command, State
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.functions import library_of
-from psmpc_cli.native.library import make_all
+from psmpc_cli.native.library import compile_all
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
@@ -89,7 +89,7 @@ def compile_for(problem: Problem) -> bool:
     libraries = libraries_of(problem)
     if task.plant.traits.compiles:
         libraries.extend(map(library_of, _tick_functions(task, problem.model)))
-    return make_all(libraries)
+    return compile_all(libraries)
 
 
 def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:

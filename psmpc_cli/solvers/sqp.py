@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from psmpc_cli.native.functions import library_of
-from psmpc_cli.native.library import Library, make_all
+from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
@@ -150,7 +150,7 @@ class SqpSolver(Solver):
         self.deadline = np.inf if spec.deadline is None else spec.deadline
         self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
         if spec.compiled:
-            make_all(libraries(problem))  # before the robot moves: of a spatial robot it takes seconds
+            compile_all(libraries(problem))  # before the robot moves: of a spatial robot it takes seconds
         for stage in problem.stages:
             stage_functions(problem.model, cost_shape(stage_shape(stage)), spec.compiled).prepare()
             stage_functions(problem.model, stage_shape(stage)).prepare()

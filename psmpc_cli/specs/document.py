@@ -262,7 +262,7 @@ def origins_of(data: Data, sources: Mapping[Location, str]) -> dict[Location, Or
 
     Args:
         data: What was built.
-        sources: What its values were built from, as a message names it, by path; what is inside one has the same.
+        sources: Source of each value by its path, as a message names it; nested values inherit it.
     """
     origins = dict[Location, Origin]()
 

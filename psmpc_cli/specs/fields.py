@@ -59,13 +59,13 @@ def expected(what: str, found: str | None = None, at_key: bool = False) -> Pydan
     return flaw(f", expected {what}", found, at_key)
 
 
-def holds(
+def validated_by(
     rule: Callable[[Any, Fields, Any], RuleErrors], as_written: bool = False, always: bool = False
 ) -> WrapValidator:
-    """Create a validator of a valid value.
+    """Create a validator that applies a rule to a valid value.
 
     Args:
-        rule: Gives what is wrong with the value, by the fields before it and the `Context` of its description.
+        rule: Yields the errors of the value, from the valid fields before it and the `Context` of its description.
         as_written: Whether the rule gets the value as it is written in the file.
         always: Whether the rule also applies without a context.
     """
@@ -275,7 +275,7 @@ def unit_errors(written: object, unit: str, turns: bool = True) -> RuleErrors:
         yield from within_a_turn(written, {}, None)
 
 
-def within_a_turn(written: object, before: Fields, context: Any) -> RuleErrors:
+def within_a_turn(written: object, earlier_fields: Fields, context: Any) -> RuleErrors:
     """Give an angle of more than a turn without a unit: degrees, most likely."""
     if isinstance(written, int | float) and abs(written) > 2 * math.pi * (1 + 1e-9):
         wanted = f"an angle within one turn, or one with its unit: {written:g} deg, {written:g} rad"
@@ -292,7 +292,9 @@ def _seconds(value: object) -> float:
 
 def ensure(test: Callable[[Any], bool], what: str) -> WrapValidator:
     """Create a validator of valid values that must also be `what`."""
-    return holds(lambda value, _before, _context: iter(() if test(value) else [((), expected(what))]), always=True)
+    return validated_by(
+        lambda value, _before, _context: iter(() if test(value) else [((), expected(what))]), always=True
+    )
 
 
 def _intervals(value: object) -> object:
@@ -314,7 +316,7 @@ def _name(value: object) -> str:
     return value
 
 
-def known(names: Callable[[Any], Collection[str]], kind: str | None = None) -> WrapValidator:
+def one_of(names: Callable[[Any], Collection[str]], kind: str | None = None) -> WrapValidator:
     """Create a validator of a name that must be among those that the context lists, if it lists any.
 
     Args:
@@ -322,12 +324,12 @@ def known(names: Callable[[Any], Collection[str]], kind: str | None = None) -> W
         kind: For keys of a mapping, what they name.
     """
 
-    def rule(name: str, before: Fields, context: Any) -> RuleErrors:
+    def rule(name: str, earlier_fields: Fields, context: Any) -> RuleErrors:
         valid = names(context)
         if valid and name not in valid:
             yield (), flaw(choice(name, valid), kind and f"no such {kind}", at_key=kind is not None)
 
-    return holds(rule)
+    return validated_by(rule)
 
 
 def listed(what: str, length: int | None = None) -> BeforeValidator:
@@ -380,7 +382,7 @@ Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": 
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
 Coordinate = Annotated[float, BeforeValidator(_coordinate), _or_unit]
 CoordinateWidth = Annotated[float, Field(gt=0), BeforeValidator(_coordinate), _not_tiny, _or_unit]
-Direction = Annotated[float, BeforeValidator(number_or_angle), holds(within_a_turn, as_written=True), _or_angle]
+Direction = Annotated[float, BeforeValidator(number_or_angle), validated_by(within_a_turn, as_written=True), _or_angle]
 Size = Annotated[float, Field(ge=0), BeforeValidator(number_or_angle), _or_angle]
 Width = Annotated[float, Field(gt=0), BeforeValidator(number_or_angle), _not_tiny, _or_angle]
 Whole = Annotated[int, BeforeValidator(number)]
@@ -436,8 +438,8 @@ OrByPart = Annotated[
 ]
 """One number for all parts, or numbers by part: `OrByPart[one, key, each]`."""
 
-Part = Annotated[str, known(lambda context: context.sizes and [*context.sizes, "arms"], "part of the robot")]
-ArmName = Annotated[str, known(lambda context: context.sizes and [*context.sizes, "arms"][1:], "part of the robot")]
+Part = Annotated[str, one_of(lambda context: context.sizes and [*context.sizes, "arms"], "part of the robot")]
+ArmName = Annotated[str, one_of(lambda context: context.sizes and [*context.sizes, "arms"][1:], "part of the robot")]
 
 
 Quaternion = Annotated[

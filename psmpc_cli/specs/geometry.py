@@ -9,7 +9,7 @@ from pydantic import Field
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, ensure, expected, flaw, holds, known, listed
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, ensure, expected, flaw, listed, one_of, validated_by
 from psmpc_cli.specs.object import PoseNumbers
 from psmpc_cli.specs.parts import TARGET_AXES, Context, by_dimension, dimension_of
 
@@ -75,7 +75,7 @@ def _dimension(context: Context) -> int | None:
     return 3 if "space" in robot else 2 if "arms" in robot else None
 
 
-def _one_shape(shape: ShapeSpec, before: Fields, context: Context) -> RuleErrors:
+def _one_shape(shape: ShapeSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a shape that is none, or several, and sizes of another dimension."""
     given = [key for key in ShapeSpec.model_fields if getattr(shape, key) is not None]
     if len(given) != 1:
@@ -90,7 +90,7 @@ def _one_shape(shape: ShapeSpec, before: Fields, context: Context) -> RuleErrors
         yield (key,), expected("a normal that is not 0")
 
 
-OneShape = Annotated[ShapeSpec, holds(_one_shape)]
+OneShape = Annotated[ShapeSpec, validated_by(_one_shape)]
 
 
 class PlacedShape(Spec):
@@ -100,14 +100,14 @@ class PlacedShape(Spec):
     pose: PoseNumbers | None = Field(None, description="pose of its frame in that of the body; default the same")
 
 
-def _on_bodies(given: Mapping[str, tuple[PlacedShape, ...]], before: Fields, context: Context) -> RuleErrors:
+def _on_bodies(given: Mapping[str, tuple[PlacedShape, ...]], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give shapes of bodies that the robot does not have, endless ones, and poses of another dimension."""
     dimension = _dimension(context)
     bodies = ["base"]
-    for name, arm in before.get("arms", {}).items():
+    for name, arm in earlier_fields.get("arms", {}).items():
         bodies += [f"{name}.{number}" for number in range(1, len(arm.links) + 1)]
     for body, placed in given.items():
-        if "arms" in before and body not in bodies:
+        if "arms" in earlier_fields and body not in bodies:
             yield (body,), flaw(choice(body, bodies), "no such body of the robot", at_key=True)
         for number, each in enumerate(placed):
             if each.shape.half_space is not None:
@@ -120,7 +120,7 @@ def _on_bodies(given: Mapping[str, tuple[PlacedShape, ...]], before: Fields, con
 
 GEOMETRY = "shapes that the bodies are covered by, by body: base, or arm.number; default fitted to the joints"
 
-ShapesByBody = Annotated[Mapping[str, tuple[PlacedShape, ...]], holds(_on_bodies)]
+ShapesByBody = Annotated[Mapping[str, tuple[PlacedShape, ...]], validated_by(_on_bodies)]
 """Shapes of a robot's bodies, keyed as `RobotSpec.bodies` names them."""
 
 
@@ -155,7 +155,7 @@ def pair_name(first: str, second: str) -> str:
     return f"{first} - {second}"
 
 
-def _known_parts(pairs: tuple[tuple[str, str], ...], before: Fields, context: Context) -> RuleErrors:
+def _known_parts(pairs: tuple[tuple[str, str], ...], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give names of parts that are none."""
     valid = names_of_parts(context)
     for i, pair in enumerate(pairs if valid else ()):
@@ -175,13 +175,13 @@ class ClearanceSpec(Spec):
     """How far apart bodies keep: the robot from itself, from obstacles and from the object."""
 
     margin: fields.NotNegative = Field(0.02, description="smallest distance of two bodies [m]")
-    excepted: Annotated[tuple[Annotated[tuple[str, str], listed("a pair of parts", 2)], ...], holds(_known_parts)] = (
-        Field(
-            (),
-            alias="except",
-            description="pairs of parts that need not: bodies such as arm_1.2, arms with all their bodies, base, "
-            "obstacles by name, object",
-        )
+    excepted: Annotated[
+        tuple[Annotated[tuple[str, str], listed("a pair of parts", 2)], ...], validated_by(_known_parts)
+    ] = Field(
+        (),
+        alias="except",
+        description="pairs of parts that need not: bodies such as arm_1.2, arms with all their bodies, base, "
+        "obstacles by name, object",
     )
     hard: fields.Flag = Field(False, description="no plan may come nearer; default: violations cost")
 
@@ -189,7 +189,7 @@ class ClearanceSpec(Spec):
 SHORTEST_VECTOR = 1e-6
 """Length below which a vector gives no direction."""
 
-_Frame = Annotated[str, known(lambda context: context.sizes)]
+_Frame = Annotated[str, one_of(lambda context: context.sizes)]
 _Vector = Annotated[tuple[fields.Number, ...], by_dimension(2, 3)]
 _DirectionVector = Annotated[
     _Vector, ensure(lambda vector: float(np.linalg.norm(vector)) >= SHORTEST_VECTOR, "a vector that is not 0")
@@ -203,7 +203,7 @@ class ConeTargetSpec(Spec):
     direction: _DirectionVector | None = Field(None, description="a direction in the inertial frame, of any length")
 
 
-def _point_or_direction(target: ConeTargetSpec, before: Fields, context: Context) -> RuleErrors:
+def _point_or_direction(target: ConeTargetSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a target that is none, or both."""
     given = [key for key in ConeTargetSpec.model_fields if getattr(target, key) is not None]
     if len(given) != 1:
@@ -218,7 +218,9 @@ class ConeSpec(Spec):
     apex: fields.Sparse[_Vector | None] = Field(
         None, description="where in that frame the axis begins; default its origin [m]"
     )
-    of: Annotated[ConeTargetSpec, holds(_point_or_direction)] = Field(description="what the angle is measured from")
+    of: Annotated[ConeTargetSpec, validated_by(_point_or_direction)] = Field(
+        description="what the angle is measured from"
+    )
     within: fields.Width | None = Field(None, description="largest angle between the axis and the way there [rad]")
     outside: fields.Width | None = Field(None, description="smallest angle between them [rad]")
     hard: fields.Flag = Field(False, description="never violated by a plan; default soft, violated at a cost")
@@ -229,7 +231,7 @@ class ConeSpec(Spec):
         return self.within or self.outside or 0.0
 
 
-def _one_angle(cone: ConeSpec, before: Fields, context: Context) -> RuleErrors:
+def _one_angle(cone: ConeSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a cone with no angle, or with two, or with one that is no angle between two directions."""
     given = [key for key in ("within", "outside") if getattr(cone, key) is not None]
     if len(given) != 1:
@@ -239,4 +241,4 @@ def _one_angle(cone: ConeSpec, before: Fields, context: Context) -> RuleErrors:
         yield (given[0],), expected("an angle between 0 and 180 deg, with its unit: 30 deg")
 
 
-OneCone = Annotated[ConeSpec, holds(_one_angle)]
+OneCone = Annotated[ConeSpec, validated_by(_one_angle)]

@@ -39,12 +39,12 @@ def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
     from psmpc_cli.specs.document import choice, quoted
 
     path = Path(reference) if beside is None else beside / reference
-    known = built_ins(kind)
-    if os.path.lexists(path) and not (os.path.isdir(path) and str(reference) in known):
+    built_in_files = built_ins(kind)
+    if os.path.lexists(path) and not (os.path.isdir(path) and str(reference) in built_in_files):
         return path
-    if str(reference) in known:
-        return known[str(reference)]
-    options = choice(Path(reference).stem, known)
+    if str(reference) in built_in_files:
+        return built_in_files[str(reference)]
+    options = choice(Path(reference).stem, built_in_files)
     where = f"{reference}: " if beside is None else ""
     raise SpecError(f"{where}found no file {quoted(shown(path))}{options}: a built-in {kind}, or the path of a file")
 

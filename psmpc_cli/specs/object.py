@@ -9,11 +9,21 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, ValidatorFunctio
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import mapping, quoted
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, holds, is_pose, known, listed, unit_errors
+from psmpc_cli.specs.fields import (
+    Fields,
+    RuleErrors,
+    Spec,
+    expected,
+    is_pose,
+    listed,
+    one_of,
+    unit_errors,
+    validated_by,
+)
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES, Context, by_dimension, units_of
 
 
-def _units_of_pose(written: Any, before: Fields, context: Context) -> RuleErrors:
+def _units_of_pose(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give numbers of a pose, or of its error, with the unit of another coordinate, and an angle that needs one."""
     axes = next((axes for axes in (*TARGET_AXES.values(), *ERROR_AXES.values()) if len(axes) == len(written)), ())
     for i, (axis, number) in enumerate(zip(axes, written, strict=False)):
@@ -24,14 +34,14 @@ def _units_of_pose(written: Any, before: Fields, context: Context) -> RuleErrors
 PoseNumbers = Annotated[
     tuple[fields.Coordinate, ...],
     by_dimension(len(TARGET_AXES[2]), len(TARGET_AXES[3])),
-    holds(_units_of_pose, as_written=True),
+    validated_by(_units_of_pose, as_written=True),
     fields.or_pose,
 ]
 """A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
 
 _Extent = Annotated[tuple[fields.Positive, ...], by_dimension(2, 3)]
-_StageName = Annotated[str, known(lambda context: context.stages)]
-_Gripper = Annotated[str, known(lambda context: mapping(context.file.value(("object", "grasp", "at"))))]
+_StageName = Annotated[str, one_of(lambda context: context.stages)]
+_Gripper = Annotated[str, one_of(lambda context: mapping(context.file.value(("object", "grasp", "at"))))]
 
 
 class OnObject(Spec):
@@ -71,7 +81,7 @@ class DestinationSpec(Spec):
     tolerance: Annotated[
         tuple[fields.CoordinateWidth, ...],
         by_dimension(len(ERROR_AXES[2]), len(ERROR_AXES[3])),
-        holds(_units_of_pose, as_written=True),
+        validated_by(_units_of_pose, as_written=True),
     ] = Field(description="how near, one number for each row of the pose's error [m, rad]")
     speed: fields.Positive = Field(description="largest speed of its centre of mass [m/s]")
 
@@ -90,7 +100,7 @@ GRASP_LOADS = {"pull": "N", "shear": "N", "moment": "N m"}
 that direction, and the moment about the gripper."""
 
 
-def _bounds_a_load(strength: "StrengthSpec", before: Fields, context: Context) -> RuleErrors:
+def _bounds_a_load(strength: "StrengthSpec", earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a strength that bounds nothing."""
     if np.isinf(strength.of_loads).all():
         yield (), expected(f"at least one of {', '.join(GRASP_LOADS)}", "none", at_key=True)
@@ -142,7 +152,7 @@ class GraspSpec(Spec):
         description="stiffness against displacement and against turning [N/m, N m/rad]"
     )
     damping_ratio: fields.NotNegative = Field(1.0, description="damping over the critical one of the two bodies")
-    strength: Annotated[StrengthSpec, holds(_bounds_a_load)] | None = Field(
+    strength: Annotated[StrengthSpec, validated_by(_bounds_a_load)] | None = Field(
         None, description="what it holds; default anything"
     )
     known: fields.Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
@@ -193,7 +203,7 @@ class ObjectSpec(Spec):
 
     @property
     def body(self) -> "ObjectBody":
-        """The object as a rigid body; of mass 0 where it is drawn alone."""
+        """The object as a rigid body; `NO_BODY`, of mass 0, where it is only drawn."""
         if self.mass is None or self.inertia is None or self.grasp is None:
             return NO_BODY
         still = MotionSpec.model_construct(linear=(0.0,) * len(self.shape), angular=(0.0,) * len(self.inertia))
@@ -264,7 +274,7 @@ NO_BODY = ObjectBody(
 """Of a task without an object that has a mass."""
 
 
-def complete(target_object: ObjectSpec, before: Fields, context: Context) -> RuleErrors:
+def complete(target_object: ObjectSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give an object that nothing holds between taking it and letting it go, or that is half a body."""
     let_go_by = target_object.let_go_by
     if context.stages and let_go_by and not target_object.held_stages(context.stages):
@@ -272,19 +282,19 @@ def complete(target_object: ObjectSpec, before: Fields, context: Context) -> Rul
         yield ("let_go_by",), expected(wanted, quoted(let_go_by))
     given = target_object.model_dump(exclude_none=True)
     if "mass" in given:
-        yield from _of_a_body(given, before)
+        yield from _of_a_body(given, earlier_fields)
         return
     for key in ("inertia", "motion", "destination", "grasp"):
         if key in given:
             yield (key,), expected('also "mass": an object without one is drawn alone', "no mass", at_key=True)
 
 
-def _of_a_body(given: Mapping[str, Any], before: Fields) -> RuleErrors:
+def _of_a_body(given: Mapping[str, Any], earlier_fields: Fields) -> RuleErrors:
     """Give what an object with a mass lacks, and moments of inertia that no body has."""
     missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if key not in given)
     if missing:
         yield ("mass",), expected(f"also {missing}", "a mass alone", at_key=True)
-    plant = before.get("plant")
+    plant = earlier_fields.get("plant")
     if plant and not plant.traits.has_forces:
         yield ("mass",), expected(plant.alternatives, f"a mass with plant {plant.kind}", at_key=True)
     moments = given.get("inertia", ())

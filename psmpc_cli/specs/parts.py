@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import WrapValidator
 
 from psmpc_cli.specs.document import Document, Location, choice, counted, mapping
-from psmpc_cli.specs.fields import Fields, RuleErrors, expected, flaw, holds, unit_errors
+from psmpc_cli.specs.fields import Fields, RuleErrors, expected, flaw, unit_errors, validated_by
 
 SkillKind = Literal["joint", "task", "point"]
 """In which space arms are wanted; each is the name of a file in `psmpc_cli.ocp.skills`."""
@@ -92,8 +92,8 @@ POINT_AXES = {2: POSITION_AXES[:2], 3: POSITION_AXES}
 
 
 @dataclass(frozen=True)
-class SpaceTraits:
-    """What tells the space of a skill from the others: what its cost is about. Every skill is about the base's pose.
+class SkillKindTraits:
+    """What tells a kind of skill from the others: what its cost is about. Every skill is about the base's pose.
 
     Attributes:
         about: What the cost is, in a few words.
@@ -109,14 +109,14 @@ class SpaceTraits:
     has_posture: bool = True
 
 
-SPACES: Mapping[str, SpaceTraits] = {
-    "joint": SpaceTraits("cost on Q, eq. (30)"),
-    "task": SpaceTraits("cost on xi, eq. (31)", {"arms": (ERROR_AXES, TARGET_AXES)}),
-    "point": SpaceTraits(
+SKILL_KINDS: Mapping[str, SkillKindTraits] = {
+    "joint": SkillKindTraits("cost on Q, eq. (30)"),
+    "task": SkillKindTraits("cost on xi, eq. (31)", {"arms": (ERROR_AXES, TARGET_AXES)}),
+    "point": SkillKindTraits(
         "end-effectors point at points", {"arms": (POINTING_AXES, POINT_AXES)}, ("base",), has_posture=False
     ),
 }
-"""The spaces of skills by their name."""
+"""The kinds of skill by their name, which is that of the space arms are wanted in."""
 
 QUANTITIES = ("position", "velocity", "acceleration", "force")
 """What of a part may have limits."""
@@ -159,7 +159,7 @@ MOBILITY = "; ".join(f"{mobility}: {traits.about}" for mobility, traits in MOBIL
 
 def parts_of_skills() -> tuple[str, ...]:
     """Return the parts that only skills have: no robot may have an arm of their name."""
-    return tuple(part for traits in SPACES.values() for part in traits.axes or () if part != "arms")
+    return tuple(part for traits in SKILL_KINDS.values() for part in traits.axes or () if part != "arms")
 
 
 RESERVED = ("base", "arms", "all", "control", "times", *parts_of_skills())
@@ -228,33 +228,37 @@ def axes_of(parts: Mapping[str, int], space: Space, of_error: bool = True) -> di
     axes = {"base": (ERROR_AXES, TARGET_AXES)[kind][dimension]}
     for arm, size in arms.items():
         wanted = part_kind(space, arm)
-        names_of_arm = SPACES[wanted].axes if wanted != FREE else {}
+        names_of_arm = SKILL_KINDS[wanted].axes if wanted != FREE else {}
         if names_of_arm is None:
             axes[arm] = tuple(str(joint + 1) for joint in range(size))
         elif "arms" in names_of_arm:
             axes[arm] = names_of_arm["arms"][kind][dimension]
     default = space.kind if isinstance(space, MixedSpace) else space
-    own = {part: names_of_part for part, names_of_part in (SPACES[default].axes or {}).items() if part != "arms"}
+    own = {part: names_of_part for part, names_of_part in (SKILL_KINDS[default].axes or {}).items() if part != "arms"}
     return axes | {part: names_of_part[kind][dimension] for part, names_of_part in own.items()}
 
 
 def required_parts(axes: Axes, space: Space) -> tuple[str, ...]:
     """Return the parts that targets and weights must have, of those that have axes."""
     kinds = {part: part_kind(space, part) for part in axes}
-    return tuple(part for part, kind in kinds.items() if kind == BASE or SPACES[kind].required is None)
+    return tuple(part for part, kind in kinds.items() if kind == BASE or SKILL_KINDS[kind].required is None)
 
 
 def has_posture(arms: Collection[str], space: Space) -> bool:
     """Tell whether a target says of all arms where they are, or poses for which inverse kinematics finds that."""
     kinds = {part_kind(space, arm) for arm in arms}
-    return FREE not in kinds and all(SPACES[kind].has_posture for kind in kinds)
+    return FREE not in kinds and all(SKILL_KINDS[kind].has_posture for kind in kinds)
 
 
 def _space_as_written(skill: Mapping[str, Any]) -> Space | None:
     """Return the space of a skill as it is written; None where there is no such space."""
     kind: Any = skill.get("space")
     arms = mapping(skill.get("parts"))
-    is_valid = isinstance(kind, str) and kind in SPACES and all(wanted in (*SPACES, FREE) for wanted in arms.values())
+    is_valid = (
+        isinstance(kind, str)
+        and kind in SKILL_KINDS
+        and all(wanted in (*SKILL_KINDS, FREE) for wanted in arms.values())
+    )
     return space_of(kind, arms) if is_valid else None
 
 
@@ -286,12 +290,12 @@ def dimension_of(parts: Mapping[str, int]) -> int:
 def by_dimension(plane: int, space: int) -> WrapValidator:
     """Create a validator of a list whose length is another for a planar than for a spatial robot."""
 
-    def rule(numbers: tuple[float, ...], before: Fields, context: Context) -> RuleErrors:
+    def rule(numbers: tuple[float, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
         length = plane if dimension_of(context.sizes) == 2 else space
         if context.sizes and len(numbers) != length:
             yield (), expected(counted(length, "entry", "entries"))
 
-    return holds(rule)
+    return validated_by(rule)
 
 
 def names(parts: Mapping[str, int], space: Space) -> tuple[str, ...]:
@@ -329,10 +333,10 @@ def part_faults(
     if not isinstance(numbers, Mapping):
         return
     given = {key: row for key, row in numbers.items() if key != "times"}
-    known = keys_of(axes)
-    unknown = [key for key in given if axes and key not in known]
+    part_names = keys_of(axes)
+    unknown = [key for key in given if axes and key not in part_names]
     for key in unknown:
-        yield (key,), flaw(choice(key, known), "no such part here", at_key=True)
+        yield (key,), flaw(choice(key, part_names), "no such part here", at_key=True)
     missing = [part for part in required if not any(stands_for(key, part) for key in given)]
     if missing and not unknown:
         yield (), expected(f"also {', '.join(missing)}", ", ".join(given) or "no part", at_key=True)
@@ -342,7 +346,7 @@ def part_faults(
             yield (key,), expected(f"{counted(len(times), 'row', 'rows')}, one for every entry of times")
         rows = {(key, i): each for i, each in enumerate(row)} if times else {(key,): row}
         for at, each in rows.items():
-            yield from misfit(at, each, key, axes, given, one, written)
+            yield from length_errors(at, each, key, axes, given, one, written)
 
 
 def in_joint_space(required: bool = False, one: bool = False, positions: bool = False) -> WrapValidator:
@@ -351,15 +355,15 @@ def in_joint_space(required: bool = False, one: bool = False, positions: bool = 
     Further arguments are as for `part_faults`.
     """
 
-    def rule(written: Any, before: Fields, context: Context) -> RuleErrors:
+    def rule(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
         axes = axes_of(context.sizes, "joint", of_error=not positions)
         units = AsWritten(context.sliding, turns=positions)
         yield from part_faults(written, axes, axes if required else (), one, units)
 
-    return holds(rule, as_written=True)
+    return validated_by(rule, as_written=True)
 
 
-def misfit(
+def length_errors(
     at: Location,
     row: Any,
     key: str,
@@ -368,9 +372,16 @@ def misfit(
     one: bool = False,
     written: AsWritten | None = None,
 ) -> RuleErrors:
-    """Give a list of numbers, or of pairs, that does not fit a part its key stands for, and units of other coordinates.
+    """Yield errors for wrong lengths, and for units that do not fit the coordinate, such as large angles without one.
 
-    Parts of `given` have lists of their own.
+    Args:
+        at: Where the list of numbers, or of pairs, is.
+        row: The list.
+        key: Its key, which stands for one part or several.
+        axes: The names of the numbers of every part.
+        given: Keys of the other lists: parts among them have a list of their own.
+        one: Whether one number may stand for all of a part.
+        written: How units are judged; None where numbers have none.
     """
     parts = [part for part in axes if stands_for(key, part) and (key == part or part not in given)]
     if not parts or not isinstance(row, list | tuple):

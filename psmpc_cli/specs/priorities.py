@@ -73,11 +73,11 @@ def priorities_of(compare: Sequence[PairwiseComparison], stages: Sequence[str]) 
     return [float(f"{weight:.12g}") for weight in np.exp(weigh(compare, stages).logarithms)]
 
 
-def disagreements(priorities: Any, before: Fields, context: Any) -> RuleErrors:
+def disagreements(priorities: Any, earlier_fields: Fields, context: Any) -> RuleErrors:
     """Give comparisons that leave stages unconnected, contradict each other, or lead beyond all numbers."""
     from scipy.sparse.csgraph import connected_components
 
-    stages = [stage.name for stage in before.get("stages", ())]
+    stages = [stage.name for stage in earlier_fields.get("stages", ())]
     if not stages:
         return
     compare = priorities.compare

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, holds, known, listed, unit_errors
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, listed, one_of, unit_errors, validated_by
 from psmpc_cli.specs.geometry import GEOMETRY, PlacedShape, ShapesByBody
 from psmpc_cli.specs.parts import (
     ANGLE,
@@ -33,7 +33,7 @@ from psmpc_cli.specs.parts import (
     MobilityTraits,
     Space,
     axes_of,
-    misfit,
+    length_errors,
     stands_for,
     units_of,
 )
@@ -243,15 +243,15 @@ class PartLimits(Spec):
     )
 
 
-def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
+def _fit(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give limits of parts that the robot does not have, with wrong lengths, and bounds of angles without a unit."""
     sizes = context.sizes
     sliding = context.sliding
     mobility: str | None = context.mobility
-    if "arms" in before:
+    if "arms" in earlier_fields:
         robot = mapping(context.file.data)
-        sliding = _sliding(before["arms"])
-        sizes = _parts(len(ERROR_AXES[3 if "space" in robot else 2]), before["arms"])
+        sliding = _sliding(earlier_fields["arms"])
+        sizes = _parts(len(ERROR_AXES[3 if "space" in robot else 2]), earlier_fields["arms"])
         mobility = str(robot.get("mobility", FREE_FLYING))
     axes = axes_of(sizes, "joint")
     yield from _unknown_parts(written, sizes)
@@ -261,7 +261,7 @@ def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
-            yield from misfit(
+            yield from length_errors(
                 (key, quantity), bounds, key, axes, given, written=AsWritten(sliding, turns=quantity == "position")
             )
             if key == "base" and quantity == "position" and sizes.get(key) == 6:
@@ -271,9 +271,9 @@ def _fit(written: Any, before: Fields, context: Context) -> RuleErrors:
 
 def _unknown_parts(written: Mapping[str, Any], sizes: Mapping[str, int]) -> RuleErrors:
     """Give keys that name no part of the robot."""
-    known = [*sizes, "arms"]
-    for key in (key for key in written if sizes and key not in known):
-        yield (key,), flaw(choice(key, known), "no such part of the robot", at_key=True)
+    parts = [*sizes, "arms"]
+    for key in (key for key in written if sizes and key not in parts):
+        yield (key,), flaw(choice(key, parts), "no such part of the robot", at_key=True)
 
 
 def _sliding(arms: Mapping[str, "Arm | SpatialArm"]) -> frozenset[str]:
@@ -286,21 +286,21 @@ def _parts(base: int, arms: Mapping[str, Arm | SpatialArm]) -> dict[str, int]:
     return {"base": base, **{name: len(arm.links) for name, arm in arms.items()}}
 
 
-LimitsByPart = Annotated[Mapping[str, PartLimits], holds(_fit, as_written=True)]
+LimitsByPart = Annotated[Mapping[str, PartLimits], validated_by(_fit, as_written=True)]
 """Limits keyed by `base`, `arms` (every arm) or an arm's name."""
 
 
-def _fit_joints(written: Any, before: Fields, context: Context) -> RuleErrors:
+def _fit_joints(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give numbers of arms that the robot does not have, and lists without one number for each joint."""
-    if "arms" in before:
-        sizes = {name: len(arm.links) for name, arm in before["arms"].items()}
+    if "arms" in earlier_fields:
+        sizes = {name: len(arm.links) for name, arm in earlier_fields["arms"].items()}
         axes = axes_of(sizes, "joint")
         yield from _unknown_parts(written, sizes)
         for key, numbers in written.items():
-            yield from misfit((key,), numbers, key, axes, written)
+            yield from length_errors((key,), numbers, key, axes, written)
 
 
-ArmatureByArm = Annotated[Mapping[str, tuple[fields.NotNegative, ...]], holds(_fit_joints, as_written=True)]
+ArmatureByArm = Annotated[Mapping[str, tuple[fields.NotNegative, ...]], validated_by(_fit_joints, as_written=True)]
 """Armatures of joints, keyed by `arms` (every arm) or an arm's name."""
 
 
@@ -426,7 +426,7 @@ class PlanarRobot(RobotSpec):
     dimension: ClassVar[int] = 2
 
 
-def _mounted(arms: Mapping[str, SpatialArm], before: Fields, context: Any) -> RuleErrors:
+def _mounted(arms: Mapping[str, SpatialArm], earlier_fields: Fields, context: Any) -> RuleErrors:
     """Give arms that are mounted on what is not there before them."""
     carriers = ["base"]
     for name, arm in arms.items():
@@ -441,15 +441,15 @@ class SpatialRobot(RobotSpec):
     space: Literal["spatial"] = Field("spatial", description="spatial: poses have six coordinates; without: planar")
     assumed: tuple[str, ...] = Field((), description="what a URDF leaves out and was assumed, for people")
     base: SpatialBase = Field(description="the base body")
-    arms: Annotated[Mapping[ArmKey, SpatialArm], holds(_mounted)] = Field(
+    arms: Annotated[Mapping[ArmKey, SpatialArm], validated_by(_mounted)] = Field(
         {}, description="the arms by name, in the order of Q"
     )
 
     dimension: ClassVar[int] = 3
 
 
-_LinkName = Annotated[str, known(lambda urdf: urdf.links)]
-_JointName = Annotated[str, known(lambda urdf: urdf.joints, "joint")]
+_LinkName = Annotated[str, one_of(lambda urdf: urdf.links)]
+_JointName = Annotated[str, one_of(lambda urdf: urdf.joints, "joint")]
 
 
 class Tip(Spec):
@@ -458,7 +458,7 @@ class Tip(Spec):
     tip: _LinkName = Field(min_length=1, description="link whose frame is the end-effector")
 
 
-def _locked(written: Any, before: Fields, urdf: Any) -> RuleErrors:
+def _locked(written: Any, earlier_fields: Fields, urdf: Any) -> RuleErrors:
     """Give positions of joints in the unit of another kind, and angles without a unit."""
     for name, at in written.items() if isinstance(written, Mapping) else ():
         if name in urdf.joints:
@@ -474,7 +474,7 @@ class UrdfRobot(Spec):
     urdf: str = Field(min_length=1, description="path of the URDF, relative to this file")
     base: _LinkName | None = Field(None, description="the link that is the base, by default the root")
     arms: Mapping[ArmKey, Tip] | None = Field(None, description="the arms by name; by default every leaf that moves")
-    locked: Annotated[Mapping[_JointName, fields.Coordinate], holds(_locked, as_written=True)] = Field(
+    locked: Annotated[Mapping[_JointName, fields.Coordinate], validated_by(_locked, as_written=True)] = Field(
         {}, description="positions of joints that belong to no arm, by name [rad, m]"
     )
     limits: Mapping[str, PartLimits] = Field(

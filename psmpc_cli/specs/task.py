@@ -6,6 +6,7 @@ Plain validated data in SI units.
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import partial
 from typing import Annotated, Any, Literal
 
@@ -14,7 +15,18 @@ from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, Vali
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, counted, mapping, quoted
-from psmpc_cli.specs.fields import Choice, Fields, InlineParts, RuleErrors, Spec, expected, flaw, holds, known, listed
+from psmpc_cli.specs.fields import (
+    Choice,
+    Fields,
+    InlineParts,
+    RuleErrors,
+    Spec,
+    expected,
+    flaw,
+    listed,
+    one_of,
+    validated_by,
+)
 from psmpc_cli.specs.geometry import (
     OBJECT,
     ClearanceSpec,
@@ -27,7 +39,7 @@ from psmpc_cli.specs.geometry import (
 from psmpc_cli.specs.object import NO_BODY, ObjectBody, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     BASE,
-    SPACES,
+    SKILL_KINDS,
     AsWritten,
     Context,
     Mobility,
@@ -54,27 +66,32 @@ _Aim = Annotated[
     Discriminator(lambda value: "object" if is_on_object(value) else "numbers"),
 ]
 _SkillPart = Annotated[
-    str, known(lambda context: context.sizes and [*context.sizes, "arms", *parts_of_skills()], "part of the robot")
+    str, one_of(lambda context: context.sizes and [*context.sizes, "arms", *parts_of_skills()], "part of the robot")
 ]
-_OneArm = Annotated[str, known(lambda context: [name for name in context.sizes if name != BASE], "arm")]
+_OneArm = Annotated[str, one_of(lambda context: [name for name in context.sizes if name != BASE], "arm")]
 _Control = fields.OrByPart[fields.NotNegative, fields.Part, tuple[fields.NotNegative, ...]]
 _Tolerance = fields.OrByPart[fields.CoordinateWidth, _SkillPart, fields.OneOrMore[fields.CoordinateWidth]]
-_JointNames = fields.OneOrMore[Annotated[str, known(lambda context: names(context.sizes, "joint"))]]
-_SkillName = Annotated[str, known(lambda context: context.spaces)]
-_StageName = Annotated[str, known(lambda context: context.stages)]
+_JointNames = fields.OneOrMore[Annotated[str, one_of(lambda context: names(context.sizes, "joint"))]]
+_SkillName = Annotated[str, one_of(lambda context: context.spaces)]
+_StageName = Annotated[str, one_of(lambda context: context.stages)]
 _Comparison = Annotated[tuple[_StageName, _StageName, fields.Positive], listed("a comparison [stage, stage, ratio]", 3)]
-_StageKey = Annotated[str, known(lambda context: context.stages, "stage")]
+_StageKey = Annotated[str, one_of(lambda context: context.stages, "stage")]
 
 ControllerKind = Literal["psmpc", "smpc", "hard", "htmpc"]
 
-_ControllerKey = Annotated[str, known(lambda context: CONTROLLERS, "controller")]
+_ControllerKey = Annotated[str, one_of(lambda context: CONTROLLERS, "controller")]
 
 
 NOTHING_TOUCHED = "nothing touched"
 """What is judged of bodies that keep clear of each other: at no tick does one overlap another."""
 
-OBJECT_CHECKS = ("object taken", "object not lost", "object delivered")
-"""What is judged of an object with a mass."""
+
+class ObjectCheck(StrEnum):
+    """What is judged of an object with a mass, in this order."""
+
+    TAKEN = "object taken"
+    NOT_LOST = "object not lost"
+    DELIVERED = "object delivered"
 
 
 class MonitorSpec(Spec):
@@ -378,20 +395,20 @@ class SkillWeights(InlineParts):
         return any(np.any(each) for each in numbers)
 
 
-def _weights(weights: SkillWeights, before: Fields, context: Context) -> RuleErrors:
+def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give missing parts and wrong lengths of a skill's weights."""
-    if before.get("space") is not None and "parts" in before:
-        space = space_of(before["space"], before["parts"])
+    if earlier_fields.get("space") is not None and "parts" in earlier_fields:
+        space = space_of(earlier_fields["space"], earlier_fields["parts"])
         axes = axes_of(context.sizes, space)
         yield from part_faults(weights.parts, axes, context.required(required_parts(axes, space)), one=True)
-    axes = axes_of(context.sizes, before.get("input", "joint"))
+    axes = axes_of(context.sizes, earlier_fields.get("input", "joint"))
     if not context.moved_by.actuated:
         axes = {part: axes[part] for part in axes if part != "base"}  # which has no control
     for at, error in part_faults(weights.control, axes, context.required(axes)):
         yield ("control", *at), error
     for at, error in part_faults(weights.force, axes):
         yield ("force", *at), error
-    if weights.weighs_force and before.get("input", "joint") == "task":
+    if weights.weighs_force and earlier_fields.get("input", "joint") == "task":
         yield ("force",), expected("none with input task", at_key=True)
 
 
@@ -403,12 +420,12 @@ class SkillSpec(Spec):
         """In which space each of its parts is wanted."""
         return space_of(self.space, self.parts)
 
-    space: SkillKind = Field(description="; ".join(f"{space}: {traits.about}" for space, traits in SPACES.items()))
+    space: SkillKind = Field(description="; ".join(f"{space}: {traits.about}" for space, traits in SKILL_KINDS.items()))
     parts: fields.Sparse[Mapping[_OneArm, Wanted]] = Field(
         {}, description="arms that are wanted in another space than `space`; free: nowhere"
     )
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
-    weights: Annotated[SkillWeights, holds(_weights)] = Field(description="weights by part, and of the control")
+    weights: Annotated[SkillWeights, validated_by(_weights)] = Field(description="weights by part, and of the control")
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
 
 
@@ -452,7 +469,7 @@ class EndCondition(Spec):
         return stack(numbers, robot, space, of_error=True)[chosen]
 
 
-def _rising(times: tuple[float, ...], before: Fields, context: Context) -> RuleErrors:
+def _rising(times: tuple[float, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give times of a trajectory that do not rise from 0."""
     if times[0]:
         yield (0,), expected("0: times count from where the stage begins", f"{times[0]:g} s")
@@ -467,7 +484,7 @@ class TrajectorySpec(InlineParts):
     In YAML the parts and `times` stand side by side. Paper eq. (30), "along a desired trajectory".
     """
 
-    times: Annotated[tuple[fields.Number, ...], Field(min_length=2), holds(_rising)] = Field(
+    times: Annotated[tuple[fields.Number, ...], Field(min_length=2), validated_by(_rising)] = Field(
         description="times since the stage began, rising from 0 [s]"
     )
     parts: Mapping[_SkillPart, tuple[fields.Row, ...]] = {}
@@ -478,7 +495,7 @@ class TrajectorySpec(InlineParts):
         return np.array([stack({part: rows[i] for part, rows in self.parts.items()}, robot, space) for i in moments])
 
 
-def _way(value: object) -> str:
+def _target_kind(value: object) -> str:
     """Tell a target that moves from one that does not."""
     if not isinstance(value, Mapping):
         return "trajectory" if isinstance(value, BaseModel) else "parts"
@@ -488,13 +505,13 @@ def _way(value: object) -> str:
 
 Target = Annotated[
     Annotated[Mapping[_SkillPart, _Aim], Tag("parts")] | Annotated[TrajectorySpec, Tag("trajectory")],
-    Discriminator(_way),
+    Discriminator(_target_kind),
 ]
 
 
-def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
+def _target(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give missing parts, wrong lengths, angles without a unit, and parts that have no pose on the object."""
-    if (space := context.spaces.get(before.get("skill", ""))) is None:
+    if (space := context.spaces.get(earlier_fields.get("skill", ""))) is None:
         return
     axes = axes_of(context.sizes, space, of_error=False)
     required = context.required(required_parts(axes, space))
@@ -506,7 +523,7 @@ def _target(written: Any, before: Fields, context: Context) -> RuleErrors:
             yield (key,), expected('an "object" with a mass', "no such object", at_key=True)
 
 
-def _object_end(end: ObjectEndSpec, before: Fields, context: Context) -> RuleErrors:
+def _object_end(end: ObjectEndSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give an end condition of the object that bounds nothing, or in a stage that does not hold it all the time."""
     if not end.model_dump(exclude_none=True):
         yield (), expected(f"at least one of {', '.join(ObjectEndSpec.model_fields)}", "none")
@@ -515,7 +532,7 @@ def _object_end(end: ObjectEndSpec, before: Fields, context: Context) -> RuleErr
         yield (), expected('an "object" with a mass and a destination', "no such object", at_key=True)
         return
     order = context.stages
-    name = before.get("name")
+    name = earlier_fields.get("name")
     taken_by, let_go_by = (target_object.get(key) for key in ("taken_by", "let_go_by"))
     if name not in order or taken_by not in order:
         return
@@ -530,21 +547,21 @@ def parts_of_target(target: Mapping[str, Any] | TrajectorySpec) -> Collection[st
     return target.parts if isinstance(target, TrajectorySpec) else target
 
 
-def _has_control(names_of_joints: tuple[str, ...] | None, before: Fields, context: Context) -> RuleErrors:
+def _has_control(names_of_joints: tuple[str, ...] | None, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give coordinates of a base without thrusters, which has no control."""
     for i, name in enumerate(names_of_joints or ()):
         if name.partition(".")[0] == "base" and not context.moved_by.actuated:
             yield (i,), expected(f"coordinates of arms: a {context.mobility} base has no control")
 
 
-def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
+def _end(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
     if end.object is not None:
-        yield from (((("object", *at)), error) for at, error in _object_end(end.object, before, context))
+        yield from (((("object", *at)), error) for at, error in _object_end(end.object, earlier_fields, context))
     elif not end.coordinates:
         yield (), expected('"coordinates", "object" or both', "neither", at_key=True)
     sizes = context.sizes
-    space = context.spaces.get(before.get("skill", ""))
+    space = context.spaces.get(earlier_fields.get("skill", ""))
     if not sizes or space is None:
         return
     valid = names(sizes, space)
@@ -552,7 +569,7 @@ def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
         if name not in valid:
             yield ("coordinates", i), flaw(choice(name, valid))
     keys = [name.partition(".")[0] for name in end.coordinates]
-    target = before.get("target")
+    target = earlier_fields.get("target")
     if target is not None and "base" not in parts_of_target(target):
         wanted = 'a target of "base" in this stage, or coordinates without it'
         of_base = (i for i, key in enumerate(keys) if key in ("base", "all"))
@@ -564,9 +581,9 @@ def _end(end: EndCondition, before: Fields, context: Context) -> RuleErrors:
             yield (key, *at), error
 
 
-def _end_units(written: Any, before: Fields, context: Context) -> RuleErrors:
+def _end_units(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give tolerances and velocities of an end condition in the unit of another kind of coordinate."""
-    space = context.spaces.get(before.get("skill", ""))
+    space = context.spaces.get(earlier_fields.get("skill", ""))
     if not context.sizes or space is None or not isinstance(written, Mapping):
         return
     axes = axes_of(context.sizes, space)
@@ -585,18 +602,18 @@ def _end_units(written: Any, before: Fields, context: Context) -> RuleErrors:
             yield from unit_misfits((key,), numbers, asked, units)
 
 
-def _one_way(priority: float, before: Fields, context: Context) -> RuleErrors:
+def _one_way(priority: float, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a priority beside comparisons."""
     if context.file.value(("priorities",)) is not None:
         found = '"priority" at a stage and "priorities" in the task'
         yield (), expected("one or the other", found, at_key=True)
 
 
-def _one_end(at: float | None, before: Fields, context: Context) -> RuleErrors:
+def _one_end(at: float | None, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a stage without an end, or with two."""
-    if "ends_when" in before:
-        last = before.get("name") == context.stages[-1]
-        ends = [key for key, end in (("ends_when", before["ends_when"]), ("at", at)) if end is not None]
+    if "ends_when" in earlier_fields:
+        last = earlier_fields.get("name") == context.stages[-1]
+        ends = [key for key, end in (("ends_when", earlier_fields["ends_when"]), ("at", at)) if end is not None]
         if ends != ["ends_when"] if last else len(ends) != 1:
             wanted = '"ends_when" in the last stage: it ends the run' if last else 'either "ends_when" or "at"'
             yield (), expected(wanted, " and ".join(map(quoted, ends)) or "no end", at_key=True)
@@ -607,20 +624,20 @@ class StageSpec(Spec):
 
     name: fields.Name = Field(description="name of the stage")
     skill: _SkillName = Field(description="the skill to run, by name")
-    priority: Annotated[fields.Positive, holds(_one_way)] = Field(
+    priority: Annotated[fields.Positive, validated_by(_one_way)] = Field(
         1.0, description="relative importance omega, eq. (11)"
     )
-    target: Annotated[Target, holds(_target, as_written=True)] = Field(
+    target: Annotated[Target, validated_by(_target, as_written=True)] = Field(
         description="joint: base pose and joint coordinates; task: base and end-effector poses; or a trajectory of them"
     )
-    ends_when: Annotated[EndCondition, holds(_end), holds(_end_units, as_written=True)] | None = Field(
+    ends_when: Annotated[EndCondition, validated_by(_end), validated_by(_end_units, as_written=True)] | None = Field(
         None, description="the condition that ends the stage, eq. (18)"
     )
-    at: Annotated[fields.Positive | None, holds(_one_end)] = Field(
+    at: Annotated[fields.Positive | None, validated_by(_one_end)] = Field(
         None, validate_default=True, description="fixed time that ends the stage [s], instead of a condition"
     )
     dwell: fields.NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
-    onset: Annotated[_JointNames | None, holds(_has_control)] = Field(
+    onset: Annotated[_JointNames | None, validated_by(_has_control)] = Field(
         None, description="coordinates whose control marks the stage's actual start"
     )
     clearance: fields.Sparse[ClearanceSpec | None] = Field(
@@ -661,7 +678,7 @@ class LogSpec(Spec):
 
 
 def _own_names(
-    key: str, entries: tuple[StageSpec | MonitorSpec | ObstacleSpec, ...], before: Fields, context: Context
+    key: str, entries: tuple[StageSpec | MonitorSpec | ObstacleSpec, ...], earlier_fields: Fields, context: Context
 ) -> RuleErrors:
     """Give names of entries of a list that an earlier entry has."""
     first: dict[str, int] = {}
@@ -671,16 +688,20 @@ def _own_names(
             yield (i, "name"), expected("a name of its own", found)
 
 
-def _may_have_routes(routes: RoutesSpec, before: Fields, context: Context) -> RuleErrors:
+def _may_have_routes(routes: RoutesSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give routes of a robot that cannot follow them, or round nothing."""
     if context.moved_by.reacts:
         yield (), expected(f"none: a {context.mobility} base moves as the arms move it", at_key=True)
-    stages = before.get("stages", ())
-    if "clearance" in before and before["clearance"] is None and not any(stage.clearance for stage in stages):
+    stages = earlier_fields.get("stages", ())
+    if (
+        "clearance" in earlier_fields
+        and earlier_fields["clearance"] is None
+        and not any(stage.clearance for stage in stages)
+    ):
         yield (), expected('also "clearance": routes keep clear of what it names', "routes alone", at_key=True)
 
 
-def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], before: Fields, context: Context) -> RuleErrors:
+def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give obstacles with names that parts of the robot have, or the object."""
     taken = [*context.sizes, OBJECT]
     for i, obstacle in enumerate(obstacles):
@@ -688,9 +709,9 @@ def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], before: Fields, context
             yield (i, "name"), expected(f"a name other than {', '.join(taken)}", quoted(obstacle.name))
 
 
-def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -> RuleErrors:
+def _instants(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give fixed switch times that no order of events can keep."""
-    limit = before.get("time_limit", np.inf)
+    limit = earlier_fields.get("time_limit", np.inf)
     earliest = 0.0
     fixed = 0.0
     for i, stage in enumerate(stages):
@@ -704,7 +725,7 @@ def _instants(stages: tuple[StageSpec, ...], before: Fields, context: Context) -
             earliest = fixed = stage.at
 
 
-def _controller(controller: ControllerSpec, before: Fields, context: Context) -> RuleErrors:
+def _controller(controller: ControllerSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give times of a controller that do not fit each other, and meshes that it cannot have."""
     delay = context.file.value(("uncertainty", "delay")) or 0
     if controller.sample_time > controller.horizon:
@@ -721,9 +742,9 @@ def _controller(controller: ControllerSpec, before: Fields, context: Context) ->
         yield ("nodes",), expected("a number with controller htmpc, which compares levels node by node")
 
 
-def _solver(solver: SolverSpec, before: Fields, context: Context) -> RuleErrors:
+def _solver(solver: SolverSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a controller or a gradient that is not of the solver, and a deadline that it cannot keep."""
-    controller = before.get("controller")
+    controller = earlier_fields.get("controller")
     if solver.traits.by_costates and controller and controller.traits.has_levels:
         kinds = " or ".join(kind for kind, traits in SOLVERS.items() if not traits.by_costates)
         yield (
@@ -742,9 +763,9 @@ def _solver(solver: SolverSpec, before: Fields, context: Context) -> RuleErrors:
         )
 
 
-def _plant(plant: PlantSpec, before: Fields, context: Context) -> RuleErrors:
+def _plant(plant: PlantSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a plant whose ticks and steps do not divide a sample."""
-    if (controller := before.get("controller")) is None:
+    if (controller := earlier_fields.get("controller")) is None:
         return
     sample = controller.sample_time
     rate = plant.low_level_rate
@@ -763,18 +784,18 @@ def _is_whole(ratio: float) -> bool:
     return round(ratio) >= 1 and abs(ratio - round(ratio)) <= 1e-6 * ratio
 
 
-def _within_the_robots(limits: Mapping[str, PartLimits], before: Fields, context: Context) -> RuleErrors:
+def _within_the_robots(limits: Mapping[str, PartLimits], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give limits of a task that are wider than its robot's."""
     yield from wider(limits, {"the robot's": context.robot_limits}, context.sizes)
 
 
-def _skills(skills: Mapping[str, SkillSpec], before: Fields, context: Context) -> RuleErrors:
+def _skills(skills: Mapping[str, SkillSpec], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give limits of skills that are wider than those around them, and inputs that the solver cannot have."""
-    controller = before.get("controller")
-    solver = before.get("solver")
+    controller = earlier_fields.get("controller")
+    solver = earlier_fields.get("solver")
     has_levels = bool(controller and controller.traits.has_levels)
     joint_only = has_levels or not (solver and solver.traits.task_input)
-    outer = {"the robot's": context.robot_limits, "the task's": before.get("limits", {})}
+    outer = {"the robot's": context.robot_limits, "the task's": earlier_fields.get("limits", {})}
     for name, skill in skills.items():
         if skill.input == "task" and joint_only:
             yield (name, "input"), expected('"joint" (task needs solver ipopt, and another controller than htmpc)')
@@ -797,7 +818,7 @@ def _not_in_task_space(context: Context) -> RuleErrors:
             yield at, expected(wanted, f"{counted(joints, 'joint', 'joints')} in {part}")
 
 
-def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> RuleErrors:
+def _monitor(monitor: MonitorSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a monitor that bounds nothing or is about the wrong number of frames."""
     bounds = ("above_start_at_most", "below_start_at_most", "at_most", "at_least")
     if all(getattr(monitor, bound) is None for bound in bounds):
@@ -807,49 +828,51 @@ def _monitor(monitor: MonitorSpec, before: Fields, context: Context) -> RuleErro
     unknown = [i for i, name in enumerate(monitor.of) if valid and name not in valid]
     yield from ((("of", i), flaw(choice(monitor.of[i], valid))) for i in unknown)
     if is_clearance:
-        yield from _monitored_clearance(monitor, before)
+        yield from _monitored_clearance(monitor, earlier_fields)
         return
     number = 2 if monitor.quantity == "distance" else 1
     if not unknown and not len(monitor.of) == len(set(monitor.of)) == number:
         yield ("of",), expected("two different frames for a distance, one for a speed")
 
 
-def _monitored_clearance(monitor: MonitorSpec, before: Fields) -> RuleErrors:
+def _monitored_clearance(monitor: MonitorSpec, earlier_fields: Fields) -> RuleErrors:
     """Give a monitor of a clearance that is not about two parts, or of a stage in which nothing keeps clear."""
     if len(monitor.of) not in (0, 2):
         yield ("of",), expected("two parts for a clearance, or [] for all pairs")
-    if "stages" not in before or "clearance" not in before:
+    if "stages" not in earlier_fields or "clearance" not in earlier_fields:
         return
-    of_stage = any(stage.clearance for stage in before["stages"] if stage.name == monitor.during)
-    if not (before["clearance"] or of_stage):
+    of_stage = any(stage.clearance for stage in earlier_fields["stages"] if stage.name == monitor.during)
+    if not (earlier_fields["clearance"] or of_stage):
         wanted = f'distance or speed, or "clearance" in the task or in {quoted(monitor.during)}'
         yield ("quantity",), expected(f"{wanted}: nothing keeps clear there")
 
 
-def _uncertainty(spec: UncertaintySpec, before: Fields, context: Context) -> RuleErrors:
+def _uncertainty(spec: UncertaintySpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give what the plant cannot do, a delay beyond the horizon, and a payload without an object."""
-    controller = before.get("controller")
-    plant = before.get("plant")
+    controller = earlier_fields.get("controller")
+    plant = earlier_fields.get("plant")
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
         found = f"{spec.delay} samples of {controller.sample_time:g} s"
         yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", found)
     if plant is not None and not plant.traits.has_forces and spec.changes_the_plant:
         found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
         yield (), expected(f"only noise and delay, or {plant.alternatives}", f"{found} with plant {plant.kind}")
-    if spec.impulse is not None and spec.impulse.at >= before.get("time_limit", np.inf):
-        wanted = f"a time before the time_limit of {before['time_limit']:g} s"
+    if spec.impulse is not None and spec.impulse.at >= earlier_fields.get("time_limit", np.inf):
+        wanted = f"a time before the time_limit of {earlier_fields['time_limit']:g} s"
         yield ("impulse", "at"), expected(wanted, f"{spec.impulse.at:g} s")
     if spec.impulse is not None and not context.moved_by.moves:
         yield ("impulse",), expected("none: the base is fixed", at_key=True)
-    if spec.payload and "object" in before and not before["object"]:
+    if spec.payload and "object" in earlier_fields and not earlier_fields["object"]:
         wanted = "one: it says which stages take the payload and let it go"
         yield ("payload",), expected(wanted, 'no "object"', at_key=True)
-    has_mass = bool(before.get("object") and before["object"].mass)
+    has_mass = bool(earlier_fields.get("object") and earlier_fields["object"].mass)
     if spec.payload and has_mass:
         yield ("payload",), expected("none: the object has a mass of its own", "a payload", at_key=True)
     if spec.object and not has_mass:
         yield ("object",), expected('an "object" with a mass', "no such object", at_key=True)
-    yield from (_shares_of_no_limit(spec.force_share, before["limits"], context) if "limits" in before else ())
+    yield from (
+        _shares_of_no_limit(spec.force_share, earlier_fields["limits"], context) if "limits" in earlier_fields else ()
+    )
 
 
 def _shares_of_no_limit(
@@ -870,27 +893,27 @@ def _shares_of_no_limit(
             yield ("force_share", *where), expected(wanted)
 
 
-_Monitor = Annotated[MonitorSpec, holds(_monitor)]
+_Monitor = Annotated[MonitorSpec, validated_by(_monitor)]
 
 
-def _names_of_checks(monitors: tuple[MonitorSpec, ...], before: Fields, context: Context) -> RuleErrors:
+def _names_of_checks(monitors: tuple[MonitorSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give monitors with the name of what is judged besides."""
-    keeps_clear = before.get("clearance") or any(stage.clearance for stage in before.get("stages", ()))
-    target_object = before.get("object")
+    keeps_clear = earlier_fields.get("clearance") or any(stage.clearance for stage in earlier_fields.get("stages", ()))
+    target_object = earlier_fields.get("object")
     taken = [NOTHING_TOUCHED] if keeps_clear else []
-    taken += OBJECT_CHECKS if target_object and target_object.mass else ()
+    taken += [check.value for check in ObjectCheck] if target_object and target_object.mass else []
     for i, monitor in enumerate(monitors):
         if monitor.name in taken:
             yield (i, "name"), expected(f"a name other than {', '.join(taken)}", quoted(monitor.name))
 
 
-def _still(velocity: Any, before: Fields, context: Context) -> RuleErrors:
+def _fixed_base_rests(velocity: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give an initial velocity of a base that stands still."""
     if any(velocity.get("base", ())) and not context.moved_by.moves:
         yield ("base",), expected("zeros, or no base: it is fixed")
 
 
-def _has_thrusters(target_object: ObjectSpec, before: Fields, context: Context) -> RuleErrors:
+def _has_thrusters(target_object: ObjectSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give an object with a mass where nothing acts on the base."""
     if target_object.mass and not context.moved_by.actuated:
         yield (
@@ -912,48 +935,50 @@ class TaskSpec(Spec):
         description="base pose and joint coordinates at the start [m, rad]"
     )
     initial_velocity: Annotated[
-        Mapping[fields.Part, tuple[fields.Coordinate, ...]], in_joint_space(), holds(_still)
+        Mapping[fields.Part, tuple[fields.Coordinate, ...]], in_joint_space(), validated_by(_fixed_base_rests)
     ] = Field({}, description="their rates at the start [m/s, rad/s]; default rest")
-    controller: Annotated[ControllerSpec, holds(_controller)] = Field(
+    controller: Annotated[ControllerSpec, validated_by(_controller)] = Field(
         ControllerSpec(), description="the controller and its objective"
     )
-    solver: Annotated[SolverSpec, holds(_solver)] = Field(SolverSpec(), description="the NLP back-end")
-    plant: Annotated[PlantSpec, holds(_plant)] = Field(PlantSpec(), description="the simulated physics")
+    solver: Annotated[SolverSpec, validated_by(_solver)] = Field(SolverSpec(), description="the NLP back-end")
+    plant: Annotated[PlantSpec, validated_by(_plant)] = Field(PlantSpec(), description="the simulated physics")
     time_limit: fields.Positive = Field(60.0, description="time after which the run is stopped [s]")
-    limits: Annotated[LimitsByPart, holds(_within_the_robots)] = Field(
+    limits: Annotated[LimitsByPart, validated_by(_within_the_robots)] = Field(
         {}, description="limits of this task, within the robot's"
     )
-    skills: Annotated[Mapping[fields.Name, SkillSpec], Field(min_length=1), holds(_skills)] = Field(
+    skills: Annotated[Mapping[fields.Name, SkillSpec], Field(min_length=1), validated_by(_skills)] = Field(
         description="the skills by name"
     )
     stages: Annotated[
         tuple[StageSpec, ...],
         Field(min_length=1),
-        holds(partial(_own_names, "stages")),
-        holds(_instants),
+        validated_by(partial(_own_names, "stages")),
+        validated_by(_instants),
     ] = Field(description="the stages in their order")
-    priorities: Annotated[PrioritiesSpec, holds(disagreements)] | None = Field(
+    priorities: Annotated[PrioritiesSpec, validated_by(disagreements)] | None = Field(
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
-    object: Annotated[ObjectSpec, holds(complete), holds(_has_thrusters)] | None = Field(
+    object: Annotated[ObjectSpec, validated_by(complete), validated_by(_has_thrusters)] | None = Field(
         None, description="the target object"
     )
     obstacles: fields.Sparse[
-        Annotated[tuple[ObstacleSpec, ...], holds(partial(_own_names, "obstacles")), holds(_obstacle_names)]
+        Annotated[
+            tuple[ObstacleSpec, ...], validated_by(partial(_own_names, "obstacles")), validated_by(_obstacle_names)
+        ]
     ] = Field((), description="bodies that the robot does not touch")
     clearance: fields.Sparse[ClearanceSpec | None] = Field(
         None, description="how far apart bodies keep; default nothing is kept, measured or called a touch"
     )
-    routes: fields.Sparse[Annotated[RoutesSpec, holds(_may_have_routes)] | None] = Field(
+    routes: fields.Sparse[Annotated[RoutesSpec, validated_by(_may_have_routes)] | None] = Field(
         None, description="routes round what blocks the straight motion to a target; default none"
     )
-    uncertainty: Annotated[UncertaintySpec, holds(_uncertainty)] = Field(
+    uncertainty: Annotated[UncertaintySpec, validated_by(_uncertainty)] = Field(
         UncertaintySpec(), description="what the controller does not know"
     )
-    monitors: Annotated[tuple[_Monitor, ...], holds(partial(_own_names, "monitors")), holds(_names_of_checks)] = Field(
-        (), description="what must hold for the mission to succeed"
-    )
+    monitors: Annotated[
+        tuple[_Monitor, ...], validated_by(partial(_own_names, "monitors")), validated_by(_names_of_checks)
+    ] = Field((), description="what must hold for the mission to succeed")
     published: Mapping[_ControllerKey, PublishedRun] = Field(
         {}, description="published runs to compare with, by controller"
     )
@@ -979,7 +1004,8 @@ class TaskSpec(Spec):
         body = self.body
         if body.mass == 0.0:
             return ()
-        return OBJECT_CHECKS[: 2 if body.destination is None else 3]
+        left_out = {ObjectCheck.DELIVERED} if body.destination is None else set()
+        return tuple(check.value for check in ObjectCheck if check not in left_out)
 
     @property
     def body(self) -> ObjectBody:

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, holds
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, validated_by
 from psmpc_cli.specs.parts import Context, by_dimension, in_joint_space
 from psmpc_cli.specs.robot import RobotSpec, Vector
 
@@ -65,7 +65,7 @@ class ImpulseSpec(Spec):
     )
 
 
-def _whole(share: float | Mapping[str, float] | None, before: Fields, context: Context) -> RuleErrors:
+def _whole(share: float | Mapping[str, float] | None, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give shares of a payload whose sum over the arms is not 1, but for the digits they are written with."""
     arms = [part for part in context.sizes if part != "base"]
     by_arm = share if isinstance(share, Mapping) else {"arms": share}
@@ -82,9 +82,9 @@ class PayloadSpec(Spec):
     mass: fields.Positive = Field(description="mass [kg]")
     inertia: fields.NotNegative = Field(description="inertia about its centre of mass [kg m^2]")
     known: fields.Flag = Field(False, description="whether the low-level law counts it in while it is held")
-    share: Annotated[fields.OrByPart[fields.NotNegative, fields.ArmName, fields.NotNegative] | None, holds(_whole)] = (
-        Field(None, description="what each gripper holds of it, one number or numbers by arm; default equal shares")
-    )
+    share: Annotated[
+        fields.OrByPart[fields.NotNegative, fields.ArmName, fields.NotNegative] | None, validated_by(_whole)
+    ] = Field(None, description="what each gripper holds of it, one number or numbers by arm; default equal shares")
 
     def shares(self, arms: Sequence[str]) -> list[float]:
         """Return the share of each gripper, (arms,); they sum to 1."""

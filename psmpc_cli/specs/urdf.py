@@ -275,15 +275,15 @@ class Urdf:
         self._check_tree(root)
 
     def _add(self, element: Any) -> None:
-        known: dict[str, Any] = self.links if element.tag == "link" else self.joints
+        elements: dict[str, Any] = self.links if element.tag == "link" else self.joints
         name = element.get("name")
         if not name:
             self.wrong(element, f"<{element.tag}> without a name", "the attribute name")
-        elif name in known:
-            second = f"a second {element.tag} {quoted(name)} (first at line {known[name].sourceline})"
+        elif name in elements:
+            second = f"a second {element.tag} {quoted(name)} (first at line {elements[name].sourceline})"
             self.wrong(element, second, "a name of its own")
         else:
-            known[name] = UrdfLink(name, element) if element.tag == "link" else self._joint(element, name)
+            elements[name] = UrdfLink(name, element) if element.tag == "link" else self._joint(element, name)
 
     def _joint(self, element: Any, name: str) -> UrdfJoint:
         written = str(element.get("type"))

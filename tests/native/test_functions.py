@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from psmpc_cli.native.functions import ArrayFunction, RowFunction, compiled
+from psmpc_cli.native.functions import ArrayFunction, BatchFunction, compiled
 from psmpc_cli.plant.rk4 import tick_function
 from psmpc_cli.robot.model import RobotModel
 
@@ -59,14 +59,14 @@ def function() -> ca.Function:
 def test_each_row_is_evaluated(function: ca.Function, rows: int) -> None:
     random = np.random.default_rng(rows)
     X, Y = random.standard_normal((rows, 3)), random.standard_normal((rows, 2))
-    first, second = RowFunction(function)(X, Y, rows=rows)
+    first, second = BatchFunction(function)(X, Y, rows=rows)
     assert (first.shape, second.shape) == ((rows, 3), (rows, 1))
     np.testing.assert_array_equal(first, np.column_stack([X[:, :1] * Y, X[:, 2]]))
     np.testing.assert_allclose(second[:, 0], (X**2).sum(axis=1), rtol=1e-14)
 
 
 def test_fewer_rows_after_more_leave_earlier_results_alone(function: ca.Function) -> None:
-    evaluate, X, y = RowFunction(function), np.arange(30.0).reshape(10, 3), np.ones(2)
+    evaluate, X, y = BatchFunction(function), np.arange(30.0).reshape(10, 3), np.ones(2)
     before, _ = evaluate(X, y, rows=10)
     kept = before.copy()
     after, _ = evaluate(X[5:8], y, rows=3)

@@ -15,10 +15,10 @@ from psmpc_cli.native.library import (
     CompilationError,
     Library,
     cache_directory,
+    compile_all,
     describe_compiler,
     find_compiler,
     library,
-    make_all,
 )
 
 TWICE = "double twice(double x) { return 2 * x; }"
@@ -82,7 +82,7 @@ def test_several_libraries_are_compiled_with_their_number_and_the_time_left(
     wanted = [Library(TWICE.replace("2 *", f"{k} *"), "numbers") for k in (2, 3, 4)]
     caplog.clear()
     with caplog.at_level(logging.INFO, "psmpc_cli"):
-        assert make_all(wanted)
+        assert compile_all(wanted)
     assert [record.getMessage().rpartition("): ")[2].partition(", about")[0] for record in caplog.records] == [
         "0 of 2 libraries",
         "1 of 2 libraries",

@@ -11,7 +11,7 @@ from psmpc_cli.ocp.reference import Trajectory
 from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.ocp.stage import Stage, StageShape
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.parts import SPACES, space_of
+from psmpc_cli.specs.parts import SKILL_KINDS, space_of
 
 from ..robot.robots_in_task_space import spatial_robot
 from .transport_windows import ending
@@ -106,7 +106,7 @@ def test_in_space_twists_and_places_of_frames_are_double_integrators_too() -> No
 MIXED = (space_of("task", {"arm_1": "joint"}), space_of("point", {"arm_2": "free"}))
 
 
-@pytest.fixture(scope="module", params=[*SPACES, *MIXED], ids=str)
+@pytest.fixture(scope="module", params=[*SKILL_KINDS, *MIXED], ids=str)
 def stage(request: pytest.FixtureRequest, model: RobotModel, stages: tuple[Stage, ...]) -> Stage:
     """A stage of each skill."""
     skill, random = skill_in(request.param), np.random.default_rng(2)

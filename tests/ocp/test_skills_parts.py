@@ -13,7 +13,7 @@ from psmpc_cli.ocp.targets import _poses_at_target
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.parts import SPACES, space_of
+from psmpc_cli.specs.parts import SKILL_KINDS, space_of
 from psmpc_cli.specs.robot import labels
 
 MIXED = space_of("task", {"arm_1": "joint"})
@@ -73,7 +73,7 @@ def test_the_error_of_each_part_is_that_of_its_own_kind(problem: Problem) -> Non
     np.testing.assert_allclose(error[6:], xi[6:] - stage.target[6:])
 
 
-@pytest.mark.parametrize("space", [*SPACES, MIXED, space_of("joint", {"arm_2": "free"})], ids=str)
+@pytest.mark.parametrize("space", [*SKILL_KINDS, MIXED, space_of("joint", {"arm_2": "free"})], ids=str)
 def test_the_numbers_at_a_posture_lead_back_to_it(model: RobotModel, space: Any) -> None:
     Q = np.linspace(-0.4, 0.5, 9)
     posture = Posture(Q, np.asarray(model.g(Q)).ravel())

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
-from psmpc_cli.specs.parts import POINT_AXES, SPACES, Space, SpaceTraits, axes_of, keys_of, names, part_faults
+from psmpc_cli.specs.parts import POINT_AXES, SKILL_KINDS, SkillKindTraits, Space, axes_of, keys_of, names, part_faults
 from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits, labels, resolve_limits, rows, stack, units
 from psmpc_cli.specs.task import EndCondition, TrajectorySpec
 
@@ -127,8 +127,8 @@ CENTRE: Any = "centre"
 @pytest.fixture
 def with_a_part_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """One more row in the table of spaces: a skill about the base and a point that no arm has."""
-    traits = SpaceTraits("a point of the whole robot", {"centre": (POINT_AXES, POINT_AXES)})
-    monkeypatch.setitem(SPACES, CENTRE, traits)
+    traits = SkillKindTraits("a point of the whole robot", {"centre": (POINT_AXES, POINT_AXES)})
+    monkeypatch.setitem(SKILL_KINDS, CENTRE, traits)
 
 
 @pytest.mark.usefixtures("with_a_part_of_its_own")
@@ -152,7 +152,7 @@ def test_numbers_of_parts_that_a_skill_does_not_have_are_faults() -> None:
     assert list(part_faults({"base": [0, 0, 0], "centre": [0, 0]}, axes, axes)) == []
 
 
-@pytest.mark.parametrize("space", SPACES)
+@pytest.mark.parametrize("space", SKILL_KINDS)
 def test_every_skill_has_a_pose_of_the_base_first(space: Space) -> None:
     assert labels(DUAL, space)[:3] == ("base.x", "base.y", "base.theta")
     assert keys_of(axes_of(DUAL.parts, space)) == ("base", "arm_1", "arm_2", "arms")

@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.native.functions import RowFunction
+from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
 from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
 from psmpc_cli.robot.distances import distances, part_count, witnesses
@@ -334,17 +334,17 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
     return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_convex=True)
 
 
-def distances_on_arrays(model: RobotModel, pairs: Pairs, native: bool = False) -> RowFunction:
+def distances_on_arrays(model: RobotModel, pairs: Pairs, native: bool = False) -> BatchFunction:
     """Return the function of the distances on arrays; `native`, as compiled C."""
     found = model.cached((functions, pairs), partial(functions, model, pairs))
     return found.compiled.value if native else found.value
 
 
-def nearest_points(model: RobotModel, pairs: Pairs) -> RowFunction:
+def nearest_points(model: RobotModel, pairs: Pairs) -> BatchFunction:
     """Return x, [anchor; 0; poses] -> the points of both surfaces that are nearest, pair by pair, (6 pairs,) [m]."""
     x, argument, placed = _placed(model, pairs)
     points = [ca.vertcat(*own, *other) for own, other in (witnesses(*pair) for pair in placed)]
-    return RowFunction(ca.Function("nearest_points", [x, argument], ca.cse([ca.densify(ca.vertcat(*points))])))
+    return BatchFunction(ca.Function("nearest_points", [x, argument], ca.cse([ca.densify(ca.vertcat(*points))])))
 
 
 def _placed(

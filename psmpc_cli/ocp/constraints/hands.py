@@ -1,7 +1,7 @@
 """Hands that hold one body keep their relative pose, in a soft band about the one that they have at the sample.
 
-Where it was when the grippers closed is no matter: grasps settle, and give. A band about that pose has plans move the
-hands back, which the law of a robot that holds the body leaves out, see `HeldLoad`.
+The reference is the current relative pose, not that of when the grippers closed: grasps settle and give. About the
+earlier pose plans would move the hands back, which the law of a robot that holds the body leaves out, see `HeldLoad`.
 """
 
 from functools import partial

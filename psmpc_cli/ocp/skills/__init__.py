@@ -5,11 +5,11 @@ from pkgutil import resolve_name
 
 from psmpc_cli.ocp.skills.base import PartKind, Posture, Skill, TargetPart
 from psmpc_cli.ocp.skills.task import PoseOfBase
-from psmpc_cli.specs.parts import BASE, SPACES, Space
+from psmpc_cli.specs.parts import BASE, SKILL_KINDS, Space
 
 __all__ = ["PartKind", "Posture", "Skill", "TargetPart", "skill_in"]
 
-KINDS: dict[str, PartKind] = {name: resolve_name(f"{__name__}.{name}:KIND") for name in SPACES}
+KINDS: dict[str, PartKind] = {name: resolve_name(f"{__name__}.{name}:KIND") for name in SKILL_KINDS}
 KINDS[BASE] = PoseOfBase()
 """How parts may be wanted; every target begins with the pose of the base."""
 

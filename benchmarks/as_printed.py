@@ -1,4 +1,4 @@
-"""Tables of docs/reproduce.md on the paper as printed: what each departure changes, and what a start is.
+"""Tables of docs/reproduce.md and docs/departures.md: the task as printed, each departure, and what a start is.
 
 python benchmarks/as_printed.py claims [NODES]       claims that hold as shipped and as printed; minutes
 python benchmarks/as_printed.py departures [NODES]   each departure alone, from as printed and from as shipped; minutes

@@ -1,4 +1,4 @@
-"""Runs what the paper's claims on its simulations need. Documented in docs/reproduce.md."""
+"""Runs what the paper's claims on its simulations need. Documented in docs/claims.md."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -202,7 +202,7 @@ def _shared_changes(changes: Sequence[str], keys: Sequence[str]) -> tuple[str, .
 
 
 def claims_json(reproduction: Reproduction, created: str, printed: Reproduction | None = None) -> bytes:
-    """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/reproduce.md.
+    """Write the claim table as JSON; what is unknown, or does not apply, is null. Keys: docs/claims.md.
 
     Args:
         reproduction: Of the shipped task.

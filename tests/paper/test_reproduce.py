@@ -178,7 +178,7 @@ def test_the_json_has_everything_and_null_for_what_is_unknown(made: Reproduction
 
 
 def test_the_page_on_it_documents_every_key_of_the_json(data: dict[str, Any]) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "reproduce.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "claims.md").read_text(encoding="utf-8")
     rows = [line.partition("|")[2].partition("|")[0] for line in text.splitlines() if line.startswith("| `")]
     documented = {key for row in rows for key in re.findall(r"`(\w+)`", row)}
     assert documented == set(data) | set(data["claims"][0])

@@ -110,7 +110,7 @@ READERS = {
 """Every command that reads a file, by file."""
 
 LONGEST_REJECTION, MOST_MEMORY = 2.0, 500_000
-"""What docs/reliability.md promises of a file that is rejected [s], and of any small one [kB]."""
+"""What docs/faults.md promises of a file that is rejected [s], and of any small one [kB]."""
 
 LONGEST = 5.0
 """After so long a file is one on which HDF5 hangs [s]."""

@@ -349,7 +349,7 @@ def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fa
 LARGEST_PRIORITY_OF_RELEASE = 0.01
 """Largest priority of a stage that lets go, over that of the one before it, at which no run opened grippers early.
 
-docs/missions.md has the runs, of horizons from 2 to 12 s.
+docs/limits.md has the runs, of horizons from 2 to 12 s.
 """
 
 

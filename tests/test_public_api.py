@@ -274,7 +274,7 @@ def test_a_state_is_of_whole_numbers_too_and_keeps_its_numbers() -> None:
     Q = np.zeros(N)
     state = psmpc.State(Q, [0] * N)
     Q += 1
-    np.testing.assert_array_equal(state.x, np.zeros(2 * N))
+    np.testing.assert_array_equal(state.vector, np.zeros(2 * N))
 
 
 def test_a_pose_that_is_not_finite_is_predicted(api: Api) -> None:

@@ -75,7 +75,7 @@ class Situation:
     Attributes:
         time: Of the sample [s].
         estimate: What is known of the robot.
-        x: Estimated state in the chart (2n,); NaN where nothing is known of it.
+        x_chart: Estimated state in the chart (2n,); NaN where nothing is known of it.
         is_measured: All of the state was measured.
         placement: The stages with their targets.
         switches: Stages that ended since the sample before.
@@ -84,7 +84,7 @@ class Situation:
 
     time: float
     estimate: Estimate
-    x: np.ndarray
+    x_chart: np.ndarray
     is_measured: bool
     placement: Placement
     switches: tuple[Switch, ...] = ()
@@ -185,19 +185,19 @@ class ControlLaw:
         target_object = memory.target_object.with_measurement(measured_at, measurement.object_pose, grip)
         foreseen = self._estimator.foreseen(estimate)
         chart = self._chart_about(foreseen, memory.plans.current, time)
-        x = np.asarray(chart.enter(foreseen.Q[None], foreseen.v[None])[0])
+        x_chart = np.asarray(chart.enter(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
         if self._guide is not None:
             route = self._guide.followed(memory.route, memory.sequence.first, time, foreseen, target_object)
             memory = replace(memory, route=route)
-        placement = self._place(memory, time, x, chart)
-        is_measured = isfinite(measurement.state.x @ measurement.state.x)
-        situation = Situation(time, estimate, x, is_measured, placement, route=memory.route)
+        placement = self._place(memory, time, x_chart, chart)
+        is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
+        situation = Situation(time, estimate, x_chart, is_measured, placement, route=memory.route)
         return replace(memory, signs=placement.signs), situation
 
     def _grip(self, sequence: MovingSequence, state: State) -> Grip | None:
         """Return the gripper that holds the object at an estimated state; None where none does or it is not known."""
-        if sequence.first not in self.problem.held_stages or not isfinite(state.x @ state.x):
+        if sequence.first not in self.problem.held_stages or not isfinite(state.vector @ state.vector):
             return None
         return Grip.of(self.problem.model, self.problem.body.holder, state.Q, state.v)
 
@@ -210,11 +210,11 @@ class ControlLaw:
         return space.chart_at(Q)
 
     def _place(
-        self, memory: Memory, time: float, x: np.ndarray, chart: Chart, at_planned_ends: bool = False
+        self, memory: Memory, time: float, x_chart: np.ndarray, chart: Chart, at_planned_ends: bool = False
     ) -> Placement:
         return self._placer.place(
             time=time,
-            x=x,
+            x=x_chart,
             chart=chart,
             sequence=memory.sequence,
             plan=memory.plans.solved,
@@ -233,25 +233,25 @@ class ControlLaw:
             RunError: Nothing is measured, and there is no plan yet.
         """
         time = situation.time
-        x = situation.x
+        x_chart = situation.x_chart
         stages = situation.stages
         costs = self.problem.costs
-        sequence = memory.sequence.with_measurement(stages, costs, time, x)
+        sequence = memory.sequence.with_measurement(stages, costs, time, x_chart)
         may_end = stages[sequence.first].end.accepts(self._planned_end(sequence, memory.solution, situation))
         sequence, passed = drop_passed(sequence if may_end else sequence.current_only, time)
-        sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x), stages, costs, time, x)
-        sequence = sequence.with_measurement(stages, costs, time, x)
+        sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x_chart), stages, costs, time, x_chart)
+        sequence = sequence.with_measurement(stages, costs, time, x_chart)
         memory = replace(memory, sequence=sequence)
 
         placement = situation.placement
         if self._placer.follows_object:
-            placement = self._place(memory, time, x, placement.chart, at_planned_ends=True)
+            placement = self._place(memory, time, x_chart, placement.chart, at_planned_ends=True)
             memory = replace(memory, signs=placement.signs)
-        x = self._with_predicted(memory, time, x)
+        x_chart = self._with_predicted(memory, time, x_chart)
         arguments = self._placer.arguments(
             time=time,
             sequence=sequence,
-            x=x,
+            x=x_chart,
             chart=placement.chart,
             plan=memory.plans.solved,
             target_object=memory.target_object,
@@ -259,30 +259,30 @@ class ControlLaw:
         )
         memory = replace(memory, arguments=arguments)
         placement = placement.with_arguments(arguments)
-        return memory, replace(situation, x=x, placement=placement, switches=(*passed, *met))
+        return memory, replace(situation, x_chart=x_chart, placement=placement, switches=(*passed, *met))
 
     def _planned_end(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> PlannedEnd:
         """Return the end of the current stage as the last plan has it."""
         stage = situation.stages[sequence.first]
         holding = self.problem.held_stages
-        x = situation.x[None]
+        x_chart = situation.x_chart[None]
         return PlannedEnd(
             instant=sequence.planned_end,
             now=situation.time,
             next_sample=situation.time + self._spec.sample_time,
             is_renewed=solution is None or solution.outcome.usable,
             moves_grippers=sequence.first + 1 in (holding.start, holding.stop),
-            is_near=lambda: bool(self.problem.costs.met(stage, x, self._spec.detection_margin)[0]),
+            is_near=lambda: bool(self.problem.costs.met(stage, x_chart, self._spec.detection_margin)[0]),
         )
 
-    def _with_predicted(self, memory: Memory, time: float, x: np.ndarray) -> np.ndarray:
+    def _with_predicted(self, memory: Memory, time: float, x_chart: np.ndarray) -> np.ndarray:
         """Return the state x (2n,) with that of the plan in force wherever it is not finite."""
-        if isfinite(x @ x):
-            return x
+        if isfinite(x_chart @ x_chart):
+            return x_chart
         plan = memory.plans.current
         if plan is None:
             raise RunError(f"nothing is measured at {time:g} s and there is no plan yet, so the robot does not move")
-        return np.where(np.isfinite(x), x, plan.states_at(np.array([time]))[0])
+        return np.where(np.isfinite(x_chart), x_chart, plan.states_at(np.array([time]))[0])
 
     def _shift(self, memory: Memory, situation: Situation) -> Plan:
         """Return the last plan from now on; before the first, one without control."""
@@ -291,8 +291,8 @@ class ControlLaw:
         plan = memory.plans.solved
         if plan is None:
             chart = situation.placement.chart
-            return resting_plan(time, horizon, self._spec.uniform_nodes, situation.x, chart)
-        return shift(plan, time, horizon, situation.x)
+            return resting_plan(time, horizon, self._spec.uniform_nodes, situation.x_chart, chart)
+        return shift(plan, time, horizon, situation.x_chart)
 
     def _detect(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
         """Return the sequence with the next stage, where its switch is predicted; else None.
@@ -309,7 +309,9 @@ class ControlLaw:
         if longer is None or not self._placer.follows_object:
             return situation
         extended = replace(memory, sequence=longer)
-        placement = self._place(extended, situation.time, situation.x, situation.placement.chart, at_planned_ends=True)
+        placement = self._place(
+            extended, situation.time, situation.x_chart, situation.placement.chart, at_planned_ends=True
+        )
         return replace(situation, placement=placement.with_arguments(memory.arguments))
 
     def _attempts(self, memory: Memory, situation: Situation, prediction: Plan, stop_at: float) -> Attempts:
@@ -355,7 +357,7 @@ class ControlLaw:
                 sequence = sequence.current_only if is_due else sequence
             plans, plan = plans.on_failure(
                 situation.time,
-                situation.x,
+                situation.x_chart,
                 stage.limits,
                 horizon=self._spec.horizon,
                 sample_time=self._spec.sample_time,
@@ -398,7 +400,7 @@ class ControlLaw:
     ) -> tuple[Estimate, Command]:
         """Return the command over the coming sample, and the estimate that counts it."""
         edges = situation.time + self._ticks
-        Q, v = situation.placement.chart.leave(situation.x[None])
+        Q, v = situation.placement.chart.leave(situation.x_chart[None])
         planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
@@ -411,7 +413,7 @@ class ControlLaw:
                 twist_rates = self.problem.model.twist_rates(Q[0], v[0], u, self._tick)
         command = Command(
             time=situation.time,
-            x=np.concatenate([Q[0], v[0]]),
+            state=np.concatenate([Q[0], v[0]]),
             u=u,
             tick=self._tick,
             edges=edges,

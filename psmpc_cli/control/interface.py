@@ -50,13 +50,13 @@ class State:
             object.__setattr__(self, name, np.array(value, dtype=float))
 
     @classmethod
-    def of(cls, x: np.ndarray) -> "State":
+    def of(cls, state: np.ndarray) -> "State":
         """Build the state from [Q; v] (nq + n,)."""
-        n = len(x) // 2
-        return cls(x[: len(x) - n], x[len(x) - n :])
+        n = len(state) // 2
+        return cls(state[: len(state) - n], state[len(state) - n :])
 
     @property
-    def x(self) -> np.ndarray:
+    def vector(self) -> np.ndarray:
         """Both as one vector [Q; v] (nq + n,)."""
         return np.concatenate([self.Q, self.v])
 
@@ -153,7 +153,7 @@ class Command:
 
     Attributes:
         time: When it begins to act [s].
-        x: State [Q; v] (nq + n,) it was decided from: the measured one, or the one foreseen over a known delay.
+        state: State [Q; v] (nq + n,) it was decided from: the measured one, or the one foreseen over a known delay.
         u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
         tick: Length of a tick [s].
         edges: Beginnings of the ticks, and the sample's end (M + 1,) [s].
@@ -180,7 +180,7 @@ class Command:
     """
 
     time: float
-    x: np.ndarray
+    state: np.ndarray
     u: np.ndarray
     tick: float
     edges: np.ndarray
@@ -200,7 +200,7 @@ class Command:
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""
-        make_read_only(self.x, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
+        make_read_only(self.state, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
         make_read_only(self.twist_rates)
         for solution in (self.solution, *self.levels):
             make_read_only(solution.plan, solution.guess, solution.costs, solution.violations, solution.duals)

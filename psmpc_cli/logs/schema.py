@@ -62,7 +62,7 @@ class PendingSample:
         ticks: What the plant did until the next sample.
         presence: How much of each waiting stage is in the control, by its index.
         shares: Share of each stage in the applied control, by its index.
-        x: True state (nq + n,), before anything is taken up or let go.
+        state: True state (nq + n,), before anything is taken up or let go.
         u: Accelerations that reached the robot over the ticks (M, n).
         contact: Effect of taking up or letting go at the sample; None without a payload.
         of_object: Momentum and kinetic energy of an object with a mass at the end of the sample; 0 without one.
@@ -73,7 +73,7 @@ class PendingSample:
     ticks: Ticks
     presence: Mapping[int, float]
     shares: Mapping[int, float]
-    x: np.ndarray
+    state: np.ndarray
     u: np.ndarray
     contact: Contact | None
     of_object: np.ndarray | float
@@ -419,13 +419,16 @@ SCHEMA = (
     _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only=OBJECT),
     # a row a sample
     _sampled_coordinates(
-        "state/Q", POSITION_UNITS, "generalized coordinates, as the controller saw them", lambda s: s.command.x[: -s.n]
+        "state/Q",
+        POSITION_UNITS,
+        "generalized coordinates, as the controller saw them",
+        lambda s: s.command.state[: -s.n],
     ),
     _sampled_velocities(
         "state/Qdot",
         VELOCITY_UNITS,
         "generalized velocities, as the controller saw them",
-        lambda s: s.command.x[-s.n :],
+        lambda s: s.command.state[-s.n :],
     ),
     _sampled_velocities("control/u", ACCELERATION_UNITS, "applied acceleration over the first tick"),
     _sampled_velocities(
@@ -578,10 +581,10 @@ SCHEMA = (
     # a row a tick
     _column("ticks/time", "s", "tick time", lambda s: s.ticks.time[:-1], dims=("ticks/tick",), only=TICKS),
     _ticks_coordinates(
-        "ticks/Q", POSITION_UNITS, "generalized coordinates at every tick", lambda s: s.ticks.X[:-1, : -s.n]
+        "ticks/Q", POSITION_UNITS, "generalized coordinates at every tick", lambda s: s.ticks.states[:-1, : -s.n]
     ),
     _ticks_velocities(
-        "ticks/Qdot", VELOCITY_UNITS, "generalized velocities at every tick", lambda s: s.ticks.X[:-1, -s.n :]
+        "ticks/Qdot", VELOCITY_UNITS, "generalized velocities at every tick", lambda s: s.ticks.states[:-1, -s.n :]
     ),
     _ticks_velocities("ticks/F", FORCE_UNITS, "generalized force held from the tick on" + BASE_AXES, "ticks.F"),
     _ticks_velocities(

@@ -25,16 +25,16 @@ class Flow:
 
     Attributes:
         times: (pieces * INSIDE + 1,) [s], the first and every `INSIDE`-th after it being ends of pieces.
-        X: States at those times, (len(times), nq + n).
+        states: States at those times, (len(times), nq + n).
     """
 
     times: np.ndarray
-    X: np.ndarray
+    states: np.ndarray
 
     @property
     def between_pieces(self) -> np.ndarray:
         """The states at the beginning and after each piece (pieces + 1, nq + n)."""
-        return self.X[::INSIDE]
+        return self.states[::INSIDE]
 
 
 class AdaptiveDynamics:
@@ -48,26 +48,26 @@ class AdaptiveDynamics:
         self._model = model
         self._integrators = {lawful: _integrator(model, lawful) for lawful in (False, True)}
 
-    def under(self, what: str, x: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
-        """Return the states from x (nq + n,) on.
+    def under(self, what: str, state: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
+        """Return the states from a state (nq + n,) on.
 
         Args:
             what: What acts: `law`, `ticks` or `force`.
-            x: State at the first of the times.
+            state: State at the first of the times.
             times: Ends of the pieces (K + 1,) [s].
             inputs: Accelerations [m/s^2, rad/s^2], or generalized forces [N, N m], of the pieces (K, n). Under the law
                 a spatial robot's are those of a plan, in its chart, each with the chart's anchor behind it (K, n + 4).
         """
-        X = [x[:, None]]
+        states = [state[:, None]]
         integrator = self._integrators[what == "law"]
         for given, dt in zip(inputs, np.diff(times), strict=True):
-            x = X[-1][:, -1]
+            state = states[-1][:, -1]
             if what == "ticks":
-                given = self._model.computed_torque(x[: self._model.nq], x[self._model.nq :], given)
-            X.append(np.asarray(integrator(x0=x, p=np.r_[given, dt])["xf"]))
+                given = self._model.computed_torque(state[: self._model.nq], state[self._model.nq :], given)
+            states.append(np.asarray(integrator(x0=state, p=np.r_[given, dt])["xf"]))
         parts = np.arange(1, INSIDE + 1) / INSIDE
         inside = (times[:-1, None] + np.diff(times)[:, None] * parts).ravel()
-        return Flow(np.concatenate([times[:1], inside]), np.hstack(X).T)
+        return Flow(np.concatenate([times[:1], inside]), np.hstack(states).T)
 
 
 def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
@@ -75,11 +75,11 @@ def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     n = model.n
     nq = model.nq
     w = model.nominal.vector
-    x = ca.SX.sym("x", nq + n)
+    state = ca.SX.sym("x", nq + n)
     anchor = model.space.n_anchor if lawful else 0
     p = ca.SX.sym("p", n + anchor + 1)
-    Q = x[:nq]
-    v = x[nq:]
+    Q = state[:nq]
+    v = state[nq:]
     u = p[:n]
     vdot = model.space.acceleration_at(Q, v, u, p[n:-1]) if lawful else u
     F = model.dynamics.law(Q, v, vdot, w) if lawful else p[:n]
@@ -92,5 +92,5 @@ def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
         "nonlinear_solver_iteration": "functional",
     }
     parts = [float(part) for part in np.arange(1, INSIDE + 1) / INSIDE]
-    problem: dict[str, ca.SX] = {"x": x, "p": p, "ode": ode}
+    problem: dict[str, ca.SX] = {"x": state, "p": p, "ode": ode}
     return ca.integrator("piece", "cvodes", problem, 0.0, parts, options)

@@ -59,7 +59,7 @@ class Ticks:
 
     Attributes:
         time: (M + 1,) [s], the first is the sample's start.
-        X: States [Q; v] at those times (M + 1, nq + n).
+        states: States [Q; v] at those times (M + 1, nq + n).
         F: Generalized force applied over each tick, within the limits of the plant (M, n) [N, N m].
         impulse_and_work: Integral of the external wrench over the sample, linear [N s] and angular about the inertial
             origin [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,).
@@ -70,7 +70,7 @@ class Ticks:
     """
 
     time: np.ndarray
-    X: np.ndarray
+    states: np.ndarray
     F: np.ndarray
     impulse_and_work: np.ndarray = field(default_factory=lambda: np.array(np.nan))
     target_object: ObjectTicks | None = None
@@ -216,13 +216,13 @@ class Plant(Protocol):
     def advance(
         self,
         start: float,
-        x: np.ndarray,
+        state: np.ndarray,
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
     ) -> Ticks:
-        """Advance from the state x (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
+        """Advance from a state (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
 
         Where rates of the frames' velocities (M, k) are given, they are applied instead, by the law in task space.
 
@@ -247,7 +247,7 @@ class TickedPlant(ABC):
     def advance(
         self,
         start: float,
-        x: np.ndarray,
+        state: np.ndarray,
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
@@ -258,7 +258,7 @@ class TickedPlant(ABC):
         n = self.model.n
         nq = self.model.nq
         M = len(u)
-        X = np.vstack([x, np.empty((M, nq + n))])
+        states = np.vstack([state, np.empty((M, nq + n))])
         commanded = np.empty((M, n))
         F = np.empty((M, n))
         impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
@@ -266,9 +266,9 @@ class TickedPlant(ABC):
         is_noisy = bool(disturbance.noise.any())
         time = start + self.tick * np.arange(M + 1)
         for k in range(M):
-            grasps = self.begin_tick(float(time[k]), X[k], closed is not None and bool(closed[k]))
-            Q = X[k, :nq]
-            v = X[k, nq:]
+            grasps = self.begin_tick(float(time[k]), states[k], closed is not None and bool(closed[k]))
+            Q = states[k, :nq]
+            v = states[k, nq:]
             if is_noisy:
                 Q = np.array(space.integrate(Q, disturbance.noise[k, :n]))
                 v = v + disturbance.noise[k, n:]
@@ -282,24 +282,24 @@ class TickedPlant(ABC):
             )
             F[k] = commanded[k]
             if self.force_limits is not None:
-                F[k] = self.force_limits.limited(space, X[k, :nq], commanded[k])
-            X[k + 1], of_tick = self.step(X[k], F[k] + disturbance.external_force[k], disturbance.robot)
+                F[k] = self.force_limits.limited(space, states[k, :nq], commanded[k])
+            states[k + 1], of_tick = self.step(states[k], F[k] + disturbance.external_force[k], disturbance.robot)
             impulse_and_work += of_tick
         return Ticks(
             time=time,
-            X=X,
+            states=states,
             F=F,
-            impulse_and_work=self.impulse_and_work(impulse_and_work, X, F + disturbance.external_force),
+            impulse_and_work=self.impulse_and_work(impulse_and_work, states, F + disturbance.external_force),
             target_object=self.end_sample(),
             commanded=None if self.force_limits is None else commanded,
         )
 
     @abstractmethod
-    def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
-        """Return the state (nq + n,) a tick after x under the held external force F (n,), its impulse and its work.
+    def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
+        """Return the state (nq + n,) after a tick under a held external force F (n,), its impulse and its work.
 
         Args:
-            x: State [Q; v].
+            state: State [Q; v].
             F: Generalized force of the actuators and of what pushes the robot [N, N m].
             robot: True inertial parameters.
 
@@ -307,22 +307,22 @@ class TickedPlant(ABC):
             The state, and impulse and work as in `Ticks.impulse_and_work`.
         """
 
-    def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> np.ndarray | None:
+    def begin_tick(self, time: float, state: np.ndarray, closed: bool) -> np.ndarray | None:
         """Take in that a tick begins, and return the grasps of an object that all hands hold in it; None without one.
 
         Args:
             time: Its beginning [s].
-            x: State [Q; v] of the robot.
+            state: State [Q; v] of the robot.
             closed: Whether the grippers are to be closed.
         """
         return None
 
-    def impulse_and_work(self, sum_of_ticks: np.ndarray, X: np.ndarray, F: np.ndarray) -> np.ndarray:
+    def impulse_and_work(self, sum_of_ticks: np.ndarray, states: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return impulse and work over a sample with states X (M + 1, nq + n) under external forces F (M, n).
 
         Args:
             sum_of_ticks: Sum of what `step` returns of them.
-            X: The states.
+            states: The states.
             F: The forces.
         """
         return sum_of_ticks

@@ -310,20 +310,20 @@ class Capture:
         """Return both dampings of a bushing from the inverses of effective mass and inertia (2,) at it."""
         return np.asarray(2 * self.spec.damping_ratio * np.sqrt(self.spec.stiffness / inverse))
 
-    def update(self, time: float, x: np.ndarray, wanted: bool) -> None:
-        """Close, open and lose grasps at the beginning of a tick, the robot being at x.
+    def update(self, time: float, robot_state: np.ndarray, wanted: bool) -> None:
+        """Close, open and lose grasps at the beginning of a tick, with the robot in a state.
 
         Args:
             time: Of the tick [s].
-            x: State [Q; v] of the robot.
+            robot_state: State [Q; v] of the robot.
             wanted: Whether the grippers are to be closed.
         """
         if wanted and not self._wanted:
-            self._close(time, x)
+            self._close(time, robot_state)
         elif self._wanted and not wanted:
             self._open(time, self.closed, "let go")
         self._wanted = wanted
-        wrench = self._loaded(x)
+        wrench = self._loaded(robot_state)
         load = self._load.copy()
         lost = self.closed & (load > self.spec.largest_loads).any(axis=1)
         if lost.any():
@@ -340,14 +340,16 @@ class Capture:
         self._events = []
         return ObjectTicks(pose, v, wrench, load, closed, events)
 
-    def _close(self, time: float, x: np.ndarray) -> None:
+    def _close(self, time: float, robot_state: np.ndarray) -> None:
         """Close every gripper that is inside its envelope."""
         allowed = [getattr(self.spec.envelope, name) for name in MISSED_BY]
         nq = self.law.model.nq
         pose, _ = self.pose_and_velocity
-        poses = dict(zip(self.law.model.pose_rows, self.law.model.poses(x[:nq]), strict=True))
+        poses = dict(zip(self.law.model.pose_rows, self.law.model.poses(robot_state[:nq]), strict=True))
         for i, gripper in enumerate(self.law.grippers):
-            missed, inverse = np.split(self.law.approach(i, x[:nq], x[nq:], self.state, self._at[i]), [4])
+            missed, inverse = np.split(
+                self.law.approach(i, robot_state[:nq], robot_state[nq:], self.state, self._at[i]), [4]
+            )
             inside = bool((missed <= allowed).all())
             self._events.append(GraspEvent(gripper, time, "closed" if inside else "missed", tuple(missed.tolist())))
             if inside:
@@ -363,13 +365,13 @@ class Capture:
             self.closed[i] = False
             self._load[i] = 0.0
 
-    def _loaded(self, x: np.ndarray) -> np.ndarray:
+    def _loaded(self, robot_state: np.ndarray) -> np.ndarray:
         """Return the wrenches on the object at the grippers (A, 3) or (A, 6), and let the filter follow the loads."""
         if not self.closed.any():
             return np.zeros((len(self.closed), self.law.size))
         nq = self.law.model.nq
         pose, v = self.pose_and_velocity
-        *_, wrench, load = self._forces(x[:nq], x[nq:], pose, v, self.parameters.ravel())
+        *_, wrench, load = self._forces(robot_state[:nq], robot_state[nq:], pose, v, self.parameters.ravel())
         rising = self._filter * (load - self._load)
         self._load += np.where(self.closed[:, None], rising, 0.0)
         return wrench
@@ -433,15 +435,15 @@ class CapturePlant(TickedPlant):
         self.capture = capture
         self._step = step
 
-    def begin_tick(self, time: float, x: np.ndarray, closed: bool) -> np.ndarray | None:
+    def begin_tick(self, time: float, state: np.ndarray, closed: bool) -> np.ndarray | None:
         """Close, open and lose grasps, and return those of an object that all hands hold."""
-        self.capture.update(time, x, closed)
+        self.capture.update(time, state, closed)
         return self.capture.parameters[:, :-2] if self.capture.closed.all() else None
 
-    def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
+    def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
         """Advance robot and object by a tick."""
         capture = self.capture
-        after, capture.state, impulse_and_work = self._step(x, capture.state, F, capture.parameters, robot)
+        after, capture.state, impulse_and_work = self._step(state, capture.state, F, capture.parameters, robot)
         return after, impulse_and_work
 
     def end_sample(self) -> ObjectTicks:

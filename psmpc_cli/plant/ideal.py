@@ -20,13 +20,13 @@ class IdealPlant:
     def advance(
         self,
         start: float,
-        x: np.ndarray,
+        state: np.ndarray,
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
     ) -> Ticks:
-        """Advance the state x (nq + n,) over the M ticks of a sample, tick k under exactly the acceleration u[k] (n,).
+        """Advance the state (nq + n,) over the M ticks of a sample, tick k under exactly the acceleration u[k] (n,).
 
         F is the force that this acceleration needs at the beginning of its tick, by inverse dynamics. Impulse and work
         are the change of momentum and kinetic energy from the first state to the last. `disturbance` and `closed` have
@@ -35,18 +35,18 @@ class IdealPlant:
         """
         model = self.model
         if twist_rates is not None:
-            u = self._accelerations(x, twist_rates)
-        Q, v = over_ticks(model.space, x[: model.nq], x[model.nq :], u, self.tick)
+            u = self._accelerations(state, twist_rates)
+        Q, v = over_ticks(model.space, state[: model.nq], state[model.nq :], u, self.tick)
         (F,) = self._force(Q[:-1], v[:-1], u, model.nominal.vector, rows=len(u))
         momentum_and_energy = model.balance(Q[[0, -1]], v[[0, -1]])
         impulse_and_work = momentum_and_energy[1] - momentum_and_energy[0]
         return Ticks(start + self.tick * np.arange(len(u) + 1), np.hstack([Q, v]), F, impulse_and_work)
 
-    def _accelerations(self, x: np.ndarray, twist_rates: np.ndarray) -> np.ndarray:
-        """Return the accelerations (M, n) that give twists these rates (M, k), one a tick, from x on."""
+    def _accelerations(self, state: np.ndarray, twist_rates: np.ndarray) -> np.ndarray:
+        """Return the accelerations (M, n) that give twists these rates (M, k), one a tick, from a state on."""
         model = self.model
-        Q = x[: model.nq]
-        v = x[model.nq :]
+        Q = state[: model.nq]
+        v = state[model.nq :]
         u = np.empty((len(twist_rates), model.n))
         for k, rates in enumerate(twist_rates):
             u[k] = model.task_space_acceleration(Q, v, rates)

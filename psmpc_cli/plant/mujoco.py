@@ -66,27 +66,27 @@ class MujocoPlant(TickedPlant):
         self.engine = spec.compile()
         self.data = mujoco.MjData(self.engine)
 
-    def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
+    def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
         """Advance the engine by a tick; the impulse is left 0, see `impulse_and_work`."""
         self.set_inertial_parameters(robot)
-        after, work = self._step(x, F)
+        after, work = self._step(state, F)
         return after, np.append(np.zeros(self.model.space.n_twist), work)
 
-    def impulse_and_work(self, sum_of_ticks: np.ndarray, X: np.ndarray, F: np.ndarray) -> np.ndarray:
+    def impulse_and_work(self, sum_of_ticks: np.ndarray, states: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return work, and the impulse along the states; NaN of a mount, since MuJoCo does not return its force."""
         if not self.model.spec.moved_by.moves:
             return np.append(np.full(self.model.space.n_twist, np.nan), sum_of_ticks[-1])
-        return np.append(_impulse(self.model.space, X, F, self.tick), sum_of_ticks[-1])
+        return np.append(_impulse(self.model.space, states, F, self.tick), sum_of_ticks[-1])
 
-    def replay(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Return the states (M + 1, nq + n) from x on under given forces (M, n), held a tick each: no feedback."""
-        X = np.vstack([x, np.empty((len(F), len(x)))])
+    def replay(self, state: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return the states (M + 1, nq + n) after a state under given forces (M, n), held a tick each: no feedback."""
+        states = np.vstack([state, np.empty((len(F), len(state)))])
         for k, force in enumerate(F):
-            X[k + 1], _ = self._step(X[k], force)
-        return X
+            states[k + 1], _ = self._step(states[k], force)
+        return states
 
-    def _step(self, x: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the state (nq + n,) a tick after x under F (n,), and the work of all forces [J].
+    def _step(self, state: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the state (nq + n,) a tick after another under F (n,), and the work of all forces [J].
 
         The work of a force held over a step is exact, whatever the path between the states.
         """
@@ -97,8 +97,8 @@ class MujocoPlant(TickedPlant):
         work = 0.0
         coordinates = self._moving_coordinates
         rates = self._moving_rates
-        Q = x[:nq].copy()
-        v = x[nq:].copy()
+        Q = state[:nq].copy()
+        v = state[nq:].copy()
         if not self.model.spec.moved_by.moves:
             self.engine.body_pos[self._base], self.engine.body_quat[self._base] = space.to_3d(Q[space.base_coordinates])
         for _ in range(self.substeps):
@@ -117,14 +117,14 @@ class MujocoPlant(TickedPlant):
         return np.concatenate([Q, v]), work
 
 
-def _impulse(space: ConfigurationSpace, X: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
+def _impulse(space: ConfigurationSpace, states: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
     """Return the integral of the external wrench (n_twist,) [N s, N m s] along states X (M + 1, nq + n).
 
     The forces F (M, n) are held; the integral over a tick is by the trapezoidal rule with its end correction, with an
     error of the order of tick^5.
     """
-    Q = X[:, : space.nq]
-    v = X[:, space.nq :]
+    Q = states[:, : space.nq]
+    v = states[:, space.nq :]
     wrench = [np.array(space.external_wrench(each.T, F.T)) for each in (Q[:-1], Q[1:])]
     rate = [np.array(space.external_wrench_rate(q.T, w.T, F.T)) for q, w in ((Q[:-1], v[:-1]), (Q[1:], v[1:]))]
     trapezoidal = (tick / 2 * (wrench[0] + wrench[1])).sum(axis=1)
@@ -155,15 +155,20 @@ class MujocoStep:
         self._v = slice(engine.jnt_dofadr[first], engine.jnt_dofadr[first] + law.sizes[1])
 
     def __call__(
-        self, x: np.ndarray, target_object: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
+        self,
+        state: np.ndarray,
+        target_object: np.ndarray,
+        F: np.ndarray,
+        parameters: np.ndarray,
+        robot: InertialParameters,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
         self._robot.set_inertial_parameters(robot)
         h = self._tick / self._substeps
-        nx = len(x)
+        nx = len(state)
         attitudes = self._model.space.attitudes_at(0, nx)
         no = len(target_object)
-        y = np.concatenate([x, target_object, np.zeros(self._model.parts["base"].stop + 1)])
+        y = np.concatenate([state, target_object, np.zeros(self._model.parts["base"].stop + 1)])
         for _ in range(self._substeps):
             y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
             for rows in attitudes:

@@ -43,7 +43,7 @@ class Rk4Plant:
     def advance(
         self,
         start: float,
-        x: np.ndarray,
+        state: np.ndarray,
         u: np.ndarray,
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
@@ -51,11 +51,11 @@ class Rk4Plant:
     ) -> Ticks:
         """Simulate the robot over one sample: len(u) ticks of the low-level law, integrated in one compiled call.
 
-        The integrated state is z = [x; external impulse; work]; the last two begin at 0 in each sample. See
+        The integrated state is z = [state; external impulse; work]; the last two begin at 0 in each sample. See
         `Plant.advance` for the arguments.
         """
         ticks = len(u)
-        nx = len(x)
+        nx = len(state)
         in_task_space = twist_rates is not None
         inputs = u if twist_rates is None else twist_rates
         key = ticks, in_task_space
@@ -67,10 +67,12 @@ class Rk4Plant:
             what_differs = disturbance.noise, disturbance.external_force, np.concatenate(parameters)
         limits = () if self.force_limits is None else (self.force_limits.vector,)
         no_impulse_or_work = np.zeros(self.model.parts["base"].stop + 1)
-        Z, F, *commanded = self._sample[key](np.concatenate([x, no_impulse_or_work]), inputs, *what_differs, *limits)
+        Z, F, *commanded = self._sample[key](
+            np.concatenate([state, no_impulse_or_work]), inputs, *what_differs, *limits
+        )
         return Ticks(
             time=start + self.tick * np.arange(ticks + 1),
-            X=np.concatenate([x[None], Z[:, :nx]]),
+            states=np.concatenate([state[None], Z[:, :nx]]),
             F=F,
             impulse_and_work=Z[-1, nx:],
             commanded=commanded[0] if commanded else None,
@@ -100,18 +102,23 @@ class Rk4Step:
         self._friction = np.concatenate([friction.viscous, friction.coulomb, [friction.width]])
 
     def __call__(
-        self, x: np.ndarray, target_object: np.ndarray, F: np.ndarray, parameters: np.ndarray, robot: InertialParameters
+        self,
+        state: np.ndarray,
+        target_object: np.ndarray,
+        F: np.ndarray,
+        parameters: np.ndarray,
+        robot: InertialParameters,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Advance by a tick."""
         impulse_and_work = np.zeros(self._model.parts["base"].stop + 1)
-        size = len(x)
+        size = len(state)
         p = np.concatenate([robot.vector, self._friction, self._body])
-        z = self._tick(np.concatenate([x, impulse_and_work, target_object]), F, parameters.ravel(), p)[0][0]
+        z = self._tick(np.concatenate([state, impulse_and_work, target_object]), F, parameters.ravel(), p)[0][0]
         return z[:size], z[size + len(impulse_and_work) :], z[size : size + len(impulse_and_work)]
 
 
 def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
-    """Return one tick z, F, bushings, p -> z_next, z = [x; impulse; work; object], under the external force F.
+    """Return one tick z, F, bushings, p -> z_next, z = [state; impulse; work; object], under the external force F.
 
     p are the inertial parameters of the robot, viscous and Coulomb friction and its width, mass and inertia of the
     object.
@@ -149,7 +156,7 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
 def tick_function(
     model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool = False
 ) -> ca.Function:
-    """Return one tick z, u -> z_next, F with z = [x; impulse (3,) or (6,); work]: the law (7) sets F once.
+    """Return one tick z, u -> z_next, F with z = [state; impulse (3,) or (6,); work]: the law (7) sets F once.
 
     In task space the law is `F = J' F_m`, and in the place of u are the rates of the frames' velocities.
 
@@ -188,7 +195,7 @@ def _cut(model: RobotModel) -> ca.Function:
 
 
 def _law_and_flow(model: RobotModel, disturbed: bool, in_task_space: bool) -> tuple[ca.Function, ca.Function]:
-    """Return the low-level law x, u, noise, p -> F, and the rate of z at z, F, p with the external force in F.
+    """Return the low-level law state, u, noise, p -> F, and the rate of z at z, F, p with the external force in F.
 
     Of an undisturbed plant noise and p are constant, and no arguments. Friction acts between the links: it does work,
     but has no impulse on the whole. The flow is called, not written out, in each stage of an integration step: as C it
@@ -203,9 +210,9 @@ def _law_and_flow(model: RobotModel, disturbed: bool, in_task_space: bool) -> tu
     robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
     of_inputs = model.task_space.law if in_task_space else model.dynamics.law
     sizes = ("x", nq + n), ("u", of_inputs.size1_in(2)), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
-    x, u, noise, z, F = (ca.SX.sym(*each) for each in sizes)
-    measured_Q = x[:nq]
-    measured_v = x[nq:]
+    state, u, noise, z, F = (ca.SX.sym(*each) for each in sizes)
+    measured_Q = state[:nq]
+    measured_v = state[nq:]
     if disturbed:
         measured_Q = _integrated(model.space, measured_Q, noise[:n])
         measured_v = measured_v + noise[n:]
@@ -219,8 +226,8 @@ def _law_and_flow(model: RobotModel, disturbed: bool, in_task_space: bool) -> tu
     wrench = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external))
     rate = ca.vertcat(*Qdot, vdot, *wrench, ca.dot(acting, v))
     if not disturbed:
-        return ca.Function("law", [x, u], ca.cse([commanded])), ca.Function("flow", [z, F], ca.cse([rate]))
-    return ca.Function("law", [x, u, noise, p], [commanded]), ca.Function("flow", [z, F, p], [rate])
+        return ca.Function("law", [state, u], ca.cse([commanded])), ca.Function("flow", [z, F], ca.cse([rate]))
+    return ca.Function("law", [state, u, noise, p], [commanded]), ca.Function("flow", [z, F, p], [rate])
 
 
 def _integrated(space: ConfigurationSpace, Q: ca.SX, step: ca.SX) -> ca.SX:

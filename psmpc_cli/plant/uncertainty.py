@@ -26,12 +26,12 @@ class Contact:
     """Instantaneous effect of taking up or releasing the payload.
 
     Attributes:
-        x: State after it (nq + n,).
+        state: State after it (nq + n,).
         momentum_and_energy: Momentum [N s, N m s] and kinetic energy [J] that the robot gains, with what it holds, (4,)
             or (7,).
     """
 
-    x: np.ndarray
+    state: np.ndarray
     momentum_and_energy: np.ndarray
 
 
@@ -60,46 +60,46 @@ class Uncertainty:
             self.friction = friction_of(self.spec, model.spec)
             _check_step(task, model.mass_matrix(model.neutral, self._true), self.friction)
 
-    def measured(self, sample: int, x: np.ndarray) -> np.ndarray:
-        """Return the state measured at a sample where the true one is x (nq + n,)."""
+    def measured(self, sample: int, state: np.ndarray) -> np.ndarray:
+        """Return the state measured at a sample where the true one is `state` (nq + n,)."""
         if not self.spec.measures_with_noise:
-            return x
+            return state
         n = self._model.n
         nq = self._model.nq
         noise = self._noise(sample)[0]
-        return np.concatenate([self._model.space.integrate(x[:nq], noise[:n]), x[nq:] + noise[n:]])
+        return np.concatenate([self._model.space.integrate(state[:nq], noise[:n]), state[nq:] + noise[n:]])
 
     def holds(self, stage: int) -> bool:
         """Return whether the grippers hold the payload during a stage."""
         return stage in self._holding
 
-    def contact(self, x: np.ndarray, before: int, after: int) -> Contact:
-        """Return the effect of a switch from one stage to another on the true state x."""
+    def contact(self, state: np.ndarray, before: int, after: int) -> Contact:
+        """Return the effect of a switch from one stage to another on the true state."""
         if self.friction is None or self.holds(before) == self.holds(after):
-            return Contact(x, np.zeros(self._model.parts["base"].stop + 1))
+            return Contact(state, np.zeros(self._model.parts["base"].stop + 1))
         change = take_up if self.holds(after) else release
-        return change(self._model, x, self._true, self._with_payload(self._true))
+        return change(self._model, state, self._true, self._with_payload(self._true))
 
     def advance(
         self,
         plant: Plant,
         sample: int,
         start: float,
-        x: np.ndarray,
+        state: np.ndarray,
         u: np.ndarray,
         stage: int,
         closed: np.ndarray,
         twist_rates: np.ndarray | None = None,
     ) -> Ticks:
-        """Advance the plant over a sample of a stage from the true state x; see `Plant.advance`."""
+        """Advance the plant over a sample of a stage from the true state; see `Plant.advance`."""
         if self.friction is None:
-            return plant.advance(start, x, u, None, closed, twist_rates)
+            return plant.advance(start, state, u, None, closed, twist_rates)
         robot = self.true_parameters(stage)
         law = self._model.nominal
         if self.spec.carried.known and self.holds(stage):
             law = self._with_payload(law)
         disturbance = Disturbance(robot, law, self._noise(sample), self._push(start))
-        return plant.advance(start, x, u, disturbance, closed, twist_rates)
+        return plant.advance(start, state, u, disturbance, closed, twist_rates)
 
     def true_parameters(self, stage: int) -> InertialParameters:
         """Return the inertial parameters of the simulated robot and what it holds in a stage."""
@@ -147,7 +147,7 @@ def disturbs(task: TaskSpec) -> bool:
     return task.plant.traits.has_forces and (spec.changes_the_plant or spec.measures_with_noise)
 
 
-def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
+def take_up(model: RobotModel, state: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
     """Compute the effect of taking up an object at rest: H_holding v+ = H_free v-.
 
     The object has no momentum, so the generalized momentum stays. The energy lost is that of the velocities lost, by
@@ -155,11 +155,11 @@ def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding:
 
     Args:
         model: The robot.
-        x: State before (nq + n,).
+        state: State before (nq + n,).
         free: Its inertial parameters with empty grippers.
         holding: The same with the object in them.
     """
-    Q, before = np.split(x, [model.nq])
+    Q, before = np.split(state, [model.nq])
     H_free = model.mass_matrix(Q, free)
     H_holding = model.mass_matrix(Q, holding)
     after = np.linalg.solve(H_holding, H_free @ before)
@@ -168,10 +168,10 @@ def take_up(model: RobotModel, x: np.ndarray, free: InertialParameters, holding:
     return Contact(np.concatenate([Q, after]), np.append(np.zeros(model.parts["base"].stop), -loss))
 
 
-def release(model: RobotModel, x: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
+def release(model: RobotModel, state: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
     """Compute the effect of releasing an object: velocities stay, its momentum and energy leave with it."""
-    Q, v = np.split(x, [model.nq])
-    return Contact(x, model.balance(Q, v, free) - model.balance(Q, v, holding))
+    Q, v = np.split(state, [model.nq])
+    return Contact(state, model.balance(Q, v, free) - model.balance(Q, v, holding))
 
 
 STREAMS = ("mass", "inertia", "centre_of_mass", "noise", "object", "object noise")

@@ -79,7 +79,7 @@ class ClearanceMeter:
         """Return the smallest distance of each pair over ticks (P,) and its points then (P, 2, 3) [m]; else NaN."""
         smallest = np.full(len(self.pairs), np.inf)
         points = np.full((len(self.pairs), 2, 3), np.nan)
-        X = chart.entered(ticks.X)
+        X = chart.entered(ticks.states)
         for each in self._by_stage[stage]:
             argument = self._argument(each, chart, ticks)
             if argument is None:
@@ -106,7 +106,7 @@ class ClearanceMeter:
                 return None
             parts.append(ticks.target_object.pose)
         if each.pairs.has("obstacle"):
-            state = each.group.state(SampleContext(float(ticks.time[0]), ticks.X[0], chart.anchor))
+            state = each.group.state(SampleContext(float(ticks.time[0]), ticks.states[0], chart.anchor))
             if state is None:
                 return None
             parts.append(poses_after(self._problem.model, *state, ticks.time - ticks.time[0]))

@@ -86,8 +86,8 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     problem = experiment.problem
     controller = experiment.problem.spec.controller
     n = experiment.problem.model.n
-    Q = experiment.x0[:-n]
-    v = experiment.x0[-n:]
+    Q = experiment.initial_state[:-n]
+    v = experiment.initial_state[-n:]
     chart = problem.model.space.chart_at(Q)
     noise = np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
     Q, v = (rows[0] for rows in chart.leave(chart.enter(Q[None], v[None]) + noise))

@@ -52,7 +52,7 @@ class Meter:
         counterfactuals: "Counterfactuals",
         uncertainty: Uncertainty | None,
         capture: Capture | None,
-        x0: np.ndarray,
+        initial_state: np.ndarray,
     ) -> None:
         problem = counterfactuals.problem
         self._capture = capture
@@ -69,15 +69,19 @@ class Meter:
         self._slides = np.array([joint.prismatic for joint in problem.model.spec.joints], bool)
         self._number = 0
         self._tick = 1 / problem.spec.plant.low_level_rate
-        self._expected = self._momentum_and_energy(0, x0[None])[0] + (0.0 if capture is None else capture.kept)
+        self._expected = self._momentum_and_energy(0, initial_state[None])[0] + (
+            0.0 if capture is None else capture.kept
+        )
 
-    def measure(self, command: Command, ticks: Ticks, x: np.ndarray, u: np.ndarray, contact: Contact | None) -> Sample:
+    def measure(
+        self, command: Command, ticks: Ticks, state: np.ndarray, u: np.ndarray, contact: Contact | None
+    ) -> Sample:
         """Measure a sample.
 
         Args:
             command: What the controller decided.
             ticks: What the plant did.
-            x: True state (nq + n,), before anything is taken up or let go.
+            state: True state (nq + n,), before anything is taken up or let go.
             u: Accelerations that reached the robot over the ticks (M, n).
             contact: Effect of taking up or letting go at the sample; None without a payload.
         """
@@ -90,7 +94,7 @@ class Meter:
             ticks=ticks,
             presence=self._counterfactuals.presence(command),
             shares=self._counterfactuals.shares(command) if self._shares else {},
-            x=command.x if self._sees_the_state else x,
+            state=command.state if self._sees_the_state else state,
             u=u,
             contact=contact,
             of_object=0.0 if self._capture is None else self._capture.kept,
@@ -115,10 +119,10 @@ class Meter:
         model = problem.model
         n = problem.model.n
         limits = stage.limits
-        x = np.array([each.x for each in samples])
+        states = np.array([each.state for each in samples])
         u = np.array([each.u[0] for each in samples])
-        ends = np.array([each.X[-1] for each in ticks])
-        charted = [chart.entered(each.X) for each in ticks]
+        ends = np.array([each.states[-1] for each in ticks])
+        charted = [chart.entered(each.states) for each in ticks]
         force, torque, joint_torque, sliding_force = self._norms(np.array([each.F for each in ticks]))
         accelerations = np.array([each.u for each in samples])
         linear, angular, joint, sliding = self._norms(accelerations)
@@ -127,7 +131,7 @@ class Meter:
         mean = own.mean(axis=1)
         sample_time = self._tick * accelerations.shape[1]
         passed = np.stack([each[1:] for each in charted], axis=1)
-        passed[:, :, n:] = np.stack([each.X[1:, model.nq :] for each in ticks], axis=1)  # limits are of v
+        passed[:, :, n:] = np.stack([each.states[1:, model.nq :] for each in ticks], axis=1)  # limits are of v
         margin = _margins(passed, limits)
         planned = np.array([_along_plan(*each) for each in zip(commands, ticks, strict=True)])
         planned_margin = _margins(planned.swapaxes(0, 1), limits)
@@ -135,14 +139,14 @@ class Meter:
         about = model.space.chart_at(Q[0])
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
         since = np.array([each.time - each.sequence.progress.entered for each in commands])
-        of_object = np.array([each.of_object for each in samples]).reshape(len(x), -1)
+        of_object = np.array([each.of_object for each in samples]).reshape(len(states), -1)
         kept = self._momentum_and_energy(stage.index, ends) + of_object - np.array([each.expected for each in samples])
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
         at_ends = [self._ends(*each) for each in zip(commands, ticks, charted, strict=True)]
         columns = {
             "control/u": u,
-            "pose/xi": model.poses(x[:, : model.nq]).reshape(len(x), -1),
-            "cost/current_stage": problem.costs.at(stage, chart.entered(x), u, since),
+            "pose/xi": model.poses(states[:, : model.nq]).reshape(len(states), -1),
+            "cost/current_stage": problem.costs.at(stage, chart.entered(states), u, since),
             "window/presence": [each.presence for each in samples],
             "window/share": [each.shares for each in samples],
             "margin/position": margin[:, :n],
@@ -168,13 +172,17 @@ class Meter:
             "balance/momentum": kept[:, :-1],
             "balance/energy": kept[:, -1],
             "force/own_axes": self._along_base_axes(ticks),
-            "state/Q_true": x[:, : model.nq],
-            "state/Qdot_true": x[:, model.nq :],
-            "payload/held": [held] * len(x),
+            "state/Q_true": states[:, : model.nq],
+            "state/Qdot_true": states[:, model.nq :],
+            "payload/held": [held] * len(states),
             "payload/energy": [
                 0.0 if each.contact is None else each.contact.momentum_and_energy[-1] for each in samples
             ],
-            **({"pose/condition": model.task_space_condition(x[:, : model.nq])} if self._acts_in_task_space else {}),
+            **(
+                {"pose/condition": model.task_space_condition(states[:, : model.nq])}
+                if self._acts_in_task_space
+                else {}
+            ),
             **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
             **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),
         }
@@ -185,7 +193,7 @@ class Meter:
 
     def _along_base_axes(self, ticks: Sequence[Ticks]) -> np.ndarray:
         """Return the forces at samples, those of the base along its own axes, (K, n)."""
-        Q = np.array([each.X[0, : self._problem.model.nq] for each in ticks])
+        Q = np.array([each.states[0, : self._problem.model.nq] for each in ticks])
         F = np.array([each.F[0] for each in ticks])
         return np.column_stack(self._problem.model.space.along_base_axes(Q.T, F.T))
 
@@ -194,7 +202,7 @@ class Meter:
         model = self._problem.model
         F = np.array([each.ticks.F for each in samples])
         commanded = np.array([each.commanded for each in samples])
-        Q = np.array([each.ticks.X[:-1, : model.nq] for each in samples])
+        Q = np.array([each.ticks.states[:-1, : model.nq] for each in samples])
         utilization = limits.utilization(model.space, Q, commanded)
         is_cut = (commanded != F).any(axis=2) & (utilization > 1 + NOT_CUT).any(axis=2)
         return {
@@ -227,12 +235,12 @@ class Meter:
         turning, sliding = (joints[..., chosen].max(axis=-1, initial=0.0) for chosen in (~self._slides, self._slides))
         return linear, angular, turning, sliding
 
-    def _momentum_and_energy(self, stage: int, x: np.ndarray) -> np.ndarray:
+    def _momentum_and_energy(self, stage: int, states: np.ndarray) -> np.ndarray:
         """Return momentum [N s, N m s] and energy [J] of the robot at states (K, nq + n) in a stage, (K, 4 or 7)."""
         nq = self._problem.model.nq
         uncertainty = self._uncertainty
         robot = None if uncertainty is None else uncertainty.true_parameters(stage)
-        return self._problem.model.balance(x[:, :nq], x[:, nq:], robot)
+        return self._problem.model.balance(states[:, :nq], states[:, nq:], robot)
 
     def _ends(self, command: Command, ticks: Ticks, X: np.ndarray) -> dict[int, tuple[float, float]]:
         """Return the end errors of stages that end with a sample, by stage index: see `_end_errors`.
@@ -244,7 +252,7 @@ class Meter:
         """
         stages = self._problem.stages
         chart = command.solution.window.chart
-        Q, v = np.split(ticks.X[0], [self._problem.model.nq])
+        Q, v = np.split(ticks.states[0], [self._problem.model.nq])
         found = {
             index: self._errors_at(stages[index], Q, v, ticks, time)
             for index, time in command.switches

@@ -54,7 +54,7 @@ class RecordedLoop:
         counterfactuals: Solves what is measured alone.
         uncertainty: What the controller does not know; None without any, or where nobody knows it.
         capture: The object and its grasps; None of an object without a mass, or where nobody knows what became of it.
-        x0: Initial state [Q; v] (nq + n,).
+        initial_state: Initial state [Q; v] (nq + n,).
         compiled: Solver, and the plant where it is simulated, run as compiled C.
         plant_kind: Name of the plant in the log.
         knows_ticks: The true state is known at every tick.
@@ -65,7 +65,7 @@ class RecordedLoop:
     counterfactuals: Counterfactuals
     uncertainty: Uncertainty | None
     capture: Capture | None
-    x0: np.ndarray
+    initial_state: np.ndarray
     compiled: bool
     plant_kind: str
     knows_ticks: bool = True
@@ -85,7 +85,7 @@ class Ending:
         completed: The last stage met its end condition.
         reason: Why the run stopped.
         time: When [s].
-        x: In which state, as the controller saw it (nq + n,).
+        state: In which state, as the controller saw it (nq + n,).
         true: In which state it was (nq + n,).
         switches: Stages that ended since the last sample, the last stage among them.
         stuck: The run could not go on.
@@ -94,7 +94,7 @@ class Ending:
     completed: bool
     reason: str
     time: float
-    x: np.ndarray
+    state: np.ndarray
     true: np.ndarray
     switches: tuple[Switch, ...] = ()
     stuck: bool = False
@@ -173,7 +173,7 @@ def _next(samples: Samples) -> Sample | Ending:
 def _final(loop: RecordedLoop, ending: Ending) -> dict[str, ArrayLike]:
     """Return time, state and poses at the end of a run, by their paths in the log."""
     model = loop.problem.model
-    Q, v = np.split(ending.x, [model.nq])
+    Q, v = np.split(ending.state, [model.nq])
     Q_true, v_true = np.split(ending.true, [model.nq])
     final = {"Q": Q, "Qdot": v, "xi": model.poses(Q_true).ravel()}
     if TRUE_STATE.holds(loop.recorded):
@@ -343,7 +343,7 @@ class Recorder:
             counterfactuals=Counterfactuals(self._controller),
             uncertainty=None,
             capture=None,
-            x0=self._commands[0].x if self._ticks[0] is None else self._ticks[0].X[0],
+            initial_state=self._commands[0].state if self._ticks[0] is None else self._ticks[0].states[0],
             compiled=problem.spec.solver.compiled and compile_all(libraries_of(problem)),
             plant_kind=OWN_LOOP,
             knows_ticks=knows_ticks,
@@ -353,23 +353,23 @@ class Recorder:
 
     def _samples(self, loop: RecordedLoop, reason: str) -> Samples:
         """Yield the samples as `closed_loop` does, and return how the loop ended."""
-        meter = Meter(loop.counterfactuals, loop.uncertainty, loop.capture, loop.x0)
+        meter = Meter(loop.counterfactuals, loop.uncertainty, loop.capture, loop.initial_state)
         last_stage = loop.problem.stages[-1]
         ends_at = np.inf
         time = self._commands[0].time
-        end = loop.x0
+        end = loop.initial_state
         for command, ticks in zip(self._commands, self._ticks_of_samples(), strict=True):
-            x = command.x if ticks is None else ticks.X[0]
+            state = command.state if ticks is None else ticks.states[0]
             if any(switch.stage == last_stage.index for switch in command.switches):
                 ends_at = command.time + loop.problem.spec.time_after_end
             if command.time >= ends_at - 1e-9:
                 met = f"{last_stage.name} met its end condition"
-                return Ending(True, met, command.time, command.x, x, command.switches)
+                return Ending(True, met, command.time, command.state, state, command.switches)
             if ticks is None:
-                return Ending(False, reason, command.time, command.x, x, command.switches)
-            yield meter.measure(command, ticks, x, command.u, None)
+                return Ending(False, reason, command.time, command.state, state, command.switches)
+            yield meter.measure(command, ticks, state, command.u, None)
             time = float(ticks.time[-1])
-            end = ticks.X[-1]
+            end = ticks.states[-1]
         return Ending(False, reason, time, end, end)
 
     def _ticks_of_samples(self) -> Iterator[Ticks | None]:
@@ -382,7 +382,7 @@ class Recorder:
             base = self._controller.problem.model.parts["base"]
             yield Ticks(
                 time=np.array([command.time, next_command.time]),
-                X=np.array([command.x, next_command.x]),
+                states=np.array([command.state, next_command.state]),
                 F=np.full((1, command.u.shape[1]), np.nan),
                 impulse_and_work=np.full(base.stop + 1, np.nan),
             )
@@ -399,7 +399,7 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
     """
     count, n = command.u.shape
     ticks = replace(ticks, commanded=ticks.F if ticks.commanded is None else ticks.commanded)
-    shapes = {"time": (count + 1,), "X": (count + 1, len(command.x)), "F": (count, n), "commanded": (count, n)}
+    shapes = {"time": (count + 1,), "states": (count + 1, len(command.state)), "F": (count, n), "commanded": (count, n)}
     for name, shape in shapes.items():
         if shape_of(getattr(ticks, name)) != shape:
             raise rejected(f"ticks.{name}", getattr(ticks, name), f"numbers {shape}")
@@ -413,7 +413,7 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
     return replace(
         ticks,
         time=time,
-        X=np.array(ticks.X, dtype=float),
+        states=np.array(ticks.states, dtype=float),
         F=np.array(ticks.F, dtype=float),
         commanded=np.array(ticks.commanded, dtype=float),
         impulse_and_work=np.array(np.broadcast_to(ticks.impulse_and_work, (of_base,)), dtype=float),

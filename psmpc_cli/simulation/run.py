@@ -61,7 +61,7 @@ def build_experiment(loaded: Task) -> Experiment:
         plant=build_plant(task.plant, model, compiled, friction, capture, force_limits_of(task, model.spec)),
         uncertainty=uncertainty,
         capture=capture,
-        x0=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],
+        initial_state=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],
         compiled=compiled,
         plant_kind=task.plant.kind,
     )
@@ -118,38 +118,40 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     plant = experiment.plant
     uncertainty = experiment.uncertainty
     capture = experiment.capture
-    meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.x0)
-    x = experiment.x0
+    meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.initial_state)
+    state = experiment.initial_state
     braking_until = np.inf
     sample_number = 0
     stage = 0
     sample_time = experiment.problem.spec.controller.sample_time
     time_after_end = experiment.problem.spec.time_after_end
-    delays = _Delays(experiment.problem.spec, experiment.x0, experiment.problem.model.space)
+    delays = _Delays(experiment.problem.spec, experiment.initial_state, experiment.problem.model.space)
     while True:
         now = sample_number * sample_time
-        measured = delays.measured(x if uncertainty is None else uncertainty.measured(sample_number, x))
+        measured = delays.measured(state if uncertainty is None else uncertainty.measured(sample_number, state))
         object_pose = None if capture is None else delays.measured_object(capture.measured(sample_number))
         command = controller.step(now, State.of(measured), object_pose)
-        if (ending := _ending(experiment, command, x, braking_until, time_after_end)) is not None:
+        if (ending := _ending(experiment, command, state, braking_until, time_after_end)) is not None:
             return ending
         if any(switch.stage == until for switch in command.switches):
-            return Ending(False, "stopped at the end of a stage", now, command.x, x, command.switches)
+            return Ending(False, "stopped at the end of a stage", now, command.state, state, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
         previous_stage = stage
         stage = command.sequence.first
         contact = None
         u, closed, twist_rates = delays.commanded(command)
         if uncertainty is None:
-            ticks = plant.advance(now, x, u, None, closed, twist_rates)
+            ticks = plant.advance(now, state, u, None, closed, twist_rates)
         else:
-            contact = uncertainty.contact(x, previous_stage, stage)
-            ticks = uncertainty.advance(plant, sample_number, now, contact.x, u, stage, closed, twist_rates)
-        if not np.vdot(ticks.X, ticks.X) + np.vdot(ticks.F, ticks.F) < DIVERGED**2:  # nor where it is not a number
+            contact = uncertainty.contact(state, previous_stage, stage)
+            ticks = uncertainty.advance(plant, sample_number, now, contact.state, u, stage, closed, twist_rates)
+        if (
+            not np.vdot(ticks.states, ticks.states) + np.vdot(ticks.F, ticks.F) < DIVERGED**2
+        ):  # nor where it is not a number
             reason = "the motion diverged, faster than it can be simulated"
-            return Ending(False, reason, now, command.x, x, command.switches, stuck=True)
-        yield meter.measure(command, ticks, x, u, contact)
-        x = ticks.X[-1]
+            return Ending(False, reason, now, command.state, state, command.switches, stuck=True)
+        yield meter.measure(command, ticks, state, u, contact)
+        state = ticks.states[-1]
         sample_number += 1
 
 
@@ -168,10 +170,10 @@ class _Delays:
     k - c. The rest of the delay it does not know of: controls reach the robot late by so many samples.
     """
 
-    def __init__(self, task: TaskSpec, x0: np.ndarray, space: ConfigurationSpace) -> None:
+    def __init__(self, task: TaskSpec, initial_state: np.ndarray, space: ConfigurationSpace) -> None:
         """Start with a robot that drifts into its initial state, and zero controls under way."""
         known = task.controller.known_delay
-        Q, v = np.split(x0, [space.nq])
+        Q, v = np.split(initial_state, [space.nq])
         n = space.n
         none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
         before = (-back * task.controller.sample_time * v for back in range(known, 0, -1))
@@ -179,9 +181,9 @@ class _Delays:
         self._poses: deque[np.ndarray | None] = deque([None] * known)
         self._commanded = deque([_Applied(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
 
-    def measured(self, x: np.ndarray) -> np.ndarray:
-        """Take in the state x that is measured now, and return the one that reaches the controller now."""
-        self._measured.append(x)
+    def measured(self, state: np.ndarray) -> np.ndarray:
+        """Take in the state that is measured now, and return the one that reaches the controller now."""
+        self._measured.append(state)
         return self._measured.popleft()
 
     def measured_object(self, pose: np.ndarray) -> np.ndarray | None:
@@ -199,20 +201,22 @@ class _Delays:
 
 
 def _ending(
-    experiment: Experiment, command: Command, x: np.ndarray, braking_until: float, time_after_end: float
+    experiment: Experiment, command: Command, state: np.ndarray, braking_until: float, time_after_end: float
 ) -> Ending | None:
     """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan."""
     now = command.time
     switches = command.switches
     if now >= experiment.controller.sequence.ended_at + time_after_end - 1e-9:
-        return Ending(True, f"{experiment.problem.stages[-1].name} met its end condition", now, command.x, x, switches)
+        return Ending(
+            True, f"{experiment.problem.stages[-1].name} met its end condition", now, command.state, state, switches
+        )
     if now >= braking_until - 1e-9:
         cause = "the state was not measured" if "unmeasured" in command.events else "no window could be solved"
         reason = f"{cause} and the plan was used up; the robot braked to rest"
-        return Ending(False, reason, now, command.x, x, switches, stuck=True)
+        return Ending(False, reason, now, command.state, state, switches, stuck=True)
     if now >= experiment.problem.spec.time_limit - 1e-9 and not experiment.controller.done:
         reason = f"time limit of {experiment.problem.spec.time_limit:g} s reached"
-        return Ending(False, reason, now, command.x, x, switches)
+        return Ending(False, reason, now, command.state, state, switches)
     return None
 
 

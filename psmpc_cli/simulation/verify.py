@@ -99,14 +99,14 @@ class Verification:
             if stage is not window.stages[-1]:
                 yield self._end_error(stage, X[last], plan.times[last])
 
-    def _integrate(self, what: str, x: Vector, times: Vector, inputs: Vector) -> Flow:
+    def _integrate(self, what: str, state: Vector, times: Vector, inputs: Vector) -> Flow:
         """Integrate the physics as `AdaptiveDynamics.under` does.
 
         Raises:
             LogError: The numbers are not those of a motion.
         """
         try:
-            return self._physics.under(what, x, times, inputs)
+            return self._physics.under(what, state, times, inputs)
         except RuntimeError:
             raise LogError(f"{self._log.path}: the motion from {times[0]:g} s on cannot be integrated") from None
 
@@ -120,14 +120,14 @@ class Verification:
         task = self._problem.spec
         ticks = round(task.controller.sample_time * task.plant.low_level_rate)
         edges = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
-        x = self._states[sample]
+        state = self._states[sample]
         forces = log.ticks["F"][sample * ticks : (sample + 1) * ticks] if log.ticks else np.zeros(0)
         if len(forces) and np.isfinite(forces).all():  # those of a loop of the user's own may be unknown
-            return self._integrate("force", x, edges, forces)
+            return self._integrate("force", state, edges, forces)
         if plan is None:
             return None
         _, v = plan.chart.leave(plan.states_at(edges))
-        return self._integrate("ticks", x, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
+        return self._integrate("ticks", state, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
 
     def _measure_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[Measured]:
         """Compare the integrated motion over a sample with its plan, limits, next logged state and ends of stages."""
@@ -135,7 +135,7 @@ class Verification:
         end = flow.times[-1:]
         if plan is not None:
             yield from self._positions_and_velocities(
-                "", np.abs(plan.chart.entered(flow.X[-1:]) - plan.states_at(end)), end
+                "", np.abs(plan.chart.entered(flow.states[-1:]) - plan.states_at(end)), end
             )
         beyond = self._limit_violations(self._problem.stages[int(log["window/first"][sample])], flow)
         yield from self._positions_and_velocities(" limit", beyond, flow.times)
@@ -143,26 +143,28 @@ class Verification:
         after = self._states[sample + 1]
         yield (
             "plant",
-            np.abs(np.diff(self._chart_at(after).entered(np.vstack([flow.X[-1], after])), axis=0)),
+            np.abs(np.diff(self._chart_at(after).entered(np.vstack([flow.states[-1], after])), axis=0)),
             end,
             names,
         )
         switch_times = log.stages["switch_time"]
-        chart = self._chart_at(flow.X[0])
+        chart = self._chart_at(flow.states[0])
         for index in np.flatnonzero((switch_times > flow.times[0] + 1e-9) & (switch_times <= end + 1e-9)):
             time = float(switch_times[index])
-            Q, v = chart.leave(state_at(flow.times, chart.entered(flow.X), time)[None])
+            Q, v = chart.leave(state_at(flow.times, chart.entered(flow.states), time)[None])
             stage = self._problem.stages[index]
             object_state = log.object_state_at(time)
             yield self._end_error(*in_own_chart(self._model, stage, Q[0], v[0], object_state=object_state), time)
 
-    def _chart_at(self, x: Vector) -> Chart:
+    def _chart_at(self, state: Vector) -> Chart:
         """Return the chart about the attitude in a state (nq + n,)."""
-        return self._model.space.chart_at(x[: self._model.nq])
+        return self._model.space.chart_at(state[: self._model.nq])
 
     def _limit_violations(self, stage: Stage, flow: Flow) -> Vector:
         """Return by how much a motion exceeds the limits of a stage (T, 2n); 0 within them."""
-        X = np.hstack([self._chart_at(flow.X[0]).entered(flow.X)[:, : self._model.n], flow.X[:, self._model.nq :]])
+        X = np.hstack(
+            [self._chart_at(flow.states[0]).entered(flow.states)[:, : self._model.n], flow.states[:, self._model.nq :]]
+        )
         return np.asarray(np.maximum(np.maximum(stage.limits.state_low - X, X - stage.limits.state_high), 0.0))
 
     def _positions_and_velocities(self, of: str, values: Vector, times: Vector) -> Iterator[Measured]:

@@ -90,7 +90,7 @@ def test_hands_do_not_let_go_where_windows_fail_before_the_object_is_there(drift
     samples, ending = run_samples(experiment)
     failed = [sample.command for sample in samples if "solve_failed" in sample.command.events]
     assert len(failed) == 3 and all("braking" in command.events for command in failed)
-    assert np.abs(failed[-1].x[12:]).max() < 0.01, "of the joints"
+    assert np.abs(failed[-1].state[12:]).max() < 0.01, "of the joints"
     assert ending.completed
 
 

@@ -55,4 +55,4 @@ def with_failures(experiment: Experiment, fails: Callable[[Window], bool]) -> Ex
 
 def states(samples: list[Sample]) -> np.ndarray:
     """Return the states that were decided from (K, 2n)."""
-    return np.array([sample.command.x for sample in samples])
+    return np.array([sample.command.state for sample in samples])

@@ -87,7 +87,7 @@ def test_a_controller_that_is_done_holds_its_target() -> None:
         state = State.of(commands[-1].plan.states_at(np.array([0.1 * (k + 1)]))[0])
     assert controller.done
     assert [switch.stage for command in commands for switch in command.switches] == [0, 1]
-    assert np.abs(state.x).max() < 1e-3
+    assert np.abs(state.vector).max() < 1e-3
 
 
 def test_the_force_of_a_tick_is_computed_torque() -> None:
@@ -106,7 +106,7 @@ def test_smpc_is_psmpc_with_equal_priorities(experiment_of: Build) -> None:
     psmpc, _ = run(experiment_of(*SHORT, "time_limit=2.5", *equal))
     assert len(smpc) == len(psmpc) > 20
     for one, other in zip(smpc, psmpc, strict=True):
-        np.testing.assert_array_equal(one.command.x, other.command.x)
+        np.testing.assert_array_equal(one.command.state, other.command.state)
         np.testing.assert_array_equal(one.command.u, other.command.u)
         np.testing.assert_array_equal(one.command.instants, other.command.instants)
 

@@ -24,7 +24,7 @@ def test_every_stage_of_a_run_is_held_before_it_ends(experiment_of: Build, kind:
     switches = dict([switch for sample in samples for switch in sample.command.switches] + list(ending.switches))
     for index in (0, 3):
         stage, end = experiment.problem.stages[index], switches[index]
-        during = [s.command.x for s in samples if end - HOLD - 1e-9 <= s.command.time <= end - 1e-9]
+        during = [s.command.state for s in samples if end - HOLD - 1e-9 <= s.command.time <= end - 1e-9]
         assert len(during) >= round(HOLD / 0.1)
         assert experiment.problem.costs.met(stage, np.array(during)).all()
 

@@ -38,7 +38,7 @@ def test_stages_are_seen_postponed_and_ended_as_with_hard_limits(experiment_of: 
 def test_a_state_measured_far_beyond_a_limit_is_led_back(experiment_of: Build, kind: str) -> None:
     """15 cm beyond it: hard limits leave no window a solution."""
     changes = (*COARSE, NEAR, f"controller.kind={kind}", "controller.htmpc.depth=2")
-    x = experiment_of(*changes).x0.copy()
+    x = experiment_of(*changes).initial_state.copy()
     x[1] = -0.15
     hard, soft = (experiment_of(*changes, f"controller.soft_limits={kind}").controller for kind in ("false", "true"))
     assert "solve_failed" in hard.step(0.0, State.of(x)).events

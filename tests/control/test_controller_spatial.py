@@ -22,12 +22,12 @@ from ..stepped import stepped
 def test_a_turn_takes_the_short_way_at_a_rate_within_its_limit(degrees: float) -> None:
     task = turning(degrees)
     commands, _, state = stepped(task)
-    turned = np.array([2 * np.arccos(min(1.0, abs(command.x[3]))) for command in commands])
+    turned = np.array([2 * np.arccos(min(1.0, abs(command.state[3]))) for command in commands])
     assert turned.max() < np.radians(min(degrees, 360 - degrees) + 1)
     wanted = Rotation.from_rotvec(np.radians(degrees) * np.ones(3) / np.sqrt(3))
     reached = Rotation.from_quat(state.Q[[4, 5, 6, 3]])
     assert (wanted.inv() * reached).magnitude() < 0.01
-    assert max(np.abs(command.x[-9 + 3 : -9 + 6]).max() for command in commands) < 0.3 * 1.005
+    assert max(np.abs(command.state[-9 + 3 : -9 + 6]).max() for command in commands) < 0.3 * 1.005
 
 
 @pytest.mark.slow
@@ -44,7 +44,7 @@ def test_one_level_of_htmpc_is_hard_switching_and_more_keep_earlier_stages() -> 
         stepped(turning(120, f"controller.kind={kind}", f"controller.htmpc.depth={depth}"))
         for kind, depth in (("hard", 1), ("htmpc", 1), ("htmpc", 2))
     )
-    np.testing.assert_array_equal([c.x for c in hard[0]], [c.x for c in one[0]])
+    np.testing.assert_array_equal([c.state for c in hard[0]], [c.state for c in one[0]])
     first, second = zip(*(c.levels for c in several[0] if len(c.levels) == 2), strict=True)
     assert all(solved.outcome is Outcome.OPTIMAL for solved in second)
     kept, own = (np.array([solved.costs[0] for solved in level]) for level in (second, first))
@@ -81,7 +81,7 @@ def test_a_tumbling_target_is_followed_through_more_than_a_turn() -> None:
     assert switches[0] == pytest.approx(32, abs=0.01)
     for command in commands[10:280]:  # then the next stage is in the window
         wanted = Rotation.from_rotvec(np.radians(100 / 8 * command.time) * np.array([1, 2, 3]) / np.sqrt(14))
-        assert (wanted.inv() * Rotation.from_quat(command.x[[4, 5, 6, 3]])).magnitude() < 0.01
+        assert (wanted.inv() * Rotation.from_quat(command.state[[4, 5, 6, 3]])).magnitude() < 0.01
 
 
 @pytest.mark.slow
@@ -129,7 +129,9 @@ def in_space(folder: Path) -> Path:
         ):
             most = np.pi / 2 if number == 1 else np.pi
             parts.append(
-                LINK.format(name=f"{arm}_{number}", a=a, mass=mass, inertia=inertia, on=on, x=x, turn=turn, most=most)
+                LINK.format(
+                    name=f"{arm}_{number}", a=a, mass=mass, inertia=inertia, on=on, state=x, turn=turn, most=most
+                )
             )
             on, x, turn = f"{arm}_{number}", 2 * a, 0.0
         parts.append(f'<link name="{arm}_tool"/><joint name="{arm}_fixed" type="fixed"><parent link="{on}"/>')
@@ -180,7 +182,7 @@ def test_the_paper_s_robot_on_a_base_with_six_degrees_of_freedom_moves_as_in_the
     commands, switches, _ = stepped(spatial)
     _, expected, _ = stepped(planar)
     np.testing.assert_allclose(switches, expected, atol=1e-3)
-    X = np.array([command.x for command in commands])
+    X = np.array([command.state for command in commands])
     out_of_plane = X[:, [2, 4, 5, 15, 16, 17]]
     assert np.abs(out_of_plane).max() < 1e-12
 

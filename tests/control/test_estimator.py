@@ -69,11 +69,11 @@ def test_the_foreseen_state_follows_what_was_planned_since_the_measurement() -> 
     """Two samples of 0.1 s under 1 and 2 m/s^2 from rest at 7: 7 + 0.005 + 0.01 + 0.01 m, and 0.3 m/s."""
     estimating, state = estimator(delay=2, offset_free=False), State(np.full(3, 7.0), np.zeros(3))
     estimate = estimating.measured(None, state)
-    np.testing.assert_allclose(estimating.foreseen(estimate).x, state.x)
+    np.testing.assert_allclose(estimating.foreseen(estimate).vector, state.vector)
     for u in (1.0, 2.0):
         estimate, _ = estimating.command(estimate, np.full((TICKS, 3), u), np.zeros(3))
         estimate = estimating.measured(estimate, state)
-    np.testing.assert_allclose(estimating.foreseen(estimate).x, [7.025] * 3 + [0.3] * 3, atol=1e-12)
+    np.testing.assert_allclose(estimating.foreseen(estimate).vector, [7.025] * 3 + [0.3] * 3, atol=1e-12)
 
 
 SIGMA = 1e-3

@@ -30,7 +30,7 @@ def test_when_the_plan_is_used_up_the_robot_brakes_to_rest_and_the_run_stops(exp
     samples, ending = run(with_failures(experiment_of(*QUICK), lambda window: window.start > 0.95))
     assert (ending.stuck, ending.completed) == (True, False)
     assert "braked to rest" in ending.reason
-    assert np.abs(ending.x[9:]).max() < 1e-9
+    assert np.abs(ending.state[9:]).max() < 1e-9
     braking = [sample.command.time for sample in samples if "braking" in sample.command.events]
     assert 0.9 + 4.0 - 0.15 <= braking[0] <= 0.9 + 4.0
 
@@ -75,7 +75,7 @@ def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_t
         command = sample.command
         if len(command.instants) and command.instants[0] < command.time + 0.105:
             break
-    planned, x = command.instants[0], sample.ticks.X[-1].copy()
+    planned, x = command.instants[0], sample.ticks.states[-1].copy()
     x[0] -= 4 * command.stage.end.tolerance[0]
     due = controller.step(command.time + 0.1, State.of(x))
     assert 0.001 < planned - due.time < 0.005

@@ -19,7 +19,7 @@ def test_a_state_that_is_not_measured_is_that_of_the_plan() -> None:
     Q = np.where(np.arange(9) == 2, np.nan, x[:9])
     command = controller.step(0.1, State(Q, x[9:]))
     assert "unmeasured" in command.events
-    np.testing.assert_array_equal(command.x, x)
+    np.testing.assert_array_equal(command.state, x)
 
 
 def test_without_a_measurement_nothing_begins() -> None:

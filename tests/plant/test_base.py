@@ -39,7 +39,7 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work(state: State, su
     x = np.r_[Q, 0.2 * v]
     for build in (Rk4Plant, MujocoPlant):
         ticks = build(model, TICK, substeps).advance(0.0, x, np.tile(0.2 * u, (50, 1)))
-        np.testing.assert_allclose(change(model, x, ticks.X[-1]), ticks.impulse_and_work, atol=1e-9)
+        np.testing.assert_allclose(change(model, x, ticks.states[-1]), ticks.impulse_and_work, atol=1e-9)
 
 
 def test_computed_torque_makes_the_robot_follow_the_ideal_plant(model: RobotModel, x: np.ndarray) -> None:
@@ -47,7 +47,7 @@ def test_computed_torque_makes_the_robot_follow_the_ideal_plant(model: RobotMode
     errors = []
     for rate in (250, 1000):
         u = np.tile(np.linspace(-0.5, 0.5, 9), (rate // 5, 1))
-        ideal, full = (plant(model, 1 / rate).advance(0.0, x, u).X[-1] for plant in (IdealPlant, Rk4Plant))
+        ideal, full = (plant(model, 1 / rate).advance(0.0, x, u).states[-1] for plant in (IdealPlant, Rk4Plant))
         errors.append(np.abs(ideal - full).max())
     assert errors[1] < 1e-4
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
@@ -58,16 +58,20 @@ def test_ticks_contain_times_states_and_forces(model: RobotModel, x: np.ndarray,
     plant = build(model, TICK)
     ticks = plant.advance(2.0, x, np.zeros((10, 9)))
     np.testing.assert_allclose(ticks.time, 2 + TICK * np.arange(11))
-    np.testing.assert_array_equal(ticks.X[0], x)
+    np.testing.assert_array_equal(ticks.states[0], x)
     np.testing.assert_allclose(ticks.F[0], model.bias(x[:9], x[9:]))
     plant.advance(0.0, -x, np.ones((10, 9)))
-    np.testing.assert_array_equal(plant.advance(2.0, x, np.zeros((10, 9))).X, ticks.X)  # a sample has no memory
+    np.testing.assert_array_equal(
+        plant.advance(2.0, x, np.zeros((10, 9))).states, ticks.states
+    )  # a sample has no memory
 
 
 def test_forces_of_rk4_give_the_same_motion_in_mujoco(model: RobotModel, x: np.ndarray, u: np.ndarray) -> None:
     """Open loop over two seconds: nothing pulls the two together."""
     ticks, fine = Rk4Plant(model, TICK).advance(0.0, x, u), Rk4Plant(model, TICK, 4).advance(0.0, x, u)
-    assert np.abs(ticks.X - x).max() > 0.3
-    np.testing.assert_allclose(fine.X, ticks.X, rtol=0, atol=1e-9)
+    assert np.abs(ticks.states - x).max() > 0.3
+    np.testing.assert_allclose(fine.states, ticks.states, rtol=0, atol=1e-9)
     for substeps in (1, 4):
-        np.testing.assert_allclose(MujocoPlant(model, TICK, substeps).replay(x, ticks.F), ticks.X, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(
+            MujocoPlant(model, TICK, substeps).replay(x, ticks.F), ticks.states, rtol=0, atol=1e-10
+        )

@@ -52,7 +52,7 @@ def imbalance(model: RobotModel, robot: InertialParameters, ticks: Ticks) -> np.
     """Momentum and energy gained over a sample, less impulse and work (4,)."""
     before, after = (
         np.r_[model.momentum(*np.split(x, 2), robot), model.kinetic_energy(*np.split(x, 2), robot)]
-        for x in ticks.X[[0, -1]]
+        for x in ticks.states[[0, -1]]
     )
     return after - before - ticks.impulse_and_work
 
@@ -62,7 +62,7 @@ def test_without_a_disturbance_it_is_the_robot_the_controller_knows(
     model: RobotModel, x: np.ndarray, u: np.ndarray, nothing: Disturbance, plant: type
 ) -> None:
     ticks, known = build(plant, model, FREE).advance(2.0, x, u, nothing), Rk4Plant(model, TICK).advance(2.0, x, u)
-    np.testing.assert_allclose(ticks.X, known.X, atol=1e-12)
+    np.testing.assert_allclose(ticks.states, known.states, atol=1e-12)
     np.testing.assert_allclose(ticks.F, known.F, atol=1e-9)
     np.testing.assert_array_equal(ticks.time, known.time)
 
@@ -71,7 +71,7 @@ def test_compiled_is_interpreted_to_the_bit(
     model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance
 ) -> None:
     one, other = (Rk4Plant(model, TICK, 1, native, ROUGH).advance(0.0, x, u, everything) for native in (False, True))
-    np.testing.assert_array_equal(one.X, other.X)
+    np.testing.assert_array_equal(one.states, other.states)
     np.testing.assert_array_equal(one.F, other.F)
 
 
@@ -79,8 +79,8 @@ def test_the_engines_agree_on_other_bodies_with_a_payload(
     model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance
 ) -> None:
     one, other = (build(plant, model, FREE).advance(0.0, x, u, everything) for plant in PLANTS)
-    np.testing.assert_allclose(one.X, other.X, rtol=0, atol=1e-11)
-    assert np.abs(one.X - Rk4Plant(model, TICK).advance(0.0, x, u).X).max() > 1e-3
+    np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-11)
+    assert np.abs(one.states - Rk4Plant(model, TICK).advance(0.0, x, u).states).max() > 1e-3
 
 
 def test_the_engines_differ_under_friction_by_the_step_it_is_held_for(
@@ -89,7 +89,7 @@ def test_the_engines_differ_under_friction_by_the_step_it_is_held_for(
     apart = []
     for substeps in (1, 4):
         one, other = (build(plant, model, ROUGH, substeps).advance(0.0, x, u, everything) for plant in PLANTS)
-        apart.append(np.abs(one.X - other.X).max())
+        apart.append(np.abs(one.states - other.states).max())
     assert apart[1] < 0.5 * apart[0]
     assert apart[0] < 2e-3
 
@@ -124,5 +124,5 @@ def test_the_law_reads_the_noise_and_the_bodies_do_not(
     ticks, quiet = (build(plant, model, FREE).advance(0.0, x, u, given) for given in (noisy, nothing))
     seen = x + noisy.noise[0]
     np.testing.assert_allclose(ticks.F[0], model.inverse_dynamics(seen[:9], seen[9:], u[0]), atol=1e-12)
-    np.testing.assert_array_equal(ticks.X[0], quiet.X[0])
-    assert np.abs(ticks.X - quiet.X).max() > 1e-7
+    np.testing.assert_array_equal(ticks.states[0], quiet.states[0])
+    assert np.abs(ticks.states - quiet.states).max() > 1e-7

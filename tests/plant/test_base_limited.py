@@ -66,7 +66,7 @@ def disturbance(robot: RobotModel) -> Disturbance:
 def limits_within(robot: RobotModel, x: Array, u: Array) -> ForceLimits:
     """Limits, another one each way, at half of the largest forces that are commanded."""
     free = Rk4Plant(robot, TICK).advance(0.0, x, u)
-    largest = np.abs(along_own_axes(robot, free.X[:-1], free.F)).max(axis=0)
+    largest = np.abs(along_own_axes(robot, free.states[:-1], free.F)).max(axis=0)
     return ForceLimits(-0.4 * largest, 0.6 * largest)
 
 
@@ -98,8 +98,8 @@ def test_forces_are_cut_along_the_axes_of_the_base(
     built = plant(robot, TICK, friction=friction, force_limits=limits)
     ticks: Ticks = built.advance(0.0, x, u, disturbance if disturbed else None)
 
-    commanded = along_own_axes(robot, ticks.X[:-1], ticks.commanded)
-    applied = along_own_axes(robot, ticks.X[:-1], ticks.F)
+    commanded = along_own_axes(robot, ticks.states[:-1], ticks.commanded)
+    applied = along_own_axes(robot, ticks.states[:-1], ticks.F)
     rounding = ROUNDING * np.abs(ticks.commanded).max()
     np.testing.assert_allclose(applied, np.clip(commanded, limits.low, limits.high), rtol=0, atol=rounding)
     d = robot.dimension
@@ -125,11 +125,11 @@ def test_utilization_is_the_commanded_force_over_the_limit_on_its_side(robot: Ro
     last = np.arange(robot.n) == robot.n - 1
     limits = ForceLimits(np.where(last, -np.inf, limits.low), np.where(last, np.inf, limits.high))
     ticks = Rk4Plant(robot, TICK, force_limits=limits).advance(0.0, x, u)
-    Q = ticks.X[:-1, : robot.nq]
+    Q = ticks.states[:-1, : robot.nq]
     commanded = limits.utilization(robot.space, Q, ticks.commanded)
     applied = limits.utilization(robot.space, Q, ticks.F)
     np.testing.assert_allclose(applied, np.minimum(commanded, 1.0), rtol=0, atol=1e-9)
-    own = along_own_axes(robot, ticks.X[:-1], ticks.commanded)[:, :-1]
+    own = along_own_axes(robot, ticks.states[:-1], ticks.commanded)[:, :-1]
     expected = np.maximum(own / limits.high[:-1], own / limits.low[:-1])
     np.testing.assert_allclose(commanded[:, :-1], expected, rtol=0, atol=1e-9)
     assert np.isnan(commanded[:, -1]).all() and (commanded[:, :-1] > 1).any() and (commanded[:, :-1] < 1).any()
@@ -154,7 +154,7 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work_of_what_is_appli
         ticks = plant(robot, TICK, 2, friction=friction, force_limits=limits).advance(0.0, x, u, given)
         assert not np.array_equal(ticks.F, ticks.commanded)
         true = None if given is None else given.robot
-        change = kept(robot, ticks.X[-1], true) - kept(robot, x, true)
+        change = kept(robot, ticks.states[-1], true) - kept(robot, x, true)
         np.testing.assert_allclose(change, ticks.impulse_and_work, rtol=0, atol=1e-8)
 
 
@@ -162,8 +162,8 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work_of_what_is_appli
 def test_the_engines_agree(robot: RobotModel, x: Array, u: Array) -> None:
     limits = limits_within(robot, x, u)
     one, other = (plant(robot, TICK, force_limits=limits).advance(0.0, x, u) for plant in (Rk4Plant, MujocoPlant))
-    np.testing.assert_allclose(one.X, other.X, rtol=0, atol=1e-10)
-    assert np.abs(one.X - Rk4Plant(robot, TICK).advance(0.0, x, u).X).max() > 1e-5
+    np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-10)
+    assert np.abs(one.states - Rk4Plant(robot, TICK).advance(0.0, x, u).states).max() > 1e-5
 
 
 @BOTH
@@ -173,7 +173,7 @@ def test_compiled_is_interpreted_to_the_bit(robot: RobotModel, x: Array, u: Arra
         one, other = (
             Rk4Plant(robot, TICK, 1, native, friction, limits).advance(0.0, x, u, given) for native in (False, True)
         )
-        for name in ("X", "F", "commanded"):
+        for name in ("states", "F", "commanded"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
@@ -184,7 +184,7 @@ def test_infinite_limits_are_none(robot: RobotModel, x: Array, u: Array, plant: 
     infinite = np.full(robot.n, np.inf)
     limited = plant(robot, TICK, force_limits=ForceLimits(-infinite, infinite)).advance(0.0, x, u)
     free = plant(robot, TICK).advance(0.0, x, u)
-    np.testing.assert_array_equal(limited.X, free.X)
+    np.testing.assert_array_equal(limited.states, free.states)
     np.testing.assert_array_equal(limited.F, free.F)
     np.testing.assert_array_equal(limited.commanded, free.F)
     assert free.commanded is None
@@ -218,13 +218,13 @@ def test_forces_are_cut_while_the_robot_holds_an_object(tmp_path: Path, kind: st
         before = np.r_[kept(model, start)] + capture.kept
         ticks = build_plant(spec, model, False, None, capture, limits).advance(0.0, start, u, None, np.ones(50, bool))
         assert ticks.target_object is not None and ticks.target_object.closed.all()
-        after = kept(model, ticks.X[-1]) + capture.kept
+        after = kept(model, ticks.states[-1]) + capture.kept
         np.testing.assert_allclose(after - before, ticks.impulse_and_work, rtol=0, atol=1e-6)
         made.append(ticks)
     free, limited = made
     assert free.commanded is None
-    own = along_own_axes(model, limited.X[:-1], limited.commanded)
+    own = along_own_axes(model, limited.states[:-1], limited.commanded)
     expected = np.clip(own, -0.02, 0.01)
     rounding = ROUNDING * np.abs(limited.commanded).max()
-    np.testing.assert_allclose(along_own_axes(model, limited.X[:-1], limited.F), expected, rtol=0, atol=rounding)
+    np.testing.assert_allclose(along_own_axes(model, limited.states[:-1], limited.F), expected, rtol=0, atol=rounding)
     assert (own != expected).any()

@@ -81,7 +81,7 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work(
     robot: RobotModel, x: Array, u: Array, plant: type
 ) -> None:
     ticks: Ticks = plant(robot, TICK).advance(0.0, x, u)
-    np.testing.assert_allclose(kept(robot, ticks.X[-1]) - kept(robot, x), ticks.impulse_and_work, atol=1e-10)
+    np.testing.assert_allclose(kept(robot, ticks.states[-1]) - kept(robot, x), ticks.impulse_and_work, atol=1e-10)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -91,17 +91,17 @@ def test_so_it_is_with_everything_that_disturbs(
     n = robot.n
     rough = JointFriction(np.r_[np.zeros(6), np.full(n - 6, 0.02)], np.zeros(n), 0.02)
     ticks: Ticks = plant(robot, TICK, 2, friction=rough).advance(0.0, x, u, everything)
-    before, after = (kept(robot, ticks.X[k], everything.robot) for k in (0, -1))
+    before, after = (kept(robot, ticks.states[k], everything.robot) for k in (0, -1))
     np.testing.assert_allclose(after - before, ticks.impulse_and_work, atol=2e-9)
 
 
 def test_the_engines_agree(robot: RobotModel, x: Array, u: Array, everything: Disturbance) -> None:
     free, replayed = JointFriction.none(robot.n), Rk4Plant(robot, TICK).advance(0.0, x, u)
     built: list[Plant] = [plant(robot, TICK, 1, friction=free) for plant in PLANTS]
-    one, other = (plant.advance(0.0, x, u, everything).X for plant in built)
+    one, other = (plant.advance(0.0, x, u, everything).states for plant in built)
     assert apart(robot, one, other) < 1e-10
-    assert apart(robot, one, replayed.X) > 1e-3
-    assert apart(robot, MujocoPlant(robot, TICK).replay(x, replayed.F), replayed.X) < 1e-10
+    assert apart(robot, one, replayed.states) > 1e-3
+    assert apart(robot, MujocoPlant(robot, TICK).replay(x, replayed.F), replayed.states) < 1e-10
 
 
 def test_a_push_is_a_blow_to_the_base_in_space(robot: RobotModel, x: Array, everything: Disturbance) -> None:
@@ -120,7 +120,7 @@ def test_a_push_is_a_blow_to_the_base_in_space(robot: RobotModel, x: Array, ever
 def test_the_quaternion_stays_a_unit_one_for_a_minute(robot: RobotModel, x: Array) -> None:
     plant, u = Rk4Plant(robot, 1e-2), np.zeros((6000, robot.n))
     u[:, 3:6] = 0.3 * np.sin(np.outer(1e-2 * np.arange(6000), [0.2, 0.3, 0.5]))
-    quaternions = plant.advance(0.0, x, u).X[:, 3:7]
+    quaternions = plant.advance(0.0, x, u).states[:, 3:7]
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1, rtol=0, atol=1e-12)
 
 
@@ -129,7 +129,7 @@ def test_computed_torque_makes_the_robot_follow_the_ideal_plant(robot: RobotMode
     errors = []
     for rate in (250, 1000):
         u = np.tile(np.linspace(-0.5, 0.5, robot.n), (rate // 5, 1))
-        ideal, full = (plant(robot, 1 / rate).advance(0.0, x, u).X[-1] for plant in (IdealPlant, Rk4Plant))
+        ideal, full = (plant(robot, 1 / rate).advance(0.0, x, u).states[-1] for plant in (IdealPlant, Rk4Plant))
         errors.append(np.abs(ideal - full).max())
     assert errors[1] < 2e-4
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
@@ -151,14 +151,14 @@ def test_under_the_law_the_motion_is_the_plans(robot: RobotModel, x: Array) -> N
 
 def test_a_held_force_is_the_plants(robot: RobotModel, x: Array, u: Array) -> None:
     ticks, physics = Rk4Plant(robot, TICK).advance(3.0, x, u[:20]), AdaptiveDynamics(robot)
-    np.testing.assert_allclose(physics.under("ticks", x, ticks.time, u[:20]).between_pieces, ticks.X, atol=1e-9)
+    np.testing.assert_allclose(physics.under("ticks", x, ticks.time, u[:20]).between_pieces, ticks.states, atol=1e-9)
 
 
 def test_taking_up_keeps_momentum_and_letting_go_velocities(robot: RobotModel, x: Array) -> None:
     holding = robot.nominal.holding(np.array([3.0, 2.0]), np.array([0.4, 0.3]))
     taken, left = take_up(robot, x, robot.nominal, holding), release(robot, x, robot.nominal, holding)
-    np.testing.assert_allclose(kept(robot, taken.x, holding)[:6], kept(robot, x)[:6], atol=1e-12)
-    assert taken.momentum_and_energy[-1] == pytest.approx(kept(robot, taken.x, holding)[6] - kept(robot, x)[6])
+    np.testing.assert_allclose(kept(robot, taken.state, holding)[:6], kept(robot, x)[:6], atol=1e-12)
+    assert taken.momentum_and_energy[-1] == pytest.approx(kept(robot, taken.state, holding)[6] - kept(robot, x)[6])
     assert taken.momentum_and_energy[-1] < 0
-    np.testing.assert_array_equal(left.x, x)
+    np.testing.assert_array_equal(left.state, x)
     np.testing.assert_allclose(kept(robot, x, holding) + left.momentum_and_energy, kept(robot, x), atol=1e-12)

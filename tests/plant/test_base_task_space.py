@@ -43,7 +43,7 @@ def test_twists_follow_what_the_law_in_task_space_commands(robot: RobotModel, x:
         count = round(0.1 / tick)
         plant: Plant = build(robot, tick)
         ticks = plant.advance(0.0, x, np.full((count, robot.n), np.nan), twist_rates=np.tile(rates, (count, 1)))
-        end = robot.twists(*np.split(ticks.X[-1], [robot.nq]))
+        end = robot.twists(*np.split(ticks.states[-1], [robot.nq]))
         errors.append(np.abs(end - start - 0.1 * rates).max())
         expected = robot.task_space_force(Q, v, rates)
         np.testing.assert_allclose(ticks.F[0], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
@@ -60,7 +60,7 @@ def test_both_laws_lead_to_the_same_motion(robot: RobotModel, x: np.ndarray, bui
     plant: Plant = build(robot, TICK)
     one = plant.advance(0.0, x, u[None], twist_rates=rates[None])
     other = plant.advance(0.0, x, u[None])
-    np.testing.assert_allclose(one.X, other.X, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-12)
     np.testing.assert_allclose(one.F, other.F, rtol=0, atol=1e-9 * np.abs(other.F).max())
 
 
@@ -69,12 +69,14 @@ def test_rates_of_twists_are_those_of_planned_accelerations(robot: RobotModel, x
     u = np.random.default_rng(0).uniform(-0.3, 0.3, (M, robot.n))
     planned = IdealPlant(robot, TICK).advance(0.0, x, u)
     rates = robot.twist_rates(Q, v, u, TICK)
-    twists = robot.twists(*np.split(planned.X, [robot.nq], axis=1))
+    twists = robot.twists(*np.split(planned.states, [robot.nq], axis=1))
     np.testing.assert_allclose(twists[0] + TICK * np.cumsum(rates, axis=0), twists[1:], rtol=0, atol=1e-12)
     if len(rates[0]) == robot.n:
         led_to = IdealPlant(robot, TICK).advance(0.0, x, u, twist_rates=rates)
-        assert np.abs(planned.X - x).max() > 1e-2
-        np.testing.assert_allclose(led_to.X, planned.X, rtol=0, atol=1e-4)  # J_C is that of where each tick begins
+        assert np.abs(planned.states - x).max() > 1e-2
+        np.testing.assert_allclose(
+            led_to.states, planned.states, rtol=0, atol=1e-4
+        )  # J_C is that of where each tick begins
 
 
 def test_a_disturbed_plant_takes_the_law_of_what_it_knows() -> None:
@@ -89,7 +91,10 @@ def test_a_disturbed_plant_takes_the_law_of_what_it_knows() -> None:
         plant(robot, TICK, friction=JointFriction.none(9)).advance(0.0, x, nothing, disturbance, None, rates)
         for plant in (Rk4Plant, MujocoPlant)
     )
-    np.testing.assert_allclose(one.X, other.X, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-8)
     Q, v = np.split(x, 2)
     np.testing.assert_allclose(one.F[0], robot.task_space_force(Q, v, rates[0]), rtol=1e-9)
-    assert np.abs(one.X[-1] - Rk4Plant(robot, TICK).advance(0.0, x, nothing, None, None, rates).X[-1]).max() > 1e-5
+    assert (
+        np.abs(one.states[-1] - Rk4Plant(robot, TICK).advance(0.0, x, nothing, None, None, rates).states[-1]).max()
+        > 1e-5
+    )

@@ -28,7 +28,7 @@ class Adaptive(TickedPlant):
         self._dynamics = AdaptiveDynamics(model)
 
     def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
-        after = self._dynamics.under("force", x, np.array([0.0, TICK]), F[None]).X[-1]
+        after = self._dynamics.under("force", x, np.array([0.0, TICK]), F[None]).states[-1]
         return after, np.zeros(self.model.space.n_twist + 1)
 
 
@@ -56,7 +56,7 @@ def test_the_loop_is_that_which_rk4_has_compiled(
     expected = rk4.advance(1.5, x, u, disturbance)
     ticks = Adaptive(model, limits).advance(1.5, x, u, disturbance)
     np.testing.assert_array_equal(ticks.time, expected.time)
-    np.testing.assert_allclose(ticks.X, expected.X, rtol=0, atol=INTEGRATION)
+    np.testing.assert_allclose(ticks.states, expected.states, rtol=0, atol=INTEGRATION)
     np.testing.assert_allclose(ticks.F, expected.F, rtol=0, atol=1e-6)  # N, N m: forces of states that differ so
     if limits is None:
         assert ticks.commanded is expected.commanded is None

@@ -97,7 +97,7 @@ def run(task: Task, samples: int = 3, push: float = 1.0, wanted: Array | None = 
     for k in range(samples):
         u = push * random.uniform(-0.2, 0.2, model.n) * np.ones((M, 1))
         made.append(plant.advance(k * M * TICK, x, u, None, closed[k * M : (k + 1) * M]))
-        x = made[-1].X[-1]
+        x = made[-1].states[-1]
     return made, capture
 
 
@@ -120,7 +120,7 @@ def test_momentum_and_energy_are_kept(make: Any, plant: str, grasp: dict[str, An
     made, capture = run(task)
     first, last = made[0], made[-1]
     assert first.target_object is not None and last.target_object is not None and last.target_object.closed.all()
-    states = ((first.X[0], first.target_object, 0), (last.X[-1], last.target_object, -1))
+    states = ((first.states[0], first.target_object, 0), (last.states[-1], last.target_object, -1))
     before, after = (kept(task, capture, x, np.r_[o.pose[k], o.v[k]]) for x, o, k in states)
     impulse_and_work = sum(ticks.impulse_and_work for ticks in made)
     assert np.abs(after - before - impulse_and_work)[:-1].max() < 1e-7
@@ -133,7 +133,7 @@ def test_plants_agree(make: Any) -> None:
     assert one[-1].target_object is not None and other[-1].target_object is not None
     assert one[-1].target_object.pose == pytest.approx(other[-1].target_object.pose, abs=1e-8)
     assert one[-1].target_object.load == pytest.approx(other[-1].target_object.load, abs=1e-5)
-    assert one[-1].X[-1] == pytest.approx(other[-1].X[-1], abs=1e-7)
+    assert one[-1].states[-1] == pytest.approx(other[-1].states[-1], abs=1e-7)
 
 
 @pytest.mark.parametrize("seed", [2, 4])
@@ -151,7 +151,7 @@ def test_plants_agree_on_a_robot_with_rotors(tmp_path: Path, seed: int) -> None:
     one, other = made
     assert one.target_object is not None and other.target_object is not None
     assert one.target_object.closed.all() and one.target_object.load.max() > 0.1
-    np.testing.assert_allclose(one.X, other.X, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-11)
     np.testing.assert_allclose(one.target_object.load, other.target_object.load, rtol=0, atol=1e-8)
 
 
@@ -161,7 +161,7 @@ def test_what_a_grasp_gives_to_the_robot_it_takes_from_the_object(make: Any) -> 
     made, capture = run(task, samples=1)
     target_object, model, size = made[0].target_object, model_of(task.robot.name), capture.law.sizes[0]
     assert target_object is not None
-    robot = [model.momentum(made[0].X[k, : model.nq], made[0].X[k, model.nq :]) for k in (0, -1)]
+    robot = [model.momentum(made[0].states[k, : model.nq], made[0].states[k, model.nq :]) for k in (0, -1)]
     body = [np.array(capture.body.momentum(target_object.pose[k], target_object.v[k])) for k in (0, -1)]
     assert np.abs(body[1] - body[0]).max() > 1e-3  # it was pulled
     assert robot[1] - robot[0] - made[0].impulse_and_work[:-1] == pytest.approx(-(body[1] - body[0]), abs=1e-9)
@@ -179,7 +179,7 @@ def test_knowing_the_load_moves_the_robot_as_commanded() -> None:
         plant = build_plant(task.spec.plant, model, False, None, capture)
         x = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)]
         ticks = plant.advance(0.0, x, u, None, np.ones(300, bool))
-        apart.append(np.abs(ticks.X[-1, model.nq :] - 0.3 * u[0]).max())
+        apart.append(np.abs(ticks.states[-1, model.nq :] - 0.3 * u[0]).max())
     assert apart[1] < 1e-4 < 0.1 < apart[0]
 
 
@@ -239,7 +239,7 @@ def test_loads_are_the_parts_of_the_wrench_that_a_gripper_puts_on_the_object(mak
     d = law.model.dimension
     inside = capture.parameters[:, : law.sizes[0]]
     pose = target_object.pose[-2]
-    Q, v = np.split(made[-1].X[-2], [law.model.nq])
+    Q, v = np.split(made[-1].states[-2], [law.model.nq])
     *_, loads = law.forces(Q, v, pose, target_object.v[-2], capture.parameters.ravel())
     for i, wrench in enumerate(target_object.wrench[-1]):
         at = law.space.composed(pose, inside[i])[:d] - pose[:d]
@@ -270,7 +270,7 @@ def test_no_grasp_that_is_accepted_diverges(tmp_path: Path, geared: bool) -> Non
         plant = build_plant(task.spec.plant, model, False, None, capture)
         ticks = plant.advance(0.0, x, np.zeros((150, model.n)), None, np.ones(150, bool))
         assert capture is not None and capture.closed.all()
-        assert np.abs(ticks.X[:, model.nq :]).max() < 5, seed
+        assert np.abs(ticks.states[:, model.nq :]).max() < 5, seed
     assert accepted > DRAWN / 2
 
 
@@ -288,7 +288,7 @@ def test_a_commands_force_counts_a_known_load_in(known: bool) -> None:
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n))
     command = controller.step(0.0, state)
     plant = build_plant(task.spec.plant, model, False, None, build_capture(task.spec, model))
-    applied = plant.advance(0.0, state.x, command.u[:1], None, command.closed[:1]).F[0]
+    applied = plant.advance(0.0, state.vector, command.u[:1], None, command.closed[:1]).F[0]
     bare = model.inverse_dynamics(state.Q, state.v, command.u[0])
     assert np.abs(command.force(0.0, state) - applied).max() <= 0.02 * np.abs(applied - bare).max()
     assert bool(np.abs(applied - bare).max() > 1.0) == known
@@ -322,6 +322,6 @@ def test_a_law_that_does_not_know_its_load_accelerates_less_by_the_largest_ratio
     plant = build_plant(task.spec.plant, model, False, None, capture)
     u = 0.05 * v / np.abs(v).max()
     ticks = plant.advance(0.0, np.r_[Q, np.zeros(model.n)], u * np.ones((M, 1)), None, np.ones(M, bool))
-    impulse_and_work = ticks.X[-1, model.nq :] / (M * TICK)
+    impulse_and_work = ticks.states[-1, model.nq :] / (M * TICK)
     H = model.mass_matrix(Q)
     assert impulse_and_work @ H @ u == pytest.approx(u @ H @ u / (1 + ratio), rel=0.02)

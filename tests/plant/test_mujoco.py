@@ -28,7 +28,7 @@ def test_one_percent_of_a_links_inertia_shows_in_a_replay(model: RobotModel, x: 
     links = (arm.links[0].model_copy(update={"inertia": 1.01 * arm.links[0].inertia}), *arm.links[1:])
     arms = {**model.spec.arms, "arm_1": arm.model_copy(update={"links": links})}
     other = RobotModel(model.spec.model_copy(update={"arms": arms}))
-    assert np.abs(MujocoPlant(other, TICK).replay(x, ticks.F) - ticks.X).max() > 1e-6
+    assert np.abs(MujocoPlant(other, TICK).replay(x, ticks.F) - ticks.states).max() > 1e-6
 
 
 def test_divergence_is_visible(
@@ -37,7 +37,7 @@ def test_divergence_is_visible(
     """MuJoCo by itself would restart from zero and write a file."""
     monkeypatch.chdir(tmp_path)
     ticks = MujocoPlant(model, TICK).advance(0.0, x, np.full((3, 9), np.nan))
-    assert np.isnan(ticks.X[-1]).all()
+    assert np.isnan(ticks.states[-1]).all()
     assert "The simulation is unstable" in caplog.text
     assert list(tmp_path.iterdir()) == []
 

@@ -120,11 +120,11 @@ def test_a_take_up_conserves_momentum_and_loses_energy(
     model: RobotModel, holding: InertialParameters, x: np.ndarray
 ) -> None:
     contact = take_up(model, x, model.nominal, holding)
-    (p, T), (p_after, T_after) = kept(model, x, model.nominal), kept(model, contact.x, holding)
+    (p, T), (p_after, T_after) = kept(model, x, model.nominal), kept(model, contact.state, holding)
     np.testing.assert_allclose(p_after, p, atol=1e-12)
     np.testing.assert_array_equal(contact.momentum_and_energy[:-1], 0)
-    np.testing.assert_array_equal(contact.x[:9], x[:9])
-    assert np.abs(contact.x[9:] - x[9:]).max() > 0.01
+    np.testing.assert_array_equal(contact.state[:9], x[:9])
+    assert np.abs(contact.state[9:] - x[9:]).max() > 0.01
     assert contact.momentum_and_energy[-1] == pytest.approx(T_after - T, rel=1e-12)
     assert contact.momentum_and_energy[-1] < 0
 
@@ -150,6 +150,6 @@ def test_a_release_keeps_velocities_and_gives_away_the_objects_share(
 ) -> None:
     contact = release(model, x, model.nominal, holding)
     (p, T), (p_left, T_left) = kept(model, x, holding), kept(model, x, model.nominal)
-    np.testing.assert_array_equal(contact.x, x)
+    np.testing.assert_array_equal(contact.state, x)
     np.testing.assert_allclose(p + contact.momentum_and_energy[:-1], p_left, atol=1e-12)
     assert T + contact.momentum_and_energy[-1] == pytest.approx(T_left, rel=1e-12)

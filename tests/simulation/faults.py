@@ -41,7 +41,7 @@ class Seen:
 
     rates: np.ndarray = field(default_factory=lambda: np.zeros(1))
     forces: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    x: np.ndarray | None = None
+    state: np.ndarray | None = None
 
 
 class FaultySolver(Solver):
@@ -64,15 +64,15 @@ def injected(fault: Fault) -> Iterator[Seen]:
         controller, step, advance = experiment.controller, experiment.controller.step, experiment.plant.advance
 
         def faulty_step(time: float, state: State, object_pose: np.ndarray | None) -> Any:
-            return step(time, State.of(fault.measured(time, state.x)), object_pose)
+            return step(time, State.of(fault.measured(time, state.vector)), object_pose)
 
         def faulty_advance(start: float, x: np.ndarray, *rest: Any) -> Ticks:
             ticks = advance(start, x, *rest)
-            X = ticks.X.copy()
-            X[-1] = seen.x = fault.moved(float(ticks.time[-1]), X[-1])
+            X = ticks.states.copy()
+            X[-1] = seen.state = fault.moved(float(ticks.time[-1]), X[-1])
             seen.rates = np.maximum(seen.rates, np.abs(X[:, len(x) // 2 :]).max(axis=0))
             seen.forces = np.maximum(seen.forces, np.abs(ticks.F).max(axis=0))
-            return replace(ticks, X=X)
+            return replace(ticks, states=X)
 
         controller.law.solver = FaultySolver(controller.law.solver, fault)
         controller.step, experiment.plant.advance = faulty_step, faulty_advance

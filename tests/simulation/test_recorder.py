@@ -25,7 +25,7 @@ def recorded(task: Task, with_ticks: bool = False, longest: float = np.inf) -> p
     experiment = build_experiment(task)
     controller = experiment.controller
     recorder = psmpc.Recorder(controller)
-    x = experiment.x0
+    x = experiment.initial_state
     time = 0.0
     while True:
         command = controller.step(time, psmpc.State.of(x))
@@ -34,7 +34,7 @@ def recorded(task: Task, with_ticks: bool = False, longest: float = np.inf) -> p
             return recorder.run(f"time limit of {longest:g} s reached")
         ticks = experiment.plant.advance(time, x, command.u, None, command.closed)
         recorder.add(command, ticks if with_ticks else None)
-        x = ticks.X[-1]
+        x = ticks.states[-1]
         time = len(recorder) * task.spec.controller.sample_time
 
 
@@ -112,7 +112,7 @@ def test_a_loop_whose_forces_are_not_known_is_verified_by_its_plans() -> None:
         command = controller.step(time, psmpc.State(Q[-1], v[-1]))
         Q, v = command.plan.chart.leave(command.plan.states_at(command.edges))
         forces = np.full(command.u.shape, np.nan)
-        recorder.add(command, psmpc.Ticks(time=command.edges, X=np.hstack([Q, v]), F=forces))
+        recorder.add(command, psmpc.Ticks(time=command.edges, states=np.hstack([Q, v]), F=forces))
     run = recorder.run()
     assert np.isnan(run.ticks["F"]).all()
     assert Verification(run).samples == len(run.time)
@@ -160,8 +160,8 @@ def test_a_wrong_command_is_an_error_and_is_not_recorded() -> None:
         recorder.run()
     command = controller.step(0.0, psmpc.State(np.zeros(n), np.zeros(n)))
     other = psmpc.Controller(TRANSPORT).step(0.0, psmpc.State(np.zeros(n), np.zeros(n)))
-    ticks = psmpc.Ticks(time=np.zeros(3), X=np.zeros((3, 2 * n)), F=np.zeros((2, n)))
-    of_sample = psmpc.Ticks(time=command.edges, X=np.zeros((101, 2 * n)), F=np.zeros((100, n)))
+    ticks = psmpc.Ticks(time=np.zeros(3), states=np.zeros((3, 2 * n)), F=np.zeros((2, n)))
+    of_sample = psmpc.Ticks(time=command.edges, states=np.zeros((101, 2 * n)), F=np.zeros((100, n)))
     cut = replace(of_sample, commanded=np.zeros((2, n)))
     backwards = replace(of_sample, time=command.edges[::-1])
     later = replace(of_sample, time=command.edges + 1.0)
@@ -192,7 +192,7 @@ def test_what_a_controller_hands_out_is_read_only() -> None:
     controller = psmpc.Controller(TRANSPORT)
     n = controller.problem.model.n
     command = controller.step(0.0, psmpc.State(np.zeros(n), np.zeros(n)))
-    for array in (command.x, command.u, command.edges, command.plan.X, command.plan.u, command.solution.plan.X):
+    for array in (command.state, command.u, command.edges, command.plan.X, command.plan.u, command.solution.plan.X):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
 
@@ -205,7 +205,9 @@ def test_ticks_that_were_added_can_be_written_to_again() -> None:
     command = controller.step(0.0, psmpc.State(np.zeros(n), np.zeros(n)))
     X = np.zeros((101, 2 * n))
     impulse_and_work = np.zeros(4)
-    recorder.add(command, psmpc.Ticks(time=command.edges, X=X, F=np.zeros((100, n)), impulse_and_work=impulse_and_work))
+    recorder.add(
+        command, psmpc.Ticks(time=command.edges, states=X, F=np.zeros((100, n)), impulse_and_work=impulse_and_work)
+    )
     X[:] = 7.0
     impulse_and_work[:] = 7.0
     run = recorder.run()

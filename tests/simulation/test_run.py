@@ -297,7 +297,16 @@ def test_a_watcher_cannot_write_into_what_is_recorded() -> None:
         command = sample.command
         ticks = sample.ticks
         metrics = [each for each in sample.metrics.values() if isinstance(each, np.ndarray) and each.ndim]
-        for array in (command.x, command.u, command.plan.X, command.plan.u, ticks.X, ticks.F, ticks.time, *metrics):
+        for array in (
+            command.state,
+            command.u,
+            command.plan.X,
+            command.plan.u,
+            ticks.states,
+            ticks.F,
+            ticks.time,
+            *metrics,
+        ):
             with pytest.raises(ValueError, match="read-only"):
                 array[...] = 0.0
 

@@ -35,8 +35,8 @@ class Faulty:
 
     @property
     def at_rest(self) -> bool:
-        assert self.seen.x is not None
-        return float(np.abs(self.seen.x[len(self.seen.x) // 2 :]).max()) < 1e-6
+        assert self.seen.state is not None
+        return float(np.abs(self.seen.state[len(self.seen.state) // 2 :]).max()) < 1e-6
 
 
 Start = Callable[..., Faulty]

@@ -89,7 +89,7 @@ def test_tasks_in_joint_space_alone_have_no_condition_number(robot: RobotModel) 
 def test_the_force_of_a_command_is_that_of_the_law_in_task_space(robot: RobotModel) -> None:
     """And that of the law in joint space leads to the same motion: the rates of twists are those of the plan."""
     experiment = build_experiment(load_task(reaching(robot, initial_velocity={"base": [0.05, 0, 0.05]})))
-    x = experiment.x0
+    x = experiment.initial_state
     command: Command = experiment.controller.step(0.0, State.of(x))
     rates = command.twist_rates
     assert rates is not None
@@ -109,9 +109,11 @@ def test_the_force_of_a_command_is_that_of_the_law_in_task_space(robot: RobotMod
     plant = experiment.plant
     one = plant.advance(0.0, x, command.u, None, command.closed, rates)
     other = plant.advance(0.0, x, command.u, None, command.closed)
-    moved = np.abs(other.X[-1] - x).max()
+    moved = np.abs(other.states[-1] - x).max()
     assert moved > 1e-3
-    np.testing.assert_allclose(one.X, other.X, rtol=0, atol=0.01 * moved)  # each law is exact where a tick begins
+    np.testing.assert_allclose(
+        one.states, other.states, rtol=0, atol=0.01 * moved
+    )  # each law is exact where a tick begins
 
 
 def test_rates_of_twists_reach_a_disturbed_plant_as_late_as_accelerations(robot: RobotModel) -> None:
@@ -120,7 +122,7 @@ def test_rates_of_twists_reach_a_disturbed_plant_as_late_as_accelerations(robot:
     simulate(load_task(reaching(robot, **keys)), watch=samples.append)
     assert not samples[0].ticks.F.any()  # at rest, and nothing has reached the plant yet
     for before, now in pairwise(samples):
-        Q, v = np.split(now.ticks.X[0], 2)
+        Q, v = np.split(now.ticks.states[0], 2)
         rates = before.command.twist_rates
         assert rates is not None
         np.testing.assert_allclose(now.ticks.F[0], robot.task_space_force(Q, v, rates[0]), rtol=1e-9, atol=1e-12)

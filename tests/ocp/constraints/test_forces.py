@@ -221,7 +221,7 @@ def test_forces_that_are_commanded_keep_to_the_limits(fast_arms: Path, plant: ty
         command = controller.step(time, State(x[: model.nq], x[model.nq :]))
         ticks = physics.advance(time, x, command.u)
         largest = max(largest, np.abs(ticks.F).max())
-        x = ticks.X[-1]
+        x = ticks.states[-1]
         time = float(ticks.time[-1])
     assert controller.done
     assert 0.99 * torque < largest < 1.03 * torque

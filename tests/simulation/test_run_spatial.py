@@ -155,10 +155,9 @@ def test_studies_take_spatial_tasks() -> None:
     drawn = psmpc.monte_carlo(task("uncertainty={mass: 0.1, noise: {angle: 1e-4}}"), 2, jobs=1)
     np.testing.assert_array_equal(drawn["succeeded"], 1)
     assert len(np.unique(drawn["switch_time"][:, 0])) == 2
-    runs = psmpc.compare(task(), jobs=1)
+    runs = psmpc.compare(task(), ["psmpc", "hard"], jobs=1)
     ends = {name: run.summary().stages[-1].switch_time for name, run in runs.items()}
-    assert list(ends) == ["psmpc", "smpc", "htmpc", "hard"]
-    assert ends["psmpc"] < min(ends["htmpc"], ends["hard"])
+    assert ends["psmpc"] < ends["hard"]
 
 
 @pytest.mark.slow

@@ -91,8 +91,8 @@ class Guide:
         """Plan the route of a stage between coordinates (nq,)."""
         spec = self._problem.spec
         clearance = spec.clearance_of(stage)
-        own = self._problem.stages[stage]
-        can_be_routed = has_posture(self._problem.model.spec.arms, own.space) and not own.reference.moves
+        placed = self._problem.stages[stage]
+        can_be_routed = has_posture(self._problem.model.spec.arms, placed.space) and not placed.reference.moves
         if clearance is None or spec.routes is None or not can_be_routed:
             return
         space = self._problem.model.space
@@ -100,7 +100,7 @@ class Guide:
         chart = space.chart_at(start)
         ends = np.asarray(chart.enter(np.array([start, goal]), np.zeros((2, n))))[:, :n]
         held = stage in self._problem.held_stages
-        limits = own.limits
+        limits = placed.limits
         moves = self._problem.model.spec.moved_by.moves
         free = np.arange(n)[space.base] if held else np.arange(0 if moves else space.n_twist, n)
         sample = SampleContext(
@@ -123,7 +123,7 @@ class Guide:
             slack=margin,
         )
         if route is None:
-            logger.warning("found no route to the target of %s: the stage is as without routes", own.name)
+            logger.warning("found no route to the target of %s: the stage is as without routes", placed.name)
             self.blocked.append(stage)
         elif len(route.waypoints) > 2:
             self.routes[stage] = PlannedRoute(route, chart)

@@ -63,7 +63,7 @@ class Hierarchy:
         for i, stage in enumerate(stages[1:], start=1):
             kept.append(self._kept(stages[i - 1], float(scale[i - 1]), levels[-1], begins[i - 1]))
             level = _level(first.window, stage, scale[i], tuple(kept))
-            before = next((each for each in previous if each.window.stages[-1].index == stage.index), None)
+            before = next((solution for solution in previous if solution.window.stages[-1].index == stage.index), None)
             solved = solver.solve(level, levels[-1].plan, before, within=0.0)
             if not solved.outcome.usable:
                 levels.append(replace(solved, plan=levels[-1].plan))
@@ -98,12 +98,12 @@ def _level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ..
     """Return the window of a later level: its stage within the limits and the constraints of the current one."""
     current = first.stages[0]
     parts = len(first.stages)
-    own = replace(
+    level_stage = replace(
         _waiting(stage), limits=current.limits, constraints=current.constraints, end=stage.end.with_dwell(0.0)
     )
     return replace(
         first,
-        stages=(own,) * parts,
+        stages=(level_stage,) * parts,
         kept=kept,
         ends=False,
         omega=np.ones(parts),

@@ -39,7 +39,7 @@ class State:
     v: np.ndarray
 
     def __repr__(self) -> str:
-        Q, v = (np.array2string(each, max_line_width=10_000, precision=4, threshold=100) for each in (self.Q, self.v))
+        Q, v = (np.array2string(array, max_line_width=10_000, precision=4, threshold=100) for array in (self.Q, self.v))
         return f"State(Q={Q}, v={v})"
 
     def __post_init__(self) -> None:
@@ -229,12 +229,12 @@ class Command:
     @property
     def iterations(self) -> int:
         """Iterations of all solves."""
-        return sum(each.iterations for each in self.levels or (self.solution,))
+        return sum(solve.iterations for solve in self.levels or (self.solution,))
 
     @property
     def solve_time(self) -> float:
         """Wall time of all solves [s]."""
-        return sum(each.wall_time for each in self.levels or (self.solution,))
+        return sum(solve.wall_time for solve in self.levels or (self.solution,))
 
     def force(self, time: float, state: State) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] that a low-level controller applies over a tick: computed torque.

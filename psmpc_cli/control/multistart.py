@@ -44,20 +44,20 @@ def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: So
     `BETTER`. A window without a free switch time is solved once; so is one without a solution from the prediction,
     because none of the others finds one then. Wall time and iterations are those of all solves.
     """
-    own = solver.solve(window, guess, previous)
-    if not own.outcome.usable or all(stage.end.shape.is_fixed for stage in window.stages[:-1]):
-        return own
+    original = solver.solve(window, guess, previous)
+    if not original.outcome.usable or all(stage.end.shape.is_fixed for stage in window.stages[:-1]):
+        return original
     earliest = solver.solve(replace(window, pending_cost=window.pending_cost + EARLIEST_PENDING_COST), guess)
     room = _room(window, earliest.plan.instants)
     if earliest.outcome is not Outcome.OPTIMAL or room.max() < 10 * SHORTEST:
-        return _counting(own, own, earliest)
+        return _counting(original, original, earliest)
     shares, half_step = even_shares(len(guess.instants), starts - 1)
     within = half_step * float(room.max())
-    solves = [own, earliest]
-    mine = own
-    if np.abs(own.plan.instants - guess.instants).max() > within:
+    solves = [original, earliest]
+    mine = original
+    if np.abs(original.plan.instants - guess.instants).max() > within:
         solves.append(_solve_near(solver, window, guess, guess.instants, within))
-        mine = solves[-1] if _best(own, solves[-1:]) else own
+        mine = solves[-1] if _best(original, solves[-1:]) else original
     spread = earliest.plan.instants + shares * room
     others = [_solve_near(solver, window, earliest.plan, instants, within) for instants in spread]
     basin = _best(mine, others)
@@ -103,14 +103,14 @@ def _stretched(plan: Plan, instants: np.ndarray) -> Plan:
     return replace(plan, times=np.interp(plan.times, old, new), instants=instants)
 
 
-def _best(own: Solution, others: list[Solution]) -> int:
+def _best(original: Solution, others: list[Solution]) -> int:
     """Return which guess wins: 0 for the prediction's own, unless one of the others has a `BETTER` basin.
 
     Only the objective at an optimum says something of its basin.
     """
     objectives = [one.objective if one.outcome is Outcome.OPTIMAL else np.inf for one in others]
     best = int(np.argmin(objectives))
-    beaten = own.objective
+    beaten = original.objective
     return best + 1 if objectives[best] < beaten - BETTER * abs(beaten) else 0
 
 

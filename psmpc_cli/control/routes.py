@@ -73,8 +73,10 @@ class StraightMotions:
         pieces = max(1, int(np.ceil(self.length(start, goal) / self.step)))
         shares = np.linspace(0.0, 1.0, pieces + 1)
         is_coarse = np.arange(pieces + 1) % COARSE == 0
-        of_both = (shares[each, None] for each in (is_coarse, ~is_coarse))
-        return all((self.clearance(start + each * (goal - start)) >= 0.0).all() for each in of_both if len(each))
+        of_both = (shares[is_tested, None] for is_tested in (is_coarse, ~is_coarse))
+        return all(
+            (self.clearance(start + fractions * (goal - start)) >= 0.0).all() for fractions in of_both if len(fractions)
+        )
 
 
 @dataclass(frozen=True, eq=False)

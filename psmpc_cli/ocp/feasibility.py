@@ -125,15 +125,17 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
         fixed = not target_object.motion.moves and arm not in stage.on_object
         if fixed and (metres > envelope.position or angle > envelope.angle):
             far = f"{metres:.3g} m and {np.degrees(angle):.3g} deg"
-            found = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"
-            yield Fault(("object", "grasp", "at", arm), found)
+            message = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"
+            yield Fault(("object", "grasp", "at", arm), message)
     for row, (key, unit) in enumerate(ENVELOPE.items()):
         width, arm = max((values[row], arm) for arm, values in widths.items())
         allowed = getattr(envelope, key)
         if width > allowed * (1 + SLACK):
             arrives = f"lets {arm} arrive within {width:.3g} {unit}" if np.isfinite(width) else f"does not bound {arm}"
-            found = f"found {allowed:.3g} {unit}, expected no less than {quoted(stage.name)} ends with, which {arrives}"
-            yield Fault(("object", "grasp", "envelope", key), found)
+            message = (
+                f"found {allowed:.3g} {unit}, expected no less than {quoted(stage.name)} ends with, which {arrives}"
+            )
+            yield Fault(("object", "grasp", "envelope", key), message)
 
 
 def _initial(task: Task, first: Stage) -> Iterator[Fault]:
@@ -149,8 +151,8 @@ def _initial(task: Task, first: Stage) -> Iterator[Fault]:
 def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
     """Give what of a stage's target, or of any row of its trajectory, lies outside its limits."""
     space = configuration_space(task.robot)
-    for index, numbers in enumerate(stage.reference.points):
-        values = coordinates_of(space, stage, numbers)
+    for index, waypoint in enumerate(stage.reference.points):
+        values = coordinates_of(space, stage, waypoint)
         for row in _rows_outside(stage, values):
             yield Fault(_place(task, stage, row, index), _beyond(task, row, values[row], stage))
 
@@ -161,43 +163,43 @@ def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
 
 
 def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterator[Fault]:
-    """Give the poses that an arm certainly cannot take, or those that it perhaps can, though it was not found how.
+    """Give the poses that an arm is_proven cannot take, or those that it perhaps can, though it was not found how.
 
     Where joint coordinates were looked for and none were found, that is certain of short planar arms alone.
     """
     robot = task.robot
-    for index, (numbers, reaches) in enumerate(zip(forecast.stage.reference.points, forecast.along, strict=True)):
-        base = f"with the base at {configuration_space(robot).format_pose(numbers)}"
+    for index, (waypoint, reaches) in enumerate(zip(forecast.stage.reference.points, forecast.along, strict=True)):
+        base = f"with the base at {configuration_space(robot).format_pose(waypoint)}"
         for arm, reach in reaches.items():
-            known = True
+            is_proven = True
             far = f"{reach.distance:.4g} m from"
             if reach.reachable:
                 continue
             if reach.distance > reach.full_reach:
-                found = (
+                message = (
                     f"a pose {far} the shoulder of {arm} {base}, expected at most its reach of {reach.full_reach:.4g} m"
                 )
             elif not reach.within_annulus:
-                found = (
+                message = (
                     f"a pose that puts the last joint {reach.wrist_distance:.4g} m from the shoulder of {arm} {base}, "
                     f"expected between {reach.inner:.4g} and {reach.outer:.4g} m, the reach of the links before the "
                     "last"
                 )
-            elif known := robot.dimension == 2 and len(robot.arms[arm].links) <= ALL_KNOWN:
-                found = (
+            elif is_proven := robot.dimension == 2 and len(robot.arms[arm].links) <= ALL_KNOWN:
+                message = (
                     f"a pose that {arm} can take only beyond its joint limits {base} ({far} its shoulder, within its "
                     f"reach of {reach.full_reach:.4g} m), expected one within them"
                 )
             else:
                 metres = reach.missed[0]
                 angle = np.degrees(reach.missed[1])
-                found = (
+                message = (
                     f"no joint coordinates of {arm} within their limits that take the pose {base}: the nearest misses "
                     f"it by {metres:.2g} m and {angle:.2g} deg, expected a pose within reach, or weights and an end "
                     "condition that do not ask for all of it"
                 )
-            if known == certain:
-                yield Fault(_place_of_part(task, forecast.stage, arm, index), f"found {found}")
+            if is_proven == certain:
+                yield Fault(_place_of_part(task, forecast.stage, arm, index), f"found {message}")
 
 
 def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
@@ -225,11 +227,11 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
     distance = float(np.linalg.norm(np.maximum(np.maximum(below, above) - list(within.values()), 0.0)))
     most = furthest_centre(task.robot, stage.limits)
     if distance > most * (1 + SLACK) + SLACK:
-        found = (
+        message = (
             f"found the base at least {distance:.4g} m from the common centre of mass, which momentum keeps, expected "
             f"at most {most:.4g} m, with all arms stretched"
         )
-        yield Fault(_place_of_part(task, stage, "base", len(stage.reference.points) - 1), found)
+        yield Fault(_place_of_part(task, stage, "base", len(stage.reference.points) - 1), message)
 
 
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
@@ -256,9 +258,9 @@ def _singular_postures(task: Task, forecasts: Sequence[StageForecast]) -> Iterat
         before = ("initial",) if index == 0 else ("stages", index - 1, "target")
         for stop, path, does in ((index, before, "begins"), (index + 1, ("stages", index, "target"), "ends")):
             if forecast.stage.input == "task" and condition[stop] > LARGEST_CONDITION:
-                found = f"a posture with a condition number of J_C of {condition[stop]:.3g}, in which {name} {does}"
+                message = f"a posture with a condition number of J_C of {condition[stop]:.3g}, in which {name} {does}"
                 wanted = f"at most {LARGEST_CONDITION:g} for input task: arms that are bent, not outstretched"
-                yield Fault(path, f"found {found}, expected {wanted}")
+                yield Fault(path, f"found {message}, expected {wanted}")
 
 
 def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
@@ -332,15 +334,15 @@ def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fa
     target_object = task.spec.body
     if target_object.grasp.known:
         return
-    found = largest_load_ratio(task, forecasts[0].model, forecast_configurations(task, forecasts))
-    if found is None or found.ratio <= LARGEST_UNKNOWN_LOAD:
+    largest = largest_load_ratio(task, forecasts[0].model, forecast_configurations(task, forecasts))
+    if largest is None or largest.ratio <= LARGEST_UNKNOWN_LOAD:
         return
-    has_armature = not found.coordinate.startswith("base.")
+    has_armature = not largest.coordinate.startswith("base.")
     message = (
-        f"found false, and an object of {target_object.mass:g} kg that has {found.ratio:.3g} times the inertia of "
-        f"the robot in a motion mostly of {found.coordinate}, where {quoted(found.stage)} "
-        f"leads: {100 / (1 + found.ratio):.2g} % of an acceleration commanded there are left, and it settles up to "
-        f"{1 + found.ratio:.3g} times as slowly; expected true, or a ratio of at most {LARGEST_UNKNOWN_LOAD:g}"
+        f"found false, and an object of {target_object.mass:g} kg that has {largest.ratio:.3g} times the inertia of "
+        f"the robot in a motion mostly of {largest.coordinate}, where {quoted(largest.stage)} "
+        f"leads: {100 / (1 + largest.ratio):.2g} % of an acceleration commanded there are left, and it settles up to "
+        f"{1 + largest.ratio:.3g} times as slowly; expected true, or a ratio of at most {LARGEST_UNKNOWN_LOAD:g}"
         f"{', with the armatures of its joints in the robot file' if has_armature else ''}"
     )
     yield Fault(("object", "grasp", "known"), message)
@@ -389,7 +391,9 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
     costs = StageCosts(model)
     deviations = standard_deviations(noise, task.robot)
     at_rest = np.zeros(model.n)
-    for stage, Q in zip([each.stage for each in forecasts], forecast_configurations(task, forecasts)[1:], strict=True):
+    for stage, Q in zip(
+        [forecast.stage for forecast in forecasts], forecast_configurations(task, forecasts)[1:], strict=True
+    ):
         if not stage.end.rows:
             continue
         placed, x = in_own_chart(model, stage, Q, at_rest)
@@ -427,10 +431,10 @@ def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]
     left = before.target[configuration_space(task.robot).base_coordinates]
     if not set(range(task.robot.parts["base"])) <= set(before.end.rows):
         return
-    own = then.along[0]
+    begins_at = then.along[0]
     moved = reaches_of(stage, then.model, first, left)
     far = [arm for arm, reach in moved.items() if reach.distance > reach.full_reach and not reach.reachable]
-    for arm in (arm for arm in far[:1] if own[arm].reachable):
+    for arm in (arm for arm in far[:1] if begins_at[arm].reachable):
         message = (
             f"found the base {np.linalg.norm(first[:d] - left[:d]):.4g} m from where {quoted(before.name)} leaves it, "
             f"expected it there: the target of {arm} is then {moved[arm].distance:.4g} m from its shoulder, "
@@ -453,7 +457,7 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     times = np.array(target.times)
     low, high = bounds_of(stage, "velocity")
     space = configuration_space(task.robot)
-    at_times = np.array([coordinates_of(space, stage, numbers) for numbers in stage.reference.points])
+    at_times = np.array([coordinates_of(space, stage, waypoint) for waypoint in stage.reference.points])
     changes = np.diff(at_times, axis=0)  # of position and joints; a spatial base's attitude is set below
     if stage.attitudes:
         q = stage.reference.points[:, space.attitude].T  # every target begins with the base's pose, as Q does
@@ -483,8 +487,8 @@ def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]
 def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "position") -> str:
     """Say that a coordinate is out of a stage's bounds."""
     name = labels(task.robot, "joint")[row]
-    found = _number(task, row, value, kind)
-    return f"found {name} at {found}, expected within its limits {_span(task, row, stage, kind)}"
+    value_text = _number(task, row, value, kind)
+    return f"found {name} at {value_text}, expected within its limits {_span(task, row, stage, kind)}"
 
 
 def _number(task: Task, row: int, value: float, kind: str) -> str:
@@ -510,6 +514,6 @@ def _place(task: Task, of: Stage | Location, row: int, index: int = 0) -> Locati
 def _place_of_part(task: Task, of: Stage | Location, part: str, index: int = 0) -> Location:
     """Return where the numbers of a part are, under its own name or under `arms`; of a trajectory at a waypoint."""
     parts = ("stages", of.index, "target") if isinstance(of, Stage) else of
-    own = (*parts, part)
-    path = own if own in task.source.origins or part == "base" else (*parts, "arms")
+    under_own_name = (*parts, part)
+    path = under_own_name if under_own_name in task.source.origins or part == "base" else (*parts, "arms")
     return (*path, index) if isinstance(of, Stage) and of.reference.moves else path

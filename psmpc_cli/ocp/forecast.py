@@ -70,11 +70,11 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     attitude = Q[space.attitude]
     value = np.append(space.in_order_of_v(Q), 0.0)
     speed = np.append(v, np.linalg.norm(v[space.rotation]))
-    known = np.zeros(len(v) + 1, bool)
+    is_known = np.zeros(len(v) + 1, bool)
     tolerance = np.zeros(len(value))
     since = np.zeros(len(value))
     most = np.zeros((4, len(value)))
-    found = list[tuple[float, tuple[int, ...]]]()
+    solutions = list[tuple[float, tuple[int, ...]]]()
     end = 0.0
     for stage in stages:
         most = np.maximum(most, largest_rates(space, stage))  # up and down, since a coordinate was known
@@ -91,7 +91,7 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
         distance = np.maximum(np.abs(way) - within - tolerance[rows], 0.0)
         rate, gain = np.where(way > 0, most[::2, rows], most[1::2, rows])
         stuck = (distance > 0) & (rate <= 0)
-        begins = np.where(known[rows], rate, np.minimum(np.sign(way) * speed[rows], rate))
+        begins = np.where(is_known[rows], rate, np.minimum(np.sign(way) * speed[rows], rate))
         arrivals = since[rows] + shortest_time(distance, rate, gain, begins)
         hold = stage.end.hold
         shortest = max(end + max(stage.end.dwell, hold), *(arrivals[~stuck] + hold), 0.0)
@@ -100,12 +100,12 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
         tolerance[rows] = within
         since[rows] = end
         most[:, rows] = 0.0
-        known[rows] = True
+        is_known[rows] = True
         if len(v) in asked:
             attitude = stage.target[space.attitude]
             value[-1] = 0.0
-        found.append((end, tuple(rows[stuck].tolist())))
-    return found
+        solutions.append((end, tuple(rows[stuck].tolist())))
+    return solutions
 
 
 def initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:
@@ -137,12 +137,12 @@ def shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, begi
     return np.asarray(np.where(distance <= 0, 0.0, np.where((distance >= ramp) & (rate > 0), fast, slow)))
 
 
-def coordinates_of(space: ConfigurationSpace, stage: Stage, numbers: np.ndarray) -> np.ndarray:
+def coordinates_of(space: ConfigurationSpace, stage: Stage, target: np.ndarray) -> np.ndarray:
     """Return the coordinates that a target's numbers say, in the order of v (n,); NaN for those that they do not."""
-    known = np.full(space.nq, np.nan)
+    coordinates = np.full(space.nq, np.nan)
     for part in stage.parts_in_Q:
-        known[part.coordinates] = numbers[part.numbers]
-    return space.in_order_of_v(known)
+        coordinates[part.coordinates] = target[part.numbers]
+    return space.in_order_of_v(coordinates)
 
 
 def coordinate_of_row(stage: Stage) -> dict[int, int]:
@@ -161,11 +161,11 @@ def tolerances_of(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
     """
     asked = dict(zip(stage.end.rows, stage.end.tolerance.tolist(), strict=True))
     coordinates = coordinate_of_row(stage)
-    found = {coordinates[row]: tolerance for row, tolerance in asked.items() if row in coordinates}
+    by_coordinate = {coordinates[row]: tolerance for row, tolerance in asked.items() if row in coordinates}
     rotation = range(space.rotation.start, space.rotation.stop)
     if stage.attitudes and set(rotation) <= set(asked):
-        found[space.n] = float(np.linalg.norm([asked[row] for row in rotation]))
-    return found
+        by_coordinate[space.n] = float(np.linalg.norm([asked[row] for row in rotation]))
+    return by_coordinate
 
 
 def counts(stage: Stage, rows: Sequence[int]) -> bool:
@@ -173,9 +173,7 @@ def counts(stage: Stage, rows: Sequence[int]) -> bool:
     return bool(stage.relevant_rows[list(rows)].all())
 
 
-def reaches_of(
-    stage: Stage, model: RobotModel, numbers: np.ndarray, base: np.ndarray | None = None
-) -> dict[str, Reach]:
+def reaches_of(stage: Stage, model: RobotModel, target: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
     """Return how far the poses are that a target's numbers have, of arms whose poses count, under the stage's limits.
 
     With the base at its own pose, or elsewhere.
@@ -185,14 +183,14 @@ def reaches_of(
     if not counts(stage, range(size)):
         return {}
     low, high = bounds_of(stage, "position")
-    of_base = numbers[stage.parts[BASE].numbers] if base is None else base
-    found = {}
+    of_base = target[stage.parts[BASE].numbers] if base is None else base
+    reaches = {}
     for arm in stage.poses_of_arms:
         part = stage.parts[arm]
         if counts(stage, range(part.rows.start, part.rows.stop)):
             joints = model.parts[arm]
-            found[arm] = reach_of(model, arm, of_base, numbers[part.numbers], (low[joints], high[joints]))
-    return found
+            reaches[arm] = reach_of(model, arm, of_base, target[part.numbers], (low[joints], high[joints]))
+    return reaches
 
 
 def bounds_of(stage: Stage, kind: str) -> tuple[np.ndarray, np.ndarray]:

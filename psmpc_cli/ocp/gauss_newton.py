@@ -255,17 +255,17 @@ class VelocityForm:
 
     def row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the rows of all constraints at nodes, (E,)."""
-        found = [
+        values = [
             rows.functions.value(point.X[nodes], rows.argument(p), rows=len(nodes))[0]
             for rows, nodes in zip(self.node_rows, self._nodes_of_rows, strict=True)
         ]
-        return self._by_node(found)
+        return self._by_node(values)
 
-    def _by_node(self, found: Sequence[np.ndarray]) -> np.ndarray:
+    def _by_node(self, values: Sequence[np.ndarray]) -> np.ndarray:
         """Return the rows of each constraint at its nodes, (nodes, rows) each, by ascending nodes, (E,)."""
-        if not found:
+        if not values:
             return np.zeros(0)
-        return np.concatenate([each.ravel() for each in found])[self._node_order]
+        return np.concatenate([rows.ravel() for rows in values])[self._node_order]
 
     def interval_row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the rows of all constraints over intervals, (I,)."""
@@ -283,18 +283,18 @@ class VelocityForm:
 
         These are (F, 2n), of `permanent_rows`.
         """
-        found = []
+        values = []
         by_x = np.zeros((len(self.permanent_rows), 2 * self.grid.n))
         for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
             X = point.X[nodes]
             a = rows.argument(p)
             if np.isfinite(rows.activation_distance):
-                found += rows.functions.value(X, a, rows=len(X))
+                values += rows.functions.value(X, a, rows=len(X))
                 continue
             g, jacobian = rows.functions.with_jacobian(X, a, rows=len(X))
-            found.append(g)
+            values.append(g)
             by_x[np.searchsorted(self.permanent_rows, at)] = jacobian.reshape(len(at), -1)
-        return self._by_node(found), by_x
+        return self._by_node(values), by_x
 
     def with_node_rows(
         self, model: Linearization, point: Point, p: Parameters[np.ndarray], which: np.ndarray
@@ -308,10 +308,10 @@ class VelocityForm:
         for i, rows in enumerate(self.node_rows):
             chosen = np.flatnonzero(of_constraint == i)
             if len(chosen):
-                own = new[chosen]
+                row = new[chosen]
                 argument = rows.argument(p)
-                a = argument if argument.ndim == 1 else argument[self._row_place[own]]
-                rows_by_x[chosen] = rows.functions.gradients(point.X[self.row_node[own]], a, self._row_number[own])
+                a = argument if argument.ndim == 1 else argument[self._row_place[row]]
+                rows_by_x[chosen] = rows.functions.gradients(point.X[self.row_node[row]], a, self._row_number[row])
         if not len(model.node_rows):
             return replace(model, node_rows=new, rows_by_x=rows_by_x)
         node_rows = np.concatenate([model.node_rows, new])
@@ -401,11 +401,11 @@ class VelocityForm:
 
     def rows_at(self, x: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the values (E,) of the rows of all constraints at nodes, each at one and the same state x (2n,)."""
-        found = [
+        values = [
             rows.functions.value(x, rows.argument(p), rows=len(nodes))[0]
             for rows, nodes in zip(self.node_rows, self._nodes_of_rows, strict=True)
         ]
-        return self._by_node(found)
+        return self._by_node(values)
 
     def row_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high (E,) of the rows of all constraints at nodes."""
@@ -532,7 +532,7 @@ def _ordered(by_constraint: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.n
     order = np.argsort(positions, kind="stable")
     places = np.empty(len(order), int)
     places[order] = np.arange(len(order))
-    sizes = [len(each) for each in by_constraint]
+    sizes = [len(nodes) for nodes in by_constraint]
     return positions[order], np.split(places, np.cumsum(sizes)[:-1]) if sizes else []
 
 

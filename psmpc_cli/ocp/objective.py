@@ -107,13 +107,13 @@ class ConstraintFunctions:
     @cached_property
     def _gradients_by_part(self) -> list[BatchFunction]:
         """x, a, multipliers y of the rows of a part -> y' dg/dx (2n,): of a few rows much shorter than a Jacobian."""
-        found = []
+        gradients = []
         y = ca.SX.sym("y", ROWS_OF_PART)
         for first in range(0, self.count, ROWS_OF_PART):
             part = self._rows[first : min(first + ROWS_OF_PART, self.count)]
             gradient = ca.densify(ca.gradient(ca.dot(y[: part.numel()], part), self._x))
-            found.append(_on_rows("row_gradient", [self._x, self._argument, y], [gradient], self._native))
-        return found
+            gradients.append(_on_rows("row_gradient", [self._x, self._argument, y], [gradient], self._native))
+        return gradients
 
     def gradients(self, X: np.ndarray, argument: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Return the derivatives by x of some rows, each at a state of its own, (J, 2n).
@@ -123,14 +123,14 @@ class ConstraintFunctions:
             argument: a of each, (J, numbers), or of all, (numbers,).
             row: Which row is wanted at each, (J,).
         """
-        found = np.empty(X.shape)
+        gradients = np.empty(X.shape)
         part = row // ROWS_OF_PART
         y = UNIT_ROWS[row % ROWS_OF_PART]
         for i in set(part.tolist()):
             chosen = np.flatnonzero(part == i)
             a = argument if argument.ndim == 1 else argument[chosen]
-            found[chosen] = self._gradients_by_part[i](X[chosen], a, y[chosen], rows=len(chosen))[0]
-        return found
+            gradients[chosen] = self._gradients_by_part[i](X[chosen], a, y[chosen], rows=len(chosen))[0]
+        return gradients
 
     @cached_property
     def curvature(self) -> BatchFunction | None:
@@ -226,8 +226,8 @@ class IntervalFunctions:
         """Return the rows (K, rows) of intervals between states (K, 2n) of lengths (K, 1)."""
         n = X.shape[1] // 2
         dv = X_next[:, n:] - X[:, n:]
-        found = [self._value((X, X_next)[end], dv, h, argument, rows=len(X))[0] for end in self._ends]
-        return np.hstack(found)
+        rows_at_ends = [self._value((X, X_next)[end], dv, h, argument, rows=len(X))[0] for end in self._ends]
+        return np.hstack(rows_at_ends)
 
     def jacobian(self, X: np.ndarray, X_next: np.ndarray, h: np.ndarray, argument: np.ndarray) -> np.ndarray:
         """Return their derivatives by both states and the length, (K, rows, 4n + 1)."""
@@ -240,13 +240,13 @@ class IntervalFunctions:
                 function((X, X_next)[end], dv, h, argument, rows=K)[0].reshape(K, self.count // len(self._ends), -1)
                 for function in self._jacobian_by_part
             ]
-            found = np.concatenate(by_part, axis=2)
+            jacobian = np.concatenate(by_part, axis=2)
             at_end = slice(2 * n * end, 2 * n * (end + 1))
-            by_dv = found[..., 2 * n : 3 * n]
-            by[:, i, :, at_end] = found[..., : 2 * n]
+            by_dv = jacobian[..., 2 * n : 3 * n]
+            by[:, i, :, at_end] = jacobian[..., : 2 * n]
             by[:, i, :, n : 2 * n] -= by_dv
             by[:, i, :, 3 * n : 4 * n] += by_dv
-            by[:, i, :, -1] = found[..., -1]
+            by[:, i, :, -1] = jacobian[..., -1]
         return by.reshape(K, self.count, 4 * n + 1)
 
     def prepare(self) -> tuple[BatchFunction, ...]:
@@ -416,16 +416,16 @@ class StageFunctions:
         """
         sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
         margin = ca.SX.sym("margin")
-        numbers = ca.SX.sym("numbers", int(sizes[-1]))
-        target, drift, tolerance = ca.vertsplit(numbers, sizes.tolist())
+        end_numbers = ca.SX.sym("numbers", int(sizes[-1]))
+        target, drift, tolerance = ca.vertsplit(end_numbers, sizes.tolist())
         rows = self.end.value.function(self._x, target) - drift
         counts = [1] * (self.end_rows - sum(self._object_rows)) + list(self._object_rows)
         bounded = np.cumsum([0, *counts]).tolist()
-        lengths = [ca.norm_2(each) for each in ca.vertsplit(rows, bounded)]
-        most = [ca.norm_2(each) for each in ca.vertsplit(tolerance, bounded)]
+        lengths = [ca.norm_2(error) for error in ca.vertsplit(rows, bounded)]
+        most = [ca.norm_2(bound) for bound in ca.vertsplit(tolerance, bounded)]
         allowed = ca.vertcat(*most) * margin
         holds = ca.vertcat(*lengths) <= allowed + ca.fmin(SLACK, SLACK_SHARE * allowed)
-        return BatchFunction(ca.Function("met", [self._x, numbers, margin], [ca.mmin(holds)]))
+        return BatchFunction(ca.Function("met", [self._x, end_numbers, margin], [ca.mmin(holds)]))
 
     def prepare(self) -> tuple[BatchFunction | None, ...]:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""

@@ -131,7 +131,7 @@ class Plan:
 def states_of(plans: Sequence[Plan], times: Sequence[float]) -> np.ndarray:
     """Return the state of each plan at a time of its own [s], (len(plans), 2n), as `Plan.states_at` does."""
     at = [
-        (each, each.times[1:].searchsorted(time + 1e-12, side="right")) for each, time in zip(plans, times, strict=True)
+        (plan, plan.times[1:].searchsorted(time + 1e-12, side="right")) for plan, time in zip(plans, times, strict=True)
     ]
     since = np.array(times) - [plan.times[k] for plan, k in at]
     X = np.array([plan.X[k] for plan, k in at])

@@ -186,14 +186,14 @@ def _needed(model: RobotModel, stage: Stage, begin: np.ndarray, hold: np.ndarray
         limits = stage.limits.position_low[rows], stage.limits.position_high[rows]
         base = stage.target[stage.parts[BASE].numbers]
         held = hold[before:][rows]
-        found = [target[before:][rows]]
-        if not counts(stage, range(space.base.stop)) or np.array_equal(found[0], held):
+        candidates = [target[before:][rows]]
+        if not counts(stage, range(space.base.stop)) or np.array_equal(candidates[0], held):
             continue  # it is not known where the arm has to be, or it is there
         for near in (None, begin[before:][rows]):
             reach = reach_of(model, arm, base, pose, limits, near)
             if reach.configuration is not None:
-                found.append(np.array(reach.configuration))
-        needed[before:][rows] = min(found, key=lambda joints: np.max(np.abs(joints - held) / rates[rows]))
+                candidates.append(np.array(reach.configuration))
+        needed[before:][rows] = min(candidates, key=lambda joints: np.max(np.abs(joints - held) / rates[rows]))
     return needed
 
 

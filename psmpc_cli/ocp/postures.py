@@ -68,7 +68,7 @@ def configurations(
             reach are not looked at again.
     """
     stops = [stack(task.spec.initial, task.robot, "joint")]
-    for stage, known in zip(stages, reaches or [{}] * len(stages), strict=True):
+    for stage, reach_by_arm in zip(stages, reaches or [{}] * len(stages), strict=True):
         before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
         Q = skill_in(stage.space).after(model, before, stage.target).Q
         base = stage.target[stage.parts["base"].numbers]
@@ -76,7 +76,7 @@ def configurations(
         limits = stage.limits
         for arm, pose in stage.poses_of_arms.items():
             at = model.parts[arm]
-            if arm in known and not known[arm].reachable:
+            if arm in reach_by_arm and not reach_by_arm[arm].reachable:
                 continue
             bounds = limits.position_low[at], limits.position_high[at]
             reach = reach_of(model, arm, base, pose, limits=bounds, near=joints[at])
@@ -94,16 +94,16 @@ def unforeseen(task: TaskSpec, stages: Sequence[Stage]) -> dict[int, str]:
     """
     object_moves = task.body.motion.moves
     moving = [obstacle.name for obstacle in task.obstacles if any(obstacle.velocity)]
-    found = dict[int, str]()
+    reasons = dict[int, str]()
     for stage in stages:
         is_on_object = stage.on_object or (stage.index and stages[stage.index - 1].on_object)
         if object_moves and stage.index < task.held_stages.start:
-            found[stage.index] = "the object moves"
+            reasons[stage.index] = "the object moves"
         elif object_moves and is_on_object:
-            found[stage.index] = "it begins where an object that moves was taken"
+            reasons[stage.index] = "it begins where an object that moves was taken"
         elif moving:
-            found[stage.index] = f"obstacle {moving[0]} moves"
-    return found
+            reasons[stage.index] = f"obstacle {moving[0]} moves"
+    return reasons
 
 
 def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> Iterator[ArmPosture]:
@@ -143,15 +143,15 @@ def largest_load_ratio(task: Task, model: RobotModel, stops: Sequence[np.ndarray
     if target_object.mass == 0.0:
         return None
     load = HeldLoad(model, body_of(target_object), target_object.grasp)
-    found = []
+    ratios = []
     held = task.spec.held_stages
     last = min(held.stop, len(task.spec.stages))  # an object that is held to the end is so beyond the last stage
     for index in range(held.start - 1, last):
         Q = stops[index + 1]
         ratio, v = load.largest_ratio(Q)
         mostly = int(np.argmax(v * (model.mass_matrix(Q) @ v)))
-        found.append(LoadRatio(ratio, labels(task.robot, "joint")[mostly], task.spec.stages[index].name))
-    return max(found, key=lambda each: each.ratio)
+        ratios.append(LoadRatio(ratio, labels(task.robot, "joint")[mostly], task.spec.stages[index].name))
+    return max(ratios, key=lambda ratio: ratio.ratio)
 
 
 def held_pose(model: RobotModel, body: ObjectBody, Q: np.ndarray) -> np.ndarray:

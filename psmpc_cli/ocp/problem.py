@@ -113,10 +113,10 @@ def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[S
 
 def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     """Return a stage with what constraints have of it."""
-    found = dict[str, ConstraintNumbers]()
+    constraints = dict[str, ConstraintNumbers]()
     for name, constraint in CONSTRAINTS.items():
-        found |= numbers_by_name(name, constraint.numbers(task, model, stage.index))
-    return replace(stage, constraints=found)
+        constraints |= numbers_by_name(name, constraint.numbers(task, model, stage.index))
+    return replace(stage, constraints=constraints)
 
 
 def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
@@ -144,7 +144,7 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
     bounds = {measure: getattr(condition.object, measure) for measure in MEASURES}
     given = {measure: bound for measure, bound in bounds.items() if bound is not None}
     return ByObject(
-        **{each.name: getattr(by_state, each.name) for each in fields(by_state)},
+        **{attribute.name: getattr(by_state, attribute.name) for attribute in fields(by_state)},
         frame=body.holder,
         measures=tuple(given),
         object_tolerance=np.array(list(given.values())),
@@ -238,7 +238,7 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     """
     Q = stack(task.initial, robot, "joint")
     posture = Posture(Q, np.asarray(model.g(Q)).ravel())
-    found = []
+    by_stage = []
     for spec in task.stages:
         space = task.skills[spec.skill].wanted_in
         skill = skill_in(space)
@@ -253,9 +253,9 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
             q = waypoints[:, at : at + 4]  # a view
             q /= np.linalg.norm(q, axis=1, keepdims=True)
             q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0))[:, None]
-        found.append(waypoints)
+        by_stage.append(waypoints)
         posture = skill.after(model, posture, waypoints[-1])
-    return found
+    return by_stage
 
 
 def _waypoints(

@@ -126,7 +126,7 @@ class Stage:
     @property
     def sampled_constraints(self) -> dict[str, ConstraintNumbers]:
         """What constraints have of it whose arguments samples set."""
-        return {name: each for name, each in self.constraints.items() if each.at_sample}
+        return {name: constraint for name, constraint in self.constraints.items() if constraint.at_sample}
 
     @cached_property
     def end_numbers(self) -> np.ndarray:
@@ -168,7 +168,7 @@ class Stage:
 
     def placed(self) -> "PlacedStage":
         """Return the stage as a sample finds it before it sets anything."""
-        return PlacedStage(**{each.name: getattr(self, each.name) for each in fields(self)})
+        return PlacedStage(**{attribute.name: getattr(self, attribute.name) for attribute in fields(self)})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,8 +208,8 @@ class PlacedStage(Stage):
     def with_arguments(self, arguments: Mapping[str, np.ndarray]) -> "PlacedStage":
         """Return a stage with the arguments (numbers,) of constraints that samples set, by name; others are unknown."""
         sampled = {
-            name: replace(each, argument=np.broadcast_to(arguments.get(name, np.nan), each.argument.shape))
-            for name, each in self.sampled_constraints.items()
+            name: replace(constraint, argument=np.broadcast_to(arguments.get(name, np.nan), constraint.argument.shape))
+            for name, constraint in self.sampled_constraints.items()
         }
         return replace(self, constraints={**self.constraints, **sampled}) if sampled else self
 
@@ -242,7 +242,7 @@ class PlacedStage(Stage):
         """
         pose, v = np.split(state, [body.space.n_pose])
         times = np.linspace(0.0, horizon, REFERENCE_POINTS)
-        at_times = [self.at_object(*body.predicted(pose, v, each)) for each in times]
+        at_times = [self.at_object(*body.predicted(pose, v, time)) for time in times]
         values = np.array([stage.target for stage in at_times])
         return replace(at_times[0], reference=Trajectory(elapsed + times, values, tuple(self.attitudes.values())))
 
@@ -255,12 +255,12 @@ class PlacedStage(Stage):
             signs: Of the target's quaternions, by frame: of the two for one attitude the one meant.
         """
 
-        def with_sample_numbers(numbers: np.ndarray) -> np.ndarray:
-            numbers = numbers.copy()
+        def with_sample_numbers(values: np.ndarray) -> np.ndarray:
+            values = values.copy()
             for frame, at in self.attitudes.items():
-                numbers[..., at : at + 4] *= signs[frame]
-            more = np.broadcast_to(of_sample, (*numbers.shape[:-1], len(of_sample)))
-            return np.concatenate([numbers, more], axis=-1)
+                values[..., at : at + 4] *= signs[frame]
+            more = np.broadcast_to(of_sample, (*values.shape[:-1], len(of_sample)))
+            return np.concatenate([values, more], axis=-1)
 
         of_sample = np.concatenate([anchor, joints, self.end.object_numbers])
         if not self.attitudes and not len(of_sample):
@@ -307,7 +307,9 @@ def stage_shape(stage: Stage) -> StageShape:
         object_names=stage.end.object_names,
         moving=stage.reference.moves,
         force_load=stage.force_load,
-        constraints=tuple((name, each.structure) for name, each in stage.constraints.items() if each.is_known),
+        constraints=tuple(
+            (name, constraint.structure) for name, constraint in stage.constraints.items() if constraint.is_known
+        ),
     )
 
 

@@ -55,18 +55,18 @@ def clearance_remarks(
     """
     if task.spec.obstacles and not task.spec.keeps_clear:
         yield Fault(("obstacles",), 'found no "clearance", expected one: without it nothing keeps clear of obstacles')
-    for found in _close_parts(task, model, stages, stops):
+    for close in _close_parts(task, model, stages, stops):
         where = "at the start"
         path: Location = ("initial",)
-        if found.stage is not None:
-            by = ", by inverse kinematics" if found.stage.poses_of_arms else ""
-            where = f"where {quoted(found.stage.name)} leads{by}"
-            path = ("stages", found.stage.index, "target")
-        first, second = found.parts
-        distance = 1e3 * found.distance
+        if close.stage is not None:
+            by = ", by inverse kinematics" if close.stage.poses_of_arms else ""
+            where = f"where {quoted(close.stage.name)} leads{by}"
+            path = ("stages", close.stage.index, "target")
+        first, second = close.parts
+        distance = 1e3 * close.distance
         apart = f"{distance:.1f} mm apart" if distance >= 0 else f"{-distance:.1f} mm deep in each other"
-        others = f" ({counted(found.others, 'more pair', 'more pairs')} inside it)" if found.others else ""
-        wanted = f"at least the margin of {1e3 * found.margin:g} mm between them{others}"
+        others = f" ({counted(close.others, 'more pair', 'more pairs')} inside it)" if close.others else ""
+        wanted = f"at least the margin of {1e3 * close.margin:g} mm between them{others}"
         yield Fault(path, f"found {first} and {second} {apart} {where}, expected {wanted}")
 
 
@@ -78,9 +78,9 @@ def _close_parts(
     At a target the margin is that of its stage. What has moved since the start, by itself or because it was let go, is
     left out there; so is all but the robot itself where the base reacts to the arms.
     """
-    known = _known_postures(task, model, stages, stops)
+    known_postures = _known_postures(task, model, stages, stops)
     places: list[tuple[Stage | None, np.ndarray]] = [(None, stops[0])]
-    places += [(stage, Q) for stage, Q in zip(stages, stops[1:], strict=True) if stage.name in known]
+    places += [(stage, Q) for stage, Q in zip(stages, stops[1:], strict=True) if stage.name in known_postures]
     for stage, Q in places:
         spec = task.spec.clearance_of(0 if stage is None else stage.index)
         if spec is None:
@@ -94,7 +94,7 @@ def _close_parts(
 
 def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> set[str]:
     """Return the names of the stages whose targets say where all joints are, by inverse kinematics in task space."""
-    missing = {each.stage for each in arm_postures(model, stages, stops) if each.joints is None}
+    missing = {posture.stage for posture in arm_postures(model, stages, stops) if posture.joints is None}
     drifts = task.spec.body.motion.moves
     of_base = 0 if model.spec.moved_by.actuated else model.space.n_twist  # rows that such a target need not ask for
     return {
@@ -115,7 +115,7 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     pose = _object_pose(task, model, stage, Q)
     state = None if pose is None else (pose, np.zeros(space.n_twist))
     view = SampleContext(0.0, x, chart.anchor, object_state=state)
-    found = dict[tuple[str, str], float]()
+    smallest = dict[tuple[str, str], float]()
     for group in kept_groups(task.spec, model, 0 if stage is None else stage.index).values():
         argument = argument_of(group, model, view)
         if argument is None or (stage is not None and _has_moved(group, model, view)):
@@ -124,8 +124,8 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
         apart = distances_on_arrays(model, group.pairs)(x, taken)[0].ravel()
         for pair, distance in zip(group.pairs.pair_of_row, apart.tolist(), strict=True):
             name = group.pairs.names[pair]
-            found[name] = min(distance, found.get(name, np.inf))
-    return found
+            smallest[name] = min(distance, smallest.get(name, np.inf))
+    return smallest
 
 
 def _has_moved(group: Group, model: RobotModel, start: SampleContext) -> bool:
@@ -196,11 +196,11 @@ def _poses_at_target(model: RobotModel, stage: Stage) -> dict[str, np.ndarray]:
         zip(model.pose_rows, model.poses(skill_in(stage.space).after(model, at_rest, stage.target).Q), strict=True)
     )
     asks_for_base = stage.relevant_rows[stage.parts[BASE].rows].all()
-    known = dict[str, np.ndarray]()
+    known_poses = dict[str, np.ndarray]()
     for name, part in stage.parts.items():
         asks_for_part = stage.relevant_rows[part.rows].all()
         if part.kind.is_pose and asks_for_part:
-            known[name] = stage.target[part.numbers]
+            known_poses[name] = stage.target[part.numbers]
         elif part.kind.is_joints and asks_for_part and asks_for_base:
-            known[name] = poses[name]
-    return known
+            known_poses[name] = poses[name]
+    return known_poses

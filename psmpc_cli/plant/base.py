@@ -152,10 +152,12 @@ class ForceLimits:
 
         NaN of a coordinate without a limit; infinite where a force is in a direction in which none is possible.
         """
-        own = np.stack(space.along_base_axes(np.moveaxis(Q, -1, 0), np.moveaxis(F, -1, 0)), axis=-1)
-        against = np.abs(np.where(own < 0, self.low, self.high))
+        F_in_base_axes = np.stack(space.along_base_axes(np.moveaxis(Q, -1, 0), np.moveaxis(F, -1, 0)), axis=-1)
+        against = np.abs(np.where(F_in_base_axes < 0, self.low, self.high))
         with np.errstate(divide="ignore"):
-            over = np.divide(np.abs(own), against, out=np.zeros(own.shape), where=own != 0)
+            over = np.divide(
+                np.abs(F_in_base_axes), against, out=np.zeros(F_in_base_axes.shape), where=F_in_base_axes != 0
+            )
         return np.where(np.isfinite(self.low) | np.isfinite(self.high), over, np.nan)
 
 
@@ -180,11 +182,11 @@ def limited_force(
         high: Upper limits (n,).
         clip: Returns a component between its two limits.
     """
-    own = space.along_base_axes(Q, F)
-    within = [clip(own[i], low[i], high[i]) for i in range(space.n)]
-    excess = [component - left for component, left in zip(own, within, strict=True)]
+    in_base_axes = space.along_base_axes(Q, F)
+    within = [clip(in_base_axes[i], low[i], high[i]) for i in range(space.n)]
+    excess = [component - left for component, left in zip(in_base_axes, within, strict=True)]
     off = space.along_inertial_axes(Q, excess)[: space.dimension]
-    return [*(F[i] - each for i, each in enumerate(off)), *within[space.dimension :]]
+    return [*(F[i] - cut for i, cut in enumerate(off)), *within[space.dimension :]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -118,18 +118,20 @@ class GraspLaw:
 
     def _bushing(self) -> ca.Function:
         sizes = {"gripper": self.sizes[0], "turn": self.size, "pose": self.sizes[0], "v": self.size}
-        known = [ca.SX.sym(name, size) for name, size in sizes.items()]
+        bodies = [ca.SX.sym(name, size) for name, size in sizes.items()]
         p = ca.SX.sym("p", self.parameters)
         anchor = ca.vertsplit(p)[: self.sizes[0]]
         k, kappa, d, delta = ca.vertsplit(p)[self.sizes[0] :]
-        gripper, rate, pose, v = map(ca.vertsplit, known)
-        found = compared(self.space, gripper, rate, pose, v, anchor)
-        force = add(scaled(found.r, -k), scaled(found.rdot, -d))
-        moment = add(scaled(found.phi, -kappa), scaled(found.omega, -delta))
-        back = add(scaled(moment, -1), cross(found.lever, scaled(force, -1)))
-        power = dot(force, found.rdot) + dot(moment, found.omega)
+        gripper, rate, pose, v = map(ca.vertsplit, bodies)
+        relative = compared(self.space, gripper, rate, pose, v, anchor)
+        force = add(scaled(relative.r, -k), scaled(relative.rdot, -d))
+        moment = add(scaled(relative.phi, -kappa), scaled(relative.omega, -delta))
+        back = add(scaled(moment, -1), cross(relative.lever, scaled(force, -1)))
+        power = dot(force, relative.rdot) + dot(moment, relative.omega)
         wrenches = self.space.twist(force, moment), self.space.twist(scaled(force, -1), back)
-        return ca.Function("bushing", [*known, p], ca.cse([*(ca.vertcat(*each) for each in wrenches), ca.SX(power)]))
+        return ca.Function(
+            "bushing", [*bodies, p], ca.cse([*(ca.vertcat(*wrench) for wrench in wrenches), ca.SX(power)])
+        )
 
     def _forces(self) -> ca.Function:
         sizes = {"Q": self.model.nq, "v": self.model.n, "pose": self.sizes[0], "rate": self.sizes[1]}
@@ -142,12 +144,12 @@ class GraspLaw:
         loads = []
         for i in range(len(self.grippers)):
             at, moving, J = self.gripper(i, Q, v)
-            own = p[self.parameters * i : self.parameters * (i + 1)]
-            w, back, power_of_grasp = self.bushing(at, moving, pose, rate, own)
+            bushing_parameters = p[self.parameters * i : self.parameters * (i + 1)]
+            w, back, power_of_grasp = self.bushing(at, moving, pose, rate, bushing_parameters)
             force = force + J.T @ w
             wrench = wrench + back
             power = power + power_of_grasp
-            inside, _ = self.space.to_3d(ca.vertsplit(own)[: self.sizes[0]])
+            inside, _ = self.space.to_3d(ca.vertsplit(bushing_parameters)[: self.sizes[0]])
             _, attitude = self.space.to_3d(ca.vertsplit(pose))
             outwards = rotate(attitude, inside)
             on_object, moment = self.space.twist_to_3d(ca.vertsplit(-w))
@@ -169,11 +171,13 @@ class GraspLaw:
         """
         d = self.model.dimension
         pose, rate = np.split(target_object, [self.sizes[0]])
-        at, moving, J = (each.full() for each in self.gripper(number, Q, v))
-        found = compared(self.space, at.ravel(), moving.ravel(), pose, rate, anchor)
-        missed = (np.linalg.norm(each) for each in (found.r, found.phi, found.rdot, found.omega))
+        at, moving, J = (value.full() for value in self.gripper(number, Q, v))
+        relative = compared(self.space, at.ravel(), moving.ravel(), pose, rate, anchor)
+        missed = (
+            np.linalg.norm(difference) for difference in (relative.r, relative.phi, relative.rdot, relative.omega)
+        )
         robot = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T)
-        inverse = robot + self._inverse_mass(pose, found.lever, found.lever)
+        inverse = robot + self._inverse_mass(pose, relative.lever, relative.lever)
         return np.array([*missed, inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
 
     def inverse_mass(self, Q: np.ndarray, pose: np.ndarray, anchors: np.ndarray) -> np.ndarray:
@@ -298,8 +302,8 @@ class Capture:
         stiffness = []
         damping = []
         for i in range(len(self._at)):
-            own = W.diagonal()[i * self.law.size : (i + 1) * self.law.size]
-            inverse = np.array([own[:d].mean(), own[d:].mean()])
+            inverses = W.diagonal()[i * self.law.size : (i + 1) * self.law.size]
+            inverse = np.array([inverses[:d].mean(), inverses[d:].mean()])
             stiffness.append(np.array(self.spec.stiffness)[directions])
             damping.append(self._damping(inverse)[directions])
         nothing = np.zeros_like(W)

@@ -125,7 +125,7 @@ def _impulse(space: ConfigurationSpace, states: np.ndarray, F: np.ndarray, tick:
     """
     Q = states[:, : space.nq]
     v = states[:, space.nq :]
-    wrench = [np.array(space.external_wrench(each.T, F.T)) for each in (Q[:-1], Q[1:])]
+    wrench = [np.array(space.external_wrench(at.T, F.T)) for at in (Q[:-1], Q[1:])]
     rate = [np.array(space.external_wrench_rate(q.T, w.T, F.T)) for q, w in ((Q[:-1], v[:-1]), (Q[1:], v[1:]))]
     trapezoidal = (tick / 2 * (wrench[0] + wrench[1])).sum(axis=1)
     return np.asarray(trapezoidal - (tick**2 / 12 * (rate[1] - rate[0])).sum(axis=1))
@@ -215,7 +215,7 @@ class MujocoStep:
         rate = np.array(space.twist(velocity[3:], velocity[:3]))
         pose = space.from_3d(at, quaternion)
         w, _, power = self._bushing(pose, rate, data.qpos[self._q], data.qvel[self._v], parameters)
-        force, moment = (np.array(each, dtype=float) for each in space.twist_to_3d(w[0]))
+        force, moment = (np.array(components, dtype=float) for components in space.twist_to_3d(w[0]))
         for body, sign in ((engine.site_bodyid[site], 1.0), (self._body, -1.0)):
             mujoco.mj_applyFT(engine, data, sign * force, sign * moment, at, body, data.qfrc_applied)
         return float(power[0, 0])

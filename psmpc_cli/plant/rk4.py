@@ -131,7 +131,7 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     no = sum(law.sizes)
     moments = len(law.body.inertia)
     sizes = ("z", nq + n + base + 1 + no), ("F", n), ("g", law.parameters * len(law.grippers))
-    z, F, g = (ca.SX.sym(*each) for each in sizes)
+    z, F, g = (ca.SX.sym(*size) for size in sizes)
     p = ca.SX.sym("p", w + 2 * n + 1 + 1 + moments)
     robot, viscous, coulomb, width, body = ca.vertsplit(p, np.cumsum([0, w, n, n, 1, 1 + moments]).tolist())
     Q = z[:nq]
@@ -147,7 +147,7 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
     zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *pose_rate, *velocity_rate)
     flow = ca.Function("flow", [z, F, g, p], [zdot])
-    symbols = [ca.MX.sym(name, each.numel()) for name, each in zip("zFgp", (z, F, g, p), strict=True)]
+    symbols = [ca.MX.sym(name, symbol.numel()) for name, symbol in zip("zFgp", (z, F, g, p), strict=True)]
     attitudes = model.space.attitudes_at(0, z.numel() - no)
     after = _runge_kutta(flow, symbols[0], symbols[1:], tick, substeps, attitudes)
     return ca.Function("capture", symbols, [after])
@@ -168,7 +168,7 @@ def tick_function(
     nx = model.nq + model.n
     law, flow = _law_and_flow(model, disturbed, in_task_space)
     sizes = ("z", flow.size1_in(0)), ("u", law.size1_in(1)), ("noise", 2 * n), ("push", n), ("limits", 2 * n)
-    z, u, noise, external_force, limits = (ca.MX.sym(*each) for each in sizes)
+    z, u, noise, external_force, limits = (ca.MX.sym(*size) for size in sizes)
     p = ca.MX.sym("p", flow.size1_in(2) if disturbed else 0)
     commanded = law(z[:nx], u, noise, p) if disturbed else law(z[:nx], u)
     F = _cut(model)(z[: model.nq], commanded, limits) if limited else commanded
@@ -182,7 +182,7 @@ def tick_function(
 def _cut(model: RobotModel) -> ca.Function:
     """Return the function Q, F, limits -> F that cuts a generalized force at the vector of `ForceLimits`."""
     n = model.n
-    Q, F, limits = (ca.SX.sym(*each) for each in (("Q", model.nq), ("F", n), ("limits", 2 * n)))
+    Q, F, limits = (ca.SX.sym(*size) for size in (("Q", model.nq), ("F", n), ("limits", 2 * n)))
     within = limited_force(
         model.space,
         ca.vertsplit(Q),
@@ -205,12 +205,12 @@ def _law_and_flow(model: RobotModel, disturbed: bool, in_task_space: bool) -> tu
     nq = model.nq
     base = model.parts["base"].stop
     w = model.nominal.vector
-    known = np.concatenate([w, w, JointFriction.none(n).vector])
-    p = ca.SX.sym("p", known.size) if disturbed else ca.SX(known)
+    nominal = np.concatenate([w, w, JointFriction.none(n).vector])
+    p = ca.SX.sym("p", nominal.size) if disturbed else ca.SX(nominal)
     robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
     of_inputs = model.task_space.law if in_task_space else model.dynamics.law
     sizes = ("x", nq + n), ("u", of_inputs.size1_in(2)), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
-    state, u, noise, z, F = (ca.SX.sym(*each) for each in sizes)
+    state, u, noise, z, F = (ca.SX.sym(*size) for size in sizes)
     measured_Q = state[:nq]
     measured_v = state[nq:]
     if disturbed:

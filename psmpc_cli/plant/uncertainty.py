@@ -222,7 +222,9 @@ def measurement_noise(spec: NoiseSpec, robot: RobotSpec, seed: int, sample: int,
 
 def friction_of(spec: UncertaintySpec, robot: RobotSpec) -> JointFriction:
     """Return friction by coordinate."""
-    viscous, coulomb = (_by_coordinate(each, robot, 0.0) for each in (spec.friction.viscous, spec.friction.coulomb))
+    viscous, coulomb = (
+        _by_coordinate(coefficients, robot, 0.0) for coefficients in (spec.friction.viscous, spec.friction.coulomb)
+    )
     viscous[: robot.parts["base"]] = coulomb[: robot.parts["base"]] = 0.0
     return JointFriction(viscous, coulomb, spec.friction.width)
 
@@ -285,5 +287,5 @@ def _by_body(given: ByPart, robot: RobotSpec) -> np.ndarray:
 def _by_coordinate(given: ByPart, robot: RobotSpec, missing: float) -> np.ndarray:
     """Return one number a coordinate (n,)."""
     parts = given if isinstance(given, Mapping) else {"base": given, "arms": given}
-    numbers = {part: tuple(np.ravel(values).tolist()) for part, values in parts.items()}
-    return stack(numbers, robot, "joint", missing, of_error=True)
+    values_by_part = {part: tuple(np.ravel(values).tolist()) for part, values in parts.items()}
+    return stack(values_by_part, robot, "joint", missing, of_error=True)

@@ -358,7 +358,7 @@ class ConfigurationSpace(ABC):
         """Return the frames (K, 4, 4) of poses (K, n_pose); those of the plane are at z = 0."""
 
     @abstractmethod
-    def residual(self, found: ca.SX, wanted: ca.SX) -> ca.SX:
+    def residual(self, pose: ca.SX, wanted: ca.SX) -> ca.SX:
         """Return the error (n_twist,) [m, rad] of a pose against a wanted one, angles of the plane unwrapped."""
 
     @abstractmethod
@@ -509,9 +509,9 @@ class PlanarSpace(ConfigurationSpace):
         frames[:, :3, :3] = Rotation.from_rotvec(np.outer(poses[:, 2], (0, 0, 1))).as_matrix()
         return frames
 
-    def residual(self, found: ca.SX, wanted: ca.SX) -> ca.SX:
+    def residual(self, pose: ca.SX, wanted: ca.SX) -> ca.SX:
         """Return the difference."""
-        return found - wanted
+        return pose - wanted
 
     def pointing_error(self, line: ca.SX, pose: ca.SX) -> ca.SX:
         """Return the angle from the line (2,) to the x-axis, atan2 of cross and dot product."""
@@ -688,10 +688,10 @@ class SpatialSpace(ConfigurationSpace):
         frames[:, :3, :3] = Rotation.from_quat(poses[:, 3:], scalar_first=True).as_matrix()
         return frames
 
-    def residual(self, found: ca.SX, wanted: ca.SX) -> ca.SX:
+    def residual(self, pose: ca.SX, wanted: ca.SX) -> ca.SX:
         """Return position and rotation vector from a wanted pose to the one found."""
-        turned = product(conjugate([wanted[i] for i in range(3, 7)]), [found[i] for i in range(3, 7)])
-        return ca.vertcat(found[:3] - wanted[:3], *log(turned))
+        turned = product(conjugate([wanted[i] for i in range(3, 7)]), [pose[i] for i in range(3, 7)])
+        return ca.vertcat(pose[:3] - wanted[:3], *log(turned))
 
     def pointing_error(self, line: ca.SX, pose: ca.SX) -> ca.SX:
         """Return the turns (2,) about the frame's y- and z-axis that would bring its x-axis to a line (3,)."""

@@ -63,8 +63,8 @@ def distances(first: Shape, at_first: SpatialFrame, second: Shape, at_second: Sp
         end = length / 2 * dot(normal, _axis(at_first)) if length else 0.0
         return [middle - end, middle + end] if length else [middle]
     if second.kind == "capsule":
-        own, other = _nearest_on_axes(first, at_first, second, at_second)
-        return [_norm(add(own, scaled(other, -1))) - (radius + second.size[0])]
+        on_first, on_second = _nearest_on_axes(first, at_first, second, at_second)
+        return [_norm(add(on_first, scaled(on_second, -1))) - (radius + second.size[0])]
     centres, covering = _spheres_in_box_frame(first, at_first, at_second)
     return [_to_box(second, centre) - covering for centre in centres]
 
@@ -98,10 +98,10 @@ def witnesses(
         height = dot(normal, add(end, scaled(at_second.position, -1)))
         return add(end, scaled(normal, -radius)), add(end, scaled(normal, -height))
     if second.kind == "capsule":
-        own, other = _nearest_on_axes(first, at_first, second, at_second)
-        apart = add(other, scaled(own, -1))
+        on_first, on_second = _nearest_on_axes(first, at_first, second, at_second)
+        apart = add(on_second, scaled(on_first, -1))
         towards = scaled(apart, 1 / _norm(apart))
-        return add(own, scaled(towards, radius)), add(other, scaled(towards, -second.size[0]))
+        return add(on_first, scaled(towards, radius)), add(on_second, scaled(towards, -second.size[0]))
     centres, covering = _spheres_in_box_frame(first, at_first, at_second)
     centre = centres[0]
     nearest = _to_box(second, centre)
@@ -111,8 +111,8 @@ def witnesses(
         nearest = ca.fmin(nearest, far)
     outward = _out_of_box(second, centre)
     points = (add(centre, scaled(outward, -covering)), add(centre, scaled(outward, -nearest)))
-    own, other = (add(at_second.position, rotate(at_second.quaternion, point)) for point in points)
-    return own, other
+    on_first, on_second = (add(at_second.position, rotate(at_second.quaternion, point)) for point in points)
+    return on_first, on_second
 
 
 def excess(shape: Shape) -> float:

@@ -319,11 +319,11 @@ class _Tree:
         base = self.space.base
         _, angular = self.space.twist_to_3d(ca.vertsplit(v[base]))
         pulled, twisted = self.space.twist_to_3d(ca.vertsplit(vdot[base]))
-        found = [_Motion(angular, twisted, _times(_transposed(self.turned), pulled))]
-        rates = zip(*(ca.vertsplit(each)[base.stop :] for each in (v, vdot)), strict=True)
+        motions = [_Motion(angular, twisted, _times(_transposed(self.turned), pulled))]
+        rates = zip(*(ca.vertsplit(derivative)[base.stop :] for derivative in (v, vdot)), strict=True)
         for joint, place, rate in zip(self.joints, self.places, rates, strict=True):
-            found.append(_carried(found[joint.at.body], joint, *place, *rate))
-        return found
+            motions.append(_carried(motions[joint.at.body], joint, *place, *rate))
+        return motions
 
     def force(self, v: ca.SX, vdot: ca.SX) -> ca.SX:
         """Compute the generalized force (n,)."""
@@ -387,8 +387,8 @@ def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
     offsets = ca.reshape(offsets, B, d)
     lumps = list[_Lump]()
     for i, body in enumerate(spec.bodies):
-        own = ca.horzsplit(moments[i, :])
-        xx, yy, zz, xy, xz, yz = space.moments_to_3d(own)
+        moments_of_body = ca.horzsplit(moments[i, :])
+        xx, yy, zz, xy, xz, yz = space.moments_to_3d(moments_of_body)
         centre = add(list(body.centre), [*ca.horzsplit(offsets[i, :]), 0.0][:3])
         lumps.append(_Lump(i, mass[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     for a, tool in enumerate(spec.tools.values()):

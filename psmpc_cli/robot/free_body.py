@@ -46,8 +46,8 @@ class FreeBody:
         force, moment = space.twist_to_3d(wrench)
         spin = [moment * rate for moment, rate in zip(self.moments, omega, strict=True)]
         moment = add(rotate(conjugate(q), moment), scaled(cross(omega, spin), -1))
-        alpha = [each / own for each, own in zip(moment, self.moments, strict=True)]
-        return space.rate(Q, v), space.twist([each / self.mass for each in force], alpha)
+        alpha = [component / inertia for component, inertia in zip(moment, self.moments, strict=True)]
+        return space.rate(Q, v), space.twist([component / self.mass for component in force], alpha)
 
     def momentum(self, Q: Any, v: Any) -> list[Any]:
         """Compute linear [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""

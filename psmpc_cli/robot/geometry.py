@@ -157,9 +157,9 @@ def own_pairs(model: RobotModel, pieces: Sequence[Piece]) -> tuple[tuple[int, in
     frames = [piece.frame(bodies) for piece in pieces]
     apart = [distance(pieces[i].shape, frames[i], pieces[j].shape, frames[j]) for i, j in pairs]
     of_postures = ca.Function("own_distances", [joints], ca.cse([ca.vertcat(*apart)])).map(POSTURES)
-    found = of_postures(_postures(model).T).full()
-    found = found / model.shape.reach
-    keep = (found < NEAR).any(axis=1) & ((found < TOUCHING).mean(axis=1) < TOGETHER)
+    distances = of_postures(_postures(model).T).full()
+    distances = distances / model.shape.reach
+    keep = (distances < NEAR).any(axis=1) & ((distances < TOUCHING).mean(axis=1) < TOGETHER)
     return tuple(pair for pair, kept in zip(pairs, keep, strict=True) if kept)
 
 

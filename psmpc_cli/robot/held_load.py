@@ -137,8 +137,8 @@ def held_force(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca
     w = ca.SX.sym("w", model.nominal.vector.size)
     moving, stiffness, attitude = _chain(model, body, grippers, Q, v, p)
     rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
-    own = _shared_acceleration(moving, size, v, u, ca.jtimes(moving, Q, rate))
-    acceleration = ca.jtimes(moving[:size], v, own) + ca.jtimes(moving[:size], Q, rate)
+    u_shared = _shared_acceleration(moving, size, v, u, ca.jtimes(moving, Q, rate))
+    acceleration = ca.jtimes(moving[:size], v, u_shared) + ca.jtimes(moving[:size], Q, rate)
     M, bias = _load(body, attitude, ca.vertsplit(moving[:size]))
     wrench = M @ acceleration + bias
     wrenches = [wrench]
@@ -146,7 +146,7 @@ def held_force(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca
         share = solve_spd(sum(stiffness, ca.SX.zeros(size, size)), wrench)
         wrenches = [C @ share for C in stiffness]
     of_load = ca.jtimes(moving, v, ca.vertcat(*wrenches), True)
-    force = model.dynamics.law(Q, v, own, w) + of_load
+    force = model.dynamics.law(Q, v, u_shared, w) + of_load
     return ca.Function("held", [Q, v, u, p, w], [ca.cse(ca.densify(force))])
 
 
@@ -158,8 +158,8 @@ def _shared(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca.Fu
     p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
     moving, _, _ = _chain(model, body, grippers, Q, v, p)
     rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
-    own = _shared_acceleration(moving, body.space.n_twist, v, u, ca.jtimes(moving, Q, rate))
-    return ca.Function("shared", [Q, v, u, p], [ca.cse(ca.densify(own))])
+    u_shared = _shared_acceleration(moving, body.space.n_twist, v, u, ca.jtimes(moving, Q, rate))
+    return ca.Function("shared", [Q, v, u, p], [ca.cse(ca.densify(u_shared))])
 
 
 def _shared_acceleration(moving: ca.SX, size: int, v: ca.SX, u: ca.SX, bias: ca.SX) -> ca.SX:
@@ -189,7 +189,7 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
     moving, _, attitude = _chain(model, body, grippers, Q, v, p)
     inertia, _ = _load(body, attitude, ca.vertsplit(moving[: body.space.n_twist]))
     terms = ca.jacobian(moving, v), inertia
-    return ca.Function("chain", [Q, p], ca.cse([ca.densify(each) for each in terms]))
+    return ca.Function("chain", [Q, p], ca.cse([ca.densify(term) for term in terms]))
 
 
 def _chain(
@@ -202,7 +202,7 @@ def _chain(
     """
     space = body.space
     size = space.n_twist
-    numbers = space.n_pose + 2
+    size_of_grasp = space.n_pose + 2
     xi = model.g(Q)
     xidot = model.J_C(Q) @ v
     velocities = list[ca.SX]()
@@ -210,13 +210,13 @@ def _chain(
     attitude: Vector = ()
     for i, gripper in enumerate(grippers):
         frame = list(model.pose_rows).index(gripper)
-        own = ca.vertsplit(p)[numbers * i : numbers * (i + 1)]
-        inside, turned = space.to_3d(own[:-2])
+        grasp = ca.vertsplit(p)[size_of_grasp * i : size_of_grasp * (i + 1)]
+        inside, turned = space.to_3d(grasp[:-2])
         _, at = space.to_3d(ca.vertsplit(xi[model.pose_rows[gripper]]))
         attitude = product(at, conjugate(turned))
         linear, angular = space.twist_to_3d(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
         lever = scaled(rotate(attitude, inside), -1)
-        stiffness.append(_at_centre(space, scaled(lever, -1), *own[-2:]))
+        stiffness.append(_at_centre(space, scaled(lever, -1), *grasp[-2:]))
         velocities += space.twist(add(linear, cross(angular, lever)), angular)
     return ca.vertcat(*velocities), stiffness, attitude
 

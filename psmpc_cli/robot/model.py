@@ -378,7 +378,7 @@ class RobotModel:
         inertial = dynamics.H.sx_in()
         H = ca.Function("H", inertial, [ca.vec(dynamics.H(*inertial))], dynamics.H.name_in(), ["H"])
         functions = H, dynamics.inverse, dynamics.law, dynamics.forward, balance
-        return {each.name(): each for each in functions}
+        return {function.name(): function for function in functions}
 
 
 def load_robot(reference: str | Path) -> RobotModel:

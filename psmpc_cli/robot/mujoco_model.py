@@ -37,7 +37,7 @@ def mujoco_spec(
     """
     import mujoco
 
-    known = inertial or InertialParameters.nominal(spec)
+    parameters = inertial or InertialParameters.nominal(spec)
     robot = mujoco.MjSpec()
     robot.modelname = spec.name
     robot.option.gravity = [0, 0, 0]
@@ -45,18 +45,22 @@ def mujoco_spec(
     base, *links = spec.bodies
     moves = spec.moved_by.moves
     # a fixed base may have no mass, which MuJoCo only takes of a body that says nothing of it
-    added: list[Any] = [robot.worldbody.add_body(name=base.name, **(_inertial(base, known, 0) if moves else {}))]
+    added: list[Any] = [robot.worldbody.add_body(name=base.name, **(_inertial(base, parameters, 0) if moves else {}))]
     if moves:
         _let_move(added[0], "base", spec.dimension)
     added[0].add_site(name="base")
     for number, (link, joint) in enumerate(zip(links, spec.joints, strict=True), start=1):
         carrier = added[joint.at.body]
-        added.append(carrier.add_body(name=link.name, **_place(joint.at), **_inertial(link, known, number)))
+        added.append(carrier.add_body(name=link.name, **_place(joint.at), **_inertial(link, parameters, number)))
         kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.prismatic else mujoco.mjtJoint.mjJNT_HINGE
         added[-1].add_joint(name=link.name, type=kind, axis=joint.axis, armature=joint.armature)
     for number, (name, tool) in enumerate(spec.tools.items()):
         added[tool.body].add_site(name=name, **_place(tool))
-        held = {"mass": known.held_mass[number], "ipos": [0, 0, 0], "inertia": [known.held_inertia[number]] * 3}
+        held = {
+            "mass": parameters.held_mass[number],
+            "ipos": [0, 0, 0],
+            "inertia": [parameters.held_inertia[number]] * 3,
+        }
         added[tool.body].add_body(pos=tool.position, explicitinertial=True, **held)
     if target_object is not None:
         body = robot.worldbody.add_body(
@@ -78,13 +82,13 @@ def _let_move(body: Any, name: str, dimension: int) -> None:
     body.add_joint(name=f"{name}.angle", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
 
 
-def _inertial(body: Body, known: InertialParameters, number: int) -> dict[str, Any]:
+def _inertial(body: Body, parameters: InertialParameters, number: int) -> dict[str, Any]:
     """Return the inertial parameters of a body."""
-    offset = known.offset[number]
-    moments = known.inertia[number]
+    offset = parameters.offset[number]
+    moments = parameters.inertia[number]
     centre = np.array(body.centre) + np.pad(offset, (0, 3 - len(offset)))
     inertia = {"inertia": [moments[0]] * 3} if len(moments) == 1 else {"fullinertia": moments}
-    return {"mass": known.mass[number], "ipos": centre, "explicitinertial": True, **inertia}
+    return {"mass": parameters.mass[number], "ipos": centre, "explicitinertial": True, **inertia}
 
 
 def _place(at: Attachment) -> dict[str, Any]:

@@ -169,10 +169,10 @@ def _configuration(
     if near.any():
         start_near = _continued(error, derivative, frames, bounds, start_near)
     for start in _starts(low, high, start_near):
-        found = least_squares(
+        solution = least_squares(
             error, start, lambda q: derivative(q, frames)[0].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
         )
-        angles = np.where(sliding, np.clip(found.x, low, high), _nearest(found.x, low, high, near))
+        angles = np.where(sliding, np.clip(solution.x, low, high), _nearest(solution.x, low, high, near))
         off = error(angles)
         if np.linalg.norm(off) < best:
             best = float(np.linalg.norm(off))
@@ -251,8 +251,8 @@ def _frame(robot: RobotSpec, name: str, values: ArrayLike) -> SpatialFrame:
     pose = np.asarray(values, dtype=float)
     space = configuration_space(robot)
     if pose.shape != (space.n_pose,):
-        numbers = f"{space.n_pose} numbers ({space.pose_text})"
-        raise InputError(f"{name} is {np.asarray(values).tolist()}, but {numbers} are expected")
+        coordinates = f"{space.n_pose} numbers ({space.pose_text})"
+        raise InputError(f"{name} is {np.asarray(values).tolist()}, but {coordinates} are expected")
     position, turned = space.to_3d(pose.tolist())
     return SpatialFrame(position, scaled(turned, 1 / float(np.linalg.norm(turned))))
 

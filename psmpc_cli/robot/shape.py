@@ -50,8 +50,11 @@ class RobotShape:
                 ends[at.body].append((along + at.position).tolist())
         for tool in spec.tools.values():
             ends[tool.body].append(((0, 0, 0), tool.position))
-        seen = ([each for each in own if np.linalg.norm(np.subtract(each[1], each[0])) > 1e-9] for own in ends)
-        self.capsules: tuple[Array, ...] = tuple(np.reshape(own, (-1, 2, 3)) for own in seen)
+        seen = (
+            [segment for segment in of_body if np.linalg.norm(np.subtract(segment[1], segment[0])) > 1e-9]
+            for of_body in ends
+        )
+        self.capsules: tuple[Array, ...] = tuple(np.reshape(of_body, (-1, 2, 3)) for of_body in seen)
         finger = FINGER * self.reach
         tools = spec.tools.items()
         self.grippers = {arm: _gripper(spec.joints[tool.body - 1], tool, finger) for arm, tool in tools}

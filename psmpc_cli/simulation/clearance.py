@@ -54,14 +54,16 @@ class ClearanceMeter:
         self._problem = problem
         task = problem.spec
         groups = [kept_groups(task, problem.model, stage) for stage in range(len(task.stages))]
-        names = dict.fromkeys(name for of_stage in groups for each in of_stage.values() for name in each.pairs.names)
+        names = dict.fromkeys(
+            name for of_stage in groups for measured_group in of_stage.values() for name in measured_group.pairs.names
+        )
         self.pairs = list(names)
         self.margins = np.full((len(groups), len(names)), np.nan)
         self._by_stage = [[self._measured(group) for group in of_stage.values()] for of_stage in groups]
         for stage, measured in enumerate(self._by_stage):
             spec = task.clearance_of(stage)
-            for each in measured:
-                self.margins[stage, each.columns] = 0.0 if spec is None else spec.margin
+            for measured_group in measured:
+                self.margins[stage, measured_group.columns] = 0.0 if spec is None else spec.margin
 
     def _measured(self, group: Group) -> Measured:
         model = self._problem.model
@@ -80,33 +82,33 @@ class ClearanceMeter:
         smallest = np.full(len(self.pairs), np.inf)
         points = np.full((len(self.pairs), 2, 3), np.nan)
         X = chart.entered(ticks.states)
-        for each in self._by_stage[stage]:
-            argument = self._argument(each, chart, ticks)
+        for measured in self._by_stage[stage]:
+            argument = self._argument(measured, chart, ticks)
             if argument is None:
                 continue
-            apart = each.distances(X, argument, rows=len(X))[0]
+            apart = measured.distances(X, argument, rows=len(X))[0]
             nearest_ticks = apart.argmin(axis=0)
             least = apart.min(axis=0)
-            nearest = each.points(X[nearest_ticks], argument[nearest_ticks], rows=len(nearest_ticks))[0]
+            nearest = measured.points(X[nearest_ticks], argument[nearest_ticks], rows=len(nearest_ticks))[0]
             nearest = nearest.reshape(len(nearest_ticks), -1, 2, 3)
             for row in np.argsort(-least):  # of several, the smallest is entered last
-                column = each.columns[each.pair_of_row[row]]
+                column = measured.columns[measured.pair_of_row[row]]
                 if least[row] <= smallest[column]:
                     smallest[column] = least[row]
-                    points[column] = nearest[row, each.pair_of_row[row]]
+                    points[column] = nearest[row, measured.pair_of_row[row]]
         smallest[np.isinf(smallest)] = np.nan
         return smallest, points
 
-    def _argument(self, each: Measured, chart: Chart, ticks: Ticks) -> np.ndarray | None:
+    def _argument(self, measured: Measured, chart: Chart, ticks: Ticks) -> np.ndarray | None:
         """Return what the functions of a group take at the ticks of a sample (M + 1, numbers); None without object."""
         count = len(ticks.time)
         parts = [np.tile(chart.anchor, (count, 1)), np.zeros((count, 1))]
-        if each.pairs.has("object"):
+        if measured.pairs.has("object"):
             if ticks.target_object is None:
                 return None
             parts.append(ticks.target_object.pose)
-        if each.pairs.has("obstacle"):
-            state = each.group.state(SampleContext(float(ticks.time[0]), ticks.states[0], chart.anchor))
+        if measured.pairs.has("obstacle"):
+            state = measured.group.state(SampleContext(float(ticks.time[0]), ticks.states[0], chart.anchor))
             if state is None:
                 return None
             parts.append(poses_after(self._problem.model, *state, ticks.time - ticks.time[0]))

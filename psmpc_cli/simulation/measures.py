@@ -111,50 +111,53 @@ class Meter:
 
     def _metrics_in_stage(self, samples: Sequence[PendingSample]) -> list[dict[str, Any]]:
         """Compute the metrics of samples of one stage, which in space no two have."""
-        commands = [each.command for each in samples]
-        ticks = [each.ticks for each in samples]
+        commands = [sample.command for sample in samples]
+        ticks = [sample.ticks for sample in samples]
         problem = self._problem
         stage = commands[0].stage
         chart = commands[0].solution.window.chart
         model = problem.model
         n = problem.model.n
         limits = stage.limits
-        states = np.array([each.state for each in samples])
-        u = np.array([each.u[0] for each in samples])
-        ends = np.array([each.states[-1] for each in ticks])
-        charted = [chart.entered(each.states) for each in ticks]
-        force, torque, joint_torque, sliding_force = self._norms(np.array([each.F for each in ticks]))
-        accelerations = np.array([each.u for each in samples])
+        states = np.array([sample.state for sample in samples])
+        u = np.array([sample.u[0] for sample in samples])
+        ends = np.array([of_sample.states[-1] for of_sample in ticks])
+        charted = [chart.entered(of_sample.states) for of_sample in ticks]
+        force, torque, joint_torque, sliding_force = self._norms(np.array([of_sample.F for of_sample in ticks]))
+        accelerations = np.array([sample.u for sample in samples])
         linear, angular, joint, sliding = self._norms(accelerations)
-        own = accelerations * model.actuated  # a base without thrusters has no control
+        controls = accelerations * model.actuated  # a base without thrusters has no control
         # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
-        mean = own.mean(axis=1)
+        mean = controls.mean(axis=1)
         sample_time = self._tick * accelerations.shape[1]
-        passed = np.stack([each[1:] for each in charted], axis=1)
-        passed[:, :, n:] = np.stack([each.states[1:, model.nq :] for each in ticks], axis=1)  # limits are of v
+        passed = np.stack([X[1:] for X in charted], axis=1)
+        v_passed = [of_sample.states[1:, model.nq :] for of_sample in ticks]
+        passed[:, :, n:] = np.stack(v_passed, axis=1)  # limits are of v
         margin = _margins(passed, limits)
-        planned = np.array([_along_plan(*each) for each in zip(commands, ticks, strict=True)])
+        planned = np.array([_along_plan(*pair) for pair in zip(commands, ticks, strict=True)])
         planned_margin = _margins(planned.swapaxes(0, 1), limits)
-        Q, v = chart.leave(states_of([each.plan for each in commands], [each.time[-1] for each in ticks]))
+        plans = [command.plan for command in commands]
+        Q, v = chart.leave(states_of(plans, [of_sample.time[-1] for of_sample in ticks]))
         about = model.space.chart_at(Q[0])
         deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
-        since = np.array([each.time - each.sequence.progress.entered for each in commands])
-        of_object = np.array([each.of_object for each in samples]).reshape(len(states), -1)
-        kept = self._momentum_and_energy(stage.index, ends) + of_object - np.array([each.expected for each in samples])
+        since = np.array([command.time - command.sequence.progress.entered for command in commands])
+        of_object = np.array([sample.of_object for sample in samples]).reshape(len(states), -1)
+        expected = np.array([sample.expected for sample in samples])
+        kept = self._momentum_and_energy(stage.index, ends) + of_object - expected
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
-        at_ends = [self._ends(*each) for each in zip(commands, ticks, charted, strict=True)]
+        at_ends = [self._ends(*of_sample) for of_sample in zip(commands, ticks, charted, strict=True)]
         columns = {
             "control/u": u,
             "pose/xi": model.poses(states[:, : model.nq]).reshape(len(states), -1),
             "cost/current_stage": problem.costs.at(stage, chart.entered(states), u, since),
-            "window/presence": [each.presence for each in samples],
-            "window/share": [each.shares for each in samples],
+            "window/presence": [sample.presence for sample in samples],
+            "window/share": [sample.shares for sample in samples],
             "margin/position": margin[:, :n],
             "margin/velocity": margin[:, n:],
             "margin/planned_position": planned_margin[:, :n],
             "margin/planned_velocity": planned_margin[:, n:],
             "effort/control": sample_time * (mean**2).sum(axis=1),
-            "effort/squared_acceleration": self._tick * (own**2).sum(axis=(1, 2)),
+            "effort/squared_acceleration": self._tick * (controls**2).sum(axis=(1, 2)),
             "effort/base_force": self._tick * force.sum(axis=1),
             "effort/base_torque": self._tick * torque.sum(axis=1),
             "peak/base_force": force.max(axis=1),
@@ -167,8 +170,8 @@ class Meter:
             "peak/sliding_acceleration": sliding.max(axis=1),
             "deviation/Q": deviation[:, :n],
             "deviation/Qdot": deviation[:, n:],
-            "deviation/end": [{stage: error for stage, (error, _) in each.items()} for each in at_ends],
-            "deviation/end_noise": [{stage: error for stage, (_, error) in each.items()} for each in at_ends],
+            "deviation/end": [{stage: error for stage, (error, _) in errors.items()} for errors in at_ends],
+            "deviation/end_noise": [{stage: error for stage, (_, error) in errors.items()} for errors in at_ends],
             "balance/momentum": kept[:, :-1],
             "balance/energy": kept[:, -1],
             "force/own_axes": self._along_base_axes(ticks),
@@ -176,7 +179,7 @@ class Meter:
             "state/Qdot_true": states[:, model.nq :],
             "payload/held": [held] * len(states),
             "payload/energy": [
-                0.0 if each.contact is None else each.contact.momentum_and_energy[-1] for each in samples
+                0.0 if sample.contact is None else sample.contact.momentum_and_energy[-1] for sample in samples
             ],
             **(
                 {"pose/condition": model.task_space_condition(states[:, : model.nq])}
@@ -193,16 +196,16 @@ class Meter:
 
     def _along_base_axes(self, ticks: Sequence[Ticks]) -> np.ndarray:
         """Return the forces at samples, those of the base along its own axes, (K, n)."""
-        Q = np.array([each.states[0, : self._problem.model.nq] for each in ticks])
-        F = np.array([each.F[0] for each in ticks])
+        Q = np.array([of_sample.states[0, : self._problem.model.nq] for of_sample in ticks])
+        F = np.array([of_sample.F[0] for of_sample in ticks])
         return np.column_stack(self._problem.model.space.along_base_axes(Q.T, F.T))
 
     def _force_use(self, limits: ForceLimits, samples: Sequence[PendingSample]) -> dict[str, np.ndarray]:
         """Return how near commanded forces come to their limits, and how often they are cut, by path in the log."""
         model = self._problem.model
-        F = np.array([each.ticks.F for each in samples])
-        commanded = np.array([each.commanded for each in samples])
-        Q = np.array([each.ticks.states[:-1, : model.nq] for each in samples])
+        F = np.array([sample.ticks.F for sample in samples])
+        commanded = np.array([sample.commanded for sample in samples])
+        Q = np.array([sample.ticks.states[:-1, : model.nq] for sample in samples])
         utilization = limits.utilization(model.space, Q, commanded)
         is_cut = (commanded != F).any(axis=2) & (utilization > 1 + NOT_CUT).any(axis=2)
         return {
@@ -214,11 +217,13 @@ class Meter:
         self, meter: ClearanceMeter, stage: int, chart: Chart, samples: Sequence[PendingSample]
     ) -> dict[str, np.ndarray]:
         """Return how near bodies come to each other over samples of a stage, by path in the log."""
-        found = [meter.measure(stage, chart, each.ticks) for each in samples]
-        smallest = np.array([distance for distance, _ in found])
+        measured = [meter.measure(stage, chart, sample.ticks) for sample in samples]
+        smallest = np.array([distance for distance, _ in measured])
         return {
             "clearance/distance": smallest,
-            "clearance/points": np.array([points for _, points in found]).reshape(len(found), len(meter.pairs), 6),
+            "clearance/points": np.array([points for _, points in measured]).reshape(
+                len(measured), len(meter.pairs), 6
+            ),
             "clearance/margin": smallest - meter.margins[stage],
         }
 
@@ -253,7 +258,7 @@ class Meter:
         stages = self._problem.stages
         chart = command.solution.window.chart
         Q, v = np.split(ticks.states[0], [self._problem.model.nq])
-        found = {
+        errors = {
             index: self._errors_at(stages[index], Q, v, ticks, time)
             for index, time in command.switches
             if time == command.time
@@ -264,11 +269,11 @@ class Meter:
             time = float(instant)
             x = state_at(ticks.time, X, time)
             if stage.on_object:
-                Q, v = (each[0] for each in chart.leave(x[None]))
-                found[stage.index] = self._errors_at(stages[stage.index], Q, v, ticks, time)
+                Q, v = (rows[0] for rows in chart.leave(x[None]))
+                errors[stage.index] = self._errors_at(stages[stage.index], Q, v, ticks, time)
             else:
-                found[stage.index] = self._end_errors(stage, x)
-        return found
+                errors[stage.index] = self._end_errors(stage, x)
+        return errors
 
     def _errors_at(self, stage: Stage, Q: np.ndarray, v: np.ndarray, ticks: Ticks, time: float) -> tuple[float, float]:
         """Return the end errors of a stage in a state, with the object where it is at a time [s]; NaN if unknown."""
@@ -353,10 +358,10 @@ class Counterfactuals:
             if self.onset.kind == "control":
                 presence[stage] = float(np.linalg.norm(applied - other))
             else:
-                own, usable = self._plan(MovingSequence.of(stage, command.time), command)
+                alone, usable = self._plan(MovingSequence.of(stage, command.time), command)
                 if not usable:
                     continue
-                presence[stage] = closeness(applied, other, own.mean_control(edges)[0, rows])
+                presence[stage] = closeness(applied, other, alone.mean_control(edges)[0, rows])
             if presence[stage] >= max(self.onset.epsilon, *self.onset.series):
                 self._started.add(stage)
         return presence
@@ -418,7 +423,7 @@ def _on_mesh_of(applied: Window, window: Window) -> Window:
     return replace(window, nodes=(*(counts.get(stage.index, N) for stage, N in ending), window.nodes[-1]))
 
 
-def closeness(applied: np.ndarray, without: np.ndarray, own: np.ndarray) -> float:
+def closeness(applied: np.ndarray, without: np.ndarray, alone: np.ndarray) -> float:
     """Compute how far the applied control has come from the one without a stage towards the stage's own optimum.
 
     0 where it is as far from the own optimum as without the stage, 1 where it is the own optimum, negative where it
@@ -428,10 +433,10 @@ def closeness(applied: np.ndarray, without: np.ndarray, own: np.ndarray) -> floa
     Args:
         applied: Control of the window's solution in the onset coordinates [m/s^2, rad/s^2].
         without: Control of the window without the stage.
-        own: Control of the window over the stage alone.
+        alone: Control of the window over the stage alone.
     """
-    distance = float(np.linalg.norm(without - own))
-    return (distance - float(np.linalg.norm(applied - own))) / max(distance, DISTINCT)
+    distance = float(np.linalg.norm(without - alone))
+    return (distance - float(np.linalg.norm(applied - alone))) / max(distance, DISTINCT)
 
 
 def nearest_combination(u: np.ndarray, applied: np.ndarray) -> np.ndarray:
@@ -442,8 +447,8 @@ def nearest_combination(u: np.ndarray, applied: np.ndarray) -> np.ndarray:
     """
     differences = (u - applied).T
     scale = max(float(np.linalg.norm(differences, axis=0).max()), DISTINCT)
-    found, _ = nnls(np.vstack([differences / scale, np.ones(len(u))]), np.r_[np.zeros(len(applied)), 1.0])
-    return np.asarray(found / found.sum())
+    weights, _ = nnls(np.vstack([differences / scale, np.ones(len(u))]), np.r_[np.zeros(len(applied)), 1.0])
+    return np.asarray(weights / weights.sum())
 
 
 class StageClock:
@@ -462,8 +467,8 @@ class StageClock:
         """Take in a sample; return whether anything changed."""
         self.end(sample.command.switches)
         changed = bool(sample.command.switches)
-        for stage, found in sample.presence.items():
-            starts = (found >= self.thresholds) & np.isnan(self._early[stage])
+        for stage, presence in sample.presence.items():
+            starts = (presence >= self.thresholds) & np.isnan(self._early[stage])
             self._early[stage, starts] = sample.command.time
             changed |= bool(starts.any())
         return changed

@@ -141,9 +141,9 @@ def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch
         writer.update(clock.tables)
         while isinstance(sample := _next(samples), Sample):
             writer.write(sample)
-            for each in records:
-                if each.update(sample):
-                    writer.update(each.tables)
+            for kept in records:
+                if kept.update(sample):
+                    writer.update(kept.tables)
             _report(sample, stages)
             make_read_only(sample.ticks)
             watch(sample)
@@ -185,8 +185,8 @@ def _final(loop: RecordedLoop, ending: Ending) -> dict[str, ArrayLike]:
 
 def _verdicts(loop: RecordedLoop, writer: LogWriter) -> dict[str, ArrayLike]:
     """Return the verdicts of the task's monitors over the samples so far, by their paths in the log."""
-    found = verdicts(loop.problem.spec, run_in(writer.file).arrays) if loop.problem.spec.judged else ()
-    return {"monitors/held": [v.held for v in found], "monitors/margin": [v.margin for v in found]}
+    judged = verdicts(loop.problem.spec, run_in(writer.file).arrays) if loop.problem.spec.judged else ()
+    return {"monitors/held": [v.held for v in judged], "monitors/margin": [v.margin for v in judged]}
 
 
 def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
@@ -408,8 +408,8 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
         raise rejected("ticks.impulse_and_work", ticks.impulse_and_work, f"numbers ({of_base},)")
     time = np.array(ticks.time, dtype=float)
     if not (np.diff(time) > 0).all() or not abs(time[0] - command.time) <= command.tick:
-        found = f"{time[0]:g} s to {time[-1]:g} s"
-        raise InputError(f"ticks.time: found {found}, expected ascending times from {command.time:g} s on")
+        span = f"{time[0]:g} s to {time[-1]:g} s"
+        raise InputError(f"ticks.time: found {span}, expected ascending times from {command.time:g} s on")
     return replace(
         ticks,
         time=time,

@@ -123,7 +123,9 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     ends = (f"{stage.name} ends [s]" for stage in logged.window.stages[:-1])
     controls = log.coordinates
     names = ["objective J", *ends, *(f"control of {name}" for name in controls)]
-    solves = [np.r_[each.J, each.plan.instants, each.plan.mean_control(first_tick)[0]] for each in (logged, solution)]
+    solves = [
+        np.r_[solve.J, solve.plan.instants, solve.plan.mean_control(first_tick)[0]] for solve in (logged, solution)
+    ]
     return Replay(
         logged=logged,
         solution=solution,
@@ -218,17 +220,17 @@ def unequal_conditions(log: Run) -> tuple[str, ...]:
     """List the conditions under which a repeated run need not be equal: other versions, several threads, a deadline."""
     here = {"psmpc": __version__, "casadi": version("casadi"), "numpy": np.__version__}
     logged = {name: str(log.attributes.get(f"{name}_version", "unknown")) for name in here}
-    found = [
+    conditions = [
         f"{name} {logged[name]} wrote the log, this is {here[name]}" for name in here if logged[name] != here[name]
     ]
     if os.environ.get("OMP_NUM_THREADS") != "1" and (os.cpu_count() or 1) > 1:
-        found.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")
+        conditions.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")
     if (deadline := log.task.spec.solver.deadline) is not None:
-        found.append(f"solves have a deadline of {deadline:g} s: how far they come depends on the machine")
+        conditions.append(f"solves have a deadline of {deadline:g} s: how far they come depends on the machine")
     if log.attributes.get("plant") == OWN_LOOP:
         plant = log.task.spec.plant.kind
-        found.append(f"the log was recorded in a loop of its own, this is a simulation with plant {plant}")
-    return (*found, *_other_machine(log))
+        conditions.append(f"the log was recorded in a loop of its own, this is a simulation with plant {plant}")
+    return (*conditions, *_other_machine(log))
 
 
 def _other_machine(log: Run) -> Iterator[str]:

@@ -172,14 +172,14 @@ class _Delays:
 
     def __init__(self, task: TaskSpec, initial_state: np.ndarray, space: ConfigurationSpace) -> None:
         """Start with a robot that drifts into its initial state, and zero controls under way."""
-        known = task.controller.known_delay
+        known_delay = task.controller.known_delay
         Q, v = np.split(initial_state, [space.nq])
         n = space.n
         none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
-        before = (-back * task.controller.sample_time * v for back in range(known, 0, -1))
+        before = (-back * task.controller.sample_time * v for back in range(known_delay, 0, -1))
         self._measured: deque[np.ndarray] = deque(np.r_[np.array(space.integrate(Q, step)), v] for step in before)
-        self._poses: deque[np.ndarray | None] = deque([None] * known)
-        self._commanded = deque([_Applied(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known))
+        self._poses: deque[np.ndarray | None] = deque([None] * known_delay)
+        self._commanded = deque([_Applied(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known_delay))
 
     def measured(self, state: np.ndarray) -> np.ndarray:
         """Take in the state that is measured now, and return the one that reaches the controller now."""

@@ -190,9 +190,9 @@ def _remarks(levels: bool, uncertain: bool, left_out: int) -> Iterator[str]:
         yield f"{left_out} samples of the closed loop were left out, {why}"
 
 
-def _update_peaks(peaks: Peaks, sample: int, found: Iterator[Measured]) -> None:
+def _update_peaks(peaks: Peaks, sample: int, measured: Iterator[Measured]) -> None:
     """Replace peaks by what was found at a sample, where that is larger."""
-    for quantity, values, times, names in found:
+    for quantity, values, times, names in measured:
         peak = largest(values, names, times, sample)
         if peak is not None and (quantity not in peaks or peak.value > peaks[quantity].value):
             peaks[quantity] = peak

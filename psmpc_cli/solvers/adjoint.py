@@ -44,11 +44,11 @@ class ShootingNlp(Nlp):
         self,
         model: RobotModel,
         shape: WindowShape,
-        numbers: Parameters[np.ndarray],
+        parameters: Parameters[np.ndarray],
         has_all_rows: bool,
         printed: bool,
     ) -> None:
-        super().__init__(model, shape, numbers, has_all_rows)
+        super().__init__(model, shape, parameters, has_all_rows)
         self._printed = printed
         K = self.grid.K
         S = self.grid.switches
@@ -166,6 +166,6 @@ class ShootingNlp(Nlp):
 class AdjointSolver(NlpSolver):
     """Windows by single shooting and IPOPT; arguments are those of `NlpSolver`."""
 
-    def _transcribe(self, shape: WindowShape, numbers: Parameters[np.ndarray], has_all_rows: bool) -> Nlp:
+    def _transcribe(self, shape: WindowShape, parameters: Parameters[np.ndarray], has_all_rows: bool) -> Nlp:
         printed = self._spec.gradient == "printed"
-        return ShootingNlp(self._problem.model, shape, numbers, has_all_rows, printed)
+        return ShootingNlp(self._problem.model, shape, parameters, has_all_rows, printed)

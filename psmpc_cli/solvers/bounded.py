@@ -90,8 +90,8 @@ class BoundedCalls(Generic[P, Result]):
         except BaseException:
             self.renew()
             raise
-        found: Answer[Result] = pickle.loads(answer)
-        return found.result()
+        unpickled: Answer[Result] = pickle.loads(answer)
+        return unpickled.result()
 
 
 @dataclass(frozen=True)

@@ -131,7 +131,7 @@ class Nlp:
     """
 
     def __init__(
-        self, model: RobotModel, shape: WindowShape, numbers: Parameters[np.ndarray], has_all_rows: bool = False
+        self, model: RobotModel, shape: WindowShape, parameters: Parameters[np.ndarray], has_all_rows: bool = False
     ) -> None:
         self._node_rows = node_rows(model, shape)
         self._interval_rows = [rows for rows in interval_rows(model, shape) if has_all_rows or not rows.rarely_active]
@@ -140,7 +140,7 @@ class Nlp:
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
         self.shape = shape
         self.grid = Grid(model.n, shape.nodes)
-        self._p = numbers.mapped(_symbol)
+        self._p = parameters.mapped(_symbol)
         K = self.grid.K
         S = self.grid.switches
         self._X = ca.SX.sym("X", 2 * model.n, K + 1)
@@ -149,7 +149,7 @@ class Nlp:
         self._e = ca.SX.sym("e", 2 * model.n if shape.soft else 0, K + 1)
         self._row_e = [ca.SX.sym("row_e", sum(map(_soft_count, self._rows_at(k)))) for k in range(K + 1)]
         inputs = [ca.SX.sym("u", self._functions[s].inputs, N) for s, N in enumerate(shape.nodes)]
-        self._u = [*(u for each in inputs for u in ca.horzsplit(each)), ca.SX(0, 1)]
+        self._u = [*(u for of_stage in inputs for u in ca.horzsplit(of_stage)), ca.SX(0, 1)]
         xs = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums))
         es = ca.horzsplit(self._e)
         x = ca.vertcat(*(part for node in zip(xs, self._u, es, self._row_e, strict=True) for part in node))
@@ -175,7 +175,7 @@ class Nlp:
         g = ca.vertcat(*(row for row, _ in rows))
         self.sizes: dict[str, Any] = {
             "N": K,
-            "nx": [each.numel() for each in xs],
+            "nx": [state.numel() for state in xs],
             "nu": [sum(part.numel() for part in node) for node in zip(self._u, es, self._row_e, strict=True)],
             "ng": [sum(row.numel() for row, _ in path) for path in paths],
         }
@@ -206,8 +206,8 @@ class Nlp:
         shortest = np.maximum(shortest_durations(window)[:-1], tau - within)
         rows = [(size, bound(window, low, high)) for size, bound in self._bounds]
         return {
-            "lbx": self._box(-np.inf, low, shortest, 0.0, [each.acceleration_low for each in limits]),
-            "ubx": self._box(np.inf, high, tau + within, np.inf, [each.acceleration_high for each in limits]),
+            "lbx": self._box(-np.inf, low, shortest, 0.0, [of_stage.acceleration_low for of_stage in limits]),
+            "ubx": self._box(np.inf, high, tau + within, np.inf, [of_stage.acceleration_high for of_stage in limits]),
             "lbg": np.concatenate([np.broadcast_to(low, size) for size, (low, _) in rows]),
             "ubg": np.concatenate([np.broadcast_to(high, size) for size, (_, high) in rows]),
         }
@@ -249,15 +249,15 @@ class Nlp:
         """Return the rows of constraints at a node."""
         return [rows for rows in self._node_rows if k in rows.nodes]
 
-    def row_violations(self, window: Window, plan: Plan, numbers: Parameters[np.ndarray]) -> np.ndarray:
+    def row_violations(self, window: Window, plan: Plan, parameters: Parameters[np.ndarray]) -> np.ndarray:
         """Return rho times the violations of the soft rows of constraints along a plan, node by node."""
-        found = [np.zeros(0)]
+        violations = [np.zeros(0)]
         for k in range(self.grid.K + 1):
             for rows in self._rows_at(k):
                 if rows.soft:
-                    value = _array(rows.expression(k, plan.X[k], numbers))
-                    found.append(scaled_violations(value, *rows.bounds(window)))
-        return np.concatenate(found)
+                    value = _array(rows.expression(k, plan.X[k], parameters))
+                    violations.append(scaled_violations(value, *rows.bounds(window)))
+        return np.concatenate(violations)
 
     def _L(self, s: int, node: int, k: int, u: ca.SX, control_weights: ca.SX) -> ca.SX:
         """Return the normalized cost of a stage, or of a kept one, at its own node, 0 to N_s, which is node k."""
@@ -359,8 +359,8 @@ def _node_bounds(rows: NodeRows | IntervalRows, window: Window, *_: object) -> t
     return low, high
 
 
-def _symbol(numbers: np.ndarray) -> ca.SX:
-    return ca.SX.sym("p", *numbers.shape)
+def _symbol(values: np.ndarray) -> ca.SX:
+    return ca.SX.sym("p", *values.shape)
 
 
 def _array(vector: ca.DM) -> np.ndarray:
@@ -450,8 +450,8 @@ class NlpSolver(Solver):
     def _posed(self, window: Window, plan: Plan, has_all_rows: bool = False) -> tuple[Nlp, np.ndarray, np.ndarray]:
         """Return the NLP of a window, transcribed on first use, and its x and p of a plan on the window's mesh."""
         shape = window_shape(window)
-        numbers = window_numbers(window, plan.instants)
-        nlp = self._nlp((shape, has_all_rows), numbers)
+        parameters = window_numbers(window, plan.instants)
+        nlp = self._nlp((shape, has_all_rows), parameters)
         inputs = list[np.ndarray]()
         for stage, first, last in zip(window.stages, nlp.grid.first_node, nlp.grid.first_node[1:], strict=False):
             X = plan.X[first:last]
@@ -459,33 +459,33 @@ class NlpSolver(Solver):
             inputs.append(self._problem.costs.inputs(stage, X, u).T)
         violations = scaled_violations(plan.X, *nlp.limits(window, plan)).T if shape.soft else 0.0
         tau = np.tile(np.diff(plan.instants, prepend=window.start)[:, None], nlp.grid.K + 1)
-        row_violations = nlp.row_violations(window, plan, numbers)
+        row_violations = nlp.row_violations(window, plan, parameters)
         z = nlp.pack(plan.X.T, tau, 0.0, violations, row_violations, *inputs)
-        return nlp, _array(z), np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
+        return nlp, _array(z), np.concatenate([np.ravel(piece, order="F") for piece in parameters.pieces()])
 
-    def _nlp(self, key: ProgramKey, numbers: Parameters[np.ndarray]) -> Nlp:
+    def _nlp(self, key: ProgramKey, parameters: Parameters[np.ndarray]) -> Nlp:
         """Return a program, transcribed on first use."""
         shape, has_all_rows = key
         if key not in self._nlps:
             if shape.bounded and self._plugin != "ipopt":
                 raise InputError(f"found a bound on a cost and the solver {self._plugin}, expected ipopt")
-            self._nlps[key] = self._transcribe(shape, numbers, has_all_rows)
+            self._nlps[key] = self._transcribe(shape, parameters, has_all_rows)
         return self._nlps[key]
 
-    def _transcribe(self, shape: WindowShape, numbers: Parameters[np.ndarray], has_all_rows: bool) -> Nlp:
+    def _transcribe(self, shape: WindowShape, parameters: Parameters[np.ndarray], has_all_rows: bool) -> Nlp:
         """Return the program of the windows of a shape."""
-        return Nlp(self._problem.model, shape, numbers, has_all_rows)
+        return Nlp(self._problem.model, shape, parameters, has_all_rows)
 
     def _answer(self, method: str, *arguments: Any) -> Any:
         """Answer a call in the copy of the process, in which programs are compiled and solved."""
         return getattr(self, method)(*arguments)
 
-    def _compile(self, key: CompiledKey, numbers: Parameters[np.ndarray]) -> None:
+    def _compile(self, key: CompiledKey, parameters: Parameters[np.ndarray]) -> None:
         """Compile the solver of a program; it may take a minute, during which no signal would be noticed."""
         if key in self._compiled:
             return
         program, is_warm = key
-        nlp = self._nlp(program, numbers)
+        nlp = self._nlp(program, parameters)
         options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
         settings = {**self._settings, **(WARM_START if is_warm else {})}
         if self._plugin == "fatrop":
@@ -523,13 +523,13 @@ class NlpSolver(Solver):
         duals = NO_DUALS
         if self._has_duals and previous is not None and window_shape(previous.window) == window_shape(window):
             duals = previous.duals
-        found = self._solved(window, guess, guess, within, has_all_rows=False, duals=duals)
-        if found.outcome.usable and missing_row_violation(self._problem.model, window, found.plan) > FEASIBLE:
-            complete = self._solved(window, guess, found.plan, within, has_all_rows=True)
-            iterations = found.iterations + complete.iterations
-            wall_time = found.wall_time + complete.wall_time
-            found = replace(complete, iterations=iterations, wall_time=wall_time)
-        return replace(found, warm=previous is not None)
+        solution = self._solved(window, guess, guess, within, has_all_rows=False, duals=duals)
+        if solution.outcome.usable and missing_row_violation(self._problem.model, window, solution.plan) > FEASIBLE:
+            complete = self._solved(window, guess, solution.plan, within, has_all_rows=True)
+            iterations = solution.iterations + complete.iterations
+            wall_time = solution.wall_time + complete.wall_time
+            solution = replace(complete, iterations=iterations, wall_time=wall_time)
+        return replace(solution, warm=previous is not None)
 
     def _solved(
         self,
@@ -589,7 +589,7 @@ class NlpSolver(Solver):
 
 def _unpacked(nlp: Nlp, window: Window, z: np.ndarray) -> tuple[Plan, np.ndarray]:
     """Return the plan of a decision vector, and by how much its nodes violate soft limits at worst."""
-    X, tau, _, violations, _, *inputs = (np.ascontiguousarray(each.full().T) for each in nlp.unpack(z))
+    X, tau, _, violations, _, *inputs = (np.ascontiguousarray(component.full().T) for component in nlp.unpack(z))
     n = nlp.grid.n
     first = nlp.grid.first_node
     plan = plan_on_mesh(window, X, np.zeros((nlp.grid.K, n)), tau[0])

@@ -179,8 +179,8 @@ class SqpSolver(Solver):
         began = time.perf_counter()
         tau = durations(guess.instants, window.start, window.horizon)[:-1]
         form, shared, method = self._setup(window)
-        numbers = window_numbers(window, guess.instants)
-        sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), numbers)
+        parameters = window_numbers(window, guess.instants)
+        sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), parameters)
         is_warm = previous is not None
         solve = _Solve(
             spec=self._spec,
@@ -223,18 +223,21 @@ def libraries(problem: Problem) -> Iterator[Library]:
         yield library_of(functions.cost.function)
         if not problem.model.spec.moved_by.actuated:
             yield library_of(functions.residual_curvature.function)
-    of_rows = {each for stage in problem.stages for each in _functions_of_rows(problem.model, stage)}
-    to_compile = [each for each in of_rows if each.compiled is not each]
-    for function in [each.function for functions in to_compile for each in functions.prepare() if each is not None]:
-        if function.n_instructions() >= COMPILED_FROM:
-            yield library_of(function)
+    of_rows = {row_functions for stage in problem.stages for row_functions in _functions_of_rows(problem.model, stage)}
+    to_compile = [row_functions for row_functions in of_rows if row_functions.compiled is not row_functions]
+    prepared = [
+        function for row_functions in to_compile for function in row_functions.prepare() if function is not None
+    ]
+    for function in prepared:
+        if function.function.n_instructions() >= COMPILED_FROM:
+            yield library_of(function.function)
     for switches in range(len(problem.stages)):
         yield kernel_library(problem.model.n, switches)
 
 
 def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFunctions | IntervalFunctions]:
     """Return the functions of the rows that a stage may have, its end's and those that samples set among them."""
-    constraints = tuple((name, each.structure) for name, each in stage.constraints.items())
+    constraints = tuple((name, constraint.structure) for name, constraint in stage.constraints.items())
     shape = replace(stage_shape(stage), constraints=constraints)
     stages = shape, without_end(shape)
     form = VelocityForm(model, WindowShape(stages=stages, nodes=(1, 1), discretization="exact"), native=False)
@@ -576,7 +579,7 @@ def later_switch(window: SqpWindow, point: Point) -> Point | None:
         return None
     tau = point.tau.copy()
     tau[last] += LATE_SWITCH_FRACTION * (latest - point.tau[last])
-    before, after = (np.r_[0.0, np.cumsum(each), horizon] for each in (point.tau, tau))
+    before, after = (np.r_[0.0, np.cumsum(durations), horizon] for durations in (point.tau, tau))
     motion = Plan(mesh(before, form.grid.nodes), point.X, form.inputs(point, horizon), before[1:-1])
     X = motion.states_at(mesh(after, form.grid.nodes))
     return Point(np.vstack([point.X[:1], X[1:]]), tau)

@@ -362,12 +362,12 @@ class SqpWindow:
         """Tell whether soft limits are violated no further than the measured state violates them."""
         form = self.form
         x0 = reached.point.X[0]
-        own = np.zeros(len(reached.rows))
-        own[: self.states] = np.tile(scaled_violations(x0, *self.bounds.first), form.grid.K)
+        initial = np.zeros(len(reached.rows))
+        initial[: self.states] = np.tile(scaled_violations(x0, *self.bounds.first), form.grid.K)
         at_first = np.where(np.isfinite(reached.rows), reached.rows, 0.0)
         at_first[self._first_node_row :][: len(form.row_node)] = form.rows_at(x0, self.p)
-        own[self.states :] = scaled_violations(at_first, self.bounds.low, self.bounds.high)[self.states :]
-        excess = reached.penalties - own[self._soft_rows]
+        initial[self.states :] = scaled_violations(at_first, self.bounds.low, self.bounds.high)[self.states :]
+        excess = reached.penalties - initial[self._soft_rows]
         return bool((excess <= PENALTY * FEASIBLE).all())
 
     def row_penalties(self, here: Evaluation, which: np.ndarray | slice) -> np.ndarray:

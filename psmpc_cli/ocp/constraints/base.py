@@ -125,14 +125,14 @@ class Constraint:
 
 
 def numbers_by_name(
-    name: str, found: ConstraintNumbers | Mapping[str, ConstraintNumbers] | None
+    name: str, entries_of_stage: ConstraintNumbers | Mapping[str, ConstraintNumbers] | None
 ) -> dict[str, ConstraintNumbers]:
     """Return what a constraint has of a stage by the names under which the stage holds it."""
-    if found is None:
+    if entries_of_stage is None:
         return {}
-    if isinstance(found, ConstraintNumbers):
-        return {name: found}
-    return {f"{name} {own}": numbers for own, numbers in found.items()}
+    if isinstance(entries_of_stage, ConstraintNumbers):
+        return {name: entries_of_stage}
+    return {f"{name} {entry}": constraint for entry, constraint in entries_of_stage.items()}
 
 
 def _is_of(name: str, held: str) -> bool:
@@ -216,5 +216,5 @@ def _argument(name: str, s: int, p: Parameters[Any]) -> Any:
 
 
 def _bounds(name: str, s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
-    numbers = window.stages[s].constraints[name]
-    return numbers.low, numbers.high
+    constraint = window.stages[s].constraints[name]
+    return constraint.low, constraint.high

@@ -136,27 +136,30 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
 
     Bodies that hold the object, or are about to, may touch it.
     """
-    pieces, own = model.cached(groups, lambda: _robot(model))
-    found = {ITSELF: Group(Pairs(own))}
-    obstacles = {each.name: (_solid(each), partial(_of_obstacle, each, model)) for each in task.obstacles}
+    pieces, robot_pairs = model.cached(groups, lambda: _robot(model))
+    by_name = {ITSELF: Group(Pairs(robot_pairs))}
+    obstacles = {
+        obstacle_spec.name: (_solid(obstacle_spec), partial(_of_obstacle, obstacle_spec, model))
+        for obstacle_spec in task.obstacles
+    }
     for name, (obstacle, state) in obstacles.items():
-        found[name] = Group(Pairs(tuple((piece, obstacle) for piece in pieces)), state)
+        by_name[name] = Group(Pairs(tuple((piece, obstacle) for piece in pieces)), state)
     if task.body.mass == 0.0:
-        return found
+        return by_name
     is_held = stage in task.held_stages
     hands = {f"{arm}.{model.spec.parts[arm]}" for arm in task.body.grippers}
     may_touch = hands if stage >= task.held_stages.start - 1 else set()
     others = [piece for piece in pieces if piece.part not in may_touch]
     if not is_held:
         body = Solid(OBJECT, _box(task.body.shape), _NO_OFFSET, "object")
-        found[OBJECT] = Group(Pairs(tuple((piece, body) for piece in others)), _of_object)
-        return found
+        by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in others)), _of_object)
+        return by_name
     held = list(_cover(task.body.shape))
     holder = task.body.holder
-    found[f"{OBJECT}, held"] = Group(Pairs(tuple(product(held, others)), holder))
+    by_name[f"{OBJECT}, held"] = Group(Pairs(tuple(product(held, others)), holder))
     for name, (obstacle, state) in obstacles.items():
-        found[f"{OBJECT}, held, {name}"] = Group(Pairs(tuple((each, obstacle) for each in held), holder), state)
-    return found
+        by_name[f"{OBJECT}, held, {name}"] = Group(Pairs(tuple((capsule, obstacle) for capsule in held), holder), state)
+    return by_name
 
 
 def _robot(model: RobotModel) -> tuple[list[Solid], tuple[tuple[Solid, Solid], ...]]:
@@ -204,12 +207,12 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Constrai
     spec = task.clearance_of(stage)
     if spec is None:
         return {}
-    found = dict[str, ConstraintNumbers]()
+    by_name = dict[str, ConstraintNumbers]()
     for name, group in kept_groups(task, model, stage).items():
-        found[name] = _numbers(group, spec, model)
+        by_name[name] = _numbers(group, spec, model)
         if spec.hard:
-            found[f"{name}, hard"] = _numbers(replace(group, pairs=replace(group.pairs, hard=True)), spec, model)
-    return found
+            by_name[f"{name}, hard"] = _numbers(replace(group, pairs=replace(group.pairs, hard=True)), spec, model)
+    return by_name
 
 
 def _excepted(pair: tuple[Solid, Solid], spec: ClearanceSpec) -> bool:
@@ -305,23 +308,27 @@ def kept_groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Grou
     spec = task.clearance_of(stage)
     if spec is None:
         return {}
-    found = dict[str, Group]()
+    by_name = dict[str, Group]()
     for name, group in groups(task, model, stage).items():
         kept = tuple(pair for pair in group.pairs.pairs if not _excepted(pair, spec))
         pairs = replace(group.pairs, pairs=kept)
         parts = {name: kept} if pairs.rows <= MOST_ROWS else _by_limbs(name, kept)
-        found |= {part: replace(group, pairs=replace(pairs, pairs=own)) for part, own in parts.items() if own}
-    return found
+        by_name |= {
+            part: replace(group, pairs=replace(pairs, pairs=pairs_of_part))
+            for part, pairs_of_part in parts.items()
+            if pairs_of_part
+        }
+    return by_name
 
 
 def _by_limbs(name: str, pairs: tuple[tuple[Solid, Solid], ...]) -> dict[str, tuple[tuple[Solid, Solid], ...]]:
     """Return pairs by the arms, or the base, that their solids are of: those that come near come near together."""
-    found = dict[str, tuple[tuple[Solid, Solid], ...]]()
+    by_limbs = dict[str, tuple[tuple[Solid, Solid], ...]]()
     for pair in pairs:
         limbs = [solid.part.rpartition(".")[0] or solid.part for solid in pair]
         key = f"{name}, {limbs[0]} and {limbs[1]}"
-        found[key] = (*found.get(key, ()), pair)
-    return found
+        by_limbs[key] = (*by_limbs.get(key, ()), pair)
+    return by_limbs
 
 
 def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
@@ -330,20 +337,20 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
     The argument has the poses of what is among the solids.
     """
     x, argument, placed = _placed(model, pairs)
-    apart = [each for pair in placed for each in distances(*pair)]
+    apart = [distance for pair in placed for distance in distances(*pair)]
     return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_convex=True)
 
 
 def distances_on_arrays(model: RobotModel, pairs: Pairs, native: bool = False) -> BatchFunction:
     """Return the function of the distances on arrays; `native`, as compiled C."""
-    found = model.cached((functions, pairs), partial(functions, model, pairs))
-    return found.compiled.value if native else found.value
+    rows = model.cached((functions, pairs), partial(functions, model, pairs))
+    return rows.compiled.value if native else rows.value
 
 
 def nearest_points(model: RobotModel, pairs: Pairs) -> BatchFunction:
     """Return x, [anchor; 0; poses] -> the points of both surfaces that are nearest, pair by pair, (6 pairs,) [m]."""
     x, argument, placed = _placed(model, pairs)
-    points = [ca.vertcat(*own, *other) for own, other in (witnesses(*pair) for pair in placed)]
+    points = [ca.vertcat(*point, *other_point) for point, other_point in (witnesses(*pair) for pair in placed)]
     return BatchFunction(ca.Function("nearest_points", [x, argument], ca.cse([ca.densify(ca.vertcat(*points))])))
 
 

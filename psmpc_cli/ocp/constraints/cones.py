@@ -86,18 +86,18 @@ class Cone:
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
     """Return the cones of a stage by their numbers: the pose of the axis, what it is about, and the angle of each."""
-    found = dict[str, ConstraintNumbers]()
+    by_name = dict[str, ConstraintNumbers]()
     for number, spec in enumerate(task.stages[stage].cones):
         is_within, axis, angle = _narrow(spec)
         cone = Cone(spec.frame, spec.of.point is not None, is_within, not spec.hard)
         low, high = cone.bounds(angle, model.space)
-        found[str(number)] = ConstraintNumbers(
+        by_name[str(number)] = ConstraintNumbers(
             structure=cone,
             argument=np.concatenate([_pose_of_axis(spec, axis, model.space), _target(spec), [angle]]),
             low=np.array(low),
             high=np.array(high),
         )
-    return found
+    return by_name
 
 
 def _narrow(spec: ConeSpec) -> tuple[bool, np.ndarray, float]:

@@ -19,9 +19,9 @@ def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
     A kept stage is numbered behind the stages of the window. It ends at the first switch, if it does.
     """
     last_nodes = Grid(model.n, shape.nodes).first_node[1:]
-    own = zip(shape.stages, last_nodes, strict=True)
+    stages_and_nodes = zip(shape.stages, last_nodes, strict=True)
     kept = ((stage, last_nodes[0]) for stage in shape.kept)
-    for s, (stage, node) in enumerate([*own, *kept]):
+    for s, (stage, node) in enumerate([*stages_and_nodes, *kept]):
         functions = stage_functions(model, stage)
         if functions.end_rows:
             yield NodeRows(
@@ -39,7 +39,7 @@ def _target(s: int, p: Parameters[Any]) -> Any:
 
 def _bounds(s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     """Return the tolerances about 0, or about the rate that a moving target gives its error."""
-    end = [*window.stages, *(each.stage for each in window.kept)][s].end
+    end = [*window.stages, *(earlier.stage for earlier in window.kept)][s].end
     return end.centers - end.half_widths, end.centers + end.half_widths
 
 

@@ -99,14 +99,14 @@ class Skill:
 
     def _parts(self, model: RobotModel) -> Mapping[str, TargetPart]:
         rows = axes_of(model.spec.parts, self._space)
-        numbers = axes_of(model.spec.parts, self._space, of_error=False)
+        axes = axes_of(model.spec.parts, self._space, of_error=False)
         ends_of_rows = np.cumsum([len(names) for names in rows.values()]).tolist()
-        ends = np.cumsum([len(names) for names in numbers.values()]).tolist()
+        ends = np.cumsum([len(names) for names in axes.values()]).tolist()
         return {
             part: TargetPart(
                 kind=self._kinds[part_kind(self._space, part)],
                 rows=slice(last_row - len(rows[part]), last_row),
-                numbers=slice(last - len(numbers[part]), last),
+                numbers=slice(last - len(axes[part]), last),
                 coordinates=model.space.base_coordinates if part == BASE else joints_of(model, part),
                 rates=model.parts.get(part, slice(model.n, model.n)),
             )

@@ -101,7 +101,8 @@ def sweep_weights(
 
 def _is_grid(text: str) -> bool:
     """Return whether a text is meant as a grid or a number of ratios, and not as a task."""
-    return re.match(r"\s*[-+]?\d", text) is not None and not text.endswith((".yaml", ".yml")) and "/" not in text
+    is_file = text.endswith((".yaml", ".yml")) or "/" in text
+    return bool(re.match(r"\s*[-+]?\d", text)) and not is_file
 
 
 def monte_carlo(

@@ -523,7 +523,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
         target = ("to " if stage.reference.moves else "") + _target(
             part, list(zip(axes, numbers, strict=False)), task.robot.sliding
         )
-        if part == "base" and not stage.relevant_rows[: len(rows)].any() and not task.robot.moved_by.actuated:
+        if part == "base" and not (task.robot.moved_by.actuated or stage.relevant_rows[: len(rows)].any()):
             target = task.robot.mobility
         asked = [tolerances.get(next(row), "-") for _ in rows]
         within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)

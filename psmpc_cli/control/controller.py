@@ -197,17 +197,17 @@ class ControlLaw:
 
     def _grip(self, sequence: MovingSequence, state: State) -> Grip | None:
         """Return the gripper that holds the object at an estimated state; None where none does or it is not known."""
-        if sequence.first not in self.problem.held_stages or not isfinite(state.vector @ state.vector):
+        is_held = sequence.first in self.problem.held_stages
+        if not (is_held and isfinite(state.vector @ state.vector)):
             return None
         return Grip.of(self.problem.model, self.problem.body.holder, state.Q, state.v)
 
     def _chart_about(self, state: State, plan: Plan | None, time: float) -> Chart:
         space = self.problem.model.space
-        Q = state.Q
-        if plan is not None and not np.isfinite(Q[space.attitude]).all():
-            foreseen, _ = plan.chart.leave(plan.states_at(np.array([time])))
-            Q = foreseen[0]
-        return space.chart_at(Q)
+        if plan is None or np.isfinite(state.Q[space.attitude]).all():
+            return space.chart_at(state.Q)
+        foreseen, _ = plan.chart.leave(plan.states_at(np.array([time])))
+        return space.chart_at(foreseen[0])
 
     def _place(
         self, memory: Memory, time: float, x_chart: np.ndarray, chart: Chart, at_planned_ends: bool = False

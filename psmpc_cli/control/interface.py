@@ -111,7 +111,8 @@ def check_time(time: float) -> None:
     Raises:
         InputError: It is not.
     """
-    if not isinstance(time, Real) or isinstance(time, bool) or not abs(time) <= LARGEST:
+    is_number = isinstance(time, Real) and not isinstance(time, bool)
+    if not (is_number and abs(time) <= LARGEST):
         raise rejected("time", time, f"a finite number up to {LARGEST:g} [s]")
 
 

@@ -79,7 +79,7 @@ def _difference(column: Column, log: Run, again: Run) -> Difference | None:
     path = column.path
     units = column.units
     what = ""
-    if path not in log or path not in again:
+    if not (path in log and path in again):
         return Difference(path, units, f"only the {'log' if path in log else 'run'} has it")
     logged = log[path]
     repeated = again[path]

@@ -106,7 +106,7 @@ def read_file(
         raise rejected("no HDF5 file")
     try:
         with h5py.File(path, "r", locking=False) as file:
-            if "format_version" not in file.attrs or "psmpc_version" not in file.attrs:
+            if not ("format_version" in file.attrs and "psmpc_version" in file.attrs):
                 raise rejected("an HDF5 file of another program")
             check_attributes(file)
             _check_version(path, file)

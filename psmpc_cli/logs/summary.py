@@ -287,7 +287,8 @@ class Summary:
 
 def _succeeded(completed: bool, monitors: Sequence[Verdict]) -> bool | None:
     """Tell whether a mission succeeded; None where that depends on monitors that are not judged."""
-    if not completed or any(not verdict.held and verdict.is_judged for verdict in monitors):
+    is_broken = any(verdict.is_judged and not verdict.held for verdict in monitors)
+    if is_broken or not completed:
         return False
     return True if all(verdict.held for verdict in monitors) else None
 

@@ -104,7 +104,7 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     target_object = task.spec.body
     stage = forecasts[task.spec.held_stages.start - 1].stage
     poses = stage.poses_of_arms
-    if target_object.mass == 0.0 or not set(target_object.grippers) <= set(poses) or not stage.end.rows:
+    if not (target_object.mass and stage.end.rows and set(target_object.grippers) <= set(poses)):
         return
     envelope = target_object.grasp.envelope
 
@@ -122,7 +122,7 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
         rows = stage.parts[arm].rows
         widths[arm] = norms(tolerance[rows]) + norms(rate[rows])
         metres, angle = norms(space.pose_error(poses[arm], space.composed(target_object.pose, at)))
-        fixed = not target_object.motion.moves and arm not in stage.on_object
+        fixed = not (target_object.motion.moves or arm in stage.on_object)
         if fixed and (metres > envelope.position or angle > envelope.angle):
             far = f"{metres:.3g} m and {np.degrees(angle):.3g} deg"
             message = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"

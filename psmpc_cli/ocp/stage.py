@@ -263,7 +263,7 @@ class PlacedStage(Stage):
             return np.concatenate([values, more], axis=-1)
 
         of_sample = np.concatenate([anchor, joints, self.end.object_numbers])
-        if not self.attitudes and not len(of_sample):
+        if not (self.attitudes or len(of_sample)):
             return self
         taken = tuple(signs[frame] for frame in self.attitudes)
         return replace(

@@ -97,14 +97,16 @@ def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stop
     missing = {posture.stage for posture in arm_postures(model, stages, stops) if posture.joints is None}
     drifts = task.spec.body.motion.moves
     of_base = 0 if model.spec.moved_by.actuated else model.space.n_twist  # rows that such a target need not ask for
-    return {
-        stage.name
-        for stage in stages
-        if has_posture(model.spec.arms, stage.space)
-        and not (model.spec.moved_by.reacts and stage.poses_of_arms)
-        and stage.relevant_rows[of_base:].all()
-        and not (drifts and stage.on_object)
-    } - missing
+
+    def depends_on_the_way(stage: Stage) -> bool:
+        base_reacts = model.spec.moved_by.reacts and stage.poses_of_arms
+        return bool(base_reacts or (drifts and stage.on_object))
+
+    def says_all_joints(stage: Stage) -> bool:
+        has_all = has_posture(model.spec.arms, stage.space) and stage.relevant_rows[of_base:].all()
+        return bool(has_all) and not depends_on_the_way(stage)
+
+    return {stage.name for stage in stages if says_all_joints(stage)} - missing
 
 
 def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> dict[tuple[str, str], float]:

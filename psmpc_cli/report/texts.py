@@ -120,7 +120,7 @@ NO_LIMITS = "limits of forces and accelerations: none declared: nothing bounds t
 def _peaks(summary: Summary, *names: str) -> str:
     """Write peaks of one row; nothing where they are not known, or all 0, those of a base without thrusters."""
     values = [summary.peaks[name] for name in names]
-    if not all(map(math.isfinite, values)) or not any(values):
+    if not (all(map(math.isfinite, values)) and any(values)):
         return ""
     return " / ".join(f"{number(summary.peaks[name])} {(PEAKS | SLIDING_PEAKS)[name][0]}" for name in names)
 

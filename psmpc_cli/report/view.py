@@ -190,7 +190,7 @@ def _plans(run: Run, samples: np.ndarray) -> Json:
     """
     plans: list[tuple[Plan, np.ndarray]] = []
     for sample in samples:
-        if not plans or not run["events/solve_failed"][sample]:
+        if not (plans and run["events/solve_failed"][sample]):
             solve = logged_solve(run, int(sample))
             stage_end_nodes = np.cumsum(solve.window.nodes)
             last_node = stage_end_nodes[-1]

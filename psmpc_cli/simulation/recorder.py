@@ -407,7 +407,8 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
     if shape_of(ticks.impulse_and_work) not in ((), (of_base,)):
         raise rejected("ticks.impulse_and_work", ticks.impulse_and_work, f"numbers ({of_base},)")
     time = np.array(ticks.time, dtype=float)
-    if not (np.diff(time) > 0).all() or not abs(time[0] - command.time) <= command.tick:
+    begins_with_command = abs(time[0] - command.time) <= command.tick
+    if not (begins_with_command and (np.diff(time) > 0).all()):
         span = f"{time[0]:g} s to {time[-1]:g} s"
         raise InputError(f"ticks.time: found {span}, expected ascending times from {command.time:g} s on")
     return replace(

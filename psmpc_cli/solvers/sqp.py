@@ -190,7 +190,7 @@ class SqpSolver(Solver):
             stop_at=self.stop_time(began),
             stop_at_cpu_time=time.process_time() + LONGEST_CALL,
             is_warm=is_warm,
-            restores=not is_warm and not self._model.spec.moved_by.actuated,
+            restores=not (is_warm or self._model.spec.moved_by.actuated),
         )
         multipliers = np.zeros(0)
         if previous is not None and form.curved and len(previous.duals) == len(form.row_node):
@@ -271,7 +271,7 @@ class _Solve:
     def run(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         iterate, program = self._begin(guess, multipliers)
-        if not self.is_warm and not self._keeps_limits(program):
+        if not (self.is_warm or self._keeps_limits(program)):
             later = later_switch(self.window, guess)
             if later is not None:
                 late_iterate, late_program = self._begin(later, multipliers)
@@ -289,10 +289,10 @@ class _Solve:
             outcome = self._outcome(count, iterate, before, program)
             if self._counts(iterate):
                 feasible = iterate
-            if outcome is not None and not outcome.usable and feasible is not None:
-                return feasible, Outcome.FEASIBLE, count
             if outcome is not None:
-                return iterate, outcome, count
+                if feasible is None or outcome.usable:
+                    return iterate, outcome, count
+                return feasible, Outcome.FEASIBLE, count
             if count < self.spec.max_iterations:
                 here, model = self.window.linearize(iterate.reached.point)
                 program = self._restored(here, self._program(here, model, program.qp.node_multipliers))
@@ -363,7 +363,7 @@ class _Solve:
                 return Program(model, qp, here)
             reached = self._after(here, qp.step, 1.0)
             of_nodes, of_intervals = window.missed_rows(model, reached)
-            if not len(of_nodes) and not len(of_intervals):
+            if not (len(of_nodes) or len(of_intervals)):
                 return Program(model, qp, reached)
             model = window.with_rows(model, here.point, of_nodes, of_intervals)
 
@@ -434,7 +434,7 @@ class _Solve:
         reached = program.reached if step_length == 1 else self._after(here, qp.step, step_length)
         leaves_soft_rows = reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE
         is_near = reached.violation > FEASIBLE and here.violation <= NEARLY_FEASIBLE
-        if is_near and not leaves_soft_rows and not program.is_elastic:
+        if is_near and not (leaves_soft_rows or program.is_elastic):
             corrected = self._corrected(iterate, program)
             improves = corrected is not None and corrected.reached.violation < reached.violation
             if corrected is not None and improves and filter_.accepts(corrected, iterate, slope, is_elastic=False):

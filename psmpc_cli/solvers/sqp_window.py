@@ -389,7 +389,7 @@ class SqpWindow:
             of_nodes = self._node_rows_beyond(here.excess, self.form.activation_excess)
             of_intervals = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
             model = self.with_rows(model, point, of_nodes, of_intervals)
-        if not len(self._soft_rows) or not len(point.tau):
+        if not (len(self._soft_rows) and len(point.tau)):
             return here, model
         node_shares = self.form.node_shares
         by_tau = here.penalties @ node_shares[self._soft_node] + self._penalty_of_first * node_shares[0]

@@ -116,7 +116,7 @@ def _require_changes(changes: Changes) -> None:
     require("set", changes, (Mapping, Sequence), wanted)
     for change in changes:
         pair = isinstance(change, tuple) and len(change) == 2 and all(isinstance(text, str) for text in change)
-        if not isinstance(change, str) and not pair:
+        if not (isinstance(change, str) or pair):
             raise rejected("set", change, wanted)
 
 

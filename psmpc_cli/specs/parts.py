@@ -384,7 +384,8 @@ def length_errors(
         written: How units are judged; None where numbers have none.
     """
     parts = [part for part in axes if stands_for(key, part) and (key == part or part not in given)]
-    if not parts or not isinstance(row, list | tuple):
+    is_list = isinstance(row, list | tuple)
+    if not (parts and is_list):
         if written is not None and one:  # one number for all of the part
             yield from unit_misfits(at, row, [(part, axis) for part in parts for axis in axes[part]], written)
         return

@@ -534,7 +534,7 @@ def _object_end(end: ObjectEndSpec, earlier_fields: Fields, context: Context) ->
     order = context.stages
     name = earlier_fields.get("name")
     taken_by, let_go_by = (target_object.get(key) for key in ("taken_by", "let_go_by"))
-    if name not in order or taken_by not in order:
+    if not (name in order and taken_by in order):
         return
     let_go = order.index(let_go_by) if let_go_by in order else len(order)
     if not order.index(taken_by) < order.index(name) < let_go:
@@ -584,7 +584,7 @@ def _end(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErr
 def _end_units(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give tolerances and velocities of an end condition in the unit of another kind of coordinate."""
     space = context.spaces.get(earlier_fields.get("skill", ""))
-    if not context.sizes or space is None or not isinstance(written, Mapping):
+    if not (context.sizes and space and isinstance(written, Mapping)):
         return
     axes = axes_of(context.sizes, space)
     units = AsWritten(context.sliding)
@@ -772,9 +772,9 @@ def _plant(plant: PlantSpec, earlier_fields: Fields, context: Context) -> RuleEr
     if not _is_whole(sample * rate):
         found = f"{rate:g} Hz, which makes {sample * rate:.6g} ticks of a sample_time of {sample:g} s"
         yield ("low_level_rate",), expected("a whole number of ticks", found)
-    if not plant.traits.has_forces and not context.moved_by.actuated:
+    if not (plant.traits.has_forces or context.moved_by.actuated):
         yield ("kind",), expected(f"{plant.alternatives}, by which a {context.mobility} base moves")
-    if plant.step is not None and not _is_whole(1 / rate / plant.step):
+    if not (plant.step is None or _is_whole(1 / rate / plant.step)):
         found = f"{plant.step:g} s, which makes {1 / rate / plant.step:.6g} steps of a tick of {1 / rate:g} s"
         yield ("step",), expected("a whole number of steps", found)
 
@@ -831,7 +831,7 @@ def _monitor(monitor: MonitorSpec, earlier_fields: Fields, context: Context) -> 
         yield from _monitored_clearance(monitor, earlier_fields)
         return
     number = 2 if monitor.quantity == "distance" else 1
-    if not unknown and not len(monitor.of) == len(set(monitor.of)) == number:
+    if not (unknown or len(monitor.of) == len(set(monitor.of)) == number):
         yield ("of",), expected("two different frames for a distance, one for a speed")
 
 
@@ -839,7 +839,7 @@ def _monitored_clearance(monitor: MonitorSpec, earlier_fields: Fields) -> RuleEr
     """Give a monitor of a clearance that is not about two parts, or of a stage in which nothing keeps clear."""
     if len(monitor.of) not in (0, 2):
         yield ("of",), expected("two parts for a clearance, or [] for all pairs")
-    if "stages" not in earlier_fields or "clearance" not in earlier_fields:
+    if not ("stages" in earlier_fields and "clearance" in earlier_fields):
         return
     of_stage = any(stage.clearance for stage in earlier_fields["stages"] if stage.name == monitor.during)
     if not (earlier_fields["clearance"] or of_stage):
@@ -854,13 +854,13 @@ def _uncertainty(spec: UncertaintySpec, earlier_fields: Fields, context: Context
     if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
         found = f"{spec.delay} samples of {controller.sample_time:g} s"
         yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", found)
-    if plant is not None and not plant.traits.has_forces and spec.changes_the_plant:
+    if plant and spec.changes_the_plant and not plant.traits.has_forces:
         found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
         yield (), expected(f"only noise and delay, or {plant.alternatives}", f"{found} with plant {plant.kind}")
     if spec.impulse is not None and spec.impulse.at >= earlier_fields.get("time_limit", np.inf):
         wanted = f"a time before the time_limit of {earlier_fields['time_limit']:g} s"
         yield ("impulse", "at"), expected(wanted, f"{spec.impulse.at:g} s")
-    if spec.impulse is not None and not context.moved_by.moves:
+    if not (spec.impulse is None or context.moved_by.moves):
         yield ("impulse",), expected("none: the base is fixed", at_key=True)
     if spec.payload and "object" in earlier_fields and not earlier_fields["object"]:
         wanted = "one: it says which stages take the payload and let it go"

@@ -71,7 +71,8 @@ def read_fronts(path: Path) -> Results:
     horizon = results.attributes.get("horizon")
     if missing:
         raise LogError(f"{path}: found no {', '.join(missing)}, expected results as psmpc writes them")
-    if not methods or results["stage"].size != 2 or not isinstance(horizon, np.number) or not 0 < horizon < np.inf:
+    has_horizon = isinstance(horizon, np.number) and 0 < horizon < np.inf
+    if not (methods and has_horizon and results["stage"].size == 2):
         raise LogError(f"{path}: found no fronts of two stages over a horizon, expected those of psmpc pareto")
     return results
 

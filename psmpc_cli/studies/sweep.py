@@ -363,7 +363,8 @@ def sweep(
     wanted = 'a mapping of keys to lists of values, such as {"stages.capture.priority": [1, 10]}'
     require("values", values, Mapping, wanted)
     for key, each in values.items():
-        if not isinstance(key, str) or isinstance(each, str) or not isinstance(each, Sequence | np.ndarray):
+        is_list = isinstance(each, Sequence | np.ndarray) and not isinstance(each, str)
+        if not (isinstance(key, str) and is_list):
             raise rejected("values", {key: each}, wanted)
     require_callable("watch", watch, "the progress")
     path = require_options(path, jobs, force, resume, dask)

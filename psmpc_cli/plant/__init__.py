@@ -15,9 +15,9 @@ from psmpc_cli.specs.task import PlantSpec
 __all__ = [
     "Disturbance",
     "ForceLimits",
+    "JointFriction",
     "Plant",
     "PlantSetup",
-    "Resistance",
     "Ticks",
     "build_plant",
     "require_plant",

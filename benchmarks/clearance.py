@@ -168,7 +168,7 @@ def nearest(problem: Problem, Q: np.ndarray) -> float:
     found = []
     for Q_of_one in Q:
         chart = model.space.chart_at(Q_of_one)
-        x = np.asarray(chart.enter(Q_of_one[None], np.zeros((1, model.n))))[0]
+        x = np.asarray(chart.to_chart(Q_of_one[None], np.zeros((1, model.n))))[0]
         sample = SampleContext(0.0, x, chart.anchor)
         for group in groups(problem.spec, model, 0).values():
             argument = argument_of(group, model, sample)

@@ -123,7 +123,7 @@ def solve(problem: Problem, nodes: int) -> Solution:
 def costs(model: RobotModel, plan: Plan, nodes: int, end: int) -> dict[str, float]:
     """Return the published cost and its parts, with the forces at the beginning, 0, or the end, 1, of the intervals."""
     duration = float(plan.instants[0])
-    Q, v = plan.chart.leave(plan.X[: nodes + 1])
+    Q, v = plan.chart.from_chart(plan.X[: nodes + 1])
     F = np.array([model.inverse_dynamics(Q[k + end], v[k + end], plan.u[k]) for k in range(nodes)])
     weights = np.concatenate([WEIGHTS["base"], WEIGHTS["arm"]])
     force_x, force_y, torque, *joints = duration / nodes * (F**2).sum(axis=0) * weights

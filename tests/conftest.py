@@ -50,7 +50,7 @@ def model(transport: Task) -> RobotModel:
 @pytest.fixture(scope="session")
 def stages(transport: Task, model: RobotModel) -> tuple[PlacedStage, ...]:
     """The stages of the transport task, as a sample finds them."""
-    return tuple(stage.placed() for stage in build_stages(transport.spec, transport.robot, model))
+    return tuple(stage.unplaced_copy() for stage in build_stages(transport.spec, transport.robot, model))
 
 
 @pytest.fixture(scope="session")

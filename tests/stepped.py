@@ -39,7 +39,7 @@ def stepped(task: Task, longest: float = 60.0) -> Mission:
         command = controller.step(time, state)
         commands.append(command)
         time = round(time + task.spec.controller.sample_time, 6)
-        positions, velocities = command.plan.chart.leave(command.plan.states_at(np.array([time])))
+        positions, velocities = command.plan.chart.from_chart(command.plan.states_at(np.array([time])))
         state = State(positions[0], velocities[0])
     assert controller.done
     switches = [switch.time for command in commands for switch in command.switches]

@@ -185,7 +185,7 @@ class ControlLaw:
         target_object = memory.target_object.with_measurement(measured_at, measurement.object_pose, grip)
         foreseen = self._estimator.foreseen(estimate)
         chart = self._chart_about(foreseen, memory.plans.current, time)
-        x_chart = np.asarray(chart.enter(foreseen.Q[None], foreseen.v[None])[0])
+        x_chart = np.asarray(chart.to_chart(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
         if self._guide is not None:
             route = self._guide.followed(memory.route, memory.sequence.first, time, foreseen, target_object)
@@ -206,7 +206,7 @@ class ControlLaw:
         space = self.problem.model.space
         if plan is None or np.isfinite(state.Q[space.attitude]).all():
             return space.chart_at(state.Q)
-        foreseen, _ = plan.chart.leave(plan.states_at(np.array([time])))
+        foreseen, _ = plan.chart.from_chart(plan.states_at(np.array([time])))
         return space.chart_at(foreseen[0])
 
     def _place(
@@ -400,7 +400,7 @@ class ControlLaw:
     ) -> tuple[Estimate, Command]:
         """Return the command over the coming sample, and the estimate that counts it."""
         edges = situation.time + self._ticks
-        Q, v = situation.placement.chart.leave(situation.x_chart[None])
+        Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
         planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)

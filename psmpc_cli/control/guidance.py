@@ -98,7 +98,7 @@ class Guide:
         space = self._problem.model.space
         n = self._problem.model.n
         chart = space.chart_at(start)
-        ends = np.asarray(chart.enter(np.array([start, goal]), np.zeros((2, n))))[:, :n]
+        ends = np.asarray(chart.to_chart(np.array([start, goal]), np.zeros((2, n))))[:, :n]
         held = stage in self._problem.held_stages
         limits = placed.limits
         moves = self._problem.model.spec.moved_by.moves
@@ -178,7 +178,7 @@ class Guide:
                 continue
             Q = route.waypoints[0]
             if stage == first and np.isfinite(state.Q).all():
-                Q = np.asarray(planned.chart.enter(state.Q[None], np.zeros((1, n))))[0, :n]
+                Q = np.asarray(planned.chart.to_chart(state.Q[None], np.zeros((1, n))))[0, :n]
             object_state = target_object.at(time)
             sample = SampleContext(time, np.append(Q, np.zeros(n)), planned.chart.anchor, object_state=object_state)
             spec = self._problem.spec.clearance_of(stage)
@@ -197,6 +197,6 @@ class Guide:
     def _numbers(self, stage: int, chart: Chart, point: np.ndarray) -> np.ndarray:
         """Return the numbers of a stage's target at a configuration (n,) in a chart."""
         model = self._problem.model
-        Q, _ = chart.leave(np.append(point, np.zeros(model.n))[None])
+        Q, _ = chart.from_chart(np.append(point, np.zeros(model.n))[None])
         posture = Posture(Q[0], np.asarray(model.g(Q[0])).ravel())
         return skill_in(self._problem.stages[stage].space).numbers_at(model, posture)

@@ -54,7 +54,7 @@ class Placer:
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._stages = tuple(stage.placed() for stage in problem.stages)
+        self._stages = tuple(stage.unplaced_copy() for stage in problem.stages)
         self._horizon = problem.spec.controller.horizon
         self.follows_object = any(stage.on_object for stage in problem.stages)
 

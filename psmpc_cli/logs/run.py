@@ -319,7 +319,7 @@ class Run:
             if not stage.on_object or "object/pose" not in self or len(self.time) < 2 or stage.index not in starts:
                 return stage
             states = zip(self["object/pose"], self["object/velocity"], strict=True)
-            values = np.array([stage.placed().at_object(*state).target for state in states])
+            values = np.array([stage.unplaced_copy().at_object(*state).target for state in states])
             path = Trajectory(self.time - starts[stage.index], values, tuple(stage.attitudes.values()))
             return replace(stage, reference=path)
 

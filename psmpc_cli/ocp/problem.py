@@ -44,11 +44,11 @@ def in_own_chart(
     time `since` the stage began [s], its end without one; a target relative to the object is where the object has it,
     without a state of the object where that was at the start.
     """
-    placed = stage.placed()
+    placed = stage.unplaced_copy()
     if stage.on_object and object_state is not None:
         placed = placed.at_object(*object_state)
     chart = model.space.chart_at(Q)
-    x = np.asarray(chart.enter(Q[None], v[None])[0])
+    x = np.asarray(chart.to_chart(Q[None], v[None])[0])
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
     target = placed.wanted(since)
     nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}

@@ -166,7 +166,7 @@ class Stage:
         """What a cost that does not move follows; else the target (numbers,)."""
         return self.target if self.reference.moves else self.reference.points[0]
 
-    def placed(self) -> "PlacedStage":
+    def unplaced_copy(self) -> "PlacedStage":
         """Return the stage as a sample finds it before it sets anything."""
         return PlacedStage(**{attribute.name: getattr(self, attribute.name) for attribute in fields(self)})
 

@@ -113,7 +113,7 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     """Compute the distances of parts that keep clear [m] with the robot at Q (nq,), of all whose place is known."""
     space = model.space
     chart = space.chart_at(Q)
-    x = np.asarray(chart.enter(Q[None], np.zeros((1, model.n)))[0])
+    x = np.asarray(chart.to_chart(Q[None], np.zeros((1, model.n)))[0])
     pose = _object_pose(task, model, stage, Q)
     state = None if pose is None else (pose, np.zeros(space.n_twist))
     view = SampleContext(0.0, x, chart.anchor, object_state=state)

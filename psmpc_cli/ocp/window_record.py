@@ -154,7 +154,7 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     (elapsed, hold), omega, offset, scale, *numbers = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
     reading = _Reading(problem, frame, chart, float(elapsed))
-    placed = [stage.placed() for stage in stages]
+    placed = [stage.unplaced_copy() for stage in stages]
     signs, *others = (numbers[first : first + count] for first in range(0, len(numbers), count))
     for part, of_stages in zip((*_OTHERS, _SIGNS), (*others, signs), strict=True):
         placed = [part.read(stage, row, reading) for stage, row in zip(placed, of_stages, strict=True)]
@@ -163,7 +163,7 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
         start=frame.start,
         elapsed=float(elapsed),
         hold=float(hold),
-        x0=np.asarray(chart.enter(frame.Q[None], frame.v[None])[0]),
+        x0=np.asarray(chart.to_chart(frame.Q[None], frame.v[None])[0]),
         omega=omega,
         offset=offset,
         scale=scale,

@@ -201,7 +201,7 @@ def _plans(run: Run, samples: np.ndarray) -> Json:
     most = max((len(nodes) for _, nodes in plans), default=0)
     padded = [(plan, np.pad(nodes, (0, most - len(nodes)), mode="edge")) for plan, nodes in plans]
     time = [plan.times[nodes] for plan, nodes in padded]
-    Q = [plan.chart.leave(plan.X[nodes])[0] for plan, nodes in padded]
+    Q = [plan.chart.from_chart(plan.X[nodes])[0] for plan, nodes in padded]
     return {"time": _pack(np.array(time)), "Q": _pack(np.array(Q))}
 
 

@@ -59,17 +59,17 @@ class Chart(ABC):
     anchor: Array
 
     @abstractmethod
-    def enter(self, Q: Array, v: Array) -> Array:
+    def to_chart(self, Q: Array, v: Array) -> Array:
         """Return the states x (K, 2n) in the chart at coordinates Q (K, nq) and velocities v (K, n)."""
 
     @abstractmethod
-    def leave(self, X: Array) -> tuple[Array, Array]:
+    def from_chart(self, X: Array) -> tuple[Array, Array]:
         """Return coordinates Q (K, nq) and velocities v (K, n) at states X (K, 2n) in the chart."""
 
     def entered(self, X: Array) -> Array:
         """Return the states in the chart (K, 2n) at states [Q; v] (K, nq + n)."""
         n = X.shape[1] // 2
-        return self.enter(X[:, : X.shape[1] - n], X[:, X.shape[1] - n :])
+        return self.to_chart(X[:, : X.shape[1] - n], X[:, X.shape[1] - n :])
 
     def is_same(self, other: "Chart") -> bool:
         """Tell whether another chart has the same coordinates."""
@@ -77,7 +77,7 @@ class Chart(ABC):
 
     def moved(self, X: Array, to: "Chart") -> Array:
         """Return states X (K, 2n) in another chart (K, 2n)."""
-        return X if self.is_same(to) else to.enter(*self.leave(X))
+        return X if self.is_same(to) else to.to_chart(*self.from_chart(X))
 
     @abstractmethod
     def rate_shift(self, X: Array) -> Array:
@@ -97,11 +97,11 @@ class IdentityChart(Chart):
     def __init__(self) -> None:
         self.anchor = np.zeros(0)
 
-    def enter(self, Q: Array, v: Array) -> Array:
+    def to_chart(self, Q: Array, v: Array) -> Array:
         """Return [Q; v]."""
         return np.hstack([Q, v])
 
-    def leave(self, X: Array) -> tuple[Array, Array]:
+    def from_chart(self, X: Array) -> tuple[Array, Array]:
         """Split [Q; v]."""
         n = X.shape[1] // 2
         return X[:, :n], X[:, n:]
@@ -125,7 +125,7 @@ class AttitudeChart(Chart):
     def __init__(self, anchor: Array) -> None:
         self.anchor = anchor / np.linalg.norm(anchor)
 
-    def enter(self, Q: Array, v: Array) -> Array:
+    def to_chart(self, Q: Array, v: Array) -> Array:
         """Take phi = Log(A^-1 R) and phidot = J_r(phi)^-1 omega."""
         turned = product(conjugate(list(self.anchor)), list(Q[:, 3:7].T))
         sign = np.where(turned[0] < 0, -1.0, 1.0)
@@ -133,7 +133,7 @@ class AttitudeChart(Chart):
         rate = chart_rate(phi, list(v[:, 3:6].T))
         return np.column_stack([Q[:, :3], *phi, Q[:, 7:], v[:, :3], *rate, v[:, 6:]])
 
-    def leave(self, X: Array) -> tuple[Array, Array]:
+    def from_chart(self, X: Array) -> tuple[Array, Array]:
         """Take R = A Exp(phi) and omega = J_r(phi) phidot."""
         n = X.shape[1] // 2
         phi = list(X[:, 3:6].T)
@@ -146,11 +146,11 @@ class AttitudeChart(Chart):
     def rate_shift(self, X: Array) -> Array:
         """Return (I - J_r(phi)) phidot in the rows of attitude, and 0 in all others."""
         n = X.shape[1] // 2
-        return np.asarray(X[:, n:] - self.leave(X)[1])
+        return np.asarray(X[:, n:] - self.from_chart(X)[1])
 
     def velocity_rates(self, X: Array, u: Array, steps: Array) -> Array:
         """Return what omega changes by."""
-        _, v = self.leave(X)
+        _, v = self.from_chart(X)
         return np.asarray(np.diff(v, axis=0) / steps)
 
 

@@ -90,10 +90,10 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     v = experiment.initial_state[-n:]
     chart = problem.model.space.chart_at(Q)
     noise = np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
-    Q, v = (rows[0] for rows in chart.leave(chart.enter(Q[None], v[None]) + noise))
+    Q, v = (rows[0] for rows in chart.from_chart(chart.to_chart(Q[None], v[None]) + noise))
     placed = [in_own_chart(problem.model, stage, Q, v)[0] for stage in problem.stages]
     chart = problem.model.space.chart_at(Q)
-    x0 = np.asarray(chart.enter(Q[None], v[None])[0])
+    x0 = np.asarray(chart.to_chart(Q[None], v[None])[0])
     nodes = controller.uniform_nodes
     instants = np.array([0.4 * controller.horizon])
     prediction = resting_plan(0.0, controller.horizon, nodes, x0, chart)

@@ -137,9 +137,9 @@ class Meter:
         planned = np.array([_along_plan(*pair) for pair in zip(commands, ticks, strict=True)])
         planned_margin = _margins(planned.swapaxes(0, 1), limits)
         plans = [command.plan for command in commands]
-        Q, v = chart.leave(states_of(plans, [of_sample.time[-1] for of_sample in ticks]))
+        Q, v = chart.from_chart(states_of(plans, [of_sample.time[-1] for of_sample in ticks]))
         about = model.space.chart_at(Q[0])
-        deviation = np.hstack([(about.entered(ends) - about.enter(Q, v))[:, :n], ends[:, model.nq :] - v])
+        deviation = np.hstack([(about.entered(ends) - about.to_chart(Q, v))[:, :n], ends[:, model.nq :] - v])
         since = np.array([command.time - command.sequence.progress.entered for command in commands])
         of_object = np.array([sample.of_object for sample in samples]).reshape(len(states), -1)
         expected = np.array([sample.expected for sample in samples])
@@ -269,7 +269,7 @@ class Meter:
             time = float(instant)
             x = state_at(ticks.time, X, time)
             if stage.on_object:
-                Q, v = (rows[0] for rows in chart.leave(x[None]))
+                Q, v = (rows[0] for rows in chart.from_chart(x[None]))
                 errors[stage.index] = self._errors_at(stages[stage.index], Q, v, ticks, time)
             else:
                 errors[stage.index] = self._end_errors(stage, x)
@@ -308,7 +308,7 @@ def _margins(X: np.ndarray, limits: Limits) -> np.ndarray:
 def _along_plan(command: Command, ticks: Ticks) -> np.ndarray:
     """Return [Q; v] of a sample's plan at the ticks after the first (M, 2n), Q in the plan's chart."""
     X = command.plan.states_at(ticks.time[1:])
-    _, v = command.plan.chart.leave(X)
+    _, v = command.plan.chart.from_chart(X)
     return np.hstack([X[:, : v.shape[1]], v])
 
 

@@ -87,7 +87,7 @@ class Verification:
         cannot change.
         """
         u = np.hstack([plan.u, np.tile(plan.chart.anchor, (len(plan.u), 1))])
-        flow = self._integrate("law", np.hstack(plan.chart.leave(plan.X[:1]))[0], plan.times, u)
+        flow = self._integrate("law", np.hstack(plan.chart.from_chart(plan.X[:1]))[0], plan.times, u)
         X = plan.chart.entered(flow.between_pieces)
         yield from self._positions_and_velocities("", np.abs(X - plan.X), plan.times)
         for stage, N, last in zip(window.stages, window.nodes, np.cumsum(window.nodes), strict=True):
@@ -126,7 +126,7 @@ class Verification:
             return self._integrate("force", state, edges, forces)
         if plan is None:
             return None
-        _, v = plan.chart.leave(plan.states_at(edges))
+        _, v = plan.chart.from_chart(plan.states_at(edges))
         return self._integrate("ticks", state, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
 
     def _measure_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[Measured]:
@@ -151,7 +151,7 @@ class Verification:
         chart = self._chart_at(flow.states[0])
         for index in np.flatnonzero((switch_times > flow.times[0] + 1e-9) & (switch_times <= end + 1e-9)):
             time = float(switch_times[index])
-            Q, v = chart.leave(state_at(flow.times, chart.entered(flow.states), time)[None])
+            Q, v = chart.from_chart(state_at(flow.times, chart.entered(flow.states), time)[None])
             stage = self._problem.stages[index]
             object_state = log.object_state_at(time)
             yield self._end_error(*in_own_chart(self._model, stage, Q[0], v[0], object_state=object_state), time)

@@ -89,10 +89,10 @@ def test_cost_follows_an_object_that_tumbles() -> None:
     problem, inside = build_problem(load_task("servicing")), np.array([0.6, 0.1, 0.2, 0.5, 0.5, -0.5, 0.5])
     stage = replace(problem.stages[1], on_object={"left": inside})
     body, state = FreeBody(20.0, [2.0, 3.0, 4.0]), np.array([1, 2, 3, 1, 0, 0, 0, 0.02, 0, 0.01, 0.1, -0.05, 0.2])
-    found = stage.placed().following(body, state, 1.5, 4.0)
+    found = stage.unplaced_copy().following(body, state, 1.5, 4.0)
     wanted = SPACE.composed(body.predicted(state[:7], state[7:], 2.53)[0], inside)
     assert found.wanted(np.array([4.03]))[0, problem.model.pose_rows["left"]] == pytest.approx(wanted, abs=1e-4)
-    assert (found.target == stage.placed().at_object(state[:7], state[7:]).target).all()
+    assert (found.target == stage.unplaced_copy().at_object(state[:7], state[7:]).target).all()
 
 
 def test_a_stage_that_is_seen_to_end_soon_has_its_target_where_the_object_is_then() -> None:

@@ -22,7 +22,7 @@ SEQUENCE = sequence_of(1, [3.0], 0.5)
 def test_a_window_has_the_stages_of_its_sequence_and_the_numbers_of_its_task() -> None:
     problem = build_problem(load_task("transport", ["controller.nodes=7", "controller.horizon=5"]))
     x0 = np.linspace(-0.4, 0.4, 18)
-    stages = [stage.placed() for stage in problem.stages]
+    stages = [stage.unplaced_copy() for stage in problem.stages]
     window = WindowBuilder(problem).build(SEQUENCE, stages, resting_plan(2.0, 5.0, 1, x0))
     assert [stage.name for stage in window.stages] == ["capture", "transport"]
     assert (window.start, window.elapsed, window.horizon) == (2.0, 1.5, 5.0)
@@ -43,7 +43,7 @@ def test_an_automatic_mesh_is_for_the_prediction_where_that_comes_from_a_solve()
     problem = build_problem(load_task("transport", ["controller.nodes=auto"]))
     prediction = resting_plan(2.0, 4.0, 1, np.linspace(-0.4, 0.4, 18))
     builder = WindowBuilder(problem)
-    stages = [stage.placed() for stage in problem.stages]
+    stages = [stage.unplaced_copy() for stage in problem.stages]
     first = builder.build(SEQUENCE, stages, prediction)
     guess = replace(prediction, instants=SEQUENCE.instants)
     solved = Solution(Outcome.OPTIMAL, guess, 1.0, 1, 0.0, first, guess)
@@ -54,7 +54,7 @@ def test_an_automatic_mesh_is_for_the_prediction_where_that_comes_from_a_solve()
 
 def test_a_stage_that_continues_has_one_scale_and_meshes_of_its_own_before_and_after_its_end() -> None:
     problem = build_problem(load_task("transport", ["controller.nodes=auto"]))
-    stages = [stage.placed() for stage in problem.stages]
+    stages = [stage.unplaced_copy() for stage in problem.stages]
     moving = replace(stages[1], reference=Trajectory(np.array([0.0, 1.0]), np.array([stages[1].target] * 2)))
     stages[1] = moving
     builder = WindowBuilder(problem)

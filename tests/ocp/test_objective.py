@@ -90,12 +90,12 @@ def test_in_space_twists_and_places_of_frames_are_double_integrators_too() -> No
     x = np.r_[0.4 * random.standard_normal(6), bent, 0.1 * random.standard_normal(12)]
     u = 0.1 * random.standard_normal(12)
     chart = robot.space.chart_at(np.r_[0, 0, 0, ANCHOR])
-    Q, v = (rows[0] for rows in chart.leave(x[None]))
+    Q, v = (rows[0] for rows in chart.from_chart(x[None]))
     rate = robot.twists(Q, v)
     speeds, thrusts = (each.reshape(2, 6)[:, :3] for each in (rate, u))
     errors = []
     for steps in (2, 4):
-        Q_after, v_after = (rows[0] for rows in chart.leave(advance(robot, "task", "exact", x, u, steps)[None]))
+        Q_after, v_after = (rows[0] for rows in chart.from_chart(advance(robot, "task", "exact", x, u, steps)[None]))
         of_rates = robot.twists(Q_after, v_after) - (rate + 0.4 * u)
         moved = robot.poses(Q_after)[:, :3] - robot.poses(Q)[:, :3]
         errors.append(max(np.abs(of_rates).max(), np.abs(moved - (0.4 * speeds + 0.4**2 / 2 * thrusts)).max()))

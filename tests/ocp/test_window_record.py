@@ -57,10 +57,10 @@ def test_a_window_in_space_has_its_chart_and_the_signs_of_its_targets_again() ->
     chart = space.chart_at(Q)
     posture = space.posture(Q[space.joint_coordinates])
     stages = tuple(
-        stage.placed().in_chart(chart.anchor, posture, dict.fromkeys(stage.attitudes, -1.0))
+        stage.unplaced_copy().in_chart(chart.anchor, posture, dict.fromkeys(stage.attitudes, -1.0))
         for stage in problem.stages[:2]
     )
-    window = window_over(stages, np.asarray(chart.enter(Q[None], v[None])[0]), chart)
+    window = window_over(stages, np.asarray(chart.to_chart(Q[None], v[None])[0]), chart)
     window = replace(window, soft=problem.spec.limits_are_soft)
     read = read_window(problem, WindowFrame(window.indices, window.nodes, window.start, Q, v), record_of(window))
     assert_same(read, window)
@@ -74,7 +74,7 @@ def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: boo
     problem = build_problem(task)
     capture = problem.body
     state = np.array([-2.4, 2.8, 0.5, 0.02, 0.01, 0.03])
-    first = problem.stages[1].placed()
+    first = problem.stages[1].unplaced_copy()
     assert first.on_object
     following = first.following(body_of(capture), state, 0.7, 4.0)
     first = first.at_object(state[:3], state[3:]) if planned else following
@@ -95,7 +95,7 @@ def test_a_stage_stands_in_the_window_before_and_after_its_planned_end() -> None
     stage = next(each for each in problem.stages if each.reference.moves)
     Q = np.linspace(-0.4, 0.4, 9)
     v = np.linspace(0.1, -0.1, 9)
-    placed = stage.placed()
+    placed = stage.unplaced_copy()
     chart = problem.model.space.chart_at(Q)
     window = window_over((placed, placed.continued), np.concatenate([Q, v]), chart)
     window = replace(window, nodes=(5, 7), soft=problem.spec.limits_are_soft, horizon=problem.spec.controller.horizon)

@@ -140,13 +140,13 @@ def test_under_the_law_the_motion_is_the_plans(robot: RobotModel, x: Array) -> N
     n, K = robot.n, 8
     chart, random = robot.space.chart_at(x[: robot.nq]), np.random.default_rng(1)
     u, times = random.normal(0, 0.3, (K, n)), 3.0 + 0.3 * np.arange(K + 1)
-    X = [chart.enter(x[None, : robot.nq], x[None, robot.nq :])[0]]
+    X = [chart.to_chart(x[None, : robot.nq], x[None, robot.nq :])[0]]
     for each in u:
         X.append(np.r_[X[-1][:n] + 0.3 * X[-1][n:] + 0.045 * each, X[-1][n:] + 0.3 * each])
     plan = Plan(times, np.array(X), u, np.zeros(0), chart)
     inputs = np.hstack([u, np.tile(chart.anchor, (K, 1))])
     flow = AdaptiveDynamics(robot).under("law", x, times, inputs)
-    np.testing.assert_allclose(flow.between_pieces, np.hstack(chart.leave(plan.X)), atol=1e-9)
+    np.testing.assert_allclose(flow.between_pieces, np.hstack(chart.from_chart(plan.X)), atol=1e-9)
 
 
 def test_a_held_force_is_the_plants(robot: RobotModel, x: Array, u: Array) -> None:

@@ -76,12 +76,12 @@ def test_accelerations_in_the_chart_are_those_of_its_coordinates(space: Configur
     random = np.random.default_rng(4)
     anchor = some_Q(space, random)
     chart = space.chart_at(anchor)
-    x = np.concatenate([chart.enter(anchor[None], np.zeros((1, space.n)))[0], np.zeros(0)])
+    x = np.concatenate([chart.to_chart(anchor[None], np.zeros((1, space.n)))[0], np.zeros(0)])
     x += 0.5 * random.standard_normal(len(x))
     u = random.standard_normal(space.n)
     h = 1e-5
     X = [np.concatenate([x[: space.n] + t * x[space.n :] + t**2 / 2 * u, x[space.n :] + t * u]) for t in (-h, 0, h)]
-    Q, v = chart.leave(np.array(X))
+    Q, v = chart.from_chart(np.array(X))
     found = space.acceleration_at(*(ca.SX(each) for each in (Q[1], v[1], u, chart.anchor)))
     np.testing.assert_allclose(np.asarray(ca.DM(found)).ravel(), (v[2] - v[0]) / (2 * h), atol=1e-8)
 

@@ -169,7 +169,7 @@ def test_momentum_and_generalized_jacobians_are_pinocchios(robot: str, seed: int
     about_origin[3:, :3] = pin.skew(data.com[0])
     theirs = about_origin @ centroidal @ in_body
 
-    x = model.space.chart_at(Q).enter(Q[None], v[None])[0]
+    x = model.space.chart_at(Q).to_chart(Q[None], v[None])[0]
     symbol = ca.SX.sym("x", len(x))
     momentum = Load((0.0,) * len(spec.arms), (0.0,) * len(spec.arms)).momentum(model)
     by_rates = ca.jacobian(momentum(symbol, Q[3:7]), symbol[model.n :])

@@ -140,7 +140,7 @@ def test_f_2_makes_the_poses_a_double_integrator(robot: Callable[..., RobotModel
     x, u = random.uniform(-1, 1, 2 * model.n), random.uniform(-1, 1, model.n_twists)
     space = model.space
     chart = space.chart_at(space.normalized(random.uniform(-1, 1, model.nq)))
-    Q, v = (rows[0] for rows in chart.leave(x[None]))
+    Q, v = (rows[0] for rows in chart.from_chart(x[None]))
     J = model.J_C(Q).full()
     assert np.linalg.cond(J) < 1e3
 
@@ -162,9 +162,9 @@ def test_f_2_in_space_equals_the_law_in_joint_space_up_to_the_largest_condition_
 
     turned = np.tile(x, (20_000, 1))
     turned[:, 10] = np.linspace(-3, 3, 20_000)  # the fifth joint, on whose way J_C loses rank
-    condition = model.task_space_condition(chart.leave(turned)[0])
+    condition = model.task_space_condition(chart.from_chart(turned)[0])
     x = turned[np.argmax(np.where(condition < LARGEST_CONDITION, condition, 0.0))]
-    Q, v = (rows[0] for rows in chart.leave(x[None]))
+    Q, v = (rows[0] for rows in chart.from_chart(x[None]))
     assert 600 < model.task_space_condition(Q) < LARGEST_CONDITION
 
     xdot = flat(model.f_2(x, u, chart.anchor))

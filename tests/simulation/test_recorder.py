@@ -110,7 +110,7 @@ def test_a_loop_whose_forces_are_not_known_is_verified_by_its_plans() -> None:
     while not controller.done:
         time = len(recorder) * task.spec.controller.sample_time
         command = controller.step(time, psmpc.State(Q[-1], v[-1]))
-        Q, v = command.plan.chart.leave(command.plan.states_at(command.edges))
+        Q, v = command.plan.chart.from_chart(command.plan.states_at(command.edges))
         forces = np.full(command.u.shape, np.nan)
         recorder.add(command, psmpc.Ticks(time=command.edges, states=np.hstack([Q, v]), F=forces))
     run = recorder.run()
@@ -127,7 +127,7 @@ def test_a_run_ends_where_its_last_stage_does() -> None:
     while after < 3:
         command = controller.step(len(recorder) * task.spec.controller.sample_time, state)
         recorder.add(command)
-        Q, v = command.plan.chart.leave(command.plan.states_at(command.edges[-1:]))
+        Q, v = command.plan.chart.from_chart(command.plan.states_at(command.edges[-1:]))
         state = psmpc.State(Q[0], v[0])
         after += controller.done
     run = recorder.run()

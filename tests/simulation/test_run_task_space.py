@@ -276,7 +276,7 @@ def test_the_states_of_a_spatial_window_are_those_of_its_dynamics(run_in_space: 
     model = run.problem.model
     space = model.space
     for plan in [sample.command.plan for sample in samples][:3]:
-        Q, v = plan.chart.leave(plan.X)
+        Q, v = plan.chart.from_chart(plan.X)
         rates = np.diff(model.twists(Q, v), axis=0) / np.diff(plan.times)[:, None]
         assert np.abs(rates).max() > 0.05
         for k, a in enumerate(rates):

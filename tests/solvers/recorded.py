@@ -96,7 +96,7 @@ class RecordedSolve:
     def save(self) -> dict[str, np.ndarray]:
         """Return the arrays of the solve in the file; the guess is kept in single precision."""
         chart = self.window.chart
-        Q, v = chart.leave(self.window.x0[None])
+        Q, v = chart.from_chart(self.window.x0[None])
         arrays = {
             "first": np.array(self.window.stages[0].index),
             "nodes": np.array(self.window.nodes),

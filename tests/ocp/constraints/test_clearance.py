@@ -54,7 +54,7 @@ def sampled(problem: Problem, stage: int, Q: np.ndarray, time: float = 0.0, **mo
     """Arguments of the groups of a stage at a sample at rest."""
     model = problem.model
     chart = model.space.chart_at(Q)
-    x = np.asarray(chart.enter(Q[None], np.zeros((1, model.n)))[0])
+    x = np.asarray(chart.to_chart(Q[None], np.zeros((1, model.n)))[0])
     view = SampleContext(time, x, chart.anchor, **more)
     found = problem.stages[stage].sampled_constraints
     arguments = {name: each.at_sample(model, view) for name, each in found.items() if each.at_sample is not None}

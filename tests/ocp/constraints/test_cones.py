@@ -116,7 +116,7 @@ def some_state(problem: Problem, seed: int) -> Array:
 
 def angle_at(problem: Problem, window: Window, spec: ConeSpec, x: Array) -> float:
     """The angle of a cone's axis at a state (2n,) of a window's chart."""
-    Q, _ = window.chart.leave(x[None])
+    Q, _ = window.chart.from_chart(x[None])
     poses = dict(zip(problem.model.pose_rows, problem.model.poses(Q[0]), strict=True))
     return angle_of_axis(spec, poses[spec.frame], problem.model.space)
 

@@ -70,11 +70,11 @@ def test_rows_are_the_forces_of_the_law(states: object) -> None:
     def check(state: Moving) -> None:
         model, Q, v, u = state
         chart = model.space.chart_at(Q)
-        x = chart.enter(Q[None], v[None])[0]
+        x = chart.to_chart(Q[None], v[None])[0]
         x_next = np.r_[x[: model.n] + 0.04 * x[model.n :], x[model.n :] + 0.04 * u]
         found = assert_rows(model, nothing_held(model), Q, x, x_next)
         X = np.array([x, x_next])
-        places, velocities = chart.leave(X)
+        places, velocities = chart.from_chart(X)
         for F, end, place, velocity in zip(found, X, places, velocities, strict=True):
             Qdot = end[model.n :]
             own = model.space.charted_acceleration(ca.SX(end[: model.n]), ca.SX(Qdot), ca.SX(u))
@@ -105,7 +105,7 @@ def test_rows_of_a_held_object_are_the_forces_of_the_law_that_knows_it(name: str
     grasps = np.array([[*pose, *described[-2:]] for pose, described in zip(at, load.held.grasps, strict=True)])
     load = replace(load, held=replace(load.held, grasps=tuple(map(tuple, grasps.tolist()))))
     v, u = 0.1 * rng.standard_normal((2, model.n))
-    x = model.space.chart_at(Q).enter(Q[None], v[None])[0]
+    x = model.space.chart_at(Q).to_chart(Q[None], v[None])[0]
     x_next = np.r_[x[: model.n], x[model.n :] + 0.04 * u]
     found = assert_rows(model, load, Q, x, x_next)
     vdot = model.space.charted_acceleration(ca.SX(x[: model.n]), ca.SX(x[model.n :]), ca.SX(u))

@@ -84,7 +84,7 @@ def test_rows_are_the_pose_error_but_for_the_third_power_of_the_angle(problem: P
     moved = stepped(problem, Q, np.random.default_rng(6).uniform(-0.01, 0.01, problem.model.n))
     window = window_of(problem, relative_pose(problem, Q))
     (rows,) = rows_of(problem, window)
-    x = space.chart_at(Q).enter(moved[None], np.zeros((1, problem.model.n)))[0]
+    x = space.chart_at(Q).to_chart(moved[None], np.zeros((1, problem.model.n)))[0]
     found = rows.functions.value(x, rows.argument(window_numbers(window, np.array([1.0]))))[0].ravel()
     one, other = relative_pose(problem, Q), relative_pose(problem, moved)
     pose_space = space_of_pose(len(one))
@@ -116,7 +116,7 @@ def test_the_band_is_about_the_pose_that_the_hands_have_at_each_sample(problem: 
     assert at_sample is not None
     Q = some_coordinates(problem)
     chart = problem.model.space.chart_at(Q)
-    x = np.asarray(chart.enter(Q[None], np.zeros((1, problem.model.n)))[0])
+    x = np.asarray(chart.to_chart(Q[None], np.zeros((1, problem.model.n)))[0])
     relative = relative_pose(problem, Q)
     earlier = None if before is None else np.full(len(relative), before)
     view = SampleContext(0.0, x, chart.anchor, before=earlier)

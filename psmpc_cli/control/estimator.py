@@ -103,16 +103,22 @@ class Estimator:
         return replace(estimate, state=filtered, covariance=covariance)
 
     def _begun(self, state: State) -> Estimate:
+        """Return the estimate after the first measurement, before which nothing was commanded.
+
+        The state is taken as measured, so its covariance is that of the noise. There is no earlier velocity to compare
+        with. Accelerations of this sample, and of those in which a command is on its way, are zero: planned ones tick
+        by tick, commanded ones by their means.
+        """
         n = len(state.v)
-        none = np.zeros((round(self._spec.sample_time / self._tick), n))
+        at_rest = np.zeros((round(self._spec.sample_time / self._tick), n))
         samples = self._spec.known_delay + 1
         return Estimate(
             state=state,
             covariance=self._noise,
-            planned=(none,) * samples,
+            planned=(at_rest,) * samples,
             disturbance=np.zeros(n),
             velocity=np.full(n, np.nan),
-            commanded=(none[0],) * samples,
+            commanded=(at_rest[0],) * samples,
         )
 
     def _filtered(self, state: State, P: np.ndarray, u: np.ndarray, measured: State) -> tuple[State, np.ndarray]:

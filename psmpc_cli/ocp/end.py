@@ -222,12 +222,17 @@ class End(ABC):
         """Tell whether the stage is over, by what is measured at time now [s]."""
 
     def foreseen(self, progress: StageProgress, plan: Plan, met: Callable[[np.ndarray], np.ndarray]) -> float:
-        """Return when the stage is to end by a plan that has no end of it yet [s]; infinite where that is not seen.
+        """Predict when the stage will end, from a plan that so far goes on with the stage to the end of its horizon.
 
         Args:
-            progress: Of the stage; of one that begins in the plan, when it does.
+            progress: Of the stage: when it was entered. For a stage that begins in the plan, that is its planned
+                beginning.
             plan: The plan, from now on.
             met: Tells at which states (K, 2n) the end condition holds within its detection margin (K,).
+
+        Returns:
+            The time [s]; infinite if the plan does not reach the end, or if windows never plan it (`is_planned`). A next
+            stage needs some time: within ten shortest durations of the end of the horizon no end is predicted.
         """
         if not self.is_planned:
             return np.inf

@@ -134,7 +134,12 @@ class ConstraintFunctions:
 
     @cached_property
     def curvature(self) -> BatchFunction | None:
-        """x, a, multipliers y (rows,) -> upper triangle of the second derivatives of y'g by Q (n, n); None where 0."""
+        """x, a, multipliers y -> upper triangle of the second derivatives of y'g by Q (n, n), by rows.
+
+        Q is the first half of x; by velocities no row is curved. None where there is nothing to add to the model of a
+        program: g is linear in Q; it is solved for rates at each iterate instead; or it is convex, and its curvature
+        could only make the program non-convex.
+        """
         if not self.count or self.solved_for is not None or self._is_convex:
             return None
         n = self._x.numel() // 2

@@ -163,7 +163,19 @@ def _shared(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca.Fu
 
 
 def _shared_acceleration(moving: ca.SX, size: int, v: ca.SX, u: ca.SX, bias: ca.SX) -> ca.SX:
-    """Return u' = u - G' (G G')^-1 (G u + g) (n,), with S_i v of all grippers (A size,), and s_i as its bias."""
+    """Return the accelerations u' (n,) nearest to u with which all grippers move the object alike.
+
+    Gripper i would accelerate the object by S_i u + s_i. With G = S_i - S_1 and g = s_i - s_1 of all grippers but the
+    first, one below the other, u' is the projection u - G' (G G')^-1 (G u + g). G G' is regularized, because in space
+    it loses rank where arms are stretched. A single gripper leaves u as it is.
+
+    Args:
+        moving: Velocities S_i v that grippers give the object, one below the other (A size,).
+        size: Components of one: 3 in the plane, 6 in space.
+        v: The robot's velocity, a symbol (n,).
+        u: Wanted accelerations (n,).
+        bias: s_i, one below the other (A size,).
+    """
     others = moving.numel() // size - 1
     if not others:
         return u

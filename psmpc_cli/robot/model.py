@@ -266,12 +266,23 @@ class RobotModel:
     def task_space_force(
         self, Q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: InertialParameters | None = None
     ) -> Array:
-        """Return the force F = J' F_m, (n,) [N, N m], that gives the rows of J_C v the rates a (k,). Eqs. (5), (6).
+        """Compute the generalized force F = J_C' F_m of the law in task space. Paper eqs. (5) and (6).
 
-        Arms that are redundant come to rest in their null space; see `TaskSpaceDynamics`. The base needs thrusters.
+        It makes the velocities J_C v of the base and the end-effectors change at the rates a. F_m is the force on these
+        frames that eq. (6) asks for. The motion of redundant joints that moves no frame is damped, by
+        `TaskSpaceDynamics`.
+
+        Args:
+            Q: Position of the robot (nq,).
+            v: Velocity (n,).
+            a: Wanted rates of J_C v (k,), linear and angular by frame [m/s^2, rad/s^2].
+            parameters: Inertial parameters that the law has for the robot's; by default the model's own.
+
+        Returns:
+            The force (n,) [N, N m], as if thrusters gave all of the base's.
 
         Raises:
-            InputError: An arm has fewer joints than its pose has coordinates.
+            InputError: An arm has fewer joints than its pose has coordinates, so that J_C has no inverse.
         """
         return self._evaluate("task_law", Q, v, a, self._parameter_vector(parameters))
 

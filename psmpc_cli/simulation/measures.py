@@ -76,14 +76,22 @@ class Meter:
     def measure(
         self, command: Command, ticks: Ticks, state: np.ndarray, u: np.ndarray, contact: Contact | None
     ) -> Sample:
-        """Measure a sample.
+        """Collect what the metrics of a sample are computed from; they are when they are first read.
+
+        Only what later samples could change is computed here: the counterfactual solves (which stages are present in
+        the control, and their shares of it), and the momentum and energy that robot and load should have by now, which
+        are summed up from sample to sample.
 
         Args:
             command: What the controller decided.
             ticks: What the plant did.
-            state: True state (nq + n,), before anything is taken up or let go.
+            state: True state (nq + n,), before anything is taken up or let go. Where nothing is uncertain the one that
+                the controller saw counts, which is the same.
             u: Accelerations that reached the robot over the ticks (M, n).
             contact: Effect of taking up or letting go at the sample; None without a payload.
+
+        Returns:
+            The sample, whose metrics are still to be computed.
         """
         change = ticks.impulse_and_work
         if contact is not None:

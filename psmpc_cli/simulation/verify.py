@@ -81,10 +81,12 @@ class Verification:
         self.remarks = tuple(_remarks(levels, uncertain, len(log.time) - self.samples))
 
     def _measure_horizon(self, plan: Plan, window: Window) -> Iterator[Measured]:
-        """Integrate the dynamics along the plan of a horizon and compare the motion with the plan.
+        """Integrate the robot under its low-level law along a plan, and measure how far the motion is from the plan.
 
-        A limit counts as violated by how much more than at the measured state, where the horizon starts and which it
-        cannot change.
+        It yields, by position and velocity: the differences of states at the plan's nodes; by how much limits are
+        violated within each stage, less what the measured state violates them by, which no plan can change; and the
+        error of the end condition where a stage ends. The integration has `INSIDE` states an interval, and works in
+        [Q; v]; states are brought back into the plan's chart to be compared.
         """
         u = np.hstack([plan.u, np.tile(plan.chart.anchor, (len(plan.u), 1))])
         flow = self._integrate("law", np.hstack(plan.chart.from_chart(plan.X[:1]))[0], plan.times, u)

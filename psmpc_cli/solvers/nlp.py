@@ -540,7 +540,19 @@ class NlpSolver(Solver):
         has_all_rows: bool,
         duals: np.ndarray = NO_DUALS,
     ) -> Solution:
-        """Return the solution of a window's NLP, started from a plan and multipliers, its bounds about the guess."""
+        """Solve a window's NLP in the process that may be ended, compiled there when its shape is first met.
+
+        Args:
+            window: The window.
+            guess: The plan about which limits of rates and durations are: all solves of a window share it.
+            start: The plan that the iterations start from, most often the guess.
+            within: Durations are kept within so many seconds of those of the guess.
+            has_all_rows: The NLP has all rows of constraints, not only those that were near their bounds.
+            duals: Multipliers to start from, of bounds and rows; (0,) for none.
+
+        Returns:
+            The solution; where the deadline has passed, the last iterate, which counts if it is feasible.
+        """
         nlp, x0, p = self._posed(window, start, has_all_rows)
         is_warm = len(duals) > 0
         key = (nlp.shape, has_all_rows), is_warm

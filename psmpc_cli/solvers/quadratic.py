@@ -159,7 +159,19 @@ class QpMethod(ABC):
     """A method for the programs of windows over the same stages and nodes."""
 
     def solve(self, window: SqpWindow, model: Linearization, here: Evaluation) -> QpSolution:
-        """Solve the program about a point: the model of the objective and the constraints there, bounds of steps."""
+        """Solve the quadratic program of an SQP iteration: its unknowns are the steps from the point `here`.
+
+        Bounds are those of the steps: what is left from the values of the rows at the point, which a second-order
+        correction may have shifted against those of the model, to their limits. Rows stand in the order of `SqpWindow`:
+        states at nodes 1 to K, durations, their sums, rows at nodes (in the program alone those of `model.node_rows`),
+        rows over intervals, accelerations. The solver writes steps and multipliers into the arrays that it is given.
+
+        Args:
+            window: The window, with its bounds and penalties of soft rows.
+            model: Objective and constraints, linearized; the Hessian by states (H_QQ), by changes of velocity (H_vv),
+                by durations (H_tau_tau), and by states and durations (H_x_tau).
+            here: The point, with the values of all rows.
+        """
         bounds = window.bounds
         K, n = model.H_vv.shape
         S = len(here.point.tau)

@@ -37,7 +37,7 @@ from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.studies.runner import compute
-from tests.ocp.constraints.test_clearance import active_rows, near_post, passing, solved
+from tests.ocp.constraints.windows_past_a_post import active_rows, near_post, passing, solved
 
 MARGIN = 0.02
 SPARE = 0.02

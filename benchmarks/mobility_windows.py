@@ -22,7 +22,7 @@ from pages import command_line, markdown
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.parts import MOBILITIES
-from tests.ocp.constraints.test_mobility import drawn, fast_arms_in, problem_of, solved
+from tests.ocp.constraints.floating_windows import drawn, fast_arms_in, problem_of, solved
 
 SAME = 1e-5
 """Largest relative difference of two objectives that count as the same."""

@@ -16,7 +16,7 @@ from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.files import kind_of
 from psmpc_cli.logs.results import Results, read_results
 from psmpc_cli.logs.run import Run, read_comparison, read_run
-from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
+from psmpc_cli.logs.schema import COMPARISON, KEY_SWEEP, MONTE_CARLO, PARETO, RUN, SWEEP
 from psmpc_cli.studies.fronts import read_fronts
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells
@@ -236,6 +236,26 @@ class Sweep(Contents):
         tables.print_sweep(self.value, verbose)
 
 
+class KeySweep(Contents):
+    """A sweep over any keys, from `psmpc_cli.sweep`."""
+
+    kind = KEY_SWEEP
+    value: Results
+
+    def read(self, path: Path) -> Results:
+        """Read what became of the runs."""
+        return read_results(path, KEY_SWEEP)
+
+    def print(self, verbose: bool = False) -> None:
+        """Print a row for each run."""
+        tables.print_key_sweep(self.value)
+
+    @property
+    def drawable(self) -> bool:
+        """Whether there are figures of it: what its keys mean is not known."""
+        return False
+
+
 class Fronts(Contents):
     """A Pareto study."""
 
@@ -251,7 +271,7 @@ class Fronts(Contents):
         tables.print_fronts(self.value)
 
 
-KINDS: Mapping[str, type[Contents]] = {each.kind: each for each in (Log, Compared, Sweep, Fronts, MonteCarlo)}
+KINDS: Mapping[str, type[Contents]] = {each.kind: each for each in (Log, Compared, Sweep, KeySweep, Fronts, MonteCarlo)}
 """The classes by the kinds that files name."""
 
 

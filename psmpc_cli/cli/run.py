@@ -254,11 +254,13 @@ def plot(
     """
     from psmpc_cli.cli.contents import read_contents
     from psmpc_cli.figures.animation import mp4_possible
-    from psmpc_cli.figures.registry import default_directory, draw
+    from psmpc_cli.figures.registry import FIGURES, default_directory, draw
     from psmpc_cli.logs.schema import RUN
 
     films = [name for name, chosen in (("animation", animate), ("render", render)) if chosen]
     contents = read_contents(log)
+    if contents.kind not in FIGURES:
+        raise InputError(f"{log}: found a {contents.kind}, of which there are no figures; read it with xarray or h5py")
     kind = contents.kind
     subject = contents.value
     directory = output or default_directory(log)

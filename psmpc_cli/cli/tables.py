@@ -250,6 +250,32 @@ def print_sweep(cells: SweepCells, verbose: bool) -> None:
     echo(f"sweep: {cells.results.path}{'' if verbose else ALL_WITH_VERBOSE}")
 
 
+def print_key_sweep(results: Results) -> None:
+    """Print what became of each run of a sweep over keys, complete or not."""
+    succeeded = results["succeeded"]
+    axes = [results[key] for key in results.quantities["succeeded"].dims]
+    rows = [
+        (*(str(axis[i]) for axis, i in zip(axes, cell, strict=True)), *_end_of_run(results, cell))
+        for cell in np.ndindex(succeeded.shape)
+    ]
+    echo(f"{int(np.nansum(succeeded))} of {succeeded.size} runs succeeded: {_by_status(results)}")
+    keys = results.quantities["succeeded"].dims
+    print_table((*keys, "succeeded", "end [s]", "why"), rows[:MOST_ROWS], left=len(keys) + 1)
+    if len(rows) > MOST_ROWS:
+        echo(f"{len(rows) - MOST_ROWS} more runs in {results.path}")
+
+
+def _end_of_run(results: Results, cell: tuple[int, ...]) -> Row:
+    """Write whether a run of a study succeeded, when it ended and why; nothing of one that was not run."""
+    if not np.isfinite(results["end_time"][cell]):
+        return "", "", str(results["reason"][cell])
+    return (
+        "yes" if results["succeeded"][cell] == 1 else "no",
+        f"{results['end_time'][cell]:.2f}",
+        str(results["reason"][cell]),
+    )
+
+
 def _by_status(results: Results) -> str:
     """Write how many cells of a study there are of every status."""
     meanings = results.quantities["status"].meanings

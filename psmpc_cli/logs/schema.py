@@ -48,6 +48,7 @@ FORMAT_VERSION = 5
 RUN = "run"
 COMPARISON = "comparison"
 SWEEP = "sweep"
+KEY_SWEEP = "sweep over keys"
 PARETO = "pareto"
 MONTE_CARLO = "monte-carlo"
 """Attribute `kind`: the log of one run (also where it is missing), a file of several, and the results of studies."""

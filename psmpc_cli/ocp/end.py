@@ -231,8 +231,8 @@ class End(ABC):
             met: Tells at which states (K, 2n) the end condition holds within its detection margin (K,).
 
         Returns:
-            The time [s]; infinite if the plan does not reach the end, or if windows never plan it (`is_planned`). A next
-            stage needs some time: within ten shortest durations of the end of the horizon no end is predicted.
+            The time [s]; infinite if the plan does not reach the end, or windows never plan it (`is_planned`). A next
+            stage needs some time: within ten shortest durations of the horizon's end no end is predicted.
         """
         if not self.is_planned:
             return np.inf

@@ -11,7 +11,7 @@ import numpy as np
 from psmpc_cli.control.multistart import multistart_for
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.results import Quantity, Results
-from psmpc_cli.logs.schema import SWEEP, Column
+from psmpc_cli.logs.schema import KEY_SWEEP, SWEEP, Column
 from psmpc_cli.progress import Watch
 from psmpc_cli.specs.arguments import rejected, require, require_callable, require_options
 from psmpc_cli.specs.document import plain
@@ -379,7 +379,7 @@ def sweep(
         documents.changed((change,))
     axes = [Quantity(key, (key,), _axis(each), "1", f"value of {key}") for key, each in values.items()]
     study = Study(
-        kind=SWEEP,
+        kind=KEY_SWEEP,
         task=loaded,
         cells=list(product(*changes.values())),
         dims=tuple(values),

@@ -10,6 +10,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.task import ControllerSpec
+from psmpc_cli.studies.sweep import sweep
 
 from .command import Psmpc
 
@@ -66,3 +67,14 @@ def test_every_log_is_read_by_every_command(
         assert ran.stdout, line
     with pytest.importorskip("xarray").open_dataset(tmp_path / "log.h5", engine="h5netcdf") as dataset:
         assert dataset.load().sizes["time"] == 1
+
+
+def test_a_sweep_over_keys_is_printed_and_said_to_have_no_figures(psmpc: Psmpc, tmp_path: Path) -> None:
+    task = load_task("transport", ["controller.nodes=4", "time_limit=0.2", "log.shares=false", "plant.kind=ideal"])
+    sweep(task, {"stages.capture.priority": [1, 10]}, path=tmp_path / "keys.h5", jobs=1)
+    shown = psmpc("show", str(tmp_path / "keys.h5"))
+    assert (shown.code, shown.stdout.splitlines()[0]) == (0, "0 of 2 runs succeeded: 2 computed")
+    assert shown.stdout.count("time limit of 0.2 s reached") == 2
+    drawn = psmpc("plot", str(tmp_path / "keys.h5"))
+    assert drawn.code == 2
+    assert "found a sweep over keys, of which there are no figures" in drawn.stderr

@@ -1,4 +1,4 @@
-"""Tables of docs/formulation.md and docs/departures.md that take minutes: starts, effort by mesh, departures.
+"""Tables of docs/formulation_results.md and docs/departures.md that take minutes: starts, effort by mesh, departures.
 
 python benchmarks/formulation.py starts [NODES]      both measures of an actual start; some half a minute
 python benchmarks/formulation.py effort              control effort of two tasks on several meshes; some minutes

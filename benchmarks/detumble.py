@@ -6,7 +6,7 @@ its repository vyas-shubham/asr-trajopt-trajstab. A chaser of 100 kg with an arm
 that turns at 5 deg/s; thrust, torque and joint torques are limited and paid for, the duration is free. Motion is in the
 plane of the chaser's z and x axes, our x and y.
 
-    python benchmarks/detumble.py table    the table of docs/validation.md
+    python benchmarks/detumble.py table    the table of docs/detumble.md
 """
 
 from collections.abc import Iterator

@@ -153,19 +153,19 @@ def published_claims() -> int:
 
 
 def detumble_costs() -> list[Decimal]:
-    """Return the costs J of docs/validation.md, of the independent optimum first."""
-    return [Decimal(row["J"]) for row in table_rows("docs/validation.md", "detumble.py table")]
+    """Return the costs J of docs/detumble.md, of the independent optimum first."""
+    return [Decimal(row["J"]) for row in table_rows("docs/detumble.md", "detumble.py table")]
 
 
 def detumble_difference() -> Decimal:
-    """Return the largest difference of a cost J of docs/validation.md from the independent optimum's [%]."""
+    """Return the largest difference of a cost J of docs/detumble.md from the independent optimum's [%]."""
     optimum, *costs = detumble_costs()
     largest = max(abs(cost - optimum) for cost in costs)
     return round(100 * largest / optimum, 3)
 
 
 def detumble_limit() -> Decimal:
-    """Return the mean of both costs J of docs/validation.md on the finest mesh."""
+    """Return the mean of both costs J of docs/detumble.md on the finest mesh."""
     return sum(detumble_costs()[-2:]) / Decimal(2)
 
 

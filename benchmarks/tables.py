@@ -45,8 +45,8 @@ WITH_UNIT = {"angle": "number or angle", "length or angle": "number, length or a
 
 BOUNDS = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g}", "exclusiveMaximum": "< {:g}"}
 
-NOT_WRITTEN = "parts"
-"""Stands for keys that are parts of the robot."""
+STATED_DEFAULT = re.compile(r"[;,] (?:by )?default:? ([^;]+)$")
+"""What a description says at its end of a key that is not given."""
 
 SECTIONS = {
     model: section
@@ -84,7 +84,7 @@ def keys(name: str) -> Iterator[str]:
         models |= models_of(root)
     ways = [models[name], *models[name].get("anyOf", ())]
     mapping = next(way for way in ways if "properties" in way)
-    rows = (_row(key, value, mapping) for key, value in mapping["properties"].items() if key != NOT_WRITTEN)
+    rows = (_row(key, value, mapping) for key, value in mapping["properties"].items())
     return markdown(rows, "key", "value", "unit", "default", "meaning")
 
 
@@ -95,7 +95,7 @@ def models_of(root: type[BaseModel]) -> dict[str, Any]:
 
 
 def _row(key: str, value: Mapping[str, Any], mapping: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the cells of a key; a unit at the end of its description has a column of its own."""
+    """Return the cells of a key; a unit and a default that its description states have columns of their own."""
     meaning, default = value["description"], value.get("default")
     groups = [each for each in re.finditer(r" \[([^\]]*)\]", meaning) if {*each[1].split(", ")} <= UNITS]
     if len(groups) == 1:
@@ -103,7 +103,9 @@ def _row(key: str, value: Mapping[str, Any], mapping: Mapping[str, Any]) -> tupl
     if key in mapping.get("required", ()):
         shown = "required"
     elif default is None or default in ("", {}, []):
-        shown = "none"
+        stated = STATED_DEFAULT.search(meaning)
+        shown = stated[1] if stated else "none"
+        meaning = STATED_DEFAULT.sub("", meaning)
     else:
         shown = "its keys' defaults" if isinstance(default, Mapping) else f"`{json.dumps(default)}`".replace('"', "")
     return f"`{key}`", _words(value), "; ".join(each[1] for each in groups), shown, meaning

@@ -271,13 +271,13 @@ class ControllerSpec(Choice):
         description="guesses of the switch times a window is solved from; default 1, the last plan's",
     )
     soft_limits: fields.Flag | None = Field(
-        None, description="limits on states give way where they must; default: where measurements are noisy"
+        None, description="limits on states give way where they must; default `true` where measurements are noisy"
     )
     known_delay: fields.Whole = Field(
         0, ge=0, description="samples of `uncertainty.delay` that the controller foresees the state over"
     )
     measurement_noise: StateNoiseSpec | None = Field(
-        None, description="noise that the state is filtered for; default that of `uncertainty.noise`, 0: no filter"
+        None, description="noise that the state is filtered for, 0: no filter; default that of `uncertainty.noise`"
     )
     offset_free: fields.Flag = Field(False, description="estimate a constant disturbance and take it off the control")
     offset_gain: fields.Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")

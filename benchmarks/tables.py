@@ -100,7 +100,7 @@ def _row(key: str, value: Mapping[str, Any], mapping: Mapping[str, Any]) -> tupl
     groups = [each for each in re.finditer(r" \[([^\]]*)\]", meaning) if {*each[1].split(", ")} <= UNITS]
     if len(groups) == 1:
         meaning = meaning[: groups[0].start()] + meaning[groups[0].end() :]
-    if key in mapping.get("required", ()):
+    if key in mapping.get("required", ()) or "const" in value:
         shown = "required"
     elif default is None or default in ("", {}, []):
         stated = STATED_DEFAULT.search(meaning)
@@ -148,8 +148,9 @@ def _list(value: Mapping[str, Any]) -> str:
     if "prefixItems" in value:
         words = [_words(item) for item in value["prefixItems"]]
         return "[low, high]" if words == [WITH_UNIT["length or angle"]] * 2 else f"[{', '.join(words)}]"
-    least = f", at least {value['minItems']}" if value.get("minItems", 0) > 1 else ""
-    return f"list of {_words(value['items'])}{least}"
+    least, most = value.get("minItems", 0), value.get("maxItems")
+    bounds = f", {least} to {most}" if most else f", at least {least}" if least > 1 else ""
+    return f"list of {_words(value['items'])}{bounds}"
 
 
 def datasets(along: str, *condition: str) -> Iterator[str]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
@@ -166,6 +166,7 @@ _Terms = Annotated[
     tuple[fields.Number, fields.Number, fields.Number, fields.Number, fields.Number, fields.Number],
     listed("3 principal moments, or 6 numbers: xx, yy, zz, xy, xz, yz", 6),
     BeforeValidator(lambda value: [*value, 0, 0, 0] if isinstance(value, list | tuple) and len(value) == 3 else value),
+    WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 6}),
 ]
 Inertia = Annotated[_Terms, AfterValidator(_is_an_inertia)]
 InertiaOrNone = Annotated[_Terms, AfterValidator(lambda value: _is_an_inertia(value) if any(value) else value)]
@@ -438,7 +439,7 @@ def _mounted(arms: Mapping[str, SpatialArm], earlier_fields: Fields, context: An
 class SpatialRobot(RobotSpec):
     """A robot that moves in space, with revolute and prismatic joints; an arm may branch off from a link of another."""
 
-    space: Literal["spatial"] = Field("spatial", description="spatial: poses have six coordinates; without: planar")
+    space: Literal["spatial"] = Field("spatial", description="poses have six coordinates; a robot without this key is planar")
     assumed: tuple[str, ...] = Field((), description="what a URDF leaves out and was assumed, for people")
     base: SpatialBase = Field(description="the base body")
     arms: Annotated[Mapping[ArmKey, SpatialArm], validated_by(_mounted)] = Field(

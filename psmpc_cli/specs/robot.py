@@ -439,7 +439,9 @@ def _mounted(arms: Mapping[str, SpatialArm], earlier_fields: Fields, context: An
 class SpatialRobot(RobotSpec):
     """A robot that moves in space, with revolute and prismatic joints; an arm may branch off from a link of another."""
 
-    space: Literal["spatial"] = Field("spatial", description="poses have six coordinates; a robot without this key is planar")
+    space: Literal["spatial"] = Field(
+        "spatial", description="poses have six coordinates; a robot without this key is planar"
+    )
     assumed: tuple[str, ...] = Field((), description="what a URDF leaves out and was assumed, for people")
     base: SpatialBase = Field(description="the base body")
     arms: Annotated[Mapping[ArmKey, SpatialArm], validated_by(_mounted)] = Field(

@@ -342,7 +342,7 @@ SHOWN: dict[str, tuple[Callable[[Api], object], str]] = {
     "page": (lambda api: psmpc.view(api.run), r"<Page: \d+ characters of HTML>"),
     "sweep": (
         lambda api: psmpc.sweep(api.run.task, {"seed": [1, 2]}, jobs=1),
-        r"<Results of a sweep: \d+ quantities over .*seed \(2\)",
+        r"<Results of a sweep over keys: \d+ quantities over .*seed \(2\)",
     ),
 }
 

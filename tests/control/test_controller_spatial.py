@@ -129,9 +129,7 @@ def in_space(folder: Path) -> Path:
         ):
             most = np.pi / 2 if number == 1 else np.pi
             parts.append(
-                LINK.format(
-                    name=f"{arm}_{number}", a=a, mass=mass, inertia=inertia, on=on, state=x, turn=turn, most=most
-                )
+                LINK.format(name=f"{arm}_{number}", a=a, mass=mass, inertia=inertia, on=on, x=x, turn=turn, most=most)
             )
             on, x, turn = f"{arm}_{number}", 2 * a, 0.0
         parts.append(f'<link name="{arm}_tool"/><joint name="{arm}_fixed" type="fixed"><parent link="{on}"/>')

@@ -45,7 +45,7 @@ CHEAP = re.compile(
 STANDS_FOR: Mapping[str, str] = {
     r"(my-experiments/robots/dual_arm_servicer|my_robot)\.yaml": "robots/planar_dual_arm.yaml",
     r"my_robot\.urdf": "robots/dual_arm_servicer.urdf",
-    r"(task|my|my-experiments/tasks/approach_capture)\.yaml": "task.yaml",
+    r"(task|my|my-experiments/tasks/approach_capture)\.yaml|TASK": "task.yaml",
     r"runs/(two|transport-comparison)\.h5": "compared.h5",
     r"LOG|FILE|\S+\.h5": "log.h5",
 }

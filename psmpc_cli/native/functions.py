@@ -1,6 +1,8 @@
 """CasADi functions as compiled C, and evaluated on NumPy arrays."""
 
+from functools import cached_property
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -32,10 +34,15 @@ def compiled(function: ca.Function) -> ca.Function:
     return function if path is None else ca.external(function.name(), str(path))
 
 
+_LIBRARIES: WeakKeyDictionary[ca.Function, Library] = WeakKeyDictionary()
+
+
 def library_of(function: ca.Function) -> Library:
-    """Return the library of a function; its source is written here, because CasADi is not thread-safe."""
-    flags = FLAGS if function.n_instructions() < LONG else FLAGS_OF_LONG
-    return Library(source_of(function), function.name(), flags, (function.name(),))
+    """Return the library of a function; its source is written once, and here, because CasADi is not thread-safe."""
+    if function not in _LIBRARIES:
+        flags = FLAGS if function.n_instructions() < LONG else FLAGS_OF_LONG
+        _LIBRARIES[function] = Library(source_of(function), function.name(), flags, (function.name(),))
+    return _LIBRARIES[function]
 
 
 class ArrayFunction:
@@ -73,16 +80,25 @@ class ArrayFunction:
 
 
 class BatchFunction:
-    """A CasADi function of dense columns, evaluated at a batch of points, one a row; `native`, as compiled C.
+    """A CasADi function of dense columns, evaluated at a batch of points, one a row.
 
     Attributes:
         function: The function itself, for expressions.
+        native: It is evaluated as compiled C, which is found, or compiled, at the first call.
     """
 
     def __init__(self, function: ca.Function, native: bool = False) -> None:
         self.function = function
-        self._evaluated = compiled(function) if native else function
+        self.native = native
         self._mapped: dict[int, ArrayFunction] = {}  # by number of rows, and by capacity
+
+    def prepare(self) -> None:
+        """Find or compile what is evaluated, so that the first call takes no longer than others."""
+        _ = self._evaluated
+
+    @cached_property
+    def _evaluated(self) -> ca.Function:
+        return compiled(self.function) if self.native else self.function
 
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:
         """Evaluate the function at each row and return its results, (rows, size) each.

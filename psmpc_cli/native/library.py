@@ -13,11 +13,11 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 from time import time
@@ -69,13 +69,16 @@ class Library:
     flags: tuple[str, ...] = ("-O2",)
     symbols: tuple[str, ...] = ()
 
-    def find(self) -> Path | None:
-        """Return its file in the cache; None if it is not there. One that is damaged is removed.
+    def find(self, entries: Mapping[str, Sequence[Path]]) -> Path | None:
+        """Return its file among those in the cache; None if it is not there. One that is damaged is removed.
+
+        Args:
+            entries: The files by their names without their own digests.
 
         Raises:
             CompilationError: There is no compiler.
         """
-        for entry in cache_directory().glob(f"{self._stem}-*{SUFFIX}"):
+        for entry in entries.get(self._stem, ()):
             if _is_sound(entry) and _has(entry, self.symbols):
                 _mark_used(entry)
                 return entry
@@ -130,12 +133,25 @@ def paths_of(libraries: Sequence[Library]) -> list[Path | None]:
     """
     found: dict[Library, Path | None] = {}
     try:
-        found = {each: each.find() for each in libraries}
+        directory = cache_directory()
+        entries = _entries(directory, directory.stat().st_mtime_ns)
+        found = {each: each.find(entries) for each in libraries}
         if missing := [each for each, path in found.items() if path is None]:
             found |= _compile_missing(missing)
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
     return [found.get(each) for each in libraries]
+
+
+@lru_cache(maxsize=1)
+def _entries(directory: Path, changed: int) -> dict[str, list[Path]]:
+    """Return the libraries in a cache, changed last at a time [ns], by their names without their own digests."""
+    entries: dict[str, list[Path]] = {}
+    for name in os.listdir(directory):
+        stem, dash, _ = name.rpartition("-")
+        if dash and name.endswith(SUFFIX):
+            entries.setdefault(stem, []).append(directory / name)
+    return entries
 
 
 def _compile_missing(libraries: Sequence[Library]) -> dict[Library, Path | None]:
@@ -275,11 +291,21 @@ def _is_private(path: Path) -> bool:
     return status.st_uid == os.getuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
+_SOUND: dict[Path, tuple[int, int, int]] = {}
+"""Inode, size and time of change of files that were found to be as they were stored."""
+
+
 def _is_sound(entry: Path) -> bool:
-    """Tell whether a library is the file that was stored."""
+    """Tell whether a library is the file that was stored; it is read once in a process while it does not change."""
     with suppress(OSError):
         if entry.is_file() and not entry.is_symlink() and _is_private(entry):
-            return entry.stem.rpartition("-")[2] == _digest(entry.read_bytes())
+            status = entry.stat()
+            identity = status.st_ino, status.st_size, status.st_ctime_ns
+            if _SOUND.get(entry) != identity:
+                if entry.stem.rpartition("-")[2] != _digest(entry.read_bytes()):
+                    return False
+                _SOUND[entry] = identity
+            return True
     return False
 
 

@@ -160,11 +160,12 @@ class ConstraintFunctions:
         jacobian = ca.jacobian(self._rows, self._x[n:][self.solved_for])
         return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._native)
 
-    def prepare(self) -> tuple[BatchFunction | None, ...]:
+    def prepare(self) -> tuple[BatchFunction, ...]:
         """Write those that solves need and return them."""
         if self._is_convex:
             return self.value, *self._gradients_by_part
-        return self.value, self.with_jacobian, self.curvature, self.by_solved_for
+        needed = self.value, self.with_jacobian, self.curvature, self.by_solved_for
+        return tuple(function for function in needed if function is not None)
 
 
 class IntervalFunctions:
@@ -432,7 +433,7 @@ class StageFunctions:
         holds = ca.vertcat(*lengths) <= allowed + ca.fmin(SLACK, SLACK_SHARE * allowed)
         return BatchFunction(ca.Function("met", [self._x, end_numbers, margin], [ca.mmin(holds)]))
 
-    def prepare(self) -> tuple[BatchFunction | None, ...]:
+    def prepare(self) -> tuple[BatchFunction, ...]:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
             return self.met, *self.end.prepare()

@@ -123,6 +123,12 @@ def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     p are the inertial parameters of the robot, viscous and Coulomb friction and its width, mass and inertia of the
     object.
     """
+    key = capture_tick, law.grippers, tick, substeps
+    return law.model.derived(key, lambda: _capture_tick(law, tick, substeps))
+
+
+def _capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
+    """Derive what `capture_tick` returns."""
     model = law.model
     n = law.model.n
     nq = law.model.nq
@@ -164,6 +170,14 @@ def tick_function(
     robot and of the law, then the vector of a `JointFriction`. A limited one has the vector of `ForceLimits` last, and
     returns also the force that the law commanded, before it was cut there.
     """
+    of_plant = tick, substeps, disturbed, limited, in_task_space
+    return model.derived((tick_function, *of_plant), lambda: _tick_function(model, *of_plant))
+
+
+def _tick_function(
+    model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool
+) -> ca.Function:
+    """Derive what `tick_function` returns."""
     n = model.n
     nx = model.nq + model.n
     law, flow = _law_and_flow(model, disturbed, in_task_space)

@@ -1,7 +1,8 @@
 """The model of a robot: numeric methods for Python users, CasADi functions for optimization and simulation."""
 
+import threading
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,6 +33,11 @@ Array = NDArray[np.float64]
 
 T = TypeVar("T")
 
+KEPT_ROBOTS = 4
+"""Robots of which a thread keeps what is derived from their descriptions: of a robot in space that takes seconds."""
+
+_of_thread = threading.local()  # functions must not be called from several threads at once
+
 
 class RobotModel:
     """Kinematics and dynamics of one robot with coordinates Q (nq,) and velocities v (n,).
@@ -61,6 +67,7 @@ class RobotModel:
 
     def __init__(self, spec: RobotSpec) -> None:
         self._cache: dict[Hashable, Any] = {}
+        self._derived = _derived_from(spec)
         self.spec = spec
         self.space = configuration_space(spec)
         self.dimension = self.space.dimension
@@ -89,6 +96,13 @@ class RobotModel:
         built: T = self._cache[key]
         return built
 
+    def derived(self, key: Hashable, build: Callable[[], T]) -> T:
+        """Return what is built from the description alone; models of equal ones share it within a thread."""
+        if key not in self._derived:
+            self._derived[key] = build()
+        built: T = self._derived[key]
+        return built
+
     def _placed(self, base: Frame, joints: ca.SX) -> tuple[list[Frame], ca.SX]:
         """Return the frames of the bodies, and the poses xi (m,), with the base at a frame and joints (joints,)."""
         bodies, tools = place(self.spec, base, joints)
@@ -108,10 +122,10 @@ class RobotModel:
         """Units of the generalized coordinates and of what belongs to them, (n,)."""
         return units(self.spec)
 
-    @cached_property
+    @property
     def dynamics(self) -> Dynamics:
         """The equations of motion, derived when they are first used: poses and what a task asks need none."""
-        return derive_dynamics(self.spec)
+        return self.derived(derive_dynamics, partial(derive_dynamics, self.spec))
 
     @cached_property
     def charted(self) -> ca.Function:
@@ -146,10 +160,12 @@ class RobotModel:
         rate = ca.jtimes(self.J_C(Q) @ v, Q, Qdot)
         return function("Jdot_v", {"Q": Q, "v": v}, {"Jdot_v": ca.densify(rate)})
 
-    @cached_property
+    @property
     def task_space(self) -> TaskSpaceDynamics:
         """The equations of motion of the velocities of base and end-effectors. Paper eqs. (5) and (6)."""
-        return derive_task_space_dynamics(self.dynamics, self.J_C, self.Jdot_v)
+        return self.derived(
+            derive_task_space_dynamics, lambda: derive_task_space_dynamics(self.dynamics, self.J_C, self.Jdot_v)
+        )
 
     def n_inputs(self, kind: str) -> int:
         """Return the number of inputs of the field `f_1` (`joint`) or `f_2` (`task`)."""
@@ -357,7 +373,7 @@ class RobotModel:
             function = self._array_source(name)
             return BatchFunction(function), {function.name_in(i): function.size1_in(i) for i in range(function.n_in())}
 
-        return self.cached(("on arrays", name), build)
+        return self.derived(("on arrays", name), build)
 
     def _array_source(self, name: str) -> ca.Function:
         """Return the CasADi function of this name, built on first use: those in task space take seconds."""
@@ -390,6 +406,14 @@ class RobotModel:
         H = ca.Function("H", inertial, [ca.vec(dynamics.H(*inertial))], dynamics.H.name_in(), ["H"])
         functions = H, dynamics.inverse, dynamics.law, dynamics.forward, balance
         return {function.name(): function for function in functions}
+
+
+def _derived_from(spec: RobotSpec) -> dict[Hashable, Any]:
+    """Return what was derived from a robot's description in this thread, to be added to."""
+    robots: list[tuple[RobotSpec, dict[Hashable, Any]]] = _of_thread.__dict__.setdefault("robots", [])
+    found = next((robot for robot in robots if robot[0] == spec), (spec, {}))
+    robots[:] = [found, *(robot for robot in robots if robot is not found)][:KEPT_ROBOTS]
+    return found[1]
 
 
 def load_robot(reference: str | Path) -> RobotModel:

@@ -156,7 +156,7 @@ def _configuration(
     Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
     """
     frames = np.r_[tuple(base.position), tuple(base.quaternion), tuple(target.position), tuple(target.quaternion)]
-    miss, derivative = model.cached(("reach", arm), lambda: _miss(model.spec, arm))
+    miss, derivative = model.derived(("reach", arm), lambda: _miss(model.spec, arm))
     _, sliding = _joints(model.spec, arm)
 
     def error(q: Array) -> Array:

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.native.functions import library_of
+from psmpc_cli.native.functions import BatchFunction, library_of
 from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
-from psmpc_cli.ocp.objective import COMPILED_FROM, stage_functions
+from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
@@ -151,11 +151,8 @@ class SqpSolver(Solver):
         self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
         if spec.compiled:
             compile_all(libraries(problem))  # before the robot moves: of a spatial robot it takes seconds
-        for stage in problem.stages:
-            stage_functions(problem.model, cost_shape(stage_shape(stage)), spec.compiled).prepare()
-            stage_functions(problem.model, stage_shape(stage)).prepare()
-            for functions in _functions_of_rows(problem.model, stage):
-                (functions.compiled if spec.compiled else functions).prepare()
+        for function in _functions(problem, spec.compiled):
+            function.prepare()
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
         """Return what windows of one shape and limits share: form, bounds, method for their programs."""
@@ -217,22 +214,22 @@ class SqpSolver(Solver):
 
 def libraries(problem: Problem) -> Iterator[Library]:
     """Yield the libraries that the windows of a problem need, whichever stages are in them."""
-    for shape in dict.fromkeys(cost_shape(stage_shape(stage)) for stage in problem.stages):
-        functions = stage_functions(problem.model, shape)
-        yield library_of(functions.gauss_newton.function)
-        yield library_of(functions.cost.function)
-        if not problem.model.spec.moved_by.actuated:
-            yield library_of(functions.residual_curvature.function)
-    of_rows = {row_functions for stage in problem.stages for row_functions in _functions_of_rows(problem.model, stage)}
-    to_compile = [row_functions for row_functions in of_rows if row_functions.compiled is not row_functions]
-    prepared = [
-        function for row_functions in to_compile for function in row_functions.prepare() if function is not None
-    ]
-    for function in prepared:
-        if function.function.n_instructions() >= COMPILED_FROM:
+    for function in _functions(problem, native=True):
+        if function.native:
             yield library_of(function.function)
     for switches in range(len(problem.stages)):
         yield kernel_library(problem.model.n, switches)
+
+
+def _functions(problem: Problem, native: bool) -> Iterator[BatchFunction]:
+    """Yield the functions that the windows of a problem evaluate, whichever stages are in them."""
+    for shape in dict.fromkeys(cost_shape(stage_shape(stage)) for stage in problem.stages):
+        yield from stage_functions(problem.model, shape, native).prepare()
+    for stage in problem.stages:
+        yield from stage_functions(problem.model, stage_shape(stage)).prepare()
+    of_rows = [functions for stage in problem.stages for functions in _functions_of_rows(problem.model, stage)]
+    for row_functions in dict.fromkeys(of_rows):
+        yield from (row_functions.compiled if native else row_functions).prepare()
 
 
 def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFunctions | IntervalFunctions]:

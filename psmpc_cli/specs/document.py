@@ -3,7 +3,6 @@
 PyYAML parses; scalars are resolved here by the core schema of YAML 1.2.
 """
 
-import copy
 import json
 import math
 import os
@@ -199,7 +198,7 @@ class Document:
         return f"\n{place.line:>4} | {shown.rstrip()}\n     | {' ' * (place.column - 1 - start)}^"
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _compose(text: str) -> Any:
     """Return the nodes of a YAML text; of a text that was just read, such as the robot of many tasks, the same ones."""
     return yaml.compose(text, Loader=yaml.BaseLoader)
@@ -234,9 +233,10 @@ def _put(
 
     `origins` are those of the value and of what is inside it, by path from it. A text on the way stands for its kind.
     """
-    data = copy.deepcopy(document.data)
-    gone = (at, *without)
-    kept = {path: origin for path, origin in document.origins.items() if not any(lies_inside(path, g) for g in gone)}
+    data = _copied(document.data, (at, *without))
+    gone = {at, *without}
+    lengths = {len(path) for path in gone}
+    kept = {path: origin for path, origin in document.origins.items() if gone.isdisjoint([path[:n] for n in lengths])}
     for each in without:
         del _inside(data, each[:-1])[each[-1]]
     around: Any = data
@@ -248,9 +248,24 @@ def _put(
             kept[place] = replace(origins[()], written=None)
             around[key] = {} if inner is None else {"kind": inner}
         around = around[key]
-    around[at[-1]] = copy.deepcopy(new)
+    around[at[-1]] = new
     kept |= {(*at, *path): origin for path, origin in origins.items()}
     return replace(document, data=data, origins=kept, changed=True)
+
+
+def _copied(data: Any, paths: Collection[Location]) -> Any:
+    """Return data that may be changed at some places, copied on the way to them and shared elsewhere."""
+    if not isinstance(data, dict | list):
+        return data
+    copied: Any = data.copy()
+    onward: dict[int | str, list[Location]] = {}
+    for path in paths:
+        if len(path) > 1:
+            onward.setdefault(path[0], []).append(path[1:])
+    for key, further in onward.items():
+        if isinstance(data, list) or key in data:
+            copied[key] = _copied(copied[key], further)
+    return copied
 
 
 def _inside(data: Any, path: Location) -> Any:

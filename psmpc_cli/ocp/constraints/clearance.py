@@ -136,7 +136,7 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
 
     Bodies that hold the object, or are about to, may touch it.
     """
-    pieces, robot_pairs = model.cached(groups, lambda: _robot(model))
+    pieces, robot_pairs = model.derived(groups, lambda: _robot(model))
     by_name = {ITSELF: Group(Pairs(robot_pairs))}
     obstacles = {
         obstacle_spec.name: (_solid(obstacle_spec), partial(_of_obstacle, obstacle_spec, model))

@@ -75,9 +75,9 @@ class Load:
         """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7)."""
         if self.held is None:
             return ca.SX(model.dynamics.law(Q, v, u, self.parameters(model).vector))
-        body = FreeBody(self.held.mass, self.held.inertia)
-        law = held_force(model, body, self.held.grippers)
-        return ca.SX(law(Q, v, u, np.ravel(self.held.grasps), model.nominal.vector))
+        law = held_force(model, self.held.grippers)
+        body = FreeBody(self.held.mass, self.held.inertia).vector
+        return ca.SX(law(Q, v, u, np.ravel(self.held.grasps), model.nominal.vector, body))
 
     def own_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
         """Return that force (n,) for accelerations u in a chart, the base's along its own axes."""

@@ -221,6 +221,9 @@ class Capture:
         described: The object as the task describes it, which is what a low-level law may know of it.
         state: Pose and velocity of the object.
         parameters: Of the bushings now, gripper by gripper.
+        closed: Which of them are closed (A,).
+        load: Filtered loads on them, pull, shear and moment (A, 3).
+        filter: Share of the difference to the load by which the filtered one follows it at a tick.
     """
 
     def __init__(self, task: TaskSpec, model: RobotModel, target_object: ObjectBody) -> None:
@@ -246,11 +249,12 @@ class Capture:
         self.parameters = np.hstack([self._at, np.zeros((count, 4))])
         self.closed = np.zeros(count, bool)
         self._wanted = False
-        self._load = np.zeros((count, len(GRASP_LOADS)))
+        self.load = np.zeros((count, len(GRASP_LOADS)))
+        self._load_at_loss = np.zeros_like(self.load)
         self._events = list[GraspEvent]()
         self._rows: list[tuple[np.ndarray, ...]] = []
         self._forces = ArrayFunction(law.forces)
-        self._filter = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
+        self.filter = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
 
     @property
     def pose_and_velocity(self) -> tuple[np.ndarray, np.ndarray]:
@@ -314,30 +318,50 @@ class Capture:
         """Return both dampings of a bushing from the inverses of effective mass and inertia (2,) at it."""
         return np.asarray(2 * self.spec.damping_ratio * np.sqrt(self.spec.stiffness / inverse))
 
-    def update(self, time: float, robot_state: np.ndarray, wanted: bool) -> None:
-        """Close, open and lose grasps at the beginning of a tick, with the robot in a state.
+    def want(self, time: float, robot_state: np.ndarray, wanted: bool) -> None:
+        """Close or open the grippers at the beginning of a tick.
 
         Args:
             time: Of the tick [s].
             robot_state: State [Q; v] of the robot.
-            wanted: Whether the grippers are to be closed.
+            wanted: Whether they are to be closed.
         """
         if wanted and not self._wanted:
             self._close(time, robot_state)
         elif self._wanted and not wanted:
             self._open(time, self.closed, "let go")
         self._wanted = wanted
-        wrench = self._loaded(robot_state)
-        load = self._load.copy()
-        lost = self.closed & (load > self.spec.largest_loads).any(axis=1)
-        if lost.any():
-            self._open(time, lost, "lost")
-            wrench[lost] = 0.0
-        self._rows.append((self.state, wrench, load, self.closed.copy()))
+
+    def record(self, times: np.ndarray, states: np.ndarray, wrench: np.ndarray, load: np.ndarray) -> int:
+        """Take in what the grasps bear in ticks, up to the first in which one bears too much: that is lost there.
+
+        Args:
+            times: Of the ticks (K,) [s].
+            states: Of the object at them (K, pose and velocity).
+            wrench: On the object at the grippers (K, A, 3) or (K, A, 6).
+            load: Filtered loads on the grasps (K, A, 3).
+
+        Returns:
+            The number of ticks before a loss. The tick of a loss begins again, without what was lost.
+        """
+        beyond = self.closed & (load > self.spec.largest_loads).any(axis=2)
+        lost_in = np.flatnonzero(beyond.any(axis=1))
+        count = int(lost_in[0]) if lost_in.size else len(times)
+        if count:
+            borne = load[:count].copy()
+            self.load = borne[-1].copy()
+            borne[0] += self._load_at_loss
+            self._load_at_loss[:] = 0.0
+            self._rows.append((states[:count], wrench[:count], borne, np.tile(self.closed, (count, 1))))
+        if lost_in.size:
+            lost = beyond[count]
+            self.load[lost] = self._load_at_loss[lost] = load[count, lost]
+            self._open(float(times[count]), lost, "lost")
+        return count
 
     def ticks(self) -> ObjectTicks:
         """Return what happened in the sample, and begin the next one."""
-        states, wrench, load, closed = (np.array(column) for column in zip(*self._rows, strict=True))
+        states, wrench, load, closed = (np.concatenate(column) for column in zip(*self._rows, strict=True))
         pose, v = np.split(np.vstack([states, self.state]), [self.law.sizes[0]], axis=1)
         events = tuple(self._events)
         self._rows = []
@@ -360,25 +384,23 @@ class Capture:
                 anchor = self.law.space.relative(poses[gripper], pose)
                 self.parameters[i] = [*anchor, *self.spec.stiffness, *self._damping(inverse)]
                 self.closed[i] = True
-                self._load[i] = 0.0
+                self.load[i] = 0.0
 
     def _open(self, time: float, which: np.ndarray, why: str) -> None:
         for i in np.flatnonzero(which):
-            self._events.append(GraspEvent(self.law.grippers[i], time, why, tuple(self._load[i].tolist())))
+            self._events.append(GraspEvent(self.law.grippers[i], time, why, tuple(self.load[i].tolist())))
             self.parameters[i, -4:] = 0.0
             self.closed[i] = False
-            self._load[i] = 0.0
+            self.load[i] = 0.0
 
-    def _loaded(self, robot_state: np.ndarray) -> np.ndarray:
-        """Return the wrenches on the object at the grippers (A, 3) or (A, 6), and let the filter follow the loads."""
+    def borne(self, robot_state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute what grasps bear in a tick: wrenches on the object (A, 3) or (A, 6), and filtered loads (A, 3)."""
         if not self.closed.any():
-            return np.zeros((len(self.closed), self.law.size))
+            return np.zeros((len(self.closed), self.law.size)), self.load
         nq = self.law.model.nq
         pose, v = self.pose_and_velocity
         *_, wrench, load = self._forces(robot_state[:nq], robot_state[nq:], pose, v, self.parameters.ravel())
-        rising = self._filter * (load - self._load)
-        self._load += np.where(self.closed[:, None], rising, 0.0)
-        return wrench
+        return wrench, self.load + self.filter * self.closed[:, None] * (load - self.load)
 
 
 def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
@@ -427,7 +449,7 @@ the robot's inertial parameters: both states a tick later, then impulse and work
 
 
 class CapturePlant(TickedPlant):
-    """A robot, an object, and the grasps between them.
+    """A robot, an object, and the grasps between them, tick by tick.
 
     Attributes:
         capture: The object and its grasps.
@@ -441,8 +463,12 @@ class CapturePlant(TickedPlant):
 
     def begin_tick(self, time: float, state: np.ndarray, closed: bool) -> np.ndarray | None:
         """Close, open and lose grasps, and return those of an object that all hands hold."""
-        self.capture.update(time, state, closed)
-        return self.capture.parameters[:, :-2] if self.capture.closed.all() else None
+        capture = self.capture
+        capture.want(time, state, closed)
+        times = np.array([time])
+        while not capture.record(times, capture.state[None], *(values[None] for values in capture.borne(state))):
+            pass  # what is left of the grasps bears the tick
+        return capture.parameters[:, :-2] if capture.closed.all() else None
 
     def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
         """Advance robot and object by a tick."""

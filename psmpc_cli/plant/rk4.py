@@ -5,12 +5,15 @@ import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction, compiled
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks, limited_force
-from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
+from psmpc_cli.plant.grasp import Capture, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.held_load import held_force
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.specs.object import GRASP_LOADS
+
+LOADS = len(GRASP_LOADS)
 
 
 class Rk4Plant:
@@ -88,47 +91,173 @@ class Rk4Plant:
         return self._ticks[in_task_space]
 
 
-class Rk4Step:
-    """Integrates robot and object together, the bushings between them evaluated in every stage of a step."""
+class Rk4CapturePlant:
+    """A robot, an object, and the grasps between them, integrated together; the bushings in every stage of a step.
+
+    Ticks between two events of grasps are one call: when grippers close or open, and where a grasp is lost, it ends.
+
+    Attributes:
+        capture: The object and its grasps.
+    """
 
     def __init__(
-        self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, native: bool, friction: JointFriction | None
-    ) -> None:
-        self._model = law.model
-        one = capture_tick(law, tick, substeps)
-        self._tick = ArrayFunction(compiled(one) if native else one)
-        self._body = np.array([body.mass, *body.inertia])
-        friction = friction or JointFriction.none(law.model.n)
-        self._friction = np.concatenate([friction.viscous, friction.coulomb, [friction.width]])
-
-    def __call__(
         self,
+        capture: Capture,
+        substeps: int,
+        native: bool,
+        friction: JointFriction | None,
+        force_limits: ForceLimits | None,
+    ) -> None:
+        self.capture = capture
+        self.model = capture.law.model
+        self.tick = capture.tick
+        self.friction = friction
+        self.force_limits = force_limits
+        self._native = native
+        self._substeps = substeps
+        self._ticks: dict[tuple[int, bool], ArrayFunction] = {}
+
+    def advance(
+        self,
+        start: float,
         state: np.ndarray,
-        target_object: np.ndarray,
-        F: np.ndarray,
-        parameters: np.ndarray,
-        robot: InertialParameters,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Advance by a tick."""
-        impulse_and_work = np.zeros(self._model.parts["base"].stop + 1)
-        size = len(state)
-        p = np.concatenate([robot.vector, self._friction, self._body])
-        z = self._tick(np.concatenate([state, impulse_and_work, target_object]), F, parameters.ravel(), p)[0][0]
-        return z[:size], z[size + len(impulse_and_work) :], z[size : size + len(impulse_and_work)]
+        u: np.ndarray,
+        disturbance: Disturbance | None = None,
+        closed: np.ndarray | None = None,
+        twist_rates: np.ndarray | None = None,
+    ) -> Ticks:
+        """Simulate robot and object over one sample; see `Plant.advance`."""
+        capture = self.capture
+        model = self.model
+        M, n = u.shape
+        nx = len(state)
+        base = model.parts["base"].stop
+        inputs = u if twist_rates is None else np.hstack([u, twist_rates])
+        wanted = np.zeros(M, bool) if closed is None else closed
+        disturbance = disturbance or Disturbance.none(model.nominal, M, n)
+        friction = self.friction or JointFriction.none(n)
+        bodies = capture.body.vector, capture.described.vector
+        p = np.concatenate(
+            [disturbance.robot.vector, disturbance.law.vector, friction.vector, *bodies, [capture.filter]]
+        )
+        limits = () if self.force_limits is None else (self.force_limits.vector,)
+        times = start + self.tick * np.arange(M + 1)
+        states = np.vstack([state, np.empty((M, nx))])
+        F = np.empty((M, n))
+        commanded = np.empty((M, n))
+        impulse_and_work = np.zeros(base + 1)
+        k = 0
+        while k < M:
+            capture.want(times[k], states[k], bool(wanted[k]))
+            others = np.flatnonzero(wanted[k:] != wanted[k])
+            ticks = slice(k, k + int(others[0]) if others.size else M)
+            z = np.concatenate([states[k], impulse_and_work, capture.state, capture.load.ravel()])
+            noise = (disturbance.noise[ticks],) if self.friction is not None else ()
+            grasps = np.concatenate([capture.parameters.ravel(), capture.closed])
+            Z, F[ticks], commanded[ticks], wrench = self._over(ticks.stop - k, twist_rates is not None)(
+                z, inputs[ticks], *noise, disturbance.external_force[ticks], grasps, p, *limits
+            )
+            robot, sums, of_object, load = np.split(Z, np.cumsum([nx, base + 1, len(capture.state)]), axis=1)
+            count = capture.record(
+                times[ticks],
+                np.vstack([capture.state, of_object[:-1]]),
+                wrench.reshape(len(Z), len(capture.closed), -1),
+                load.reshape(len(Z), len(capture.closed), -1),
+            )
+            if count:
+                states[k + 1 : k + 1 + count] = robot[:count]
+                impulse_and_work = sums[count - 1]
+                capture.state = of_object[count - 1]
+                k += count
+        return Ticks(
+            time=times,
+            states=states,
+            F=F,
+            impulse_and_work=impulse_and_work,
+            target_object=capture.ticks(),
+            commanded=None if self.force_limits is None else commanded,
+        )
+
+    def _over(self, ticks: int, in_task_space: bool) -> ArrayFunction:
+        """Return the function of so many ticks, built on first use."""
+        key = ticks, in_task_space
+        if key not in self._ticks:
+            disturbed = self.friction is not None
+            limited = self.force_limits is not None
+            one = capture_tick(self.capture, self._substeps, disturbed, limited, in_task_space)
+            self._ticks[key] = ArrayFunction((compiled(one) if self._native else one).mapaccum(ticks))
+        return self._ticks[key]
 
 
-def capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
-    """Return one tick z, F, bushings, p -> z_next, z = [state; impulse; work; object], under the external force F.
+def capture_tick(
+    capture: Capture, substeps: int, disturbed: bool, limited: bool, in_task_space: bool = False
+) -> ca.Function:
+    """Return one tick z, u -> z_next, F, commanded F, wrenches, z = [state; impulse; work; object; filtered loads].
+
+    In task space the rates of the frames' velocities follow u, see `tick_function`. Further arguments: noise (2n,) of a
+    disturbed tick; external force (n,); parameters of the bushings, then which of them are closed; the inertial
+    parameters of the robot and of the law, a `JointFriction`, the object and what the law knows of it, and the filter
+    of the loads; the vector of `ForceLimits` of a limited tick. Wrenches and loads are those at the beginning of the
+    tick. The object counts in the law while all grippers hold it, where it is known.
+    """
+    law = capture.law
+    of_plant = capture.tick, substeps, disturbed, limited, in_task_space
+    key = capture_tick, law.grippers, capture.spec.known, *of_plant
+    return law.model.derived(key, lambda: _capture_tick(law, capture.spec.known, *of_plant))
+
+
+def _capture_tick(
+    law: GraspLaw, known: bool, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool
+) -> ca.Function:
+    """Derive what `capture_tick` returns."""
+    model = law.model
+    n = model.n
+    nx = model.nq + n
+    grippers = len(law.grippers)
+    w = model.nominal.vector.size
+    of_body = 1 + len(law.body.inertia)
+    flow = _capture_flow(law)
+    rates = model.n_twists if in_task_space else 0
+    sizes = {
+        "z": flow.size1_in(0) + LOADS * grippers,
+        "u": n + rates,
+        "noise": 2 * n,
+        "push": n,
+        "grasps": (law.parameters + 1) * grippers,
+        "p": 2 * w + 2 * n + 1 + 2 * of_body + 1,
+        "limits": 2 * n,
+    }
+    z, u, noise, push, grasps, p, limits = (ca.MX.sym(name, size) for name, size in sizes.items())
+    moving, filtered = ca.vertsplit(z, [0, flow.size1_in(0), sizes["z"]])
+    state, _, target_object = ca.vertsplit(moving, [0, nx, flow.size1_in(0) - sum(law.sizes), flow.size1_in(0)])
+    bushings, closed = ca.vertsplit(grasps, [0, law.parameters * grippers, sizes["grasps"]])
+    robot, believed, friction, body, described, follows = ca.vertsplit(
+        p, np.cumsum([0, w, w, 2 * n + 1, of_body, of_body, 1]).tolist()
+    )
+    pose, rate = ca.vertsplit(target_object, [0, law.sizes[0], sum(law.sizes)])
+    Q, v = ca.vertsplit(state, [0, model.nq, nx])
+    _, _, _, wrenches, loads = law.forces(Q, v, pose, rate, bushings)
+    holding = ca.vec(ca.repmat(closed.T, LOADS, 1))
+    load = filtered + follows * holding * (ca.vec(loads) - filtered)
+    measured = ca.vertsplit(_measured(model)(state, noise) if disturbed else state, [0, model.nq, nx])
+    by_gripper = ca.horzsplit(ca.reshape(bushings, law.parameters, grippers))
+    stiff = ca.vertcat(*(bushing[:-2] for bushing in by_gripper))  # without the dampings
+    inputs = *ca.vertsplit(u, [0, n, n + rates]), stiff, believed, described
+    commanded = _law(law, known, in_task_space)(ca.mmin(closed), *measured, *inputs)
+    F = _cut(model)(Q, commanded, limits) if limited else commanded
+    held_arguments = [F + push, bushings, ca.vertcat(robot, friction, body)]
+    attitudes = model.space.attitudes_at(0, flow.size1_in(0) - sum(law.sizes))
+    after = _runge_kutta(flow, moving, held_arguments, tick, substeps, attitudes)
+    arguments = [z, u, *([noise] if disturbed else []), push, grasps, p, *([limits] if limited else [])]
+    return ca.Function("capture", arguments, [ca.vertcat(after, load), F, commanded, ca.vec(wrenches)])
+
+
+def _capture_flow(law: GraspLaw) -> ca.Function:
+    """Return the rates of z = [state; impulse; work; object], bushings, p under an external force F.
 
     p are the inertial parameters of the robot, viscous and Coulomb friction and its width, mass and inertia of the
     object.
     """
-    key = capture_tick, law.grippers, tick, substeps
-    return law.model.derived(key, lambda: _capture_tick(law, tick, substeps))
-
-
-def _capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
-    """Derive what `capture_tick` returns."""
     model = law.model
     n = law.model.n
     nq = law.model.nq
@@ -152,11 +281,32 @@ def _capture_tick(law: GraspLaw, tick: float, substeps: int) -> ca.Function:
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
     external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
     zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *pose_rate, *velocity_rate)
-    flow = ca.Function("flow", [z, F, g, p], [zdot])
-    symbols = [ca.MX.sym(name, symbol.numel()) for name, symbol in zip("zFgp", (z, F, g, p), strict=True)]
-    attitudes = model.space.attitudes_at(0, z.numel() - no)
-    after = _runge_kutta(flow, symbols[0], symbols[1:], tick, substeps, attitudes)
-    return ca.Function("capture", symbols, [after])
+    return ca.Function("flow", [z, F, g, p], [zdot])
+
+
+def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool) -> ca.Function:
+    """Return the low-level law: all hold, Q, v, u, rates in task space, grasps, inertial parameters, object -> F (n,).
+
+    While all grippers hold an object that is known, the force is that of `held_force`.
+    """
+    model = of_grasps.model
+    held = held_force(model, of_grasps.grippers)
+    sizes = [held.size1_in(i) for i in range(held.n_in())]
+    Q, v, u, grasps, w, body = (ca.SX.sym(held.name_in(i), size) for i, size in enumerate(sizes))
+    rates = ca.SX.sym("rates", model.n_twists if in_task_space else 0)
+    arguments = [Q, v, u, rates, grasps, w, body]
+    F = model.task_space.law(Q, v, rates, w) if in_task_space else model.dynamics.law(Q, v, u, w)
+    free = ca.Function("free", arguments, [F])
+    loaded = ca.Function("loaded", arguments, [held(Q, v, u, grasps, w, body)]) if known else free
+    return ca.Function.if_else("law", loaded, free)
+
+
+def _measured(model: RobotModel) -> ca.Function:
+    """Return the state that the law reads where it is moved by noise (2n,)."""
+    n = model.n
+    state, noise = (ca.SX.sym(name, size) for name, size in (("x", model.nq + n), ("noise", 2 * n)))
+    Q = _integrated(model.space, state[: model.nq], noise[:n])
+    return ca.Function("measured", [state, noise], [ca.vertcat(Q, state[model.nq :] + noise[n:])])
 
 
 def tick_function(
@@ -270,5 +420,4 @@ def build(setup: PlantSetup) -> Plant:
     capture = setup.capture
     if capture is None:
         return Rk4Plant(setup.model, setup.tick, setup.substeps, setup.native, setup.friction, setup.force_limits)
-    step = Rk4Step(capture.law, capture.body, setup.tick, setup.substeps, setup.native, setup.friction)
-    return CapturePlant(capture, step, setup.force_limits)
+    return Rk4CapturePlant(capture, setup.substeps, setup.native, setup.friction, setup.force_limits)

@@ -7,6 +7,7 @@ frame with the rate of the angle, or the angular velocity in the body's frame. T
 from dataclasses import dataclass
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -27,6 +28,17 @@ class FreeBody:
 
     mass: Any
     inertia: Any
+
+    @classmethod
+    def symbolic(cls, n_principal: int) -> tuple["FreeBody", ca.SX]:
+        """Return a body with so many principal moments in symbols, and these in the order of `vector`."""
+        symbols = ca.SX.sym("body", 1 + n_principal)
+        return cls(symbols[0], ca.vertsplit(symbols[1:])), symbols
+
+    @property
+    def vector(self) -> Array:
+        """Mass and principal moments in one vector."""
+        return np.array([self.mass, *self.inertia])
 
     @property
     def space(self) -> ConfigurationSpace:
@@ -64,13 +76,20 @@ class FreeBody:
         return (self.mass * dot(linear, linear) + turning) / 2
 
     def predicted(self, Q: Any, v: Any, time: ArrayLike) -> tuple[Array, Array]:
-        """Return pose (..., n_pose) and velocity (..., n) after a time or several (...,) [s] of free motion."""
+        """Return pose (..., n_pose) and velocity (..., n) after a time or several (...,) [s] of free motion.
+
+        A body that turns about a principal axis keeps its velocity; of any other Euler's equations are integrated.
+        """
         Q = np.asarray(Q, dtype=float)
         v = np.asarray(v, dtype=float)
         time = np.asarray(time, dtype=float)
         space = self.space
         if not space.has_quaternion:
             return Q + time[..., None] * v, np.broadcast_to(v, (*time.shape, len(v)))
+        omega = v[space.rotation]
+        if not np.cross(omega, np.asarray(self.moments, dtype=float) * omega).any():
+            poses = space.integrate(Q, np.multiply.outer(v, time))
+            return np.stack(np.broadcast_arrays(*poses), axis=-1), np.broadcast_to(v, (*time.shape, len(v)))
         turned = np.abs(time).max(initial=0.0) * float(np.linalg.norm(v[space.rotation]))
         steps = max(1, int(np.ceil(turned / STEP)))
         no_wrench = np.zeros((space.n, *time.shape))

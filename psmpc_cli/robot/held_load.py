@@ -38,7 +38,8 @@ class HeldLoad:
         grippers = [arm for arm in model.spec.arms if arm in grasp.at]
         self._model = model
         self.grasps = described_grasps(grippers, grasp)
-        self._force = ArrayFunction(held_force(model, body, grippers))
+        self._body = body.vector
+        self._force = ArrayFunction(held_force(model, grippers))
         self._shared = ArrayFunction(_shared(model, body, grippers))
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
 
@@ -62,7 +63,7 @@ class HeldLoad:
         """
         grasps = self.grasps if grasps is None else grasps
         parameters = (law or self._model.nominal).vector
-        return np.asarray(self._force(Q, v, u, grasps.ravel(), parameters)[0][0])
+        return np.asarray(self._force(Q, v, u, grasps.ravel(), parameters, self._body)[0][0])
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.
@@ -114,8 +115,8 @@ def described_grasps(grippers: Sequence[str], grasp: GraspSpec) -> np.ndarray:
     return np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
 
 
-def held_force(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca.Function:
-    """Return Q, v, u, grasps, inertial parameters of the robot -> the force of the low-level law (n,).
+def held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+    """Return Q, v, u, grasps, inertial parameters of the robot, object -> the force of the low-level law (n,).
 
     With G and g the differences S_i - S_1 and s_i - s_1 of the other grippers to the first, one below the other,
 
@@ -126,9 +127,14 @@ def held_force(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca
 
     Args:
         model: The robot.
-        body: The object.
-        grippers: Those that hold it.
+        grippers: Those that hold the object, which is given as `FreeBody.vector`.
     """
+    return model.derived((held_force, tuple(grippers)), lambda: _held_force(model, grippers))
+
+
+def _held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+    """Derive what `held_force` returns."""
+    body, numbers = FreeBody.symbolic(model.space.n_principal)
     size = body.space.n_twist
     Q = ca.SX.sym("Q", model.nq)
     v = ca.SX.sym("v", model.n)
@@ -147,7 +153,7 @@ def held_force(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca
         wrenches = [C @ share for C in stiffness]
     of_load = ca.jtimes(moving, v, ca.vertcat(*wrenches), True)
     force = model.dynamics.law(Q, v, u_shared, w) + of_load
-    return ca.Function("held", [Q, v, u, p, w], [ca.cse(ca.densify(force))])
+    return ca.Function("held", [Q, v, u, p, w, numbers], [ca.cse(ca.densify(force))])
 
 
 def _shared(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca.Function:

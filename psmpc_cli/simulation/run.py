@@ -96,10 +96,10 @@ def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     """Build the functions that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand."""
     tick, substeps = ticks_of(task.plant)
     capture = build_capture(task, model)
-    if capture is not None:
-        return [capture_tick(capture.law, tick, substeps)]
     is_limited = force_limits_of(task, model.spec) is not None
     laws = [False, True] if task.acts_in_task_space else [False]
+    if capture is not None:
+        return [capture_tick(capture, substeps, disturbs(task), is_limited, law) for law in laws]
     return [tick_function(model, tick, substeps, disturbs(task), is_limited, law) for law in laws]
 
 

@@ -14,6 +14,7 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant import Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
+from psmpc_cli.plant.rk4 import Rk4CapturePlant
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
@@ -90,7 +91,7 @@ def run(task: Task, samples: int = 3, push: float = 1.0, wanted: Array | None = 
     capture = build_capture(task.spec, model)
     assert capture is not None
     plant = build_plant(task.spec.plant, model, False, None, capture)
-    assert isinstance(plant, CapturePlant)
+    assert isinstance(plant, CapturePlant | Rk4CapturePlant)
     random = np.random.default_rng(4)
     x, made = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)], []
     closed = np.arange(samples * M) >= 5 if wanted is None else wanted

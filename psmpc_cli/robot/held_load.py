@@ -12,7 +12,6 @@ from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters, solve_spd
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.robot.rotations import add, conjugate, cross, product, rotate, scaled
 from psmpc_cli.specs.object import GraspSpec
 
@@ -40,7 +39,8 @@ class HeldLoad:
         self.grasps = described_grasps(grippers, grasp)
         self._body = body.vector
         self._force = ArrayFunction(held_force(model, grippers))
-        self._shared = ArrayFunction(_shared(model, body, grippers))
+        self._grippers = grippers
+        self._followed: dict[int, ArrayFunction] = {}
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
 
     def force(
@@ -75,13 +75,9 @@ class HeldLoad:
             closed: Whether the grippers are closed at each of them (M,).
             tick: Length of a tick [s].
         """
-        followed = u.copy()
-        for k, is_closed in enumerate(closed):
-            if is_closed:
-                followed[k] = self._shared(Q, v, u[k], self.grasps.ravel())[0][0]
-            positions, velocities = over_ticks(self._model.space, Q, v, followed[k : k + 1], tick)
-            Q = positions[-1]
-            v = velocities[-1]
+        if len(u) not in self._followed:
+            self._followed[len(u)] = ArrayFunction(_followed_tick(self._model, self._grippers).mapaccum(len(u)))
+        _, followed = self._followed[len(u)](np.concatenate([Q, v]), u, closed[:, None], self.grasps.ravel(), tick)
         return followed
 
     def largest_ratio(self, Q: np.ndarray) -> tuple[float, np.ndarray]:
@@ -156,8 +152,31 @@ def _held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     return ca.Function("held", [Q, v, u, p, w, numbers], [ca.cse(ca.densify(force))])
 
 
-def _shared(model: RobotModel, body: FreeBody, grippers: Sequence[str]) -> ca.Function:
+def _followed_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+    """Return state [Q; v], u, closed, grasps, tick -> the state after the tick, u' of `held_force` (n,).
+
+    Where the grippers are not closed u' is u. The state only says where the chain is: the turn's change of direction
+    within a tick does not count.
+    """
+
+    def derive() -> ca.Function:
+        shared = _shared(model, grippers)
+        n = model.n
+        state, closed, tick = ca.SX.sym("state", model.nq + n), ca.SX.sym("closed"), ca.SX.sym("tick")
+        u, grasps = shared.sx_in(2), shared.sx_in(3)
+        Q = state[: model.nq]
+        v = state[model.nq :]
+        followed = ca.if_else(closed, shared(Q, v, u, grasps), u)
+        step = tick * v + tick**2 / 2 * followed
+        after = ca.vertcat(*model.space.integrate(ca.vertsplit(Q), ca.vertsplit(step)), v + tick * followed)
+        return ca.Function("followed", [state, u, closed, grasps, tick], ca.cse([after, followed]))
+
+    return model.derived((_followed_tick, tuple(grippers)), derive)
+
+
+def _shared(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     """Return Q, v, u, grasps -> u' of `held_force` (n,)."""
+    body, _ = FreeBody.symbolic(model.space.n_principal)
     Q = ca.SX.sym("Q", model.nq)
     v = ca.SX.sym("v", model.n)
     u = ca.SX.sym("u", model.n)

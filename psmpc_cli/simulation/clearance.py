@@ -89,8 +89,8 @@ class ClearanceMeter:
             apart = measured.distances(X, argument, rows=len(X))[0]
             nearest_ticks = apart.argmin(axis=0)
             least = apart.min(axis=0)
-            nearest = measured.points(X[nearest_ticks], argument[nearest_ticks], rows=len(nearest_ticks))[0]
-            nearest = nearest.reshape(len(nearest_ticks), -1, 2, 3)
+            at, place = np.unique(nearest_ticks, return_inverse=True)  # mostly the first and the last
+            nearest = measured.points(X[at], argument[at], rows=len(at))[0].reshape(len(at), -1, 2, 3)[place]
             for row in np.argsort(-least):  # of several, the smallest is entered last
                 column = measured.columns[measured.pair_of_row[row]]
                 if least[row] <= smallest[column]:

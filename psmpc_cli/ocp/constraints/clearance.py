@@ -21,7 +21,7 @@ from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
 from psmpc_cli.robot.distances import distances, part_count, witnesses
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.geometry import Piece, capsules_of, own_pairs, pieces_of
-from psmpc_cli.robot.kinematics import SpatialFrame
+from psmpc_cli.robot.kinematics import Frame, SpatialFrame
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, rotate
 from psmpc_cli.robot.rotations import product as times
@@ -360,10 +360,9 @@ def _placed(
     """Return a state, an argument, and the shapes of every pair with their frames."""
     space = model.space
     carriers = [carrier for carrier in ("object", "obstacle") if pairs.has(carrier)]
-    x = ca.SX.sym("x", 2 * model.n)
-    argument = ca.SX.sym("argument", space.n_anchor + 1 + len(carriers) * space.n_pose)
-    bodies, tools = model.charted_frames(x[: model.n], argument[: space.n_anchor])
-    poses = argument[space.n_anchor + 1 :]
+    x, anchor, bodies, tools = model.derived("frames at a state", lambda: _frames(model))
+    poses = ca.SX.sym("poses", len(carriers) * space.n_pose)
+    argument = ca.vertcat(anchor, ca.SX.sym("is_used"), poses)
     carrying = dict[str, SpatialFrame]()
     for i, carrier in enumerate(carriers):
         pose = poses[i * space.n_pose : (i + 1) * space.n_pose]
@@ -376,6 +375,13 @@ def _placed(
         frames[solid] = on.carried(solid.at).in_space()
     placed = [(first.shape, frames[first], second.shape, frames[second]) for first, second in pairs.pairs]
     return x, argument, placed
+
+
+def _frames(model: RobotModel) -> tuple[ca.SX, ca.SX, list[Frame], dict[str, Frame]]:
+    """Return a state (2n,), an anchor, and the frames of the bodies and end-effectors there."""
+    x = ca.SX.sym("x", 2 * model.n)
+    anchor = ca.SX.sym("anchor", model.space.n_anchor)
+    return x, anchor, *model.charted_frames(x[: model.n], anchor)
 
 
 def _composed(frame: SpatialFrame, inside: SpatialFrame) -> SpatialFrame:

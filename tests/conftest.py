@@ -2,6 +2,10 @@
 
 import gc
 import logging
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # as the command sets it, before NumPy is loaded
+
 from collections.abc import Callable, Iterator
 
 import pytest

@@ -138,9 +138,6 @@ def bench(
     quiet: options.Quiet = False,
 ) -> None:
     """Time the solves of windows recorded from real runs: every back-end, warm and cold, against CasADi with IPOPT."""
-    import os
-
-    os.environ["OMP_NUM_THREADS"] = "1"  # one thread of linear algebra; it has an effect only before NumPy is loaded
     validate(task, changes)
     from psmpc_cli.cli.tables import print_table
     from psmpc_cli.studies import bench as study

@@ -71,6 +71,7 @@ def exit_at_once(number: int, frame: FrameType | None) -> None:
 
 def main() -> None:
     """Run the command line; exit codes: 0 done, 1 a check asked for fails, 2 bad input, 3 the run could not go on."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy is loaded: its matrices are small, threads but wait
     open_standard_streams()
     for number in SIGNALS:
         signal.signal(number, exit_at_once)

@@ -106,7 +106,11 @@ def test_one_stage_after_another_a_drifting_object_is_caught_too() -> None:
 
 @pytest.mark.parametrize(
     ("name", "plant", "changes"),
-    [("transport_grasp", "rk4", {}), ("catch_drifting", "mujoco", {"initial": BESIDE}), ("servicing", "rk4", {})],
+    [
+        ("transport_grasp", "rk4", {}),
+        ("catch_drifting", "mujoco", {"initial": BESIDE, "plant.low_level_rate": 500}),
+        ("servicing", "rk4", {}),
+    ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_built_in_tasks_deliver_at_rest_by_hands_that_keep_where_they_closed(

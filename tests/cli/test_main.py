@@ -107,9 +107,8 @@ BAD: tuple[tuple[str, tuple[str, ...]], ...] = (
 
 
 @pytest.fixture
-def folder(tmp_path: Path, ended: Path, part: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, ended: Path, part: Path) -> Path:
     """A folder with logs, a folder in which files stand where outputs would go, and a file in place of a folder."""
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")  # which bench sets
     (tmp_path / "taken" / "tasks").mkdir(parents=True)
     (tmp_path / "taken" / "tasks" / "transport.yaml").write_text("mine")
     (tmp_path / "blocked").touch()

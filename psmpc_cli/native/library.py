@@ -2,6 +2,7 @@
 
 import atexit
 import ctypes
+import fcntl
 import hashlib
 import logging
 import os
@@ -13,9 +14,9 @@ import stat
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.util import find_spec
@@ -41,7 +42,7 @@ POLL = 0.5
 """Time between two looks at what is compiled [s]."""
 
 MAKING = ".making-"
-"""Beginning of the names of folders in which libraries are made; they stay where a process is killed meanwhile."""
+"""Beginning of the names of folders in which libraries are made, and of locks; they stay where a process is killed."""
 
 LIBRARY_NAME = re.compile(r"\w+-[0-9a-f]{24}(-[0-9a-f]{24})?")
 """Names of libraries in the cache, those of earlier versions included."""
@@ -69,16 +70,14 @@ class Library:
     flags: tuple[str, ...] = ("-O2",)
     symbols: tuple[str, ...] = ()
 
-    def find(self, entries: Mapping[str, Sequence[Path]]) -> Path | None:
-        """Return its file among those in the cache; None if it is not there. One that is damaged is removed.
-
-        Args:
-            entries: The files by their names without their own digests.
+    def find(self) -> Path | None:
+        """Return its file in the cache; None if it is not there. One that is damaged is removed.
 
         Raises:
             CompilationError: There is no compiler.
         """
-        for entry in entries.get(self._stem, ()):
+        directory = cache_directory()
+        for entry in _entries(directory, directory.stat().st_mtime_ns).get(self._stem, ()):
             if _is_sound(entry) and _has(entry, self.symbols):
                 _mark_used(entry)
                 return entry
@@ -86,13 +85,15 @@ class Library:
         return None
 
     def compile(self) -> Path:
-        """Compile it into the cache, and return its file.
+        """Compile it into the cache, and return its file; where another process compiles it, wait for that.
 
         Raises:
             CompilationError: There is no compiler, or it failed.
         """
         compiler = find_compiler()
-        entry = _compile(compiler, self.source, cache_directory(), self._stem, self.flags)
+        directory = cache_directory()
+        with _locked(directory / f"{MAKING}{self._stem}"):
+            entry = self.find() or _compile(compiler, self.source, directory, self._stem, self.flags)
         if not _has(entry, self.symbols):
             wanted = ", ".join(self.symbols) or "its functions"
             raise CompilationError(f"{_name_of(compiler)} made no library with {wanted}")
@@ -133,9 +134,7 @@ def paths_of(libraries: Sequence[Library]) -> list[Path | None]:
     """
     found: dict[Library, Path | None] = {}
     try:
-        directory = cache_directory()
-        entries = _entries(directory, directory.stat().st_mtime_ns)
-        found = {each: each.find(entries) for each in libraries}
+        found = {each: each.find() for each in libraries}
         if missing := [each for each, path in found.items() if path is None]:
             found |= _compile_missing(missing)
     except (CompilationError, OSError) as error:
@@ -277,6 +276,17 @@ def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str,
             digest = _digest(file.read())
             os.fsync(file.fileno())
         return made.replace(directory / f"{name}-{digest}{SUFFIX}")
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Be the only one, of all processes and threads, that has locked a path; the lock ends with its process."""
+    with path.open("wb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def _digest(content: bytes) -> str:

@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.held_load import described_grasps, held_force
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.object import ObjectBody
@@ -41,6 +40,46 @@ class HeldObject:
 
 
 @dataclass(frozen=True)
+class LoadKind:
+    """What of a load decides expressions. How heavy it is, and where it is held, are numbers that they take.
+
+    Attributes:
+        carries: Whether there is a payload.
+        grippers: That hold an object with a mass; none without one.
+    """
+
+    carries: bool
+    grippers: tuple[str, ...]
+
+    def count(self, model: RobotModel) -> int:
+        """Return the number of numbers."""
+        space = model.space
+        of_object = 1 + space.n_principal + (space.n_pose + 2) * len(self.grippers) if self.grippers else 0
+        return 2 * len(model.spec.arms) * self.carries + of_object
+
+    def force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX) -> ca.SX:
+        """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7)."""
+        own = model.nominal.vector
+        loads = 2 * len(model.spec.arms)  # masses and inertias in the grippers, the last of the inertial parameters
+        w = ca.vertcat(own[:-loads], numbers[:loads]) if self.carries else own
+        if not self.grippers:
+            return ca.SX(model.dynamics.law(Q, v, u, w))
+        body, grasps = ca.vertsplit(
+            numbers[loads * self.carries :], [0, 1 + model.space.n_principal, self.count(model) - loads * self.carries]
+        )
+        return ca.SX(held_force(model, self.grippers)(Q, v, u, grasps, w, body))
+
+    def own_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX, numbers: ca.SX) -> ca.SX:
+        """Return that force (n,) for accelerations u in a chart, the base's along its own axes."""
+        space = model.space
+        position = space.charted_coordinates(Q, anchor)
+        v = space.charted_velocity(Q, Qdot)
+        vdot = space.charted_acceleration(Q, Qdot, u)
+        F = self.force(model, position, v, vdot, numbers)
+        return ca.SX(ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(F))))
+
+
+@dataclass(frozen=True)
 class Load:
     """What the grippers are known to hold in a stage.
 
@@ -53,6 +92,18 @@ class Load:
     mass: tuple[float, ...]
     inertia: tuple[float, ...]
     held: HeldObject | None = None
+
+    @property
+    def kind(self) -> LoadKind:
+        """What of it decides expressions."""
+        return LoadKind(any(self.mass), () if self.held is None else self.held.grippers)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """The numbers that expressions of its kind take."""
+        payload = (*self.mass, *self.inertia) if self.kind.carries else ()
+        of_object = () if self.held is None else (self.held.mass, *self.held.inertia, *np.ravel(self.held.grasps))
+        return np.array([*payload, *of_object])
 
     def parameters(self, model: RobotModel) -> InertialParameters:
         """Return the inertial parameters of the robot with the payload."""
@@ -71,22 +122,9 @@ class Load:
 
         return model.cached((type(self).momentum, self), build)
 
-    def force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX) -> ca.SX:
-        """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7)."""
-        if self.held is None:
-            return ca.SX(model.dynamics.law(Q, v, u, self.parameters(model).vector))
-        law = held_force(model, self.held.grippers)
-        body = FreeBody(self.held.mass, self.held.inertia).vector
-        return ca.SX(law(Q, v, u, np.ravel(self.held.grasps), model.nominal.vector, body))
-
     def own_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
-        """Return that force (n,) for accelerations u in a chart, the base's along its own axes."""
-        space = model.space
-        position = space.charted_coordinates(Q, anchor)
-        v = space.charted_velocity(Q, Qdot)
-        vdot = space.charted_acceleration(Q, Qdot, u)
-        F = self.force(model, position, v, vdot)
-        return ca.SX(ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(F))))
+        """Return the force of the low-level law (n,) for accelerations u in a chart, the base's along its own axes."""
+        return self.kind.own_force(model, Q, Qdot, u, anchor, ca.SX(self.numbers))
 
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:

@@ -14,7 +14,7 @@ from psmpc_cli.control.interface import Command, State
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.functions import library_of
-from psmpc_cli.native.library import compile_all
+from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
@@ -83,13 +83,14 @@ def compile_for(problem: Problem) -> bool:
     Returns:
         Whether the run uses compiled code: the task allows it, needs some, and all of it could be made.
     """
+    return problem.spec.solver.compiled and compile_all(libraries_for(problem))
+
+
+def libraries_for(problem: Problem) -> list[Library]:
+    """Return what a run of a problem compiles, of its solver and its plant."""
     task = problem.spec
-    if not task.solver.compiled:
-        return False
-    libraries = libraries_of(problem)
-    if task.plant.traits.compiles:
-        libraries.extend(map(library_of, _tick_functions(task, problem.model)))
-    return compile_all(libraries)
+    ticks = _tick_functions(task, problem.model) if task.plant.traits.compiles else []
+    return [*libraries_of(problem), *map(library_of, ticks)]
 
 
 def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:

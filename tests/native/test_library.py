@@ -269,3 +269,14 @@ def test_the_cache_is_where_the_system_keeps_caches(tmp_path: Path, monkeypatch:
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert cache_directory() == tmp_path / ".cache" / "psmpc"
+
+
+def test_of_several_processes_one_compiles(directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The others wait for it."""
+    command, counter = counting_compiler(tmp_path)
+    monkeypatch.setenv("CC", command)
+    cache_directory()
+    processes = [subprocess.Popen([sys.executable, "-c", IN_A_PROCESS, TWICE]) for _ in range(3)]
+    assert [process.wait() for process in processes] == [0, 0, 0]
+    assert counter.read_text().split() == ["made"]
+    assert len(os.listdir(directory)) == 1

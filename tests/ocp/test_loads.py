@@ -19,7 +19,7 @@ def test_a_known_payload_is_part_of_the_last_links() -> None:
     assert known_load(task.spec, model, held - 1) == Load((0.0, 0.0), (0.0, 0.0))
     Q = model.space.path(model.neutral, 0.3 * np.ones((1, model.n)))[-1]
     v, u = 0.1 * np.ones((2, model.n))
-    F = ca.DM(load.force(model, ca.SX(Q), ca.SX(v), ca.SX(u)))
+    F = ca.DM(load.kind.force(model, ca.SX(Q), ca.SX(v), ca.SX(u), ca.SX(load.numbers)))
     np.testing.assert_allclose(
         np.asarray(F).ravel(), model.inverse_dynamics(Q, v, u, load.parameters(model)), rtol=1e-12
     )

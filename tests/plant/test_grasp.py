@@ -231,6 +231,35 @@ def test_grasp_that_is_loaded_beyond_its_strength_is_lost(load: str, largest: fl
     assert (loads[closed][:, which] <= largest).all() and closed.any(axis=1).sum() > 10
 
 
+@pytest.mark.parametrize("strength", [None, {"pull": 0.3, "filter": 0.05}], ids=["kept", "lost"])
+def test_ticks_in_one_call_are_those_in_a_call_each(strength: dict[str, float] | None) -> None:
+    """Grippers close, may lose the object, and open within the sample."""
+    task = planar({**KNOWN, "object.grasp.strength": strength})
+    model = model_of(task.robot.name)
+    start = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)]
+    u = 0.6 * np.random.default_rng(4).uniform(-1, 1, (1, model.n)).repeat(3 * M, axis=0)
+    wanted = (np.arange(len(u)) >= 5) & (np.arange(len(u)) < 250)
+
+    def advanced(count: int) -> list[Array]:
+        capture = build_capture(task.spec, model)
+        plant = build_plant(task.spec.plant, model, False, None, capture)
+        x = start
+        made = list[tuple[Array, ...]]()
+        events = list[object]()
+        for k in range(0, len(u), count):
+            ticks = plant.advance(k * TICK, x, u[k : k + count], None, wanted[k : k + count])
+            flown = ticks.target_object
+            assert flown is not None
+            x = ticks.states[-1]
+            made.append((ticks.states[1:], ticks.F, flown.pose[1:], flown.wrench, flown.load, flown.closed))
+            events += [(event.gripper, event.what, round(event.time, 9)) for event in flown.events]
+        assert {what for _, what, _ in events} == {"closed", "lost" if strength else "let go"}
+        return [np.concatenate(column) for column in zip(*made, strict=True)]
+
+    for together, each in zip(advanced(len(u)), advanced(1), strict=True):
+        np.testing.assert_allclose(together, each, rtol=0, atol=1e-13)
+
+
 @BOTH
 def test_loads_are_the_parts_of_the_wrench_that_a_gripper_puts_on_the_object(make: Any) -> None:
     made, capture = run(make(FREE), samples=3)

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.simulation.recorder import header
-from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
+from psmpc_cli.simulation.run import Experiment, closed_loop, libraries_for, simulate
 from psmpc_cli.specs.load import load_task
 
 COARSE = ("controller.nodes=10", "solver.kind=sqp", "log.shares=false")
@@ -92,3 +93,13 @@ def test_what_a_task_needs_is_compiled_before_its_first_sample(
         assert len(list(tmp_path.iterdir())) == count
     assert experiment_of("solver.kind=sqp", "plant.kind=ideal").compiled
     assert len(list(tmp_path.iterdir())) > 2
+
+
+def test_another_load_compiles_nothing() -> None:
+    """Masses and grasps are numbers that the rows of forces and the plant take."""
+    heavier = {"object.mass": 25, "object.inertia": 3, "object.grasp.at.arm_1": [0.64, 0.01, "134 deg"]}
+    needed = [
+        {library.source for library in libraries_for(build_problem(load_task("transport_grasp", changes)))}
+        for changes in ({}, heavier)
+    ]
+    assert needed[0] == needed[1]

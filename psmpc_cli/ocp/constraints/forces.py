@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, rows_over_intervals
-from psmpc_cli.ocp.loads import Load, known_load
+from psmpc_cli.ocp.loads import LoadKind, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import resolve_limits
@@ -33,11 +33,11 @@ class ForceStructure:
 
     Attributes:
         coordinates: The limited ones.
-        load: What the grippers are known to hold.
+        load: What kind of load the grippers are known to hold; its masses and grasps are the argument of the rows.
     """
 
     coordinates: tuple[int, ...]
-    load: Load
+    load: LoadKind
 
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
@@ -47,9 +47,10 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
     if not limited.any():
         return None
+    load = known_load(task, model, stage)
     return ConstraintNumbers(
-        structure=ForceStructure(tuple(np.flatnonzero(limited).tolist()), known_load(task, model, stage)),
-        argument=np.zeros(0),
+        structure=ForceStructure(tuple(np.flatnonzero(limited).tolist()), load.kind),
+        argument=load.numbers,
         low=np.tile((limits.force_low / inertia(model))[limited], 2),
         high=np.tile((limits.force_high / inertia(model))[limited], 2),
     )
@@ -66,10 +67,11 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     x = ca.SX.sym("x", 2 * n)
     dv = ca.SX.sym("dv", n)
     h = ca.SX.sym("h")
-    anchor = ca.SX.sym("anchor", model.space.n_anchor)
-    F = structure.load.own_force(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+    argument = ca.SX.sym("argument", model.space.n_anchor + structure.load.count(model))
+    anchor, load = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
+    F = structure.load.own_force(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor, load)
     rows = (F / inertia(model))[list(structure.coordinates)]
-    return IntervalFunctions(x, dv, h, anchor, rows, ends=(0, 1))
+    return IntervalFunctions(x, dv, h, argument, rows, ends=(0, 1))
 
 
 CONSTRAINT = Constraint(rows_over_intervals("forces", functions), numbers)

@@ -47,15 +47,15 @@ def own_axes(model: RobotModel, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
 
 def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_next: np.ndarray) -> np.ndarray:
     """Compare derivatives with differences; return the forces of the rows, at the beginning and at the end, (2, n)."""
-    rows = functions(model, ForceStructure(tuple(range(model.n)), load))
-    anchor = np.asarray(Q[model.space.attitude])
+    rows = functions(model, ForceStructure(tuple(range(model.n)), load.kind))
+    argument = np.r_[Q[model.space.attitude], load.numbers]
     z = np.r_[x, x_next, 0.04]
 
     def value(z: np.ndarray) -> np.ndarray:
         start, end, h = np.split(z, [2 * model.n, 4 * model.n])
-        return rows.values(start[None], end[None], h[None], anchor).ravel()
+        return rows.values(start[None], end[None], h[None], argument).ravel()
 
-    jacobian = rows.jacobian(x[None], x_next[None], z[None, -1:], anchor)[0]
+    jacobian = rows.jacobian(x[None], x_next[None], z[None, -1:], argument)[0]
     assert_close_to_differences(jacobian, jacobian_by_differences(value, z))
     return value(z).reshape(2, -1) / z[-1] * inertia(model)
 

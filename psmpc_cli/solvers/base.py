@@ -137,7 +137,7 @@ class Solver(ABC):
             window: The window.
             guess: The guessed plan; its instants (S,) [s] are those of the window.
             previous: The solution of the sample before. It starts the solve too where it is usable and its stages are
-                the same.
+                the same, or the last of them.
             within: Durations are kept within so many seconds of the guessed ones; 0 holds the instants.
         """
         guess = on_mesh(guess, window)
@@ -162,5 +162,6 @@ class Solver(ABC):
 
 
 def _continues(previous: Solution, window: Window) -> bool:
-    """Tell whether a solution can start the solve of a window."""
-    return previous.window.indices == window.indices and previous.outcome.usable
+    """Tell whether a solution can start the solve of a window: of the same stages, or of more that are over now."""
+    stages = window.indices
+    return previous.window.indices[-len(stages) :] == stages and previous.outcome.usable

@@ -1,7 +1,8 @@
 """Sequential quadratic programming with the Gauss-Newton Hessian: one iteration a sample on the shifted plan.
 
-A window whose guess is warm is the last one, shifted: it gets the iterations the task asks for. Other guesses are cold
-(an append, a drop, another shape) and iterated until steps are small. The filter halves a step until it accepts it.
+A window whose guess is warm is the last one, shifted, or what is left of it when its first stage is over: it gets the
+iterations the task asks for. Other guesses are cold (an append, a stage that waits again) and iterated until steps are
+small. The filter halves a step until it accepts it.
 """
 
 import time

@@ -162,8 +162,10 @@ def _followed_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     def derive() -> ca.Function:
         shared = _shared(model, grippers)
         n = model.n
-        state, closed, tick = ca.SX.sym("state", model.nq + n), ca.SX.sym("closed"), ca.SX.sym("tick")
-        u, grasps = shared.sx_in(2), shared.sx_in(3)
+        state = ca.SX.sym("state", model.nq + n)
+        closed = ca.SX.sym("closed")
+        tick = ca.SX.sym("tick")
+        _, _, u, grasps = shared.sx_in()
         Q = state[: model.nq]
         v = state[model.nq :]
         followed = ca.if_else(closed, shared(Q, v, u, grasps), u)

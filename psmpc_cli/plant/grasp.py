@@ -355,7 +355,8 @@ class Capture:
             self._rows.append((states[:count], wrench[:count], borne, np.tile(self.closed, (count, 1))))
         if lost_in.size:
             lost = beyond[count]
-            self.load[lost] = self._load_at_loss[lost] = load[count, lost]
+            self.load[lost] = load[count, lost]
+            self._load_at_loss[lost] = self.load[lost]
             self._open(float(times[count]), lost, "lost")
         return count
 

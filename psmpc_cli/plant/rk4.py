@@ -290,15 +290,23 @@ def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool) -> ca.Function:
     While all grippers hold an object that is known, the force is that of `held_force`.
     """
     model = of_grasps.model
-    held = held_force(model, of_grasps.grippers)
-    sizes = [held.size1_in(i) for i in range(held.n_in())]
-    Q, v, u, grasps, w, body = (ca.SX.sym(held.name_in(i), size) for i, size in enumerate(sizes))
-    rates = ca.SX.sym("rates", model.n_twists if in_task_space else 0)
-    arguments = [Q, v, u, rates, grasps, w, body]
+    space = model.space
+    sizes = {
+        "Q": model.nq,
+        "v": model.n,
+        "u": model.n,
+        "rates": model.n_twists if in_task_space else 0,
+        "grasps": (space.n_pose + 2) * len(of_grasps.grippers),
+        "w": model.nominal.vector.size,
+        "body": 1 + space.n_principal,
+    }
+    Q, v, u, rates, grasps, w, body = arguments = [ca.SX.sym(name, size) for name, size in sizes.items()]
     F = model.task_space.law(Q, v, rates, w) if in_task_space else model.dynamics.law(Q, v, u, w)
+    if not known:
+        return ca.Function("law", [ca.SX.sym("all_hold"), *arguments], [F])
     free = ca.Function("free", arguments, [F])
-    loaded = ca.Function("loaded", arguments, [held(Q, v, u, grasps, w, body)]) if known else free
-    return ca.Function.if_else("law", loaded, free)
+    held = held_force(model, of_grasps.grippers)(Q, v, u, grasps, w, body)
+    return ca.Function.if_else("law", ca.Function("loaded", arguments, [held]), free)
 
 
 def _measured(model: RobotModel) -> ca.Function:

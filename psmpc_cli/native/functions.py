@@ -9,16 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.native.library import Library, paths_of
+from psmpc_cli.native.tape import Tape, tape_of
 
 FLAGS = ("-O1", "-ffp-contract=off")
 """Straight code gains little from more; without contraction the results equal those of the interpreter to the bit."""
-
-LONG = 200_000
-"""Operations from which on compilers do not optimize. Rows of forces of two arms of seven joints that hold an object,
-as one function of 330,000, take 45 s with -O1 and 10 s without, and run in 0.34 ms in place of 0.16 ms; interpreted
-they take 1.4 ms."""
-
-FLAGS_OF_LONG = ("-O0", "-ffp-contract=off")
 
 
 def source_of(function: ca.Function) -> str:
@@ -40,8 +34,7 @@ _LIBRARIES: WeakKeyDictionary[ca.Function, Library] = WeakKeyDictionary()
 def library_of(function: ca.Function) -> Library:
     """Return the library of a function; its source is written once, and here, because CasADi is not thread-safe."""
     if function not in _LIBRARIES:
-        flags = FLAGS if function.n_instructions() < LONG else FLAGS_OF_LONG
-        _LIBRARIES[function] = Library(source_of(function), function.name(), flags, (function.name(),))
+        _LIBRARIES[function] = Library(source_of(function), function.name(), FLAGS, (function.name(),))
     return _LIBRARIES[function]
 
 
@@ -84,7 +77,7 @@ class BatchFunction:
 
     Attributes:
         function: The function itself, for expressions.
-        native: It is evaluated as compiled C, which is found, or compiled, at the first call.
+        native: It is evaluated as a tape, which is made at the first call, where the machine has a compiler.
     """
 
     def __init__(self, function: ca.Function, native: bool = False) -> None:
@@ -93,12 +86,12 @@ class BatchFunction:
         self._mapped: dict[int, ArrayFunction] = {}  # by number of rows, and by capacity
 
     def prepare(self) -> None:
-        """Find or compile what is evaluated, so that the first call takes no longer than others."""
-        _ = self._evaluated
+        """Make what is evaluated, so that the first call takes no longer than others."""
+        _ = self._tape
 
     @cached_property
-    def _evaluated(self) -> ca.Function:
-        return compiled(self.function) if self.native else self.function
+    def _tape(self) -> Tape | None:
+        return tape_of(self.function) if self.native else None
 
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:
         """Evaluate the function at each row and return its results, (rows, size) each.
@@ -107,12 +100,13 @@ class BatchFunction:
             arguments: (rows, size) each, or what broadcasts to it: (size,) is the same at every row.
             rows: The number of rows.
         """
+        if self._tape is not None:
+            return self._tape(arguments, rows)
         if rows not in self._mapped:
             step = 1 << max(rows.bit_length() - 4, 0)  # few sizes, none much larger than the number of rows
             capacity = -(-rows // step) * step
             if capacity not in self._mapped:
-                self._mapped[capacity] = ArrayFunction(
-                    self._evaluated.map(capacity) if capacity > 1 else self._evaluated
-                )
+                mapped = self.function.map(capacity) if capacity > 1 else self.function
+                self._mapped[capacity] = ArrayFunction(mapped)
             self._mapped[rows] = self._mapped[capacity]
         return self._mapped[rows](*arguments, rows=rows)

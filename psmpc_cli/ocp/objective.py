@@ -33,24 +33,20 @@ def weighted_square(r: ca.SX, weights: ca.SX) -> ca.SX:
     return ca.dot(weights * r, r)
 
 
-COMPILED_FROM = 200
-"""Operations from which on a function of a constraint gains more by compiled C than its compilation takes."""
+LONG = 200
+"""Operations from which on a function of a constraint is evaluated as a tape, and its subexpressions are as they come.
 
-ROWS_OF_PART = 5
-"""Rows of which one function has the gradients. Of all 58 between two arms of seven joints one would be 17,700
-operations long, of 5 of them it is 3,200; all twelve functions together are 38,800, which a compiler has to take."""
+In a large one looking for common subexpressions takes seconds and finds a few per cent."""
 
-UNIT_ROWS = np.eye(ROWS_OF_PART)
-"""The multipliers that single out each of them."""
+FORWARD = {"helper_options": {"ad_weight": 0.0, "ad_weight_sp": 0.0}}
+"""Options of a Jacobian by the forward mode alone; of the forces of a held load it is a fifth shorter than the one that
+CasADi chooses, of other rows no longer."""
 
 
 def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], native: bool) -> BatchFunction:
-    """Return a function on rows of arrays; `native`, a large one as compiled C.
-
-    In a large one looking for common subexpressions takes seconds, finds a few per cent, and a compiler does it too.
-    """
+    """Return a function on rows of arrays; `native`, a long one as a tape."""
     function = ca.Function(name, arguments, outputs)
-    if function.n_instructions() < COMPILED_FROM:
+    if function.n_instructions() < LONG:
         return BatchFunction(ca.Function(name, arguments, ca.cse(outputs)))
     return BatchFunction(function, native)
 
@@ -66,7 +62,7 @@ class ConstraintFunctions:
             there are none. `sqp` solves them at every iterate, and neglects their curvature.
         is_convex: They are bounded below and convex, as distances to convex bodies are: their curvature, which can only
             make programs non-convex, does not count. Such rows are many and long, and few of them count at a time.
-        native: Functions with many operations run as compiled C.
+        native: Long functions are evaluated as tapes.
     """
 
     def __init__(
@@ -88,7 +84,7 @@ class ConstraintFunctions:
 
     @cached_property
     def compiled(self) -> "ConstraintFunctions":
-        """The same rows with functions as compiled C, if they give rates or are many: then they take time."""
+        """The same rows with functions as tapes, if they give rates or are many: then they take time."""
         if self.solved_for is None and not self._is_convex:
             return self
         return ConstraintFunctions(self._x, self._argument, self._rows, self.solved_for, self._is_convex, native=True)
@@ -105,15 +101,11 @@ class ConstraintFunctions:
         return _on_rows("end", [self._x, self._argument], outputs, self._native)
 
     @cached_property
-    def _gradients_by_part(self) -> list[BatchFunction]:
-        """x, a, multipliers y of the rows of a part -> y' dg/dx (2n,): of a few rows much shorter than a Jacobian."""
-        gradients = []
-        y = ca.SX.sym("y", ROWS_OF_PART)
-        for first in range(0, self.count, ROWS_OF_PART):
-            part = self._rows[first : min(first + ROWS_OF_PART, self.count)]
-            gradient = ca.densify(ca.gradient(ca.dot(y[: part.numel()], part), self._x))
-            gradients.append(_on_rows("row_gradient", [self._x, self._argument, y], [gradient], self._native))
-        return gradients
+    def _gradient(self) -> BatchFunction:
+        """x, a, multipliers y (rows,) -> y' dg/dx (2n,)."""
+        y = ca.SX.sym("y", self.count)
+        gradient = ca.densify(ca.gradient(ca.dot(y, self._rows), self._x))
+        return _on_rows("row_gradient", [self._x, self._argument, y], [gradient], self._native)
 
     def gradients(self, X: np.ndarray, argument: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Return the derivatives by x of some rows, each at a state of its own, (J, 2n).
@@ -123,14 +115,9 @@ class ConstraintFunctions:
             argument: a of each, (J, numbers), or of all, (numbers,).
             row: Which row is wanted at each, (J,).
         """
-        gradients = np.empty(X.shape)
-        part = row // ROWS_OF_PART
-        y = UNIT_ROWS[row % ROWS_OF_PART]
-        for i in set(part.tolist()):
-            chosen = np.flatnonzero(part == i)
-            a = argument if argument.ndim == 1 else argument[chosen]
-            gradients[chosen] = self._gradients_by_part[i](X[chosen], a, y[chosen], rows=len(chosen))[0]
-        return gradients
+        if not len(row):
+            return np.empty(X.shape)
+        return self._gradient(X, argument, np.eye(self.count)[row], rows=len(X))[0]
 
     @cached_property
     def curvature(self) -> BatchFunction | None:
@@ -163,7 +150,7 @@ class ConstraintFunctions:
     def prepare(self) -> tuple[BatchFunction, ...]:
         """Write those that solves need and return them."""
         if self._is_convex:
-            return self.value, *self._gradients_by_part
+            return self.value, self._gradient
         needed = self.value, self.with_jacobian, self.curvature, self.by_solved_for
         return tuple(function for function in needed if function is not None)
 
@@ -180,7 +167,7 @@ class IntervalFunctions:
         argument: a, a symbol.
         rows: The rows at an end as an expression of all.
         ends: Where they stand: at the beginning, 0, the end, 1, or one after the other at both.
-        native: Functions with many operations run as compiled C.
+        native: Long functions are evaluated as tapes.
     """
 
     def __init__(
@@ -194,7 +181,7 @@ class IntervalFunctions:
 
     @cached_property
     def compiled(self) -> "IntervalFunctions":
-        """The same rows with functions as compiled C."""
+        """The same rows with functions as tapes."""
         x, dv, h, argument = self._arguments
         return IntervalFunctions(x, dv, h, argument, self._rows, self._ends, native=True)
 
@@ -204,23 +191,11 @@ class IntervalFunctions:
         return _on_rows("interval_rows", self._arguments, [self._rows], self._native)
 
     @cached_property
-    def _jacobian_by_part(self) -> tuple[BatchFunction, ...]:
-        """x, dv, h, a -> its derivatives by Q, by Qdot and by [dv; h], row by row.
-
-        All of them in one function would be so long that compilers do not optimize it.
-        """
+    def _jacobian(self) -> BatchFunction:
+        """x, dv, h, a -> the derivatives of r by [x; dv; h], row by row."""
         x, dv, h, _ = self._arguments
-        n = dv.numel()
-        parts = {"Q": x[:n], "Qdot": x[n:], "step": ca.vertcat(dv, h)}
-        return tuple(
-            _on_rows(
-                f"interval_jacobian_{name}",
-                self._arguments,
-                [_row_by_row(ca.jacobian(self._rows, part))],
-                self._native,
-            )
-            for name, part in parts.items()
-        )
+        jacobian = ca.jacobian(self._rows, ca.vertcat(x, dv, h), FORWARD)
+        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(jacobian)], self._native)
 
     def expression(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) between two states (2n,)."""
@@ -242,11 +217,8 @@ class IntervalFunctions:
         dv = X_next[:, n:] - X[:, n:]
         by = np.zeros((K, len(self._ends), self.count // len(self._ends), 4 * n + 1))
         for i, end in enumerate(self._ends):
-            by_part = [
-                function((X, X_next)[end], dv, h, argument, rows=K)[0].reshape(K, self.count // len(self._ends), -1)
-                for function in self._jacobian_by_part
-            ]
-            jacobian = np.concatenate(by_part, axis=2)
+            (by_row,) = self._jacobian((X, X_next)[end], dv, h, argument, rows=K)
+            jacobian = by_row.reshape(K, self.count // len(self._ends), -1)
             at_end = slice(2 * n * end, 2 * n * (end + 1))
             by_dv = jacobian[..., 2 * n : 3 * n]
             by[:, i, :, at_end] = jacobian[..., : 2 * n]
@@ -257,7 +229,7 @@ class IntervalFunctions:
 
     def prepare(self) -> tuple[BatchFunction, ...]:
         """Write its functions and return them."""
-        return self._value, *self._jacobian_by_part
+        return self._value, self._jacobian
 
 
 class StageFunctions:
@@ -269,7 +241,7 @@ class StageFunctions:
     Args:
         model: The robot.
         shape: The shape.
-        native: Compile the functions that `sqp` evaluates at every node.
+        native: The functions that `sqp` evaluates at every node are evaluated as tapes.
     """
 
     def __init__(self, model: RobotModel, shape: StageShape, native: bool = False) -> None:
@@ -474,7 +446,7 @@ def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) 
 
 
 class StageCosts:
-    """Errors, costs and end conditions of one robot's stages on arrays of states; `native`, as compiled C."""
+    """Errors, costs and end conditions of one robot's stages on arrays of states; `native`, as tapes."""
 
     def __init__(self, model: RobotModel, native: bool = False) -> None:
         self.model = model

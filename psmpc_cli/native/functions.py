@@ -1,41 +1,184 @@
-"""CasADi functions as compiled C, and evaluated on NumPy arrays."""
+"""CasADi functions evaluated on NumPy arrays, of many rows as tapes.
 
-from functools import cached_property
+A tape is a list of instructions that one compiled program carries out for many rows at once. Nothing is compiled for a
+function, and its rows share the cost of looking at an instruction. Results equal CasADi's to the last bit.
+"""
+
+import ctypes
+import re
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
+from importlib.resources import files
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.native.library import Library, paths_of
-from psmpc_cli.native.tape import Tape, tape_of
+from psmpc_cli.native.structures import layout_source, require_layout
 
-FLAGS = ("-O1", "-ffp-contract=off")
-"""Straight code gains little from more; without contraction the results equal those of the interpreter to the bit."""
+FLAGS = ("-O2", "-march=native", "-fno-math-errno", "-ffp-contract=off")
 
+BLOCK = 16
+"""Rows that are evaluated together; tape.c has the same number."""
 
-def source_of(function: ca.Function) -> str:
-    """Return the C source of a function; equal functions of equal names have equal sources."""
-    generator = ca.CodeGenerator(function.name(), {"with_header": False})
-    generator.add(function)
-    return str(generator.dump())
+ALIGNMENT = 64
+"""Bytes to which the slots are aligned."""
 
+SOURCE = (files("psmpc_cli.native") / "tape.c").read_text(encoding="utf-8")
 
-def compiled(function: ca.Function) -> ca.Function:
-    """Return the function as compiled C, with the same inputs and outputs; itself where that is not possible."""
-    (path,) = paths_of([library_of(function)])
-    return function if path is None else ca.external(function.name(), str(path))
+OPERATIONS = {name: int(getattr(ca, name)) for name in re.findall(r"\bOP_\w+", SOURCE) if hasattr(ca, name)}
+"""CasADi's numbers of the operations that tape.c knows, by its names for them."""
 
-
-_LIBRARIES: WeakKeyDictionary[ca.Function, Library] = WeakKeyDictionary()
+KNOWN = frozenset(OPERATIONS.values())
 
 
-def library_of(function: ca.Function) -> Library:
-    """Return the library of a function; its source is written once, and here, because CasADi is not thread-safe."""
-    if function not in _LIBRARIES:
-        _LIBRARIES[function] = Library(source_of(function), function.name(), FLAGS, (function.name(),))
-    return _LIBRARIES[function]
+class TapeProgram(ctypes.Structure):
+    """A tape as tape.c takes it, which declares the same structure."""
+
+    _fields_ = (
+        *((name, ctypes.c_int64) for name in ("run_count", "argument_count", "result_count")),
+        *((name, ctypes.c_void_p) for name in ("runs", "operands", "argument_sizes", "result_sizes", "result_slots")),
+        *((name, ctypes.c_void_p) for name in ("arguments", "argument_strides", "results", "slots")),
+    )
+
+
+LAYOUT = "psmpc_tape_layout"
+
+
+def tape_library() -> Library:
+    """Return the shared library of the program that carries tapes out."""
+    numbers = "".join(f"#define {name} {number}\n" for name, number in OPERATIONS.items())
+    symbols = ("psmpc_tape_run", "psmpc_tape_arrange", LAYOUT)
+    return Library(numbers + SOURCE + layout_source(TapeProgram, LAYOUT), "tape", FLAGS, symbols)
+
+
+@cache
+def _load(path: str) -> tuple[Callable[..., None], Callable[..., int]]:
+    """Load the functions that carry a tape out and that arrange it."""
+    loaded = ctypes.CDLL(path)
+    require_layout(loaded, TapeProgram, LAYOUT)
+    run, arrange = loaded.psmpc_tape_run, loaded.psmpc_tape_arrange
+    run.argtypes = [ctypes.c_void_p, ctypes.c_int64]
+    run.restype = None
+    arrange.argtypes = [ctypes.c_void_p, *[ctypes.c_int64] * 3, *[ctypes.c_void_p] * 5]
+    arrange.restype = ctypes.c_int64
+    return run, arrange
+
+
+def tape_of(function: ca.Function) -> "Tape | None":
+    """Return the tape of a function; None where there is no compiler, or the function has what tapes do not."""
+    if not function.is_a("SXFunction"):
+        return None
+    (path,) = paths_of([tape_library()])
+    if path is None:
+        return None
+    count = function.n_instructions()
+    operations = np.fromiter(map(function.instruction_id, range(count)), np.int32, count)
+    if not KNOWN.issuperset(np.unique(operations).tolist()):
+        return None
+    return Tape(function, operations, str(path))
+
+
+class Tape:
+    """A function of SX with dense arguments and results, evaluated at the rows of arrays.
+
+    It must not be called from several threads at once.
+
+    Args:
+        function: The function.
+        operations: The operations of its instructions, (count,).
+        path: The library.
+    """
+
+    def __init__(self, function: ca.Function, operations: np.ndarray, path: str) -> None:
+        self._run, arrange = _load(path)
+        self._argument_sizes = np.array([function.numel_in(i) for i in range(function.n_in())], dtype=np.int64)
+        self._result_sizes = np.array([function.numel_out(i) for i in range(function.n_out())], dtype=np.int64)
+        instructions, constants = self._instructions(function, operations)
+        count = len(instructions)
+        inputs = int(self._argument_sizes.sum())
+        runs, operands = np.zeros((count, 2), np.int32), np.zeros((count, 3), np.int32)
+        self._result_slots = np.zeros(int(self._result_sizes.sum()), np.int32)
+        sizes = np.zeros(2, np.int64)
+        arrays = (runs, operands, self._result_slots, sizes[:1], sizes[1:])
+        given = inputs + len(constants)
+        failed = arrange(
+            instructions.ctypes.data, count, given, function.sz_w(), *(array.ctypes.data for array in arrays)
+        )
+        if failed:
+            raise MemoryError(f"no memory for the instructions of {function}")
+        run_count, slot_count = sizes.tolist()
+        self._runs, self._operands = runs[:run_count].copy(), operands[: runs[:run_count, 1].sum()].copy()
+        memory = np.zeros(slot_count * BLOCK + ALIGNMENT // 8)
+        self._slots = memory[-memory.ctypes.data % ALIGNMENT // 8 :]
+        self._slots[inputs * BLOCK : given * BLOCK] = np.repeat(constants, BLOCK)
+        self._arguments, self._strides = np.zeros_like(self._argument_sizes), np.zeros_like(self._argument_sizes)
+        self._results = np.zeros_like(self._result_sizes)
+        self._program = TapeProgram(
+            run_count=run_count,
+            argument_count=len(self._argument_sizes),
+            result_count=len(self._result_sizes),
+            runs=self._runs.ctypes.data,
+            operands=self._operands.ctypes.data,
+            argument_sizes=self._argument_sizes.ctypes.data,
+            result_sizes=self._result_sizes.ctypes.data,
+            result_slots=self._result_slots.ctypes.data,
+            arguments=self._arguments.ctypes.data,
+            argument_strides=self._strides.ctypes.data,
+            results=self._results.ctypes.data,
+            slots=self._slots.ctypes.data,
+        )
+
+    @staticmethod
+    def _instructions(function: ca.Function, operations: np.ndarray) -> tuple[np.ndarray, list[float]]:
+        """Return the instructions, (count, 4) as tape.c has them, and the constants in the order of their slots."""
+        count = len(operations)
+        first_input = np.cumsum([0, *(function.numel_in(i) for i in range(function.n_in()))]).tolist()
+        first_output = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))]).tolist()
+        instructions = np.zeros((count, 4), np.int32)
+        instructions[:, 0] = operations
+        results = map(function.instruction_output, range(count))
+        operands = map(function.instruction_input, range(count))
+        instructions[:, 1:] = [
+            (result[0], read[0], read[-1]) if result and read else (0, 0, 0)
+            for result, read in zip(results, operands, strict=True)
+        ]
+        constants = dict[float, int]()
+        for k in np.flatnonzero(operations == OPERATIONS["OP_CONST"]).tolist():
+            slot = constants.setdefault(function.instruction_constant(k), len(constants))
+            instructions[k, 1:] = function.instruction_output(k)[0], first_input[-1] + slot, 0
+        for k in np.flatnonzero(operations == OPERATIONS["OP_INPUT"]).tolist():
+            argument, entry = function.instruction_input(k)
+            instructions[k, 2:] = first_input[argument] + entry, 0
+        for k in np.flatnonzero(operations == OPERATIONS["OP_OUTPUT"]).tolist():
+            result, entry = function.instruction_output(k)
+            instructions[k, 1] = first_output[result] + entry
+        return instructions, list(constants)
+
+    def __call__(self, arguments: Sequence[ArrayLike], rows: int) -> list[np.ndarray]:
+        """Evaluate the function and return its results, (rows, size) each.
+
+        Args:
+            arguments: (rows, size) each, or what broadcasts to it.
+            rows: The number of rows.
+        """
+        kept: list[Any] = []  # arrays whose memory is read
+        for i, (argument, size) in enumerate(zip(arguments, self._argument_sizes.tolist(), strict=True)):
+            array = np.asarray(argument, dtype=float)
+            if array.shape != (rows, size):
+                array = np.broadcast_to(array, (rows, size))
+            if size > 1 and array.strides[1] != array.itemsize:
+                array = np.ascontiguousarray(array)
+            kept.append(array)
+            self._arguments[i] = array.__array_interface__["data"][0]
+            self._strides[i] = array.strides[0] // array.itemsize
+        results = [np.empty((rows, size)) for size in self._result_sizes.tolist()]
+        for i, result in enumerate(results):
+            self._results[i] = result.__array_interface__["data"][0]
+        self._run(ctypes.addressof(self._program), rows)
+        return results
 
 
 class ArrayFunction:

@@ -3,7 +3,8 @@
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.native.functions import ArrayFunction, compiled
+from psmpc_cli.native.compiled import compiled
+from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks, limited_force
 from psmpc_cli.plant.grasp import Capture, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace

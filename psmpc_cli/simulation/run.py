@@ -13,7 +13,7 @@ from psmpc_cli.control.controller import Controller
 from psmpc_cli.control.interface import Command, State
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.native.functions import library_of
+from psmpc_cli.native.compiled import library_of
 from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of

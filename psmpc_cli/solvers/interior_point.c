@@ -163,6 +163,7 @@ static void add_inequality_weights(Inequalities ineq, double *weights) {
  * and what that leaves of the Hessian by tau, w_l t_l t_l' + w_h t_h t_h' - w t t', is added to `H_tau_tau`. A residual
  * has its own weight, and neither w_l nor w_h. */
 static void form_interval_rows(InteriorPoint *ip, const double *weights) {
+    const int64_t S = ip->program->S;
     const QuadraticProgram *program = ip->program;
     int64_t count = program->interval_row_count;
     for (int64_t i = 0; i < count; i++) {
@@ -193,6 +194,7 @@ static void form_interval_rows(InteriorPoint *ip, const double *weights) {
  *
  *     w to R,   -+ w u h_c to `H_x_tau` by the velocity after and before,   w u^2 h_c h_e to `H_tau_tau`. */
 NOINLINE void form_hessian(InteriorPoint *ip) {
+    const int64_t S = ip->program->S;
     const QuadraticProgram *program = ip->program;
     double delta = 1.0 / ip->max_row_weight;
     compute_pivots(ip->hard, 0, delta);
@@ -242,6 +244,7 @@ NOINLINE void form_hessian(InteriorPoint *ip) {
  *
  * Out: L below the diagonal of schur_factor, D on it. Returns 0 where a pivot is negative, or no number. */
 static int factorize_schur(InteriorPoint *ip) {
+    const int64_t S = ip->program->S;
     double *L = ip->schur_factor;
     for (int c = 0; c < S; c++) {
         double rounding = PIVOT_ROUNDING * fmax(fabs(ip->H_tau_tau[c * S + c]), fabs(ip->schur[c * S + c]));
@@ -258,7 +261,7 @@ static int factorize_schur(InteriorPoint *ip) {
 }
 
 /* Add the solution of L D L'x = -r to x. In: r (S,), which is overwritten. */
-static void add_schur_solution(const double *L, double *r, double *x) {
+static void add_schur_solution(int64_t S, const double *L, double *r, double *x) {
     for (int c = 0; c < S; c++)
         for (int e = 0; e < c; e++) r[c] -= L[c * S + e] * r[e];
     for (int c = S - 1; c >= 0; c--) {
@@ -271,19 +274,21 @@ static void add_schur_solution(const double *L, double *r, double *x) {
 /* Solve U x = -u for the steps of the durations, with one step of iterative refinement: Golub, Van Loan (2013), section
  * 3.5.3. */
 static void solve_schur(const InteriorPoint *ip, const double *u, double *x) {
-    double residual[S + 1]; /* one to spare, for S = 0 */
+    const int64_t S = ip->program->S;
+    double residual[S_MAX + 1]; /* one to spare, for S_MAX = 0 */
     memcpy(residual, u, S * sizeof(double));
     memset(x, 0, S * sizeof(double));
-    add_schur_solution(ip->schur_factor, residual, x);
+    add_schur_solution(S, ip->schur_factor, residual, x);
     for (int c = 0; c < S; c++) {
         residual[c] = u[c];
         for (int e = 0; e < S; e++) residual[c] += ip->schur[c * S + e] * x[e];
     }
-    add_schur_solution(ip->schur_factor, residual, x);
+    add_schur_solution(S, ip->schur_factor, residual, x);
 }
 
 /* Compute the gradient of the Lagrangian without the gaps, H x + g + C'y, with the multipliers y in row_multipliers. */
 static void compute_gradient(InteriorPoint *ip) {
+    const int64_t S = ip->program->S;
     memcpy(ip->gradient, ip->cost_gradient, ip->program->K * NX * sizeof(double));
     memcpy(ip->gradient_tau, ip->cost_gradient_tau, S * sizeof(double));
     add_rows_transposed(ip->program, ip->row_multipliers, ip->gradient, ip->gradient_tau);
@@ -330,6 +335,7 @@ static void newton_direction(InteriorPoint *ip, double mu, double corrected, Rat
 /* Take a step of the lengths alpha_p (X, tau, slacks, violations) and alpha_d (multipliers); update the largest
  * residual and the complementarity. */
 static void take_step(InteriorPoint *ip, double alpha_p, double alpha_d, double *X, double *tau) {
+    const int64_t S = ip->program->S;
     Equations *equations = &ip->equations;
     double largest = 0.0;
     ip->complementarity = 0.0;
@@ -348,6 +354,7 @@ static void take_step(InteriorPoint *ip, double alpha_p, double alpha_d, double 
 /* Return the dual residual, the largest derivative of the Lagrangian by a velocity or a duration, infinite where one is
  * no number. Out: row_multipliers and the program's gap_multipliers, those of the iterate. */
 NOINLINE double dual_residual(InteriorPoint *ip) {
+    const int64_t S = ip->program->S;
     const QuadraticProgram *program = ip->program;
     const Equations *equations = &ip->equations;
     double largest = 0.0;
@@ -378,6 +385,7 @@ NOINLINE double dual_residual(InteriorPoint *ip) {
  *
  * with the factor 2 for rounding. Farkas' lemma: Nocedal, Wright (2006), lemma 12.4. */
 static int proves_infeasible(InteriorPoint *ip) {
+    const int64_t S = ip->program->S;
     const QuadraticProgram *program = ip->program;
     const Inequalities *ineq = &ip->hard;
     const Equations *equations = &ip->equations;
@@ -434,6 +442,7 @@ static void allocate_inequalities(Inequalities *ineq, int64_t capacity, int soft
 /* Allocate all arrays of the method in the workspace, a row at most two inequalities. Returns how many doubles they
  * take. */
 static int64_t allocate_all(InteriorPoint *ip, const QuadraticProgram *program, double *workspace) {
+    const int64_t S = program->S;
     double *begin = workspace;
     int64_t K = program->K;
     int64_t rows = row_count(program);
@@ -515,6 +524,7 @@ static void list_equations(const InteriorPoint *ip, Equations *equations) {
 /* Return the distance between the bounds of the quantity that an inequality bounds. Accelerations and constraints on
  * intervals have a row for each of their bounds, one of them infinite; all other quantities have both in one row. */
 static double bound_width(const InteriorPoint *ip, int64_t row) {
+    const int64_t S = ip->program->S;
     const QuadraticProgram *program = ip->program;
     int64_t interval_rows = program->K * NX + 2 * S + program->node_row_count;
     int64_t input_rows = interval_rows + 2 * program->interval_row_count;
@@ -579,11 +589,13 @@ static void fill_positions(InteriorPoint *ip) {
 /* Set the first iterate: v = 0 and tau = 0, the positions that close the gaps, Q_k+1 = Q_k - gap_k; its inequalities,
  * equations, slacks, multipliers, residuals and complementarity. */
 static void initialize(InteriorPoint *ip) {
+    const int64_t S = ip->program->S;
     const QuadraticProgram *program = ip->program;
     double Q[N] = {0};
     ip->max_row_weight = MAX_ROW_WEIGHT;
     ip->riccati = (RiccatiData){
         .K = program->K,
+        .S = program->S,
         .H_QQ = ip->H_QQ,
         .state_weights = ip->row_weights,
         .H_x_tau = program->has_input_rows ? ip->H_x_tau : program->H_x_tau,

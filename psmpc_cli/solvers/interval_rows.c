@@ -41,7 +41,7 @@ typedef struct {
 } DenseGains;
 
 /* Write a row of an interval as one of y; `gap_tau` is -Gamma (N, S). */
-static void reduce_interval_row(const double *c, const double *by_tau, double a, double b, const double *gap_tau,
+static void reduce_interval_row(int64_t S, const double *c, const double *by_tau, double a, double b, const double *gap_tau,
                                 vec y_row[Y_VECS]) {
     const double *by_Q = c;
     const double *by_v = c + N;
@@ -62,7 +62,7 @@ static void reduce_interval_row(const double *c, const double *by_tau, double a,
 }
 
 /* Form the blocks of G on and above the diagonal, but for M. */
-static void form_interval_hessian(const ValueFunction *P, double a, double b, const double *R, vec G[Y_PADDED][Y_VECS]) {
+static void form_interval_hessian(int64_t S, const ValueFunction *P, double a, double b, const double *R, vec G[Y_PADDED][Y_VECS]) {
     memset(G, 0, Y_PADDED * Y_VECS * sizeof(vec));
     for (int i = 0; i < N; i++) {
         for (int v = 0; v < NQ_VECS; v++) {
@@ -164,6 +164,7 @@ static int eliminate_dense(const vec G[Y_PADDED][Y_VECS], vec T[N][DENSE_TABLEAU
  * the rows of one interval. */
 NOINLINE int dense_factorize(const RiccatiData *data, const IntervalRows *interval_rows, vec (*rows)[Y_VECS],
                              DenseGains *intervals, double *schur) {
+    const int64_t S = data->S;
     ValueFunction P;
     vec G[Y_PADDED][Y_VECS];
     vec T[N][DENSE_TABLEAU_VECS];
@@ -178,11 +179,11 @@ NOINLINE int dense_factorize(const RiccatiData *data, const IntervalRows *interv
         const double *gap_tau = data->gap_tau + k * N * S;
         int64_t first = last;
         add_node_cost(data, k, &node_rows_left, &P);
-        substitute_durations(gap_tau, &P);
-        form_interval_hessian(&P, a, b, data->R + k * N, G);
+        substitute_durations(S, gap_tau, &P);
+        form_interval_hessian(S, &P, a, b, data->R + k * N, G);
         while (first > 0 && interval_rows->interval[first - 1] == k) first--;
         for (int64_t i = first; i < last; i++)
-            reduce_interval_row(interval_rows->jacobian + i * INTERVAL_ROW, interval_rows->by_tau + i * S, a, b, gap_tau,
+            reduce_interval_row(S, interval_rows->jacobian + i * INTERVAL_ROW, interval_rows->by_tau + i * S, a, b, gap_tau,
                                 rows[i - first]);
         add_interval_rows(rows, interval_rows->weights + first, (int)(last - first), G);
         last = first;
@@ -199,6 +200,7 @@ NOINLINE int dense_factorize(const RiccatiData *data, const IntervalRows *interv
  *     p_q <- p_q - G_qw G_ww^-1 r,     p_v <- a p_Q - G_vw G_ww^-1 r. */
 static void dense_backward(const RiccatiData *data, const DenseGains *intervals, const double *gradient,
                            double *gradient_tau, double *control_gradients) {
+    const int64_t S = data->S;
     vec p[N_VECS + NQ_VECS];
     double *p_v = scalars(p);
     double *p_q = p_v + N_PADDED;
@@ -220,6 +222,7 @@ static void dense_backward(const RiccatiData *data, const DenseGains *intervals,
  *     w = -G_ww^-1 (G_wv v + G_wq q + r). */
 static void dense_forward(const RiccatiData *data, const DenseGains *intervals, const double *tau,
                           const double *control_gradients, double *X) {
+    const int64_t S = data->S;
     vec x[Y_VECS]; /* [v; q; r], which the gains multiply */
     double *v = scalars(x);
     double *q = v + N_PADDED;

@@ -24,6 +24,7 @@
  * offsets of all members when it loads the library. */
 typedef struct {
     int64_t K;                          /* intervals */
+    int64_t S;                          /* free durations, at most S_MAX */
     int64_t node_row_count;             /* E, constraints at nodes */
     int64_t interval_row_count;         /* I, constraints on intervals */
     int64_t has_input_rows;             /* whether accelerations are bounded */
@@ -142,6 +143,7 @@ typedef struct {
 
 /* Return the number of rows of C. */
 static int64_t row_count(const QuadraticProgram *program) {
+    const int64_t S = program->S;
     int64_t input_rows = program->has_input_rows ? 2 * program->K * N : 0;
     return program->K * NX + 2 * S + program->node_row_count + 2 * program->interval_row_count + input_rows;
 }
@@ -153,6 +155,7 @@ static int is_soft(const QuadraticProgram *program, int64_t row) {
 
 /* Return the step of the length of an interval. */
 static double length_step(const QuadraticProgram *program, int64_t k, const double *tau) {
+    const int64_t S = program->S;
     double h = 0.0;
     for (int c = 0; c < S; c++) h += program->interval_by_duration[k * S + c] * tau[c];
     return h;
@@ -160,6 +163,7 @@ static double length_step(const QuadraticProgram *program, int64_t k, const doub
 
 /* Compute c x of a constraint or residual on an interval at x = (X, tau). */
 static double interval_value(const QuadraticProgram *program, int64_t i, const double *X, const double *tau) {
+    const int64_t S = program->S;
     int64_t k = program->interval_row[i];
     const double *c = program->interval_jacobian + i * INTERVAL_ROW;
     double value = 0.0;
@@ -172,6 +176,7 @@ static double interval_value(const QuadraticProgram *program, int64_t i, const d
 /* Add y c to (X, tau). */
 static void add_interval_row(const QuadraticProgram *program, int64_t i, double y, double *restrict X,
                              double *restrict tau) {
+    const int64_t S = program->S;
     int64_t k = program->interval_row[i];
     const double *c = program->interval_jacobian + i * INTERVAL_ROW;
     for (int j = 0; j < NX && k; j++) X[(k - 1) * NX + j] += y * c[j];
@@ -181,6 +186,7 @@ static void add_interval_row(const QuadraticProgram *program, int64_t i, double 
 
 /* Compute C x at x = (X, tau). The first 2NK `rows` are X, which the caller has set; this sets those behind. */
 static void apply_rows(const QuadraticProgram *program, const double *tau, double *rows) {
+    const int64_t S = program->S;
     const double *X = rows;
     double *out = rows + program->K * NX;
     double sum = 0.0;
@@ -217,6 +223,7 @@ static void apply_rows(const QuadraticProgram *program, const double *tau, doubl
 /* Add C'y to (X, tau), the transpose of `apply_rows`; y has an entry for each row. */
 static void add_rows_transposed(const QuadraticProgram *program, const double *y, double *restrict X,
                                 double *restrict tau) {
+    const int64_t S = program->S;
     for (int64_t i = 0; i < program->K * NX; i++) X[i] += y[i];
     y += program->K * NX;
     double of_sums = 0.0; /* tau_c is in the sums from its own on */
@@ -253,6 +260,7 @@ static void add_rows_transposed(const QuadraticProgram *program, const double *y
  * blocks `H_QQ` by Q_k, R by v_k+1 - v_k, `H_x_tau` by states and durations, `H_tau_tau` by tau, and w c'c of the
  * residuals on intervals. */
 static void compute_cost_gradient(InteriorPoint *ip, const double *X, const double *tau) {
+    const int64_t S = ip->program->S;
     const QuadraticProgram *program = ip->program;
     memcpy(ip->cost_gradient, program->gradient, program->K * NX * sizeof(double));
     for (int c = 0; c < S; c++) {
@@ -297,6 +305,7 @@ static void compute_cost_gradient(InteriorPoint *ip, const double *X, const doub
  * (2006), section 15.3: elimination of variables by linear constraints. */
 static void compute_reduced_gradient(const QuadraticProgram *program, const double *by_X, double *by_tau,
                                      double *by_velocity, double *gap_multipliers) {
+    const int64_t S = program->S;
     double lambda[N] = {0};
     double lambda_next[N];
     for (int64_t k = program->K - 1; k >= 0; k--) {

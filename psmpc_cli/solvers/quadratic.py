@@ -227,22 +227,32 @@ class QuadraticProgram(ctypes.Structure):
     """A quadratic program as the kernel takes it; program.c declares the same structure."""
 
     _fields_ = (
-        *((name, ctypes.c_int64) for name in ("K", "node_row_count", "interval_row_count", "has_input_rows")),
+        *((name, ctypes.c_int64) for name in ("K", "S", "node_row_count", "interval_row_count", "has_input_rows")),
         ("max_iterations", ctypes.c_int64),
         *((name, ctypes.c_double) for name in ("tolerance", "acceptable_tolerance", "initial_barrier", "bound_push")),
         *((name, ctypes.c_void_p) for name in (*ARRAYS, "report", "workspace")),
     )
 
 
+LANES = 4
+"""Doubles of a vector; recursion.c has the same number."""
+
+
+def most_durations(coordinates: int, durations: int) -> int:
+    """Return of how many durations the kernel may be that solves programs of some, as fast as a kernel of fewer."""
+    return -(-(coordinates + durations) // LANES) * LANES - coordinates
+
+
 def kernel_library(coordinates: int, durations: int) -> Library:
-    """Return the shared library of the kernel for these sizes."""
+    """Return the shared library of the kernel for these sizes; several numbers of durations have the same."""
     source = kernel_source(coordinates, durations)
     return Library(source, "qp", FLAGS, tuple(kernel_symbols(coordinates, durations)))
 
 
 def kernel_source(coordinates: int, durations: int) -> str:
     """Return the C source of the kernel for these sizes."""
-    sizes = f"#define N {coordinates}\n#define S {durations}\n#define EQUALITY_WIDTH {EQUALITY_WIDTH}\n"
+    sizes = f"#define N {coordinates}\n#define S_MAX {most_durations(coordinates, durations)}\n"
+    sizes += f"#define EQUALITY_WIDTH {EQUALITY_WIDTH}\n"
     folder = files("psmpc_cli.solvers")
     source = "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
     return sizes + source + layout_source(QuadraticProgram, kernel_symbols(coordinates, durations).program_layout)
@@ -251,7 +261,7 @@ def kernel_source(coordinates: int, durations: int) -> str:
 class KernelSymbols(NamedTuple):
     """The names of a kernel's functions for callers.
 
-    They end with the sizes, so that kernels of several sizes can be linked into one program.
+    They end with the sizes that it is compiled for, so that kernels of several sizes can be linked into one program.
 
     Attributes:
         workspace_size: Returns how many doubles of workspace a program needs.
@@ -266,7 +276,7 @@ class KernelSymbols(NamedTuple):
 
 def kernel_symbols(coordinates: int, durations: int) -> KernelSymbols:
     """Return the names of the kernel's functions for these sizes."""
-    sizes = f"{coordinates}_{durations}"
+    sizes = f"{coordinates}_{most_durations(coordinates, durations)}"
     return KernelSymbols(
         workspace_size=f"psmpc_qp_workspace_size_{sizes}",
         solve=f"psmpc_qp_solve_{sizes}",
@@ -327,6 +337,7 @@ class RiccatiQp(QpMethod):
     def _solve(self, arrays: QpArrays) -> tuple[QpStatus, int]:
         program = QuadraticProgram(
             K=len(arrays.H_vv),
+            S=len(arrays.tau),
             node_row_count=len(arrays.row_jacobian),
             interval_row_count=len(arrays.interval_row),
             has_input_rows=len(arrays.input_low) > 0,

@@ -17,19 +17,19 @@
  * cancels no digits. v acts in two places alone: it shifts Q by a v, and it stands in (w - v)' R (w - v) / 2. So only
  * the columns of q are eliminated, and the blocks by v follow from them.
  *
- * N (coordinates) and S (free durations) are compile-time constants. Arrays are stored row by row; what is marked as
- * padded has rows of a whole number of vectors, whose surplus entries are 0.
+ * N (coordinates) and S_MAX (the most free durations) are compile-time constants; a program has S of them. Arrays are
+ * stored row by row; what is marked as padded has rows of a whole number of vectors, whose surplus entries are 0.
  */
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 
-/* Functions with external linkage carry the sizes in their names, name_N_S, so that kernels of several sizes can be
+/* Functions with external linkage carry the sizes in their names, name_N_S_MAX, so that kernels of several sizes can be
  * linked into one program. All others are static. */
 #define JOIN(name, coordinates, durations) name##_##coordinates##_##durations
 #define EXPAND(name, coordinates, durations) JOIN(name, coordinates, durations)
-#define SIZED(name) EXPAND(name, N, S)
+#define SIZED(name) EXPAND(name, N, S_MAX)
 
 #define INLINE static inline __attribute__((always_inline))
 
@@ -43,7 +43,7 @@ typedef double vec __attribute__((vector_size(8 * LANES), may_alias));
 #define PADDED(count) (((count) + LANES - 1) / LANES * LANES)
 #define NX (2 * N)                /* entries of a state [Q; v] */
 #define N_PADDED PADDED(N)        /* of v, padded */
-#define NQ_PADDED PADDED(N + S)   /* of q = [Q; tau], padded */
+#define NQ_PADDED PADDED(N + S_MAX)   /* of q = [Q; tau], padded */
 #define N_VECS (N_PADDED / LANES) /* vectors of the same */
 #define NQ_VECS (NQ_PADDED / LANES)
 
@@ -70,6 +70,7 @@ typedef struct {
 /* The matrices that the recursion reads. Constraints at nodes add weight c'c to the Hessian of their node. */
 typedef struct {
     int64_t K;                    /* intervals */
+    int64_t S;                    /* free durations */
     const vec *H_QQ;              /* Hessian by Q at nodes 1 .. K, (K, N, N), padded */
     const double *state_weights;  /* what is added to the diagonal of the Hessian by [Q; v] there, (K, 2N) */
     const double *H_x_tau;        /* Hessian by [Q; v] there and tau, (K, 2N, S) */
@@ -138,6 +139,7 @@ static inline void transpose_block(const vec *block, int stride, vec transposed[
  *
  * `rows_left` counts the constraints that are not added yet, those of earlier nodes. */
 static void add_node_cost(const RiccatiData *data, int64_t k, int64_t *rows_left, ValueFunction *P) {
+    const int64_t S = data->S;
     const double *H_x_tau = data->H_x_tau + k * NX * S;
     for (int i = 0; i < N; i++) {
         for (int j = 0; j < N_VECS; j++) P->qq[i][j] += data->H_QQ[(k * N + i) * N_VECS + j];
@@ -170,7 +172,7 @@ static void add_node_cost(const RiccatiData *data, int64_t k, int64_t *rows_left
  *     P_qq <- E' P_qq E,   P_vq <- P_vq E,   E = [1 Gamma; 0 1].
  *
  * `gap_tau` is -Gamma (N, S). */
-static void substitute_durations(const double *gap_tau, ValueFunction *P) {
+static void substitute_durations(int64_t S, const double *gap_tau, ValueFunction *P) {
     for (int c = 0; c < S; c++) {
         vec gamma[N_VECS];
         memset(gamma, 0, sizeof gamma);
@@ -300,6 +302,7 @@ static void update_value_function(const vec T[N][TABLEAU_VECS], double a, const 
  * Out: the gains of the intervals (K,) and `schur` (S, S), the Hessian by the durations after all states are
  * eliminated, a Schur complement. Returns 0 where the Hessian by some control is not positive definite. */
 NOINLINE int riccati_factorize(const RiccatiData *data, IntervalGains *intervals, double *schur) {
+    const int64_t S = data->S;
     ValueFunction P;
     vec T[N][TABLEAU_VECS];
     int64_t rows_left = data->node_row_count;
@@ -311,7 +314,7 @@ NOINLINE int riccati_factorize(const RiccatiData *data, IntervalGains *intervals
         double b = -data->gap_velocity[2 * k + 1];
         const double *R = data->R + k * N;
         add_node_cost(data, k, &rows_left, &P);
-        substitute_durations(data->gap_tau + k * N * S, &P);
+        substitute_durations(S, data->gap_tau + k * N * S, &P);
         if (!eliminate_control(&P, b, R, T)) return 0;
         update_value_function(T, a, R, &P, intervals + k);
     }
@@ -327,6 +330,7 @@ NOINLINE int riccati_factorize(const RiccatiData *data, IntervalGains *intervals
  * In and out: p_q (N + S,). In: p_v (N,). Out: r (N,), padded. */
 INLINE void compute_control_gradient(const RiccatiData *data, int64_t k, const double *gradient, const double *p_v,
                                      double *p_q, double *r) {
+    const int64_t S = data->S;
     double b = -data->gap_velocity[2 * k + 1];
     for (int i = 0; i < N; i++) p_q[i] += gradient[k * NX + i];
     for (int i = 0; i < N; i++) r[i] = b * p_q[i] + p_v[i] + gradient[k * NX + N + i];
@@ -344,6 +348,7 @@ INLINE void compute_control_gradient(const RiccatiData *data, int64_t k, const d
  * Out: r, the derivatives by the controls (K, N), padded; gradient_tau after all states are eliminated. */
 static void riccati_backward(const RiccatiData *data, const IntervalGains *intervals, const double *gradient,
                              double *gradient_tau, double *control_gradients) {
+    const int64_t S = data->S;
     vec p[NQ_VECS + N_VECS];
     double *p_q = scalars(p);
     double *p_v = p_q + NQ_PADDED;
@@ -369,6 +374,7 @@ static void riccati_backward(const RiccatiData *data, const IntervalGains *inter
  * 1 .. K, (K, 2N). */
 static void riccati_forward(const RiccatiData *data, const IntervalGains *intervals, const double *tau,
                             const double *control_gradients, double *X) {
+    const int64_t S = data->S;
     vec x[NQ_VECS + N_VECS]; /* [q~; r - R v], which the gains multiply */
     double *q = scalars(x);
     double *control_gradient = q + NQ_PADDED;

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.native.functions import BatchFunction
+from psmpc_cli.native.functions import BatchFunction, tape_library
 from psmpc_cli.native.library import Library, compile_all
-from psmpc_cli.native.tape import tape_library
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
@@ -217,8 +216,7 @@ class SqpSolver(Solver):
 def libraries(problem: Problem) -> Iterator[Library]:
     """Yield the libraries that the windows of a problem need, whichever stages are in them."""
     yield tape_library()
-    for switches in range(len(problem.stages)):
-        yield kernel_library(problem.model.n, switches)
+    yield from dict.fromkeys(kernel_library(problem.model.n, switches) for switches in range(len(problem.stages)))
 
 
 def _functions(problem: Problem, native: bool) -> Iterator[BatchFunction]:

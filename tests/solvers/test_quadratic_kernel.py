@@ -75,6 +75,7 @@ def source_of(task: Task, name: str) -> str:
     grid = task.window.form.grid
     members = {
         "K": grid.K,
+        "S": grid.switches,
         "node_row_count": len(arrays.row_jacobian),
         "interval_row_count": len(arrays.interval_row),
         "has_input_rows": int(len(arrays.input_low) > 0),

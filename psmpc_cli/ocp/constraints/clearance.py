@@ -342,7 +342,7 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
 
 
 def distances_on_arrays(model: RobotModel, pairs: Pairs, native: bool = False) -> BatchFunction:
-    """Return the function of the distances on arrays; `native`, as compiled C."""
+    """Return the function of the distances on arrays; `native`, as a tape."""
     rows = model.cached((functions, pairs), partial(functions, model, pairs))
     return rows.compiled.value if native else rows.value
 

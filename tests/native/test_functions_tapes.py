@@ -6,8 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.native.tape import BLOCK, tape_of
+from psmpc_cli.native.functions import BLOCK, BatchFunction, tape_of
 
 UNARY = {
     "-a": lambda a: -a,

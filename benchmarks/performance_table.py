@@ -1,6 +1,7 @@
 """Measures what docs/performance.md says of times and prints its tables; on a machine that does nothing else.
 
 python benchmarks/performance_table.py runs [NODES]     whole runs of the transport task; a minute
+python benchmarks/performance_table.py tasks [TASK ...] what every built-in task takes; three minutes
 python benchmarks/performance_table.py windows          solves of single windows by every back-end; 10 to 15 minutes
 python benchmarks/performance_table.py freedom          how solve times grow with the robot; some minutes
 python benchmarks/performance_table.py space [REPEAT]   a spatial robot beside the planar one; two minutes
@@ -33,11 +34,11 @@ from psmpc_cli.control import Command
 from psmpc_cli.logs import write as log
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.simulation.measures import Meter
 from psmpc_cli.simulation.recorder import header
 from psmpc_cli.simulation.run import build_experiment, closed_loop
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
+from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
 from psmpc_cli.specs.robot import PlanarRobot
 from psmpc_cli.studies.bench import (
@@ -430,8 +431,9 @@ def overhead(nodes: str = "25") -> Iterator[str]:
     The rest is all but the solve behind the command, counterfactual solves, plant and log. Measuring samples and
     reading their rows, done of many together, counts with its mean; medians leave out writing the file.
     """
-    together = timed(log, "rows_of"), timed(Meter, "flush")
-    runs = [np.min([_sample_parts(int(nodes), shares, together) for _ in range(3)], 0) for shares in (False, True)]
+    together = timed(log, "rows_of"), timed(log, "measure_together")
+    tasks = [load_task("transport", {"controller.nodes": int(nodes), "log.shares": shares}) for shares in (False, True)]
+    runs = [np.min([_sample_parts(task, together) for _ in range(3)], 0) for task in tasks]
     columns = [1e3 * np.median(times, axis=0) for times in runs]
     rows = [(name, *(f"{times[i]:.2f}" for times in columns)) for i, name in enumerate(PARTS)]
     solve, *_, rest, whole = columns[0]
@@ -440,10 +442,41 @@ def overhead(nodes: str = "25") -> Iterator[str]:
     return markdown(rows, f"median of a sample, N_s = {nodes} [ms]", "without shares", "with shares")
 
 
-def _sample_parts(nodes: int, shares: bool, together: Sequence[list[float]]) -> np.ndarray:
-    """Return what the parts of each sample of a run took (K, parts) [s]; `together` follows rows, then metrics."""
-    experiment = build_experiment(load_task("transport", {"controller.nodes": nodes, "log.shares": shares}))
+def tasks(*names: str) -> Iterator[str]:
+    """Yield the table of whole runs of tasks, by default the built-in ones: late decisions, and what takes time."""
+    measured = timed(log, "measure_together")
+    rows = []
+    for name in names or built_ins("task"):
+        task, decisions = load_task(name), list[float]()
+        measured.clear()
+        parts = _parts_of_samples(task, decisions)
+        solve, counterfactuals, plant, written, rest, whole = parts.sum(axis=0)
+        period = task.spec.controller.sample_time
+        late = sum(time > period for time in decisions)
+        seconds = (solve, counterfactuals, plant, sum(measured), written - sum(measured), rest)
+        speed = f"{len(parts) * period / whole:.1f}"
+        times = _ms(*np.quantile(decisions, [0.5, 0.99, 1.0]).tolist())
+        rows.append((f"`{Path(name).stem}`", len(parts), times, late, speed, *(f"{each:.1f}" for each in seconds)))
+        _tell(f"{name}: {len(parts)} samples")
+    headings = ("task", "samples", "decisions: median, p99, max [ms]", "late", "times real time")
+    parts_of_run = ("solves", "counterfactual solves", "plant", "measurements", "log", "rest")
+    return markdown(rows, *headings, *(f"{part} [s]" for part in parts_of_run))
+
+
+def _sample_parts(task: Task, together: Sequence[list[float]]) -> np.ndarray:
+    """Return what the parts of each sample took (K, parts) [s]; `together` follows rows, then measurements in them."""
+    for times in together:
+        times.clear()
+    found = _parts_of_samples(task)
+    read, measured = (sum(times) / len(found) for times in together)
+    return np.asarray(np.add(found, [0.0, 0.0, 0.0, read - measured, measured, read]))
+
+
+def _parts_of_samples(task: Task, decisions: list[float] | None = None) -> np.ndarray:
+    """Run a task and return what the parts of each sample took (K, parts) [s]; `decisions` gets those of decisions."""
+    experiment = build_experiment(task)
     counterfactuals, found = experiment.counterfactuals, list[list[float]]()
+    steps = timed(experiment.controller, "step")
     spent = [timed(counterfactuals, "presence"), timed(counterfactuals, "shares"), timed(experiment.plant, "advance")]
     with TemporaryDirectory() as folder, log.LogWriter(Path(folder) / "run.h5", header(experiment)) as writer:
         spent.append(timed(writer, "write"))
@@ -457,10 +490,9 @@ def _sample_parts(nodes: int, shares: bool, together: Sequence[list[float]]) -> 
             for times in spent:
                 times.clear()
             began = perf_counter()
-    read, measured = (sum(times) / len(found) for times in together)  # what rows are read of is measured then
-    for times in together:
-        times.clear()
-    return np.add(found, [0.0, 0.0, 0.0, read - measured, measured, read])
+    if decisions is not None:
+        decisions += steps[: len(found)]
+    return np.array(found)
 
 
 def parallel() -> Iterator[str]:
@@ -484,4 +516,4 @@ def parallel() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(runs, windows, freedom, space, overhead, deadlines, parallel, forces)
+    command_line(runs, tasks, windows, freedom, space, overhead, deadlines, parallel, forces)

@@ -144,13 +144,12 @@ class Guide:
     def _motions(self, stage: int, chart: Chart, sample: SampleContext, margin: float) -> StraightMotions | None:
         """Return straight motions that keep a margin as a sample finds what is around; None where nothing is."""
         model = self._problem.model
-        native = self._problem.spec.solver.compiled
         evaluated = list[tuple[BatchFunction, np.ndarray]]()
         for group in self._groups[stage].values():
             argument = argument_of(group, model, sample)
             if argument is not None:
                 taken = poses_at(group.pairs, model, argument, np.zeros(1))[0]
-                distances = distances_on_arrays(model, group.pairs, native)
+                distances = distances_on_arrays(model, group.pairs)
                 evaluated.append((distances, np.concatenate([chart.anchor, taken])))
         if not evaluated:
             return None

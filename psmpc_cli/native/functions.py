@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from psmpc_cli.native.library import Library, paths_of
+from psmpc_cli.native.library import CompilationError, Library
 from psmpc_cli.native.structures import layout_source, require_layout
 
 FLAGS = ("-O2", "-march=native", "-fno-math-errno", "-ffp-contract=off")
@@ -68,10 +68,16 @@ def _load(path: str) -> tuple[Callable[..., None], Callable[..., int]]:
 
 
 def tape_of(function: ca.Function) -> "Tape | None":
-    """Return the tape of a function; None where there is no compiler, or the function has what tapes do not."""
+    """Return the tape of a function; None where the function has what tapes do not, or their program is not there.
+
+    That is compiled with what a run needs, not here.
+    """
     if not function.is_a("SXFunction"):
         return None
-    (path,) = paths_of([tape_library()])
+    try:
+        path = tape_library().find()
+    except (CompilationError, OSError):
+        return None
     if path is None:
         return None
     count = function.n_instructions()
@@ -220,7 +226,7 @@ class BatchFunction:
 
     Attributes:
         function: The function itself, for expressions.
-        native: It is evaluated as a tape, which is made at the first call, where the machine has a compiler.
+        native: It is evaluated as a tape, which is made at the first call, see `tape_of`.
     """
 
     def __init__(self, function: ca.Function, native: bool = False) -> None:

@@ -119,14 +119,11 @@ class VelocityForm:
         curved: Programs have curvature besides that of the Gauss-Newton model, see `with_curvature`.
     """
 
-    def __init__(self, model: RobotModel, shape: WindowShape, native: bool = False) -> None:
+    def __init__(self, model: RobotModel, shape: WindowShape) -> None:
         self.grid = Grid(model.n, shape.nodes)
-        self.costs = [stage_functions(model, cost_shape(stage), native) for stage in shape.stages]
+        self.costs = [stage_functions(model, cost_shape(stage)) for stage in shape.stages]
         self.node_rows = node_rows(model, shape)
         self.interval_rows = [*interval_rows(model, shape), *_force_rows(model, shape)]
-        if native:
-            self.node_rows = [replace(rows, functions=rows.functions.compiled) for rows in self.node_rows]
-            self.interval_rows = [replace(rows, functions=rows.functions.compiled) for rows in self.interval_rows]
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
         self._nodes_of_rows = [np.array(rows.nodes) for rows in self.node_rows]

@@ -43,12 +43,12 @@ FORWARD = {"helper_options": {"ad_weight": 0.0, "ad_weight_sp": 0.0}}
 CasADi chooses, of other rows no longer."""
 
 
-def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], native: bool) -> BatchFunction:
-    """Return a function on rows of arrays; `native`, a long one as a tape."""
+def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], at_many: bool = True) -> BatchFunction:
+    """Return a function on rows of arrays; a long one that is evaluated at many of them as a tape."""
     function = ca.Function(name, arguments, outputs)
     if function.n_instructions() < LONG:
         return BatchFunction(ca.Function(name, arguments, ca.cse(outputs)))
-    return BatchFunction(function, native)
+    return BatchFunction(function, native=at_many)
 
 
 class ConstraintFunctions:
@@ -62,7 +62,6 @@ class ConstraintFunctions:
             there are none. `sqp` solves them at every iterate, and neglects their curvature.
         is_convex: They are bounded below and convex, as distances to convex bodies are: their curvature, which can only
             make programs non-convex, does not count. Such rows are many and long, and few of them count at a time.
-        native: Long functions are evaluated as tapes.
     """
 
     def __init__(
@@ -72,40 +71,32 @@ class ConstraintFunctions:
         rows: ca.SX,
         solved_for: slice | None = None,
         is_convex: bool = False,
-        native: bool = False,
     ) -> None:
         self.solved_for = solved_for
         self._is_convex = is_convex
-        self._native = native
+        self._at_many = solved_for is not None or is_convex  # nodes; other rows hold at the end of a stage
         self._x = x
         self._argument = argument
         self._rows = ca.densify(rows)
         self.count = int(rows.numel())
 
     @cached_property
-    def compiled(self) -> "ConstraintFunctions":
-        """The same rows with functions as tapes, if they give rates or are many: then they take time."""
-        if self.solved_for is None and not self._is_convex:
-            return self
-        return ConstraintFunctions(self._x, self._argument, self._rows, self.solved_for, self._is_convex, native=True)
-
-    @cached_property
     def value(self) -> BatchFunction:
         """x, a -> g (rows,)."""
-        return _on_rows("h", [self._x, self._argument], [self._rows], self._native)
+        return _on_rows("h", [self._x, self._argument], [self._rows], self._at_many)
 
     @cached_property
     def with_jacobian(self) -> BatchFunction:
         """x, a -> g (rows,), dg/dx row by row (rows 2n,)."""
         outputs = [self._rows, _row_by_row(ca.jacobian(self._rows, self._x))]
-        return _on_rows("end", [self._x, self._argument], outputs, self._native)
+        return _on_rows("end", [self._x, self._argument], outputs, self._at_many)
 
     @cached_property
     def _gradient(self) -> BatchFunction:
         """x, a, multipliers y (rows,) -> y' dg/dx (2n,)."""
         y = ca.SX.sym("y", self.count)
         gradient = ca.densify(ca.gradient(ca.dot(y, self._rows), self._x))
-        return _on_rows("row_gradient", [self._x, self._argument, y], [gradient], self._native)
+        return _on_rows("row_gradient", [self._x, self._argument, y], [gradient], self._at_many)
 
     def gradients(self, X: np.ndarray, argument: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Return the derivatives by x of some rows, each at a state of its own, (J, 2n).
@@ -136,7 +127,7 @@ class ConstraintFunctions:
         if not upper.nnz():
             return None
         arguments = [self._x, self._argument, multipliers]
-        return _on_rows("end_curvature", arguments, [_row_by_row(upper)], self._native)
+        return _on_rows("end_curvature", arguments, [_row_by_row(upper)], self._at_many)
 
     @cached_property
     def by_solved_for(self) -> BatchFunction | None:
@@ -145,7 +136,7 @@ class ConstraintFunctions:
             return None
         n = self._x.numel() // 2
         jacobian = ca.jacobian(self._rows, self._x[n:][self.solved_for])
-        return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._native)
+        return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._at_many)
 
     def prepare(self) -> tuple[BatchFunction, ...]:
         """Write those that solves need and return them."""
@@ -167,35 +158,25 @@ class IntervalFunctions:
         argument: a, a symbol.
         rows: The rows at an end as an expression of all.
         ends: Where they stand: at the beginning, 0, the end, 1, or one after the other at both.
-        native: Long functions are evaluated as tapes.
     """
 
-    def __init__(
-        self, x: ca.SX, dv: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, ends: Sequence[int], native: bool = False
-    ) -> None:
-        self._native = native
+    def __init__(self, x: ca.SX, dv: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, ends: Sequence[int]) -> None:
         self._arguments = [x, dv, h, argument]
         self._rows = ca.densify(rows)
         self._ends = ends
         self.count = int(rows.numel()) * len(ends)
 
     @cached_property
-    def compiled(self) -> "IntervalFunctions":
-        """The same rows with functions as tapes."""
-        x, dv, h, argument = self._arguments
-        return IntervalFunctions(x, dv, h, argument, self._rows, self._ends, native=True)
-
-    @cached_property
     def _value(self) -> BatchFunction:
         """x, dv, h, a -> r."""
-        return _on_rows("interval_rows", self._arguments, [self._rows], self._native)
+        return _on_rows("interval_rows", self._arguments, [self._rows])
 
     @cached_property
     def _jacobian(self) -> BatchFunction:
         """x, dv, h, a -> the derivatives of r by [x; dv; h], row by row."""
         x, dv, h, _ = self._arguments
         jacobian = ca.jacobian(self._rows, ca.vertcat(x, dv, h), FORWARD)
-        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(jacobian)], self._native)
+        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(jacobian)])
 
     def expression(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) between two states (2n,)."""
@@ -241,15 +222,13 @@ class StageFunctions:
     Args:
         model: The robot.
         shape: The shape.
-        native: The functions that `sqp` evaluates at every node are evaluated as tapes.
     """
 
-    def __init__(self, model: RobotModel, shape: StageShape, native: bool = False) -> None:
+    def __init__(self, model: RobotModel, shape: StageShape) -> None:
         skill = skill_in(shape.space)
         n = model.n
         self.model = model
         self.shape = shape
-        self._native = native
         self.rows = skill.rows(model)
         self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
         of_object = 2 * model.space.n_pose if shape.object_names else 0
@@ -290,7 +269,7 @@ class StageFunctions:
             F = self.shape.force_load.own_force(self.model, self._Q, self._Qdot, self._u, anchor)
             L += weighted_square(F, self._W_F)
         arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F)]
-        return BatchFunction(ca.Function("Lbar", arguments, ca.cse([L])), self._native)
+        return BatchFunction(ca.Function("Lbar", arguments, ca.cse([L])), native=True)
 
     @cached_property
     def gauss_newton(self) -> BatchFunction:
@@ -307,7 +286,7 @@ class StageFunctions:
         by_duration = [ca.dot(W * e, e_tau), weighted_square(e_tau, W)]
         by_position = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _row_by_row(hessian)]
         outputs = ca.cse([self._L, *by_duration, *by_position])
-        return BatchFunction(ca.Function("cost", [self._Q, W, self._target, slope], outputs), self._native)
+        return BatchFunction(ca.Function("cost", [self._Q, W, self._target, slope], outputs), native=True)
 
     @cached_property
     def residual_curvature(self) -> BatchFunction:
@@ -317,7 +296,7 @@ class StageFunctions:
         hessian, _ = ca.hessian(self._L, self._Q)
         curvature = ca.triu(hessian / 2 - E.T @ (ca.diag(self._W) @ E))
         arguments = [self._Q, self._W, self._target]
-        return BatchFunction(ca.Function("curvature", arguments, ca.cse([_row_by_row(curvature)])), self._native)
+        return BatchFunction(ca.Function("curvature", arguments, ca.cse([_row_by_row(curvature)])), native=True)
 
     @cached_property
     def _end(self) -> ca.SX:
@@ -440,17 +419,16 @@ def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
     return model.cached((force_residual, load), build)
 
 
-def stage_functions(model: RobotModel, shape: StageShape, native: bool = False) -> StageFunctions:
+def stage_functions(model: RobotModel, shape: StageShape) -> StageFunctions:
     """Return the functions of the stages of a shape, the same ones for every call; the model owns them."""
-    return model.cached((StageFunctions, shape, native), lambda: StageFunctions(model, shape, native))
+    return model.cached((StageFunctions, shape), lambda: StageFunctions(model, shape))
 
 
 class StageCosts:
-    """Errors, costs and end conditions of one robot's stages on arrays of states; `native`, as tapes."""
+    """Errors, costs and end conditions of one robot's stages on arrays of states."""
 
-    def __init__(self, model: RobotModel, native: bool = False) -> None:
+    def __init__(self, model: RobotModel) -> None:
         self.model = model
-        self._native = native
         self._functions: dict[tuple[object, ...], StageFunctions] = {}
 
     def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
@@ -459,7 +437,7 @@ class StageCosts:
         key = (stage.space, stage.input, stage.end.object_names, stage.force_load, end)
         if key not in self._functions:
             shape = replace(stage_shape(stage), end=end, moving=False)
-            self._functions[key] = stage_functions(self.model, shape, self._native)
+            self._functions[key] = stage_functions(self.model, shape)
         return self._functions[key]
 
     def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:

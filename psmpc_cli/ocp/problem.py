@@ -99,9 +99,7 @@ class Problem:
 def build_problem(task: Task) -> Problem:
     """Build the problem of a task."""
     model = RobotModel(task.robot)
-    solver = task.spec.solver
-    costs = StageCosts(model, solver.compiled and solver.traits.real_time)
-    return Problem(task, model, build_stages(task.spec, task.robot, model), costs)
+    return Problem(task, model, build_stages(task.spec, task.robot, model), StageCosts(model))
 
 
 def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:

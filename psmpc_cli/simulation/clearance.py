@@ -73,7 +73,7 @@ class ClearanceMeter:
             pairs=pairs,
             columns=np.array([self.pairs.index(name) for name in pairs.names]),
             pair_of_row=pairs.pair_of_row,
-            distances=distances_on_arrays(model, pairs, self._problem.spec.solver.compiled),
+            distances=distances_on_arrays(model, pairs),
             points=model.cached((nearest_points, pairs), partial(nearest_points, model, pairs)),
         )
 

@@ -26,7 +26,15 @@ from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.bounded import LONGEST_CALL
 from psmpc_cli.solvers.nlp import Report
 from psmpc_cli.solvers.quadratic import PiqpQp, QpMethod, QpSolution, QpStatus, RiccatiQp, kernel_library, load_kernel
-from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow, WindowBounds, fixed_bounds, window_bounds
+from psmpc_cli.solvers.sqp_window import (
+    NEAR_BOUND,
+    NEARER,
+    Evaluation,
+    SqpWindow,
+    WindowBounds,
+    fixed_bounds,
+    window_bounds,
+)
 from psmpc_cli.specs.task import SolverSpec
 
 SMALL = 1e-2
@@ -152,7 +160,7 @@ class SqpSolver(Solver):
         self._setups: dict[tuple[object, ...], tuple[VelocityForm, WindowBounds, QpMethod]] = {}
         if spec.compiled:
             compile_all(libraries(problem))  # before the robot moves: of a spatial robot it takes seconds
-        for function in _functions(problem, spec.compiled):
+        for function in _functions(problem):
             function.prepare()
 
     def _setup(self, window: Window) -> tuple[VelocityForm, WindowBounds, QpMethod]:
@@ -161,7 +169,7 @@ class SqpSolver(Solver):
         key = (shape, *(stage.limits for stage in window.stages))
         setup = self._setups.get(key)
         if setup is None:
-            form = VelocityForm(self._model, shape, self._spec.compiled)
+            form = VelocityForm(self._model, shape)
             setup = form, fixed_bounds(form, window), self._method(form)
             self._setups[key] = setup
         return setup
@@ -219,15 +227,15 @@ def libraries(problem: Problem) -> Iterator[Library]:
     yield from dict.fromkeys(kernel_library(problem.model.n, switches) for switches in range(len(problem.stages)))
 
 
-def _functions(problem: Problem, native: bool) -> Iterator[BatchFunction]:
+def _functions(problem: Problem) -> Iterator[BatchFunction]:
     """Yield the functions that the windows of a problem evaluate, whichever stages are in them."""
     for shape in dict.fromkeys(cost_shape(stage_shape(stage)) for stage in problem.stages):
-        yield from stage_functions(problem.model, shape, native).prepare()
+        yield from stage_functions(problem.model, shape).prepare()
     for stage in problem.stages:
         yield from stage_functions(problem.model, stage_shape(stage)).prepare()
     of_rows = [functions for stage in problem.stages for functions in _functions_of_rows(problem.model, stage)]
     for row_functions in dict.fromkeys(of_rows):
-        yield from (row_functions.compiled if native else row_functions).prepare()
+        yield from row_functions.prepare()
 
 
 def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFunctions | IntervalFunctions]:
@@ -235,7 +243,7 @@ def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFuncti
     constraints = tuple((name, constraint.structure) for name, constraint in stage.constraints.items())
     shape = replace(stage_shape(stage), constraints=constraints)
     stages = shape, without_end(shape)
-    form = VelocityForm(model, WindowShape(stages=stages, nodes=(1, 1), discretization="exact"), native=False)
+    form = VelocityForm(model, WindowShape(stages=stages, nodes=(1, 1), discretization="exact"))
     return [*(rows.functions for rows in form.node_rows), *(rows.functions for rows in form.interval_rows)]
 
 
@@ -289,7 +297,7 @@ class _Solve:
                     return iterate, outcome, count
                 return feasible, Outcome.FEASIBLE, count
             if count < self.spec.max_iterations:
-                here, model = self.window.linearize(iterate.reached.point)
+                here, model = self.window.linearize(iterate.reached.point, program.model)
                 program = self._restored(here, self._program(here, model, program.qp.node_multipliers))
         if feasible is not None:
             return feasible, Outcome.FEASIBLE, self.spec.max_iterations
@@ -352,12 +360,14 @@ class _Solve:
 
         So far from their bounds that the model does not have them, rows do not change the solution.
         """
+        near = NEAR_BOUND
         while True:
             qp = self.method.solve(window, model, here)
             if qp.status is not QpStatus.SOLVED:
                 return Program(model, qp, here)
             reached = self._after(here, qp.step, 1.0)
-            of_nodes, of_intervals = window.missed_rows(model, reached)
+            of_nodes, of_intervals = window.missed_rows(model, reached, near)
+            near *= NEARER
             if not (len(of_nodes) or len(of_intervals)):
                 return Program(model, qp, reached)
             model = window.with_rows(model, here.point, of_nodes, of_intervals)

@@ -30,6 +30,9 @@ from psmpc_cli.solvers.base import FEASIBLE
 NEAR_BOUND = 0.5
 """Rows over intervals are in a program from this share of their bounds on, or where the step would violate them."""
 
+NEARER = 0.2
+"""By what that share is multiplied each time a program is solved again for rows that it missed."""
+
 
 @dataclass(frozen=True, eq=False)
 class WindowBounds:
@@ -259,10 +262,13 @@ class SqpWindow:
         """Indices of the rows at nodes that are not in all programs."""
         return np.asarray(self._first_node_row + self.form.lazy_rows)
 
-    def missed_rows(self, model: Linearization, reached: Evaluation) -> tuple[np.ndarray, np.ndarray]:
+    def missed_rows(
+        self, model: Linearization, reached: Evaluation, near: float = NEAR_BOUND
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows at nodes and those over intervals that a model does not have and a point violates, ascending.
 
-        With them those that the point brings near their bounds: one more program then is enough, most often.
+        With them those that the point brings near their bounds, rows over intervals beyond the share `near` of them:
+        one more program then is enough, most often.
         """
         of_nodes = np.zeros(0, int)
         of_intervals = np.zeros(0, int)
@@ -274,7 +280,7 @@ class SqpWindow:
             values = reached.at.interval_rows
             violated = self._interval_rows_beyond(reached.point, values, 1.0, FEASIBLE)
             if not mask(model.interval_rows, len(values))[violated].all():
-                of_intervals = self._interval_rows_beyond(reached.point, values, NEAR_BOUND, 0.0)
+                of_intervals = self._interval_rows_beyond(reached.point, values, near, 0.0)
         return of_nodes, of_intervals
 
     def with_rows(
@@ -377,17 +383,20 @@ class SqpWindow:
             return np.zeros(len(is_soft))
         return np.where(is_soft, PENALTY * here.shares[self.bounds.node[which]], 0.0)
 
-    def linearize(self, point: Point) -> tuple[Evaluation, Linearization]:
+    def linearize(self, point: Point, before: Linearization | None = None) -> tuple[Evaluation, Linearization]:
         """Return the evaluation of a point, and the model there, violations weighted with the durations they last.
 
         What a step changes of the violations is left to the program, which knows it exactly. Of the rows over
-        intervals it has those that are near their bounds, of rows at nodes too where these say so.
+        intervals it has those that are near their bounds, of rows at nodes too where these say so, and all that the
+        model `before` it had: what one iterate misses, the next one would miss again.
         """
         model = self.form.linearize(point, self.p)
         here = self.evaluated(point, model.at)
         if self.leaves_rows_out:
             of_nodes = self._node_rows_beyond(here.excess, self.form.activation_excess)
             of_intervals = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
+            if before is not None:
+                of_intervals = np.union1d(of_intervals, before.interval_rows)
             model = self.with_rows(model, point, of_nodes, of_intervals)
         if not (len(self._soft_rows) and len(point.tau)):
             return here, model

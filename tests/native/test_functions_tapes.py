@@ -1,12 +1,14 @@
 """Tapes equal the functions they are of, to the last bit, at any number of rows."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from psmpc_cli.native.functions import BLOCK, BatchFunction, tape_of
+from psmpc_cli.native.functions import BLOCK, BatchFunction, tape_library, tape_of
+from psmpc_cli.native.library import compile_all
 
 UNARY = {
     "-a": lambda a: -a,
@@ -63,9 +65,10 @@ SPECIAL = [0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan, 1e-310]
 
 @pytest.fixture(scope="module", autouse=True)
 def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """A cache of these tests' own."""
+    """A cache of these tests' own, in which the program of tapes is."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PSMPC_CACHE", str(tmp_path_factory.mktemp("cache")))
+        assert compile_all([tape_library()])
         yield
 
 
@@ -141,11 +144,19 @@ def test_later_calls_leave_earlier_results_alone() -> None:
     np.testing.assert_array_equal(before, np.full((3, 2), 2.0))
 
 
-def test_what_tapes_do_not_have_stays_casadis(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_tapes_do_not_have_stays_casadis() -> None:
     x, X = ca.SX.sym("x"), ca.MX.sym("x")
     assert tape_of(ca.Function("f", [x], [ca.erfinv(x)])) is None
     assert tape_of(ca.Function("f", [X], [X + 1])) is None
     (found,) = BatchFunction(ca.Function("f", [x], [ca.erfinv(x)]), native=True)([[0.5], [0.1]], rows=2)
     np.testing.assert_allclose(found, [[0.4769362762044699], [0.08885599049425769]])
-    monkeypatch.setenv("CC", "/no/such/compiler")
+
+
+@pytest.mark.parametrize("variable", ["CC", "PSMPC_CACHE"])
+def test_without_its_program_no_tape_is_made_and_nothing_compiled(
+    variable: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv(variable, str(tmp_path))
+    x = ca.SX.sym("x")
     assert tape_of(ca.Function("f", [x], [x + 1])) is None
+    assert not [*tmp_path.iterdir()]

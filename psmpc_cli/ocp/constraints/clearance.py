@@ -341,10 +341,9 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
     return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_convex=True)
 
 
-def distances_on_arrays(model: RobotModel, pairs: Pairs, native: bool = False) -> BatchFunction:
-    """Return the function of the distances on arrays; `native`, as a tape."""
-    rows = model.cached((functions, pairs), partial(functions, model, pairs))
-    return rows.compiled.value if native else rows.value
+def distances_on_arrays(model: RobotModel, pairs: Pairs) -> BatchFunction:
+    """Return the function of the distances on arrays."""
+    return model.cached((functions, pairs), partial(functions, model, pairs)).value
 
 
 def nearest_points(model: RobotModel, pairs: Pairs) -> BatchFunction:

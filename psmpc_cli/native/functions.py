@@ -40,7 +40,7 @@ class TapeProgram(ctypes.Structure):
     _fields_ = (
         *((name, ctypes.c_int64) for name in ("run_count", "argument_count", "result_count")),
         *((name, ctypes.c_void_p) for name in ("runs", "operands", "argument_sizes", "result_sizes", "result_slots")),
-        *((name, ctypes.c_void_p) for name in ("arguments", "argument_strides", "results", "slots")),
+        *((name, ctypes.c_void_p) for name in ("arguments", "results", "slots")),
     )
 
 
@@ -72,7 +72,8 @@ def tape_of(function: ca.Function) -> "Tape | None":
 
     That is compiled with what a run needs, not here.
     """
-    if not function.is_a("SXFunction"):
+    is_dense = function.nnz_in() + function.nnz_out() == function.numel_in() + function.numel_out()
+    if not function.is_a("SXFunction") or not is_dense:
         return None
     try:
         path = tape_library().find()
@@ -120,8 +121,8 @@ class Tape:
         memory = np.zeros(slot_count * BLOCK + ALIGNMENT // 8)
         self._slots = memory[-memory.ctypes.data % ALIGNMENT // 8 :]
         self._slots[inputs * BLOCK : given * BLOCK] = np.repeat(constants, BLOCK)
-        self._arguments, self._strides = np.zeros_like(self._argument_sizes), np.zeros_like(self._argument_sizes)
-        self._results = np.zeros_like(self._result_sizes)
+        self._input_addresses = np.zeros_like(self._argument_sizes)
+        self._result_addresses = np.zeros_like(self._result_sizes)
         self._program = TapeProgram(
             run_count=run_count,
             argument_count=len(self._argument_sizes),
@@ -131,11 +132,13 @@ class Tape:
             argument_sizes=self._argument_sizes.ctypes.data,
             result_sizes=self._result_sizes.ctypes.data,
             result_slots=self._result_slots.ctypes.data,
-            arguments=self._arguments.ctypes.data,
-            argument_strides=self._strides.ctypes.data,
-            results=self._results.ctypes.data,
+            arguments=self._input_addresses.ctypes.data,
+            results=self._result_addresses.ctypes.data,
             slots=self._slots.ctypes.data,
         )
+        self._address = ctypes.addressof(self._program)
+        self._capacity = 0
+        self._reserve(1)
 
     @staticmethod
     def _instructions(function: ca.Function, operations: np.ndarray) -> tuple[np.ndarray, list[float]]:
@@ -170,21 +173,20 @@ class Tape:
             arguments: (rows, size) each, or what broadcasts to it.
             rows: The number of rows.
         """
-        kept: list[Any] = []  # arrays whose memory is read
-        for i, (argument, size) in enumerate(zip(arguments, self._argument_sizes.tolist(), strict=True)):
-            array = np.asarray(argument, dtype=float)
-            if array.shape != (rows, size):
-                array = np.broadcast_to(array, (rows, size))
-            if size > 1 and array.strides[1] != array.itemsize:
-                array = np.ascontiguousarray(array)
-            kept.append(array)
-            self._arguments[i] = array.__array_interface__["data"][0]
-            self._strides[i] = array.strides[0] // array.itemsize
-        results = [np.empty((rows, size)) for size in self._result_sizes.tolist()]
-        for i, result in enumerate(results):
-            self._results[i] = result.__array_interface__["data"][0]
-        self._run(ctypes.addressof(self._program), rows)
-        return results
+        if rows > self._capacity:
+            self._reserve(rows)
+        for values, argument in zip(self._inputs, arguments, strict=True):
+            values[:rows] = argument
+        self._run(self._address, rows)
+        return [values[:rows].copy() for values in self._results]
+
+    def _reserve(self, rows: int) -> None:
+        """Make room for the arguments and results of some rows."""
+        self._capacity = rows
+        self._inputs = [np.zeros((rows, size)) for size in self._argument_sizes.tolist()]
+        self._results = [np.zeros((rows, size)) for size in self._result_sizes.tolist()]
+        self._input_addresses[:] = [values.ctypes.data for values in self._inputs]
+        self._result_addresses[:] = [values.ctypes.data for values in self._results]
 
 
 class ArrayFunction:

@@ -50,7 +50,6 @@ typedef struct {
     const int64_t *result_sizes;
     const int32_t *result_slots;    /* of the entries of all results, one after the other */
     const double *const *arguments; /* arrays (rows, size) */
-    const int64_t *argument_strides; /* from row to row; 0, all rows have the same */
     double *const *results;         /* arrays (rows, size) */
     vec *slots;                     /* (slots, VECTORS); those of the constants are filled */
 } TapeProgram;
@@ -161,10 +160,11 @@ void psmpc_tape_run(const TapeProgram *tape, int64_t rows) {
         const int64_t here = rows - first < BLOCK ? rows - first : BLOCK;
         double *slot = numbers;
         for (int64_t i = 0; i < tape->argument_count; i++) {
-            const double *argument = tape->arguments[i] + first * tape->argument_strides[i];
-            for (int64_t j = 0; j < tape->argument_sizes[i]; j++, slot += BLOCK)
+            const int64_t size = tape->argument_sizes[i];
+            const double *argument = tape->arguments[i] + first * size;
+            for (int64_t j = 0; j < size; j++, slot += BLOCK)
                 for (int row = 0; row < BLOCK; row++) /* rows after the last repeat it: they fill the vectors */
-                    slot[row] = argument[(row < here ? row : here - 1) * tape->argument_strides[i] + j];
+                    slot[row] = argument[(row < here ? row : here - 1) * size + j];
         }
         if (here <= LANES)
             carry_out_half(tape);

@@ -59,10 +59,11 @@ def _load(path: str) -> tuple[Callable[..., None], Callable[..., int]]:
     """Load the functions that carry a tape out and that arrange it."""
     loaded = ctypes.CDLL(path)
     require_layout(loaded, TapeProgram, LAYOUT)
-    run, arrange = loaded.psmpc_tape_run, loaded.psmpc_tape_arrange
+    run = loaded.psmpc_tape_run
+    arrange = loaded.psmpc_tape_arrange
     run.argtypes = [ctypes.c_void_p, ctypes.c_int64]
     run.restype = None
-    arrange.argtypes = [ctypes.c_void_p, *[ctypes.c_int64] * 3, *[ctypes.c_void_p] * 5]
+    arrange.argtypes = [ctypes.c_void_p, *[ctypes.c_int64] * 4, *[ctypes.c_void_p] * 5]
     arrange.restype = ctypes.c_int64
     return run, arrange
 
@@ -106,18 +107,19 @@ class Tape:
         instructions, constants = self._instructions(function, operations)
         count = len(instructions)
         inputs = int(self._argument_sizes.sum())
-        runs, operands = np.zeros((count, 2), np.int32), np.zeros((count, 3), np.int32)
+        runs = np.zeros((count, 2), np.int32)
+        operands = np.zeros((count, 3), np.int32)
         self._result_slots = np.zeros(int(self._result_sizes.sum()), np.int32)
         sizes = np.zeros(2, np.int64)
         arrays = (runs, operands, self._result_slots, sizes[:1], sizes[1:])
         given = inputs + len(constants)
-        failed = arrange(
-            instructions.ctypes.data, count, given, function.sz_w(), *(array.ctypes.data for array in arrays)
-        )
+        counts = (count, given, function.sz_w(), len(self._result_slots))
+        failed = arrange(instructions.ctypes.data, *counts, *(array.ctypes.data for array in arrays))
         if failed:
             raise MemoryError(f"no memory for the instructions of {function}")
         run_count, slot_count = sizes.tolist()
-        self._runs, self._operands = runs[:run_count].copy(), operands[: runs[:run_count, 1].sum()].copy()
+        self._runs = runs[:run_count].copy()
+        self._operands = operands[: self._runs[:, 1].sum()].copy()
         memory = np.zeros(slot_count * BLOCK + ALIGNMENT // 8)
         self._slots = memory[-memory.ctypes.data % ALIGNMENT // 8 :]
         self._slots[inputs * BLOCK : given * BLOCK] = np.repeat(constants, BLOCK)

@@ -11,8 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define LANES 8  /* values of a vector */
-#define VECTORS 2 /* vectors of a slot */
+#define LANES 8                 /* values of a vector */
+#define VECTORS 2               /* vectors of a slot */
 #define BLOCK (LANES * VECTORS) /* rows of a block */
 typedef double vec __attribute__((vector_size(8 * LANES)));
 typedef int64_t mask __attribute__((vector_size(8 * LANES)));
@@ -69,6 +69,11 @@ INLINE vec magnitude(vec a) {
     return (vec)((mask)a & ~sign);
 }
 
+INLINE vec sign(vec a) {
+    const vec zero = everywhere(0.0);
+    return choose(a < zero, everywhere(-1.0), choose(a > zero, everywhere(1.0), a));
+}
+
 /* The next `count` instructions: an expression of vectors a and b, or one of numbers a and b. */
 #define EACH_VECTOR(OPERATION, EXPRESSION)                            \
     case OPERATION:                                                   \
@@ -118,7 +123,7 @@ INLINE void carry_out(const TapeProgram *tape, const int vectors) {
             EACH_VECTOR(OP_AND, truth((a != everywhere(0.0)) & (b != everywhere(0.0))))
             EACH_VECTOR(OP_OR, truth((a != everywhere(0.0)) | (b != everywhere(0.0))))
             EACH_VECTOR(OP_IF_ELSE_ZERO, choose(a != everywhere(0.0), b, everywhere(0.0)))
-            EACH_VECTOR(OP_SIGN, choose(a < everywhere(0.0), everywhere(-1.0), choose(a > everywhere(0.0), everywhere(1.0), a)))
+            EACH_VECTOR(OP_SIGN, sign(a))
             EACH_NUMBER(OP_SQRT, sqrt(a))
             EACH_NUMBER(OP_SIN, sin(a))
             EACH_NUMBER(OP_COS, cos(a))
@@ -175,87 +180,65 @@ void psmpc_tape_run(const TapeProgram *tape, int64_t rows) {
             const int64_t size = tape->result_sizes[i];
             double *result = tape->results[i] + first * size;
             for (int64_t row = 0; row < here; row++)
-                for (int64_t j = 0; j < size; j++) result[row * size + j] = numbers[from[j] * (int64_t)BLOCK + row];
+                for (int64_t j = 0; j < size; j++)
+                    result[row * size + j] = numbers[from[j] * (int64_t)BLOCK + row];
             from += size;
         }
     }
 }
 
 #define OPERATIONS 256 /* more than CasADi has */
-#define WINDOW 5000    /* instructions that are ordered together: values live longer, and slots are more, in longer ones */
+#define WINDOW 5000    /* instructions that are ordered together; in longer windows values live longer */
 
-/* Instructions of a window that wait for nothing, by operation: lists, first come, first served. */
+/* An instruction on values: those below `given` are arguments and constants, given + i is the result of the i-th. */
+typedef struct {
+    int32_t operation;
+    int32_t left;
+    int32_t right;
+} Statement;
+
+/* What a tape is made of, and what is noted of each statement or value on the way. */
+typedef struct {
+    int32_t given;
+    int32_t count;         /* statements */
+    Statement *statements; /* (count,) */
+    int32_t *order;        /* statements in the order of the tape, (count,) */
+    int32_t *waits;        /* for how many others of its window a statement waits, (count,) */
+    int32_t *users;        /* the last that reads its result, 2 * statement + side, or -1, (count,) */
+    int32_t *next_user;    /* the one before that, (2 count,) */
+    int32_t *next;         /* the next that is ready and has the same operation, or -1, (count,) */
+    int32_t *spare;        /* slots that are free, (2 count,) */
+    int32_t *last_use;     /* place of the last statement that reads a value, (given + count,) */
+    int32_t *slot;         /* of each value, (given + count,) */
+} Arrangement;
+
+/* Statements of a window that wait for nothing, by operation: lists, first come, first served. */
 typedef struct {
     int32_t first[OPERATIONS];
     int32_t last[OPERATIONS];
     int32_t count[OPERATIONS];
 } Ready;
 
-static void make_ready(Ready *ready, int32_t *next, int32_t instruction, int32_t operation) {
-    next[instruction] = -1;
+static void make_ready(Ready *ready, const Arrangement *all, int32_t i) {
+    const int32_t operation = all->statements[i].operation;
+    all->next[i] = -1;
     if (ready->count[operation]++)
-        next[ready->last[operation]] = instruction;
+        all->next[ready->last[operation]] = i;
     else
-        ready->first[operation] = instruction;
-    ready->last[operation] = instruction;
+        ready->first[operation] = i;
+    ready->last[operation] = i;
 }
 
-static int32_t take(Ready *ready, const int32_t *next, int32_t operation) {
+static int32_t take(Ready *ready, const Arrangement *all, int32_t operation) {
     const int32_t taken = ready->first[operation];
-    ready->first[operation] = next[taken];
+    ready->first[operation] = all->next[taken];
     ready->count[operation]--;
     return taken;
 }
 
-/* Order the instructions [begin, end) so that those of one operation follow each other: always the operation of which
- * most are ready, until none is left. `left` and `right` are values: those below `given` need no instruction, the others
- * are given + the instruction. */
-static void order_window(int32_t begin, int32_t end, const int32_t *operation, const int32_t *left, const int32_t *right,
-                         int32_t given, int32_t *waits, int32_t *users, int32_t *next_user, int32_t *next,
-                         int32_t *order) {
-    Ready ready;
-    memset(&ready, 0, sizeof ready);
-    for (int32_t i = begin; i < end; i++) {
-        users[i] = -1;
-        waits[i] = 0;
-        const int32_t read[2] = {left[i] - given, right[i] - given};
-        for (int side = 0; side < 2; side++)
-            if (read[side] >= begin && !(side && read[1] == read[0])) {
-                next_user[2 * i + side] = users[read[side]];
-                users[read[side]] = 2 * i + side;
-                waits[i]++;
-            }
-        if (!waits[i]) make_ready(&ready, next, i, operation[i]);
-    }
-    for (int32_t place = begin; place < end;) {
-        int32_t most = 0;
-        for (int32_t j = 1; j < OPERATIONS; j++)
-            if (ready.count[j] > ready.count[most]) most = j;
-        while (ready.count[most]) {
-            const int32_t taken = take(&ready, next, most);
-            order[place++] = taken;
-            for (int32_t user = users[taken]; user >= 0; user = next_user[user])
-                if (!--waits[user / 2]) make_ready(&ready, next, user / 2, operation[user / 2]);
-        }
-    }
-}
-
-/* Make a tape of instructions.
- *
- * Arguments: `given`, the number of slots of arguments and constants; `registers`, of what the instructions use.
- * Written: `runs` and `operands`, with room for `count` of each, `result_slots`, and the numbers of runs and of slots.
- * Returns 0, or -1 where there is no memory. */
-int64_t psmpc_tape_arrange(const Instruction *instructions, int64_t count, int64_t given, int64_t registers, Run *runs,
-                           Operands *operands, int32_t *result_slots, int64_t *run_count, int64_t *slot_count) {
-    const size_t values = (size_t)(given + count);
-    int32_t *memory = malloc((11 * (size_t)count + 2 * values + (size_t)registers + 1) * sizeof *memory);
-    if (!memory) return -1;
-    int32_t *operation = memory, *left = operation + count, *right = left + count, *order = right + count;
-    int32_t *waits = order + count, *users = waits + count, *next_user = users + count, *next = next_user + 2 * count;
-    int32_t *spare = next + count, *last_use = spare + 2 * count, *slot = last_use + values, *in_register = slot + values;
-
-    /* Which value each instruction reads, in place of which register. */
-    int32_t made = 0;
+/* Turn instructions into statements; the entries of `result_values` get the values that are results. */
+static void read_statements(const Instruction *instructions, int64_t count, int32_t *in_register, Arrangement *all,
+                            int32_t *result_values) {
     for (int64_t i = 0; i < count; i++) {
         const Instruction *each = &instructions[i];
         if (each->operation == OP_INPUT || each->operation == OP_CONST)
@@ -263,45 +246,123 @@ int64_t psmpc_tape_arrange(const Instruction *instructions, int64_t count, int64
         else if (each->operation == OP_ASSIGN)
             in_register[each->result] = in_register[each->left];
         else if (each->operation == OP_OUTPUT)
-            result_slots[each->result] = in_register[each->left]; /* the value; its slot is known at the end */
+            result_values[each->result] = in_register[each->left];
         else {
-            operation[made] = each->operation;
-            left[made] = in_register[each->left];
-            right[made] = in_register[each->right];
-            in_register[each->result] = (int32_t)given + made++;
+            all->statements[all->count] =
+                (Statement){each->operation, in_register[each->left], in_register[each->right]};
+            in_register[each->result] = all->given + all->count++;
         }
     }
-    for (int32_t begin = 0; begin < made; begin += WINDOW)
-        order_window(begin, begin + WINDOW < made ? begin + WINDOW : made, operation, left, right, (int32_t)given, waits,
-                     users, next_user, next, order);
+}
 
-    /* A slot is free again after the last instruction that reads it. */
-    for (size_t value = 0; value < values; value++) last_use[value] = -1;
-    for (int32_t place = 0; place < made; place++)
-        last_use[left[order[place]]] = last_use[right[order[place]]] = place;
-    int64_t outputs = 0;
-    for (int64_t i = 0; i < count; i++)
-        if (instructions[i].operation == OP_OUTPUT) last_use[result_slots[outputs++]] = made;
-    for (int64_t value = 0; value < given; value++) {
-        slot[value] = (int32_t)value;
-        last_use[value] = made;
+/* Order the statements [begin, end) so that those of one operation follow each other: always the operation of which
+ * most are ready, until none is left. */
+static void order_window(const Arrangement *all, int32_t begin, int32_t end) {
+    Ready ready;
+    memset(&ready, 0, sizeof ready);
+    for (int32_t i = begin; i < end; i++) {
+        const int32_t read[2] = {all->statements[i].left - all->given, all->statements[i].right - all->given};
+        all->users[i] = -1;
+        all->waits[i] = 0;
+        for (int side = 0; side < 2; side++)
+            if (read[side] >= begin && !(side && read[1] == read[0])) {
+                all->next_user[2 * i + side] = all->users[read[side]];
+                all->users[read[side]] = 2 * i + side;
+                all->waits[i]++;
+            }
+        if (!all->waits[i]) make_ready(&ready, all, i);
     }
-    int32_t top = (int32_t)given, spares = 0;
-    *run_count = 0;
-    for (int32_t place = 0; place < made; place++) {
-        const int32_t i = order[place], a = left[i], b = right[i], result = (int32_t)given + i;
-        if (last_use[a] == place) spare[spares++] = slot[a];
-        if (b != a && last_use[b] == place) spare[spares++] = slot[b];
-        slot[result] = spares ? spare[--spares] : top++;
-        if (last_use[result] < 0) spare[spares++] = slot[result];
-        operands[place] = (Operands){slot[result], slot[a], slot[b]};
-        if (*run_count && runs[*run_count - 1].operation == operation[i])
-            runs[*run_count - 1].count++;
+    for (int32_t place = begin; place < end;) {
+        int32_t most = 0;
+        for (int32_t j = 1; j < OPERATIONS; j++)
+            if (ready.count[j] > ready.count[most]) most = j;
+        while (ready.count[most]) {
+            const int32_t taken = take(&ready, all, most);
+            all->order[place++] = taken;
+            for (int32_t user = all->users[taken]; user >= 0; user = all->next_user[user])
+                if (!--all->waits[user / 2]) make_ready(&ready, all, user / 2);
+        }
+    }
+}
+
+/* Note until when each value is needed; results and what is given, to the end. */
+static void find_last_uses(const Arrangement *all, const int32_t *result_values, int64_t results) {
+    for (int32_t value = 0; value < all->given + all->count; value++)
+        all->last_use[value] = value < all->given ? all->count : -1;
+    for (int32_t place = 0; place < all->count; place++) {
+        const Statement *each = &all->statements[all->order[place]];
+        if (each->left >= all->given) all->last_use[each->left] = place;
+        if (each->right >= all->given) all->last_use[each->right] = place;
+    }
+    for (int64_t i = 0; i < results; i++) all->last_use[result_values[i]] = all->count;
+}
+
+/* Give every value a slot, which is free again after the last statement that reads it; return how many slots there are,
+ * and write the operands of the tape. */
+static int32_t assign_slots(const Arrangement *all, Operands *operands) {
+    int32_t top = all->given;
+    int32_t spares = 0;
+    for (int32_t value = 0; value < all->given; value++) all->slot[value] = value;
+    for (int32_t place = 0; place < all->count; place++) {
+        const int32_t i = all->order[place];
+        const int32_t a = all->statements[i].left;
+        const int32_t b = all->statements[i].right;
+        const int32_t result = all->given + i;
+        if (all->last_use[a] == place) all->spare[spares++] = all->slot[a];
+        if (b != a && all->last_use[b] == place) all->spare[spares++] = all->slot[b];
+        all->slot[result] = spares ? all->spare[--spares] : top++;
+        if (all->last_use[result] < 0) all->spare[spares++] = all->slot[result];
+        operands[place] = (Operands){all->slot[result], all->slot[a], all->slot[b]};
+    }
+    return top;
+}
+
+/* Write the runs of a tape; return how many there are. */
+static int64_t find_runs(const Arrangement *all, Run *runs) {
+    int64_t count = 0;
+    for (int32_t place = 0; place < all->count; place++) {
+        const int32_t operation = all->statements[all->order[place]].operation;
+        if (count && runs[count - 1].operation == operation)
+            runs[count - 1].count++;
         else
-            runs[(*run_count)++] = (Run){operation[i], 1};
+            runs[count++] = (Run){operation, 1};
     }
-    for (int64_t i = 0; i < outputs; i++) result_slots[i] = slot[result_slots[i]];
-    *slot_count = top;
-    free(memory);
+    return count;
+}
+
+/* Make a tape of instructions.
+ *
+ * Arguments: `given`, the number of slots of arguments and constants; `registers`, of what the instructions use;
+ * `results`, the number of entries of all results. Written: `runs` and `operands`, with room for `count` of each,
+ * `result_slots`, and the numbers of runs and of slots. Returns 0, or -1 where there is no memory. */
+int64_t psmpc_tape_arrange(const Instruction *instructions, int64_t count, int64_t given, int64_t registers,
+                           int64_t results, Run *runs, Operands *operands, int32_t *result_slots, int64_t *run_count,
+                           int64_t *slot_count) {
+    const int64_t values = given + count;
+    Arrangement all = {.given = (int32_t)given};
+    all.statements = malloc((size_t)(count + 1) * sizeof *all.statements);
+    all.order = malloc((size_t)(8 * count + 2 * values + registers + 1) * sizeof *all.order);
+    if (!all.statements || !all.order) {
+        free(all.statements);
+        free(all.order);
+        return -1;
+    }
+    all.waits = all.order + count;
+    all.users = all.waits + count;
+    all.next_user = all.users + count;
+    all.next = all.next_user + 2 * count;
+    all.spare = all.next + count;
+    all.last_use = all.spare + 2 * count;
+    all.slot = all.last_use + values;
+    int32_t *in_register = all.slot + values;
+    read_statements(instructions, count, in_register, &all, result_slots);
+    for (int32_t begin = 0; begin < all.count; begin += WINDOW)
+        order_window(&all, begin, begin + WINDOW < all.count ? begin + WINDOW : all.count);
+    find_last_uses(&all, result_slots, results);
+    *slot_count = assign_slots(&all, operands);
+    *run_count = find_runs(&all, runs);
+    for (int64_t i = 0; i < results; i++) result_slots[i] = all.slot[result_slots[i]];
+    free(all.statements);
+    free(all.order);
     return 0;
 }

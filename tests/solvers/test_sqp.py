@@ -269,17 +269,40 @@ def test_a_step_that_leaves_curved_rows_is_corrected() -> None:
     assert solution.window.stages[0].name == "approach"
 
 
-def test_the_correction_of_a_step_takes_most_of_what_it_leaves_of_curved_rows() -> None:
-    task = load_task("transport", TIGHT_FORCES)
-    solution = first_solution("transport", *TIGHT_FORCES)
+def first_window(solution: Solution, *changes: str) -> tuple[SqpWindow, Point]:
+    """The window of a solution of `transport`, and its guess."""
     window = solution.window
     guess = solution.plan
-    form = VelocityForm(build_problem(task).model, window_shape(window))
+    form = VelocityForm(build_problem(load_task("transport", changes)).model, window_shape(window))
     tau = np.zeros(0)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
-    of_window = SqpWindow(form, bounds, window_numbers(window, guess.instants))
-    here, linear = of_window.linearize(Point(guess.X, tau))
-    linear = of_window.with_rows(linear, here.point, np.zeros(0, int), np.arange(len(form.row_interval)))
+    return SqpWindow(form, bounds, window_numbers(window, guess.instants)), Point(guess.X, tau)
+
+
+def test_a_later_iterate_keeps_the_rows_of_the_program_before() -> None:
+    of_window, point = first_window(first_solution("transport", *TIGHT_FORCES), *TIGHT_FORCES)
+    here, near = of_window.linearize(point)
+    _, full = of_window.linearize(point, of_window.with_rows(near, point, np.zeros(0, int), np.arange(30)))
+    np.testing.assert_array_equal(full.interval_rows, np.union1d(near.interval_rows, np.arange(30)))
+    assert len(near.interval_rows) < len(full.interval_rows) < len(here.at.interval_rows)
+
+
+def test_a_program_that_misses_rows_gets_those_that_are_near_their_bounds_too() -> None:
+    of_window, point = first_window(first_solution("transport", *TIGHT_FORCES), *TIGHT_FORCES)
+    here, model = of_window.linearize(point)
+    without = replace(model, interval_rows=model.interval_rows[:0], interval_rows_by=model.interval_rows_by[:0])
+    reached = of_window.evaluation(point.moved(PiqpQp(1e-9).solve(of_window, without, here).step, 1.0))
+    assert reached.violation > FEASIBLE
+    half, tenth = (of_window.missed_rows(without, reached, share)[1] for share in (0.5, 0.1))
+    assert 0 < len(half) < len(tenth)
+    assert set(half) < set(tenth)
+
+
+def test_the_correction_of_a_step_takes_most_of_what_it_leaves_of_curved_rows() -> None:
+    of_window, point = first_window(first_solution("transport", *TIGHT_FORCES), *TIGHT_FORCES)
+    here, linear = of_window.linearize(point)
+    every = np.arange(len(of_window.form.row_interval))
+    linear = of_window.with_rows(linear, here.point, np.zeros(0, int), every)
     step = PiqpQp(1e-9).solve(of_window, linear, here).step
     reached = of_window.evaluation(here.point.moved(step, 1.0))
     about, nearest = of_window.corrected(here, linear, step, reached)

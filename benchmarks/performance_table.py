@@ -432,8 +432,8 @@ def overhead(nodes: str = "25") -> Iterator[str]:
     reading their rows, done of many together, counts with its mean; medians leave out writing the file.
     """
     together = timed(log, "rows_of"), timed(log, "measure_together")
-    tasks = [load_task("transport", {"controller.nodes": int(nodes), "log.shares": shares}) for shares in (False, True)]
-    runs = [np.min([_sample_parts(task, together) for _ in range(3)], 0) for task in tasks]
+    both = [load_task("transport", {"controller.nodes": int(nodes), "log.shares": shares}) for shares in (False, True)]
+    runs = [np.min([_sample_parts(task, together) for _ in range(3)], 0) for task in both]
     columns = [1e3 * np.median(times, axis=0) for times in runs]
     rows = [(name, *(f"{times[i]:.2f}" for times in columns)) for i, name in enumerate(PARTS)]
     solve, *_, rest, whole = columns[0]
@@ -447,7 +447,8 @@ def tasks(*names: str) -> Iterator[str]:
     measured = timed(log, "measure_together")
     rows = []
     for name in names or built_ins("task"):
-        task, decisions = load_task(name), list[float]()
+        task = load_task(name)
+        decisions = list[float]()
         measured.clear()
         parts = _parts_of_samples(task, decisions)
         solve, counterfactuals, plant, written, rest, whole = parts.sum(axis=0)

@@ -14,7 +14,7 @@
 #define LANES 8                 /* values of a vector */
 #define VECTORS 2               /* vectors of a slot */
 #define BLOCK (LANES * VECTORS) /* rows of a block */
-typedef double vec __attribute__((vector_size(8 * LANES)));
+typedef double vec __attribute__((vector_size(8 * LANES), may_alias)); /* its entries are read as numbers too */
 typedef int64_t mask __attribute__((vector_size(8 * LANES)));
 
 #define INLINE static inline __attribute__((always_inline))

@@ -387,8 +387,8 @@ class SqpWindow:
         """Return the evaluation of a point, and the model there, violations weighted with the durations they last.
 
         What a step changes of the violations is left to the program, which knows it exactly. Of the rows over
-        intervals it has those that are near their bounds, of rows at nodes too where these say so, and all that the
-        model `before` it had: what one iterate misses, the next one would miss again.
+        intervals it has those that are near their bounds, and those that the model `before` had: what one iterate
+        misses, the next one would miss again. Of rows at nodes it has those near their bounds where these say so.
         """
         model = self.form.linearize(point, self.p)
         here = self.evaluated(point, model.at)

@@ -21,7 +21,9 @@
     effort      missions of `plane` by control weight: 10 missions
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
-    masses, load, drift, delay    the same by what else the controller does not know
+    masses, load, drift  the same by what else the controller does not know
+    delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 10 missions
+    delay_tour  tours of the planar robot, the same: 10 tours
     timed       missions of `plane` that switch when hard switching did, at given times: 5 missions
     priorities  the task `transport` by the priority of each stage, and by horizon and the priority of Release
 
@@ -376,6 +378,26 @@ def drift(linear: float, angular: float) -> tuple[str, Changes]:
     return f"{linear:g} m/s, {angular:g} deg/s", changes
 
 
+IMPRECISE = {
+    "uncertainty.noise": dict.fromkeys(
+        ("position", "angle", "velocity", "angular_velocity", "object_position", "object_angle"), 1e-3
+    ),
+    "uncertainty.mass": 0.1,
+    "uncertainty.inertia": 0.1,
+}
+"""Noise of a measurement, 1 mm, 1 mrad and as much in a second, and masses and inertias wrong by up to 10 %."""
+
+IMPRECISE_WITHOUT_OBJECT = {
+    **IMPRECISE,
+    "uncertainty.noise": dict.fromkeys(("position", "angle", "velocity", "angular_velocity"), 1e-3),
+}
+
+
+def late(seconds: float, imprecise: Changes = IMPRECISE) -> tuple[str, Changes]:
+    """Return a delay that the controller is not told [s], beside what else it does not know."""
+    return f"{seconds:g} s", {**imprecise, "uncertainty.delay": f"{seconds:g} s"}
+
+
 PRIORITIES = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3)
 STAGES = ("approach", "capture", "transport", "release")
 HORIZONS = (2.0, 3.0, 4.0, 6.0, 8.0, 12.0)
@@ -425,8 +447,14 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
     "load": {"not known": {"object.grasp.known": False}},
     "drift": dict([drift(0.01, 1.0), drift(0.03, 3.0)]),
     "delay": {
-        "1 sample": {"uncertainty.delay": 1},
-        "1 sample, known": {"uncertainty.delay": 1, "controller.known_delay": 1},
+        "none": IMPRECISE,
+        **dict(late(seconds) for seconds in (0.05, 0.1, 0.2, 0.3)),
+        "0.1 s, jitter of 0.03 s": {**IMPRECISE, "uncertainty.delay": "0.1 s", "uncertainty.jitter": 0.03},
+        "0.1 s, `controller.delay: 0`": {**IMPRECISE, "uncertainty.delay": "0.1 s", "controller.delay": 0},
+    },
+    "delay_tour": {
+        "none": IMPRECISE_WITHOUT_OBJECT,
+        **dict(late(seconds, IMPRECISE_WITHOUT_OBJECT) for seconds in (0.05, 0.1, 0.2, 0.3)),
     },
     "timed": {"": {}},
     "priorities": {
@@ -452,7 +480,8 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "masses": ("plane", PLANNED, range(5)),
     "load": ("plane", PLANNED, range(5)),
     "drift": ("plane", PLANNED, range(5)),
-    "delay": ("plane", PLANNED, range(5)),
+    "delay": ("plane", PLANNED, range(10)),
+    "delay_tour": ("tour", PLANNED, range(10)),
     "timed": ("plane", ("psmpc, timed", "hard, timed"), range(5)),
     "priorities": ("transport", ("psmpc",), range(1)),
 }

@@ -2,7 +2,7 @@
 
     python benchmarks/monte_carlo.py controllers [CONTROLLER=RUNS ...]      by controller, some 13 minutes
     python benchmarks/monte_carlo.py noise                                  by the level of the noise, some 25 minutes
-    python benchmarks/monte_carlo.py delays [RUNS]                          late controls, known and not
+    python benchmarks/monte_carlo.py delays [RUNS]                          late commands: delay found, given, ignored
     python benchmarks/monte_carlo.py limited                                tasks with limits of forces, some 25 minutes
 
 The results of each row go to a file in runs/. Stopped, it goes on where it was.
@@ -43,19 +43,18 @@ LIMITED = {
 """Runs and changes of each task with limits of forces."""
 
 DELAYS = (
-    (0, 0, 0.03),
-    (1, 0, 0.03),
-    (1, 0, 1.0),
-    (0, 0, 4.0),
-    (1, 0, 4.0),
-    (1, 1, 4.0),
-    (1, 1, 0.03),
-    (2, 1, 0.03),
-    (2, 2, 0.03),
-    (5, 5, 0.03),
-    (10, 10, 0.03),
+    (0.0, "auto", 0.03),
+    (0.1, 0.0, 0.03),
+    (0.1, 0.0, 1.0),
+    (0.1, 0.0, 4.0),
+    (0.1, "auto", 0.03),
+    (0.1, 0.1, 0.03),
+    (0.1, "auto", 4.0),
+    (0.2, "auto", 0.03),
+    (0.3, "auto", 0.03),
+    (0.5, 0.5, 0.03),
 )
-"""Samples of delay, how many of them the controller knows of, and W_r."""
+"""Delays [s], those that the controller counts with, and W_r."""
 
 EFFORT = "effort [m^2/s^3, rad^2/s^3]"
 
@@ -164,12 +163,12 @@ def delays(count: str = "20") -> Iterator[str]:
     """Yield the table of late controls."""
     shown = ("succeeded", "ends [s]", "final error [tolerances]", EFFORT, "failed solves a run")
 
-    def row(delay: int, known: int, weight: float) -> dict[str, object]:
+    def row(delay: float, counted: str | float, weight: float) -> dict[str, object]:
         weights = (f"skills.{skill}.weights.control={weight}" for skill in ("move", "reach"))
-        changes = (f"uncertainty.delay={delay}", f"controller.known_delay={known}", *weights)
-        runs = measure(f"delay-{delay}-{known}-{weight:g}", int(count), *changes)
+        changes = (f"uncertainty.delay={delay:g} s", f"controller.delay={counted}", *weights)
+        runs = measure(f"delay-{delay:g}-{counted}-{weight:g}", int(count), *changes)
         found, why = columns(runs), (f"{len(seeds)}: {reason}" for reason, seeds in failures(runs).items())
-        given = {"delay [samples]": delay, "known": known, "W_r": f"{weight:g}"}
+        given = {"delay [s]": f"{delay:g}", "counted with [s]": counted, "W_r": f"{weight:g}"}
         return {**given, **{name: found[name] for name in shown}, "why runs fail": "; ".join(why)}
 
     return markdown(row(*each) for each in DELAYS)

@@ -393,7 +393,9 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if spec.priorities is not None:
         echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
     if spec.uncertainty.in_force:
-        echo(f"uncertain, seed {spec.seed}, known delay {spec.controller.known_delay}:")
+        delay = spec.controller.delay
+        known = "found out" if delay == "auto" else f"known as {delay:g} s"
+        echo(f"uncertain, seed {spec.seed}, delay {known}:")
         echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
     print_table(headings, [row for forecast in forecasts for row in _stage(task, forecast)], left=len(headings))

@@ -40,7 +40,7 @@ class Memory:
 
     Attributes:
         sequence: The stages in the window.
-        time: Of the last sample [s].
+        time: Of the last measurement [s].
         plans: The plans in force.
         solution: The last solve.
         levels: The last solutions of the levels of HTMPC.
@@ -73,9 +73,10 @@ class Situation:
     """A sample as the controller sees it.
 
     Attributes:
-        time: Of the sample [s].
+        time: When its command begins to act [s].
         estimate: What is known of the robot.
-        x_chart: Estimated state in the chart (2n,); NaN where nothing is known of it.
+        target_object: What is known of an object that moves, a held one where it is when the command begins to act.
+        x_chart: State in the chart in which the command begins to act (2n,); NaN where nothing is known of it.
         is_measured: All of the state was measured.
         placement: The stages with their targets.
         switches: Stages that ended since the sample before.
@@ -84,6 +85,7 @@ class Situation:
 
     time: float
     estimate: Estimate
+    target_object: ObjectEstimate
     x_chart: np.ndarray
     is_measured: bool
     placement: Placement
@@ -170,7 +172,7 @@ class ControlLaw:
         attempt = attempts.solve_longest(memory.sequence, longer)
         decision = self._accept(memory, situation, attempt, prediction, stop_at)  # or fall back
         events = self._events(memory, measurement, situation, longer, decision)
-        estimate, command = self._command(measurement, situation, decision, events)
+        estimate, command = self._command(situation, decision, events)
         return _remembered(memory, situation, decision, estimate), command
 
     def _measure(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Situation]:
@@ -178,26 +180,50 @@ class ControlLaw:
 
         Where the attitude was not measured the chart is about the one that the plan foresees.
         """
-        time = measurement.time
-        estimate = self._estimator.measured(memory.estimate, measurement.state)
-        measured_at = time - self._spec.known_delay * self._spec.sample_time
-        grip = self._grip(memory.sequence, estimate.state)
+        measured_at = measurement.time
+        estimate = self._estimated(memory, measurement)
+        time = estimate.acts_at
+        grip = self._grip(memory.sequence, measured_at, estimate.state)
         target_object = memory.target_object.with_measurement(measured_at, measurement.object_pose, grip)
         foreseen = self._estimator.foreseen(estimate)
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x_chart = np.asarray(chart.to_chart(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
+        if time > measured_at:
+            then = self._grip(memory.sequence, measured_at, foreseen)
+            target_object = target_object.carried(time - measured_at, then)
         if self._guide is not None:
             route = self._guide.followed(memory.route, memory.sequence.first, time, foreseen, target_object)
             memory = replace(memory, route=route)
-        placement = self._place(memory, time, x_chart, chart)
+        placement = self._place(memory, time, x_chart, chart, target_object)
         is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
-        situation = Situation(time, estimate, x_chart, is_measured, placement, route=memory.route)
+        situation = Situation(time, estimate, target_object, x_chart, is_measured, placement, route=memory.route)
         return replace(memory, signs=placement.signs), situation
 
-    def _grip(self, sequence: MovingSequence, state: State) -> Grip | None:
-        """Return the gripper that holds the object at an estimated state; None where none does or it is not known."""
-        is_held = sequence.first in self.problem.held_stages
+    def _estimated(self, memory: Memory, measurement: Measurement) -> Estimate:
+        """Return what is known of the robot after a measurement."""
+        sequence = memory.sequence
+        holding = self.problem.held_stages
+        switches = (sequence.first, sequence.progress.entered), (sequence.first + 1, sequence.planned_end)
+        return self._estimator.measured(
+            memory.estimate,
+            measurement.time,
+            measurement.state,
+            jumps=any(
+                stage in (holding.start, holding.stop) and memory.time < switch <= measurement.time
+                for stage, switch in switches
+            ),
+            is_loaded=sequence.first in holding and self.problem.law.grasps is None,
+        )
+
+    @staticmethod
+    def _stage_at(sequence: MovingSequence, time: float) -> int:
+        """Return the index of the stage that the robot was in at a time [s], before what the last command began."""
+        return sequence.first - int(sequence.first > 0 and time < sequence.progress.entered)
+
+    def _grip(self, sequence: MovingSequence, time: float, state: State) -> Grip | None:
+        """Return the gripper that holds the object at a time [s] in a state; None where none does, or it is unknown."""
+        is_held = self._stage_at(sequence, time) in self.problem.held_stages
         if not (is_held and isfinite(state.vector @ state.vector)):
             return None
         return Grip.of(self.problem.model, self.problem.body.holder, state.Q, state.v)
@@ -210,7 +236,13 @@ class ControlLaw:
         return space.chart_at(foreseen[0])
 
     def _place(
-        self, memory: Memory, time: float, x_chart: np.ndarray, chart: Chart, at_planned_ends: bool = False
+        self,
+        memory: Memory,
+        time: float,
+        x_chart: np.ndarray,
+        chart: Chart,
+        target_object: ObjectEstimate,
+        at_planned_ends: bool = False,
     ) -> Placement:
         return self._placer.place(
             time=time,
@@ -218,7 +250,7 @@ class ControlLaw:
             chart=chart,
             sequence=memory.sequence,
             plan=memory.plans.solved,
-            target_object=memory.target_object,
+            target_object=target_object,
             signs=memory.signs,
             waypoints=memory.route.waypoints,
             at_planned_ends=at_planned_ends,
@@ -245,7 +277,9 @@ class ControlLaw:
 
         placement = situation.placement
         if self._placer.follows_object:
-            placement = self._place(memory, time, x_chart, placement.chart, at_planned_ends=True)
+            placement = self._place(
+                memory, time, x_chart, placement.chart, situation.target_object, at_planned_ends=True
+            )
             memory = replace(memory, signs=placement.signs)
         x_chart = self._with_predicted(memory, time, x_chart)
         arguments = self._placer.arguments(
@@ -254,7 +288,7 @@ class ControlLaw:
             x=x_chart,
             chart=placement.chart,
             plan=memory.plans.solved,
-            target_object=memory.target_object,
+            target_object=situation.target_object,
             before=memory.arguments,
         )
         memory = replace(memory, arguments=arguments)
@@ -310,7 +344,12 @@ class ControlLaw:
             return situation
         extended = replace(memory, sequence=longer)
         placement = self._place(
-            extended, situation.time, situation.x_chart, situation.placement.chart, at_planned_ends=True
+            extended,
+            situation.time,
+            situation.x_chart,
+            situation.placement.chart,
+            situation.target_object,
+            at_planned_ends=True,
         )
         return replace(situation, placement=placement.with_arguments(memory.arguments))
 
@@ -395,16 +434,14 @@ class ControlLaw:
         }
         return frozenset(name for name, yes in happened.items() if yes)
 
-    def _command(
-        self, measurement: Measurement, situation: Situation, decision: Decision, events: frozenset[str]
-    ) -> tuple[Estimate, Command]:
+    def _command(self, situation: Situation, decision: Decision, events: frozenset[str]) -> tuple[Estimate, Command]:
         """Return the command over the coming sample, and the estimate that counts it."""
         edges = situation.time + self._ticks
         Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
         planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
-        estimate, u = self._estimator.command(situation.estimate, planned, measurement.state.v)
+        estimate, u = self._estimator.command(situation.estimate, planned)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
             if self.problem.model.task_space_condition(Q[0]) > LARGEST_CONDITION:
@@ -412,7 +449,9 @@ class ControlLaw:
             elif decision.solved:
                 twist_rates = self.problem.model.twist_rates(Q[0], v[0], u, self._tick)
         command = Command(
-            time=situation.time,
+            time=estimate.time,
+            delay=estimate.delay.seconds,
+            delay_deviation=estimate.delay.deviation,
             state=np.concatenate([Q[0], v[0]]),
             u=u,
             tick=self._tick,
@@ -439,7 +478,7 @@ def _remembered(memory: Memory, situation: Situation, decision: Decision, estima
     return replace(
         memory,
         sequence=decision.sequence,
-        time=situation.time,
+        time=situation.estimate.time,
         plans=decision.plans,
         solution=decision.attempt.solution,
         levels=decision.levels,
@@ -485,9 +524,9 @@ class Controller:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
 
         Args:
-            time: When the command begins to act [s], a sample after the one before.
-            state: Measured then, or `known_delay` samples before. Where it is not finite the plan's own prediction is
-                used, at most until the end of the plan in force when the state was last measured completely.
+            time: Of the measurement [s], a sample after the one before.
+            state: Measured then. Where it is not finite the plan's own prediction is used, at most until the end of
+                the plan in force when the state was last measured completely.
             object_pose: Pose of a task's object with a mass, measured with the state, (3,) or (7,); where it is not
                 finite, or not given, the object's motion is predicted.
 

@@ -1,9 +1,10 @@
-"""The state that a controller decides from: filtered measurements, foreseen over a known delay; and a disturbance."""
+"""The state that a controller decides from: filtered measurements, foreseen over the delay; delay and disturbance."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from psmpc_cli.control.delay import DelayEstimate, DelayEstimator, Sent, SentCommands
 from psmpc_cli.control.interface import State
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.motion import over_ticks
@@ -25,21 +26,27 @@ class Estimate:
     """What is known of the robot from the measurements so far.
 
     Attributes:
-        state: Estimated state at the time of the last measurement.
+        time: Of the last measurement [s].
+        state: Estimated state then.
         covariance: Of the error of each coordinate and its velocity, (n, 2, 2) [m, rad, m/s, rad/s].
-        planned: Accelerations planned over each sample since the last measurement but one, the oldest first, (M, n)
-            each [m/s^2, rad/s^2].
         disturbance: Acceleration on top of the commanded one, (n,); zero without offset-free control.
-        velocity: Velocity as measured last (n,), now or over a known delay ago; NaN before the first measurement.
-        commanded: Mean accelerations commanded over each sample since the one before `velocity`'s, (n,) each.
+        velocity: Velocity as measured last (n,); NaN where nothing was measured.
+        commands: What was planned and commanded so far.
+        delay: What is known of the delay after which commands reach the robot.
     """
 
+    time: float
     state: State
     covariance: np.ndarray
-    planned: tuple[np.ndarray, ...]
     disturbance: np.ndarray
     velocity: np.ndarray
-    commanded: tuple[np.ndarray, ...]
+    commands: SentCommands
+    delay: DelayEstimate
+
+    @property
+    def acts_at(self) -> float:
+        """When the next command begins to act [s]."""
+        return self.time + self.delay.seconds
 
 
 class Estimator:
@@ -56,7 +63,8 @@ class Estimator:
     K = 0. Without measurement noise the measured state is the estimate.
     Source: Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation (2001), section 6.2.
 
-    Delay: the state in which a command acts follows from the estimate and the accelerations planned since.
+    Delay: the state in which a command acts follows from the estimate and the accelerations on their way. How long
+    they take is given, or found out by `DelayEstimator`.
 
     Disturbance: an acceleration that is constant over a sample, on top of the commanded one. What the measured velocity
     changed by, less what was commanded, passes a first-order filter: integral action. A base without thrusters has
@@ -87,43 +95,70 @@ class Estimator:
         self._noise = np.zeros((n, 2, 2))
         self._noise[:, 0, 0] = noise[:n] ** 2
         self._noise[:, 1, 1] = noise[n:] ** 2
+        self._given_delay = None if spec.delay == "auto" else tick * round(spec.delay / tick)
+        self._delays = DelayEstimator(noise[n:], actuated, tick, spec.sample_time, spec.horizon)
 
-    def measured(self, estimate: Estimate | None, state: State) -> Estimate:
+    def measured(
+        self, estimate: Estimate | None, time: float, state: State, jumps: bool = False, is_loaded: bool = False
+    ) -> Estimate:
         """Return the estimate after a measurement.
 
         Args:
             estimate: That of the sample before; None at the first, before which no control was planned or commanded.
-            state: Measured now, or `known_delay` samples before. What is not finite is not measured.
+            time: Of the measurement [s].
+            state: Measured then. What is not finite is not measured.
+            jumps: Velocities may have jumped since the sample before, since grippers close or open.
+            is_loaded: Grippers hold what the low-level law does not know.
         """
         if estimate is None:
-            return self._begun(state)
-        if not self._filters:
-            return replace(estimate, state=state)
-        filtered, covariance = self._filtered(estimate.state, estimate.covariance, estimate.planned[0], state)
-        return replace(estimate, state=filtered, covariance=covariance)
-
-    def _begun(self, state: State) -> Estimate:
-        """Return the estimate after the first measurement, before which nothing was commanded.
-
-        The state is taken as measured, so its covariance is that of the noise. There is no earlier velocity to compare
-        with. Accelerations of this sample, and of those in which a command is on its way, are zero: planned ones tick
-        by tick, commanded ones by their means.
-        """
-        n = len(state.v)
-        at_rest = np.zeros((round(self._spec.sample_time / self._tick), n))
-        samples = self._spec.known_delay + 1
-        return Estimate(
-            state=state,
-            covariance=self._noise,
-            planned=(at_rest,) * samples,
-            disturbance=np.zeros(n),
-            velocity=np.full(n, np.nan),
-            commanded=(at_rest[0],) * samples,
+            return self._begun(time, state)
+        estimate = replace(estimate, delay=self._delay(estimate, time, state, jumps, is_loaded))
+        covariance = estimate.covariance
+        disturbance = self._disturbance(estimate, time, state.v) if self._spec.offset_free else estimate.disturbance
+        velocity = state.v
+        if self._filters:
+            u = self._acting(estimate, estimate.time, time)
+            state, covariance = self._filtered(estimate.state, covariance, u, state)
+        return replace(
+            estimate, time=time, state=state, covariance=covariance, disturbance=disturbance, velocity=velocity
         )
 
+    def _begun(self, time: float, state: State) -> Estimate:
+        """Return the estimate after the first measurement, before which nothing was commanded.
+
+        The state is taken as measured, so its covariance is that of the noise.
+        """
+        n = len(state.v)
+        commands = SentCommands(n, self._tick)
+        if self._given_delay is None:
+            delay = self._delays.measured(self._delays.first, time, state.v, commands)
+        else:
+            delay = DelayEstimate(self._given_delay)
+        return Estimate(
+            time=time,
+            state=state,
+            covariance=self._noise,
+            disturbance=np.zeros(n),
+            velocity=state.v,
+            commands=commands,
+            delay=delay,
+        )
+
+    def _delay(self, estimate: Estimate, time: float, state: State, jumps: bool, is_loaded: bool) -> DelayEstimate:
+        """Return what is known of the delay after a measurement."""
+        if self._given_delay is not None:
+            return estimate.delay
+        delay = self._delays.unsettled(estimate.delay, time) if jumps else estimate.delay
+        return self._delays.measured(delay, time, state.v, estimate.commands, is_loaded)
+
+    def _acting(self, estimate: Estimate, begin: float, end: float) -> np.ndarray:
+        """Return the planned accelerations that act at the ticks between two times [s], (K, n)."""
+        late = estimate.delay.seconds
+        return estimate.commands.planned(begin - late, end - late)
+
     def _filtered(self, state: State, P: np.ndarray, u: np.ndarray, measured: State) -> tuple[State, np.ndarray]:
-        """Return state and covariance after a sample under planned accelerations u (M, n) and a measurement."""
-        T = self._spec.sample_time
+        """Return state and covariance after planned accelerations u (M, n) over as many ticks, and a measurement."""
+        T = self._tick * len(u)
         share, least = PROCESS_NOISE
         sigma = share * np.abs(u).mean(axis=0) + least
         F = np.array([[1.0, T], [0.0, 1.0]])
@@ -156,35 +191,39 @@ class Estimator:
         Args:
             estimate: After the measurement of this sample.
         """
-        since = estimate.planned[1:]
-        return self._advanced(estimate.state, np.vstack(since)) if since else estimate.state
+        if estimate.delay.seconds == 0.0:
+            return estimate.state
+        return self._advanced(estimate.state, self._acting(estimate, estimate.time, estimate.acts_at))
 
     def _advanced(self, state: State, u: np.ndarray) -> State:
         """Return the state after accelerations u (M, n) [m/s^2, rad/s^2] that hold for a tick each."""
         Q, v = over_ticks(self._space, state.Q, state.v, u, self._tick)
         return State(Q[-1], v[-1])
 
-    def command(self, estimate: Estimate, u: np.ndarray, v: np.ndarray) -> tuple[Estimate, np.ndarray]:
-        """Return the estimate after a decision, and the accelerations to command (M, n): less the disturbance.
+    def _disturbance(self, estimate: Estimate, time: float, v: np.ndarray) -> np.ndarray:
+        """Return the disturbance (n,) after velocities v (n,) are measured at a time [s].
 
         d <- d + gain ((v - v_before) / T - mean(commanded) - d). Where a measurement is not finite, d stays.
+        """
+        d = estimate.disturbance
+        late = estimate.delay.seconds
+        commanded = estimate.commands.commanded(estimate.time - late, time - late)
+        surplus = (v - estimate.velocity) / (self._tick * len(commanded)) - commanded.mean(axis=0)
+        filtered = d + self._spec.offset_gain * (surplus - d)
+        return np.where(np.isfinite(surplus) & self._actuated, filtered, d)
+
+    def command(self, estimate: Estimate, u: np.ndarray) -> tuple[Estimate, np.ndarray]:
+        """Return the estimate after a decision, and the accelerations to command (M, n): less the disturbance.
 
         Args:
             estimate: After the measurement of this sample.
             u: Accelerations planned over the ticks of the sample (M, n) [m/s^2, rad/s^2].
-            v: Velocity measured last (n,) [m/s, rad/s]: now, or `known_delay` samples before.
         """
-        d = estimate.disturbance
-        if self._spec.offset_free:
-            surplus = (v - estimate.velocity) / self._spec.sample_time - estimate.commanded[0]
-            filtered = d + self._spec.offset_gain * (surplus - d)
-            d = np.where(np.isfinite(surplus) & self._actuated, filtered, d)
-        commanded = u - d
-        after = replace(
-            estimate,
-            planned=(*estimate.planned[1:], u),
-            disturbance=d,
-            velocity=v,
-            commanded=(*estimate.commanded[1:], commanded.mean(axis=0)),
+        commanded = u - estimate.disturbance
+        oldest = (
+            estimate.time
+            - (self._delays.reach if self._given_delay is None else self._spec.sample_time)
+            - estimate.delay.seconds
         )
-        return after, commanded
+        sent = estimate.commands.after(Sent(estimate.time, u, commanded), oldest)
+        return replace(estimate, commands=sent), commanded

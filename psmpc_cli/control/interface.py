@@ -66,8 +66,8 @@ class Measurement:
     """What is measured for one sample.
 
     Attributes:
-        time: When the command begins to act [s].
-        state: Measured then, or `known_delay` samples before.
+        time: When it is measured [s].
+        state: Measured then.
         object_pose: Pose of the object, measured with the state, (3,) or (7,); None where there is none.
     """
 
@@ -153,11 +153,13 @@ class Command:
     """What the controller decided at one sample. Its arrays are read-only.
 
     Attributes:
-        time: When it begins to act [s].
-        state: State [Q; v] (nq + n,) it was decided from: the measured one, or the one foreseen over a known delay.
-        u: Accelerations over the low-level ticks of the coming sample (M, n) [m/s^2, rad/s^2].
+        time: Of the measurement that it was decided from [s].
+        delay: By how much later it is expected to begin to act [s]: as given, or as found out.
+        delay_deviation: Standard deviation of that [s]; 0 where it is given, infinite before anything tells of it.
+        state: State [Q; v] (nq + n,) in which it begins to act: the measured one, or the one foreseen over the delay.
+        u: Accelerations over the low-level ticks of a sample (M, n) [m/s^2, rad/s^2].
         tick: Length of a tick [s].
-        edges: Beginnings of the ticks, and the sample's end (M + 1,) [s].
+        edges: When the ticks are expected to begin, and the last one to end (M + 1,) [s].
         plan: The plan in force.
         sequence: The stages in the window.
         prediction: The shifted plan that the solve started from.
@@ -181,6 +183,8 @@ class Command:
     """
 
     time: float
+    delay: float
+    delay_deviation: float
     state: np.ndarray
     u: np.ndarray
     tick: float
@@ -211,6 +215,11 @@ class Command:
         stages = ", ".join(stage.name for stage in self.solution.window.stages)
         happened = f"; {', '.join(sorted(self.events))}" if self.events else ""
         return f"<Command at {self.time:g} s: {ticks} ticks of {n} accelerations, stages {stages}{happened}>"
+
+    @property
+    def acts_at(self) -> float:
+        """When it is expected to begin to act [s]."""
+        return float(self.edges[0])
 
     @property
     def instants(self) -> np.ndarray:
@@ -247,7 +256,7 @@ class Command:
         `input: task` the law is that in task space otherwise.
 
         Args:
-            time: Beginning of the tick, in the coming sample [s].
+            time: When the tick is expected to begin [s], see `edges`.
             state: Measured then.
 
         Raises:
@@ -255,7 +264,7 @@ class Command:
         """
         check_time(time)
         check_state(state, self.law.model)
-        tick = int(np.clip(np.floor((time - self.time) / self.tick + 1e-6), 0, len(self.u) - 1))
+        tick = int(np.clip(np.floor((time - self.acts_at) / self.tick + 1e-6), 0, len(self.u) - 1))
         twist_rates = None if self.twist_rates is None else self.twist_rates[tick]
         grasps = self.law.grasps if self.closed[tick] else None
         return self.law.force(state.Q, state.v, self.u[tick], twist_rates, grasps)

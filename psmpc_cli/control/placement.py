@@ -154,7 +154,7 @@ class Placer:
     ) -> tuple[PlacedStage, ...]:
         """Return the stages with the held object at its measured pose in the gripper, if it was measured recently."""
         controller = self._problem.spec.controller
-        oldest = time - (controller.known_delay + 1.5) * controller.sample_time
+        oldest = time - 1.5 * controller.sample_time
         if target_object.measured_at < oldest or not np.isfinite(x).all():
             return tuple(stages)
         model = self._problem.model

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +73,10 @@ class ObjectEstimate(ABC):
         """
 
     @abstractmethod
+    def carried(self, duration: float, grip: Grip | None) -> "ObjectEstimate":
+        """Return the estimate after a time [s] in which what held the object has come to `grip`, or nothing did."""
+
+    @abstractmethod
     def place(self, stage: PlacedStage, time: float) -> PlacedStage:
         """Return a stage with the parts of its target that are on the object where it is at a time [s]."""
 
@@ -95,6 +99,10 @@ class _NoObject(ObjectEstimate):
         return
 
     def with_measurement(self, time: float, pose: np.ndarray | None, grip: Grip | None = None) -> ObjectEstimate:
+        """Return this."""
+        return self
+
+    def carried(self, duration: float, grip: Grip | None) -> ObjectEstimate:
         """Return this."""
         return self
 
@@ -169,6 +177,17 @@ class FilteredObject(ObjectEstimate):
         elif np.isfinite(since) and since > 0:
             velocity = velocity + beta / since * innovation
         return FilteredObject(self.body, corrected, velocity, time=time, measured_at=time, grip=grip)
+
+    def carried(self, duration: float, grip: Grip | None) -> "FilteredObject":
+        """Return the estimate with the object at its place in the gripper, where that has come to; else as it moves."""
+        later = replace(self, measured_at=self.measured_at + duration)
+        if grip is None or self.grip is None:
+            return later
+        space = self.body.space
+        place = space.relative(self.pose, self.grip.pose)
+        velocity = space.carried_rate(grip.pose, grip.velocity, place)
+        pose = space.composed(grip.pose, place)
+        return replace(later, pose=pose, velocity=velocity, time=self.time + duration, grip=grip)
 
     def place(self, stage: PlacedStage, time: float) -> PlacedStage:
         """Return the stage with its target where the object has it."""

@@ -18,6 +18,7 @@ from psmpc_cli.logs.conditions import (
     ALWAYS,
     CLEARANCE,
     COMMANDED_AT_TICKS,
+    DELAY,
     DISTURBANCE,
     FORCE_LIMITS,
     FREE_END,
@@ -64,6 +65,7 @@ class PendingSample:
         presence: How much of each waiting stage is in the control, by its index.
         shares: Share of each stage in the applied control, by its index.
         state: True state (nq + n,), before anything is taken up or let go.
+        in_force: The command that acts when the sample begins, an earlier one where commands are late.
         u: Accelerations that reached the robot over the ticks (M, n).
         contact: Effect of taking up or letting go at the sample; None without a payload.
         of_object: Momentum and kinetic energy of an object with a mass at the end of the sample; 0 without one.
@@ -75,6 +77,7 @@ class PendingSample:
     presence: Mapping[int, float]
     shares: Mapping[int, float]
     state: np.ndarray
+    in_force: Command
     u: np.ndarray
     contact: Contact | None
     of_object: np.ndarray | float
@@ -430,6 +433,22 @@ SCHEMA = (
         VELOCITY_UNITS,
         "generalized velocities, as the controller saw them",
         lambda s: s.command.state[-s.n :],
+    ),
+    _column(
+        "delay/expected",
+        "s",
+        "by how much later than the sample its command is expected to act, which is when the window begins",
+        "command.delay",
+        dims=("time",),
+        only=DELAY,
+    ),
+    _column(
+        "delay/deviation",
+        "s",
+        "standard deviation of that; 0 where it is given, infinite before anything tells of it",
+        "command.delay_deviation",
+        dims=("time",),
+        only=DELAY,
     ),
     _sampled_velocities("control/u", ACCELERATION_UNITS, "applied acceleration over the first tick"),
     _sampled_velocities(

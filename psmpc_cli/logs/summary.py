@@ -193,6 +193,8 @@ class Summary:
         closing_samples: The samples in which a gripper closes, numbered from 0.
         beyond_limits_elsewhere: The largest violations outside these samples, where there are any.
         compiled: Whether solver and plant ran as compiled code.
+        delay: After how long commands were expected to act at the end of the run, and the standard deviation of that
+            [s]; None where `controller.delay` is 0, or nothing told of a delay.
         end_condition: Largest error over tolerance where a stage ended; None without one.
         end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
             true state; None without noise.
@@ -276,6 +278,7 @@ class Summary:
         self.beyond_limits_elsewhere = tuple(each for each in others if each is not None and each.value > 0)
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
+        self.delay = _delay(arrays)
         self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
         self.clearance = summarize_clearance(arrays)
 
@@ -283,6 +286,14 @@ class Summary:
         outcomes = {True: "succeeded", False: "did not succeed", None: "not judged"}
         outcome = f"{outcomes[self.succeeded]}: {self.reason}"
         return f"<Summary of {len(self.stages)} stages over {self.duration:g} s, {outcome}>"
+
+
+def _delay(arrays: Arrays) -> tuple[float, float] | None:
+    """Return the last delay that commands were expected to have, and its standard deviation [s]; None if unknown."""
+    expected, deviation = (arrays.get(f"delay/{name}", np.zeros(0)) for name in ("expected", "deviation"))
+    if not len(deviation) or not np.isfinite(deviation[-1]):
+        return None
+    return float(expected[-1]), float(deviation[-1])
 
 
 def _succeeded(completed: bool, monitors: Sequence[Verdict]) -> bool | None:

@@ -174,7 +174,7 @@ def release(model: RobotModel, state: np.ndarray, free: InertialParameters, hold
     return Contact(state, model.balance(Q, v, free) - model.balance(Q, v, holding))
 
 
-STREAMS = ("mass", "inertia", "centre_of_mass", "noise", "object", "object noise")
+STREAMS = ("mass", "inertia", "centre_of_mass", "noise", "object", "object noise", "delay")
 """Random streams of a seed, by number; a new item goes to the end, so that what is drawn for the others stays."""
 
 

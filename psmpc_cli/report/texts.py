@@ -22,6 +22,14 @@ OF_PLAN = 0.95
 """From this share on a violation of a limit counts as the plan's alone, and to the rest of it as none of the plan's."""
 
 
+def _delay(run: Summary) -> float | str:
+    """Write the delay that commands were expected to have, and its standard deviation [ms]; NaN of none."""
+    if run.delay is None or run.delay[0] == 0.0:
+        return math.nan
+    delay, deviation = (1000 * seconds for seconds in run.delay)
+    return f"{number(delay, 1.0)} ± {number(deviation, 0.1)}" if deviation else number(delay, 1.0)
+
+
 def _solves(solves: SolveSummary) -> str:
     """Write median, 95th and 99th percentile and maximum of the wall times [ms]."""
     times = (solves.median, solves.p95, solves.p99, solves.largest)
@@ -236,6 +244,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("solves longer than a sample", lambda run: run.missed),
     Measure("failed solves", lambda run: run.failed_solves),
     Measure("samples not measured", lambda run: run.unmeasured or math.nan),
+    Measure("delay of commands, at the end", _delay, "ms", BOTH),
     Measure("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels),
     Measure("largest rise of a level's cost by later levels", lambda run: 100 * run.level_rise, "%", resolution=1e-3),
     Measure(LEVELS_RAISED, lambda run: math.nan if run.raised_levels is None else run.raised_levels),

@@ -74,7 +74,13 @@ class Meter:
         )
 
     def measure(
-        self, command: Command, ticks: Ticks, state: np.ndarray, u: np.ndarray, contact: Contact | None
+        self,
+        command: Command,
+        ticks: Ticks,
+        state: np.ndarray,
+        u: np.ndarray,
+        contact: Contact | None,
+        in_force: Command,
     ) -> Sample:
         """Collect what the metrics of a sample are computed from; they are when they are first read.
 
@@ -89,6 +95,7 @@ class Meter:
                 the controller saw counts, which is the same.
             u: Accelerations that reached the robot over the ticks (M, n).
             contact: Effect of taking up or letting go at the sample; None without a payload.
+            in_force: The command that acts when the sample begins, an earlier one where commands are late.
 
         Returns:
             The sample, whose metrics are still to be computed.
@@ -102,7 +109,8 @@ class Meter:
             ticks=ticks,
             presence=self._counterfactuals.presence(command),
             shares=self._counterfactuals.shares(command) if self._shares else {},
-            state=command.state if self._sees_the_state else state,
+            state=command.state if self._sees_the_state and command.delay == 0.0 else state,
+            in_force=in_force,
             u=u,
             contact=contact,
             of_object=0.0 if self._capture is None else self._capture.kept,
@@ -114,12 +122,12 @@ class Meter:
 
     def metrics(self, samples: Sequence[PendingSample]) -> list[dict[str, Any]]:
         """Compute the metrics of samples, by their paths in the log, those of one stage at once."""
-        stages = groupby(samples, lambda sample: sample.command.stage)
+        stages = groupby(samples, lambda sample: sample.in_force.stage)
         return [row for _, of_stage in stages for row in self._metrics_in_stage(list(of_stage))]
 
     def _metrics_in_stage(self, samples: Sequence[PendingSample]) -> list[dict[str, Any]]:
         """Compute the metrics of samples of one stage, which in space no two have."""
-        commands = [sample.command for sample in samples]
+        commands = [sample.in_force for sample in samples]
         ticks = [sample.ticks for sample in samples]
         problem = self._problem
         stage = commands[0].stage
@@ -148,7 +156,9 @@ class Meter:
         Q, v = chart.from_chart(states_of(plans, [of_sample.time[-1] for of_sample in ticks]))
         about = model.space.chart_at(Q[0])
         deviation = np.hstack([(about.entered(ends) - about.to_chart(Q, v))[:, :n], ends[:, model.nq :] - v])
-        since = np.array([command.time - command.sequence.progress.entered for command in commands])
+        since = np.array(
+            [each.time[0] - command.sequence.progress.entered for command, each in zip(commands, ticks, strict=True)]
+        )
         of_object = np.array([sample.of_object for sample in samples]).reshape(len(states), -1)
         expected = np.array([sample.expected for sample in samples])
         kept = self._momentum_and_energy(stage.index, ends) + of_object - expected
@@ -269,7 +279,7 @@ class Meter:
         errors = {
             index: self._errors_at(stages[index], Q, v, ticks, time)
             for index, time in command.switches
-            if time == command.time
+            if time == command.acts_at
         }
         for stage, instant in zip(command.solution.window.stages, command.instants, strict=False):
             if instant > ticks.time[-1] + SHORTEST:
@@ -366,7 +376,7 @@ class Counterfactuals:
             if self.onset.kind == "control":
                 presence[stage] = float(np.linalg.norm(applied - other))
             else:
-                alone, usable = self._plan(MovingSequence.of(stage, command.time), command)
+                alone, usable = self._plan(MovingSequence.of(stage, command.acts_at), command)
                 if not usable:
                     continue
                 presence[stage] = closeness(applied, other, alone.mean_control(edges)[0, rows])
@@ -390,7 +400,7 @@ class Counterfactuals:
         controls = []
         edges = command.edges[:2]
         for stage in range(first, first + count):
-            alone = MovingSequence.of(stage, command.time)
+            alone = MovingSequence.of(stage, command.acts_at)
             if stage == first:
                 alone = command.sequence.up_to(stage)
             plan, usable = self._plan(alone, command)
@@ -407,13 +417,13 @@ class Counterfactuals:
         """Return the plan of the window over a sequence, and whether it is a solution or its last plan, shifted."""
         key = (sequence.first, sequence.last)
         plan, previous = self._last.get(key, (None, None))
-        if plan is not None and previous is not None and plan.start >= command.time:
+        if plan is not None and previous is not None and plan.start >= command.acts_at:
             return plan, previous.outcome.usable
         prediction = command.prediction
         x = command.solution.window.x0
         chart = command.solution.window.chart
         if plan is not None:
-            prediction = shift(plan.in_chart(chart), command.time, command.solution.window.horizon, x)
+            prediction = shift(plan.in_chart(chart), command.acts_at, command.solution.window.horizon, x)
         window = self._builder.build(sequence, command.stages, prediction, previous or command.solution)
         guess = sequence.guess(prediction)
         solution = self._solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)
@@ -477,7 +487,7 @@ class StageClock:
         changed = bool(sample.command.switches)
         for stage, presence in sample.presence.items():
             starts = (presence >= self.thresholds) & np.isnan(self._early[stage])
-            self._early[stage, starts] = sample.command.time
+            self._early[stage, starts] = sample.command.acts_at
             changed |= bool(starts.any())
         return changed
 

@@ -361,16 +361,22 @@ class Recorder:
         for command, ticks in zip(self._commands, self._ticks_of_samples(), strict=True):
             state = command.state if ticks is None else ticks.states[0]
             if any(switch.stage == last_stage.index for switch in command.switches):
-                ends_at = command.time + loop.problem.spec.time_after_end
+                ends_at = command.acts_at + loop.problem.spec.time_after_end
             if command.time >= ends_at - 1e-9:
                 met = f"{last_stage.name} met its end condition"
                 return Ending(True, met, command.time, command.state, state, command.switches)
             if ticks is None:
                 return Ending(False, reason, command.time, command.state, state, command.switches)
-            yield meter.measure(command, ticks, state, command.u, None)
+            in_force = self._in_force(float(ticks.time[0]))
+            yield meter.measure(command, ticks, state, in_force.u, None, in_force)
             time = float(ticks.time[-1])
             end = ticks.states[-1]
         return Ending(False, reason, time, end, end)
+
+    def _in_force(self, time: float) -> Command:
+        """Return the last command that is expected to act at a time [s]; the first one before there is any."""
+        acting = [command for command in self._commands if command.acts_at <= time + command.tick / 2]
+        return acting[-1] if acting else self._commands[0]
 
     def _ticks_of_samples(self) -> Iterator[Ticks | None]:
         """Yield the ticks of every command: those given, else one from its state to the next; None if neither is."""
@@ -381,7 +387,7 @@ class Recorder:
                 continue
             base = self._controller.problem.model.parts["base"]
             yield Ticks(
-                time=np.array([command.time, next_command.time]),
+                time=np.array([command.acts_at, next_command.acts_at]),
                 states=np.array([command.state, next_command.state]),
                 F=np.full((1, command.u.shape[1]), np.nan),
                 impulse_and_work=np.full(base.stop + 1, np.nan),

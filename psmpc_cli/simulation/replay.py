@@ -65,7 +65,7 @@ def _frame(run: Run, sample: int) -> WindowFrame:
     return WindowFrame(
         segments=(*stages, first) if after_end else tuple(stages),
         nodes=(*nodes, after_end) if after_end else tuple(nodes),
-        start=float(run.time[sample]),
+        start=float(run.time[sample] + (run["delay/expected"][sample] if "delay/expected" in run else 0.0)),
         Q=run["state/Q"][sample],
         v=run["state/Qdot"][sample],
     )

@@ -1,6 +1,5 @@
 """One run: the experiment that a task describes, and its closed loop."""
 
-from collections import deque
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,8 +18,7 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function
-from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of
-from psmpc_cli.robot.configuration import ConfigurationSpace
+from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of, stream
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, Meter
 from psmpc_cli.simulation.recorder import Ending, RecordedLoop, Watch, libraries_of, record
@@ -126,21 +124,22 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     stage = 0
     sample_time = experiment.problem.spec.controller.sample_time
     time_after_end = experiment.problem.spec.time_after_end
-    delays = _Delays(experiment.problem.spec, experiment.initial_state, experiment.problem.model.space)
+    line = _Line(experiment.problem.spec, experiment.problem.model.n)
     while True:
         now = sample_number * sample_time
-        measured = delays.measured(state if uncertainty is None else uncertainty.measured(sample_number, state))
-        object_pose = None if capture is None else delays.measured_object(capture.measured(sample_number))
+        measured = state if uncertainty is None else uncertainty.measured(sample_number, state)
+        object_pose = None if capture is None else capture.measured(sample_number)
         command = controller.step(now, State.of(measured), object_pose)
         if (ending := _ending(experiment, command, state, braking_until, time_after_end)) is not None:
             return ending
         if any(switch.stage == until for switch in command.switches):
             return Ending(False, "stopped at the end of a stage", now, command.state, state, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
+        line.send(sample_number, command)
+        in_force, u, closed, twist_rates = line.over_sample(sample_number)
         previous_stage = stage
-        stage = command.sequence.first
+        stage = in_force.sequence.first
         contact = None
-        u, closed, twist_rates = delays.commanded(command)
         if uncertainty is None:
             ticks = plant.advance(now, state, u, None, closed, twist_rates)
         else:
@@ -151,54 +150,83 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         ):  # nor where it is not a number
             reason = "the motion diverged, faster than it can be simulated"
             return Ending(False, reason, now, command.state, state, command.switches, stuck=True)
-        yield meter.measure(command, ticks, state, u, contact)
+        yield meter.measure(command, ticks, state, u, contact, in_force)
         state = ticks.states[-1]
         sample_number += 1
 
 
 class _Applied(NamedTuple):
-    """What reaches the robot over a sample: accelerations, whether to close, and rates of twists; see `Command`."""
+    """What reaches the robot over a sample.
 
-    u: np.ndarray
-    closed: np.ndarray
-    twist_rates: np.ndarray | None = None
-
-
-class _Delays:
-    """Delays measurements on their way to the controller, and controls on their way to the robot.
-
-    Time is that at which a control acts. The controller knows of c samples: what it decides at sample k was measured at
-    k - c. The rest of the delay it does not know of: controls reach the robot late by so many samples.
+    Attributes:
+        in_force: The command that acts when the sample begins; the first one before it has arrived.
+        u: Accelerations over the ticks (M, n) [m/s^2, rad/s^2].
+        closed: Whether grippers are to be closed (M,).
+        twist_rates: Rates of the velocities J_C v (M, k), see `Command`; None where the law is that in joint space.
     """
 
-    def __init__(self, task: TaskSpec, initial_state: np.ndarray, space: ConfigurationSpace) -> None:
-        """Start with a robot that drifts into its initial state, and zero controls under way."""
-        known_delay = task.controller.known_delay
-        Q, v = np.split(initial_state, [space.nq])
-        n = space.n
-        none = np.zeros((round(task.controller.sample_time * task.plant.low_level_rate), n))
-        before = (-back * task.controller.sample_time * v for back in range(known_delay, 0, -1))
-        self._measured: deque[np.ndarray] = deque(np.r_[np.array(space.integrate(Q, step)), v] for step in before)
-        self._poses: deque[np.ndarray | None] = deque([None] * known_delay)
-        self._commanded = deque([_Applied(none, np.zeros(len(none), bool))] * (task.uncertainty.delay - known_delay))
+    in_force: Command
+    u: np.ndarray
+    closed: np.ndarray
+    twist_rates: np.ndarray | None
 
-    def measured(self, state: np.ndarray) -> np.ndarray:
-        """Take in the state that is measured now, and return the one that reaches the controller now."""
-        self._measured.append(state)
-        return self._measured.popleft()
 
-    def measured_object(self, pose: np.ndarray) -> np.ndarray | None:
-        """Take in the pose of the object that is measured now, and return the one that reaches the controller now.
+class _Line:
+    """The way of commands to the robot, which takes a while. Times are counted in ticks from the start of the run.
 
-        None reaches it before the first one has come through.
-        """
-        self._poses.append(pose)
-        return self._poses.popleft()
+    A command acts from its first tick on when it arrives, and until the next one does; its last tick holds where that
+    one is late. Commands arrive in order. Before the first one nothing is commanded.
+    """
 
-    def commanded(self, command: Command) -> "_Applied":
-        """Take in what is commanded now, and return what acts now."""
-        self._commanded.append(_Applied(command.u, command.closed, command.twist_rates))
-        return self._commanded.popleft()
+    def __init__(self, task: TaskSpec, n: int) -> None:
+        rate = task.plant.low_level_rate
+        self._ticks = round(task.controller.sample_time * rate)
+        self._rate = rate
+        self._delay = task.uncertainty.delay
+        self._jitter = task.uncertainty.jitter
+        self._seed = task.seed
+        self._n = n
+        self._arrived: list[tuple[int, Command]] = []
+
+    def send(self, sample: int, command: Command) -> None:
+        """Send the command of a sample."""
+        delay = self._delay
+        if self._jitter:
+            delay = max(0.0, delay + self._jitter * float(stream(self._seed, "delay", sample).standard_normal()))
+        arrival = sample * self._ticks + round(delay * self._rate)
+        before = self._arrived[-1][0] if self._arrived else 0
+        self._arrived.append((max(arrival, before), command))
+
+    def over_sample(self, sample: int) -> _Applied:
+        """Return what acts over a sample."""
+        now = sample * self._ticks
+        while len(self._arrived) > 1 and self._arrived[1][0] <= now:
+            self._arrived.pop(0)
+        arrival, command = self._arrived[0]
+        if arrival == now and (len(self._arrived) == 1 or self._arrived[1][0] >= now + self._ticks):
+            return _Applied(command, command.u, command.closed, command.twist_rates)
+        u = np.zeros((self._ticks, self._n))
+        closed = np.zeros(self._ticks, bool)
+        in_task_space = any(each.twist_rates is not None for _, each in self._arrived)
+        twist_rates = np.zeros((self._ticks, command.law.model.n_twists)) if in_task_space else None
+        ticks = np.arange(now, now + self._ticks)
+        for begins, each in self._arrived:
+            acts = ticks >= begins
+            own = np.minimum(ticks[acts] - begins, self._ticks - 1)
+            u[acts] = each.u[own]
+            closed[acts] = each.closed[own]
+            if twist_rates is not None:
+                twist_rates[acts] = _twist_rates(each)[own]
+        return _Applied(command, u, closed, twist_rates)
+
+
+def _twist_rates(command: Command) -> np.ndarray:
+    """Return the rates of J_C v (M, k) of a command, also of one for the law in joint space: those that u leads to."""
+    if command.twist_rates is not None:
+        return command.twist_rates
+    model = command.law.model
+    Q, v = np.split(command.state, [model.nq])
+    return np.asarray(model.twist_rates(Q, v, command.u, command.tick))
 
 
 def _ending(

@@ -290,6 +290,15 @@ def _seconds(value: object) -> float:
     return number(value)
 
 
+def _seconds_or_auto(value: object) -> object:
+    if isinstance(value, str) and value != "auto" and not re.fullmatch(SECONDS_PATTERN, value):
+        raise expected("seconds such as 0.13 s, or auto")
+    seconds = value if value == "auto" else _seconds(value)
+    if isinstance(seconds, float) and seconds < 0:
+        raise expected("a number of at least 0, or auto")
+    return seconds
+
+
 def ensure(test: Callable[[Any], bool], what: str) -> WrapValidator:
     """Create a validator of valid values that must also be `what`."""
     return validated_by(
@@ -379,6 +388,19 @@ PositiveOrNone = Annotated[
 ]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
+SecondsOrAuto = Annotated[
+    float | Literal["auto"],
+    BeforeValidator(_seconds_or_auto),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "number", "minimum": 0},
+                {"type": "string", "pattern": SECONDS_PATTERN},
+                {"const": "auto"},
+            ]
+        }
+    ),
+]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
 Coordinate = Annotated[float, BeforeValidator(_coordinate), _or_unit]
 CoordinateWidth = Annotated[float, Field(gt=0), BeforeValidator(_coordinate), _not_tiny, _or_unit]

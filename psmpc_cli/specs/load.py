@@ -70,7 +70,10 @@ class Task:
     def digest(self) -> str:
         """SHA-256 of the task and its robot as data, however their files are written."""
         task = self.spec.model_dump(mode="json")
-        task["uncertainty"]["force_limits"] = {}  # a former key: without it, logs would hold other tasks than they say
+        # former keys: without them, logs would hold other tasks than they say
+        task["uncertainty"]["force_limits"] = {}
+        task["controller"]["known_delay"] = 0
+        task["uncertainty"]["delay"] = self.spec.uncertainty.delay or 0
         content = {
             "task": task,
             "robot": self.robot.model_dump(mode="json"),

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, ValidationInfo, model_validator
@@ -214,6 +214,10 @@ AS_PRINTED: Mapping[str, Any] = {
 class ControllerSpec(Choice):
     """The controller and its objective; symbols as in docs/formulation.md."""
 
+    replaced_keys: ClassVar[Mapping[str, str]] = {
+        "known_delay": "delay: in seconds, such as 0.1 s for one sample, or auto, the default, to find it out"
+    }
+
     @model_validator(mode="before")
     @classmethod
     def _fill_as_printed(cls, value: object, info: ValidationInfo) -> object:
@@ -273,8 +277,10 @@ class ControllerSpec(Choice):
     soft_limits: fields.Flag | None = Field(
         None, description="limits on states give way where they must; default `true` where measurements are noisy"
     )
-    known_delay: fields.Whole = Field(
-        0, ge=0, description="samples of `uncertainty.delay` that the controller foresees the state over"
+    delay: fields.SecondsOrAuto = Field(
+        "auto",
+        exclude_if=lambda value: value == "auto",
+        description="after how long commands reach the robot; auto: found out from the motion [s]",
     )
     measurement_noise: StateNoiseSpec | None = Field(
         None, description="noise that the state is filtered for, 0: no filter; default that of `uncertainty.noise`"
@@ -727,13 +733,11 @@ def _instants(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Co
 
 def _controller(controller: ControllerSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give times of a controller that do not fit each other, and meshes that it cannot have."""
-    delay = context.file.value(("uncertainty", "delay")) or 0
     if controller.sample_time > controller.horizon:
         wanted = f"at most the horizon of {controller.horizon:g} s"
         yield ("sample_time",), expected(wanted, f"{controller.sample_time:g} s")
-    if isinstance(delay, int) and controller.known_delay > delay:
-        wanted = f"at most uncertainty.delay, which is {counted(delay, 'sample', 'samples')}"
-        yield ("known_delay",), expected(wanted)
+    if controller.delay != "auto" and controller.delay >= controller.horizon:
+        yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", f"{controller.delay:g} s")
     if controller.one_stage == FREE_END and not controller.traits.one_stage:
         kinds = " or ".join(kind for kind, traits in CONTROLLERS.items() if traits.one_stage)
         wanted = f'"as_published", or controller {kinds}: windows of {controller.kind} are over several stages'
@@ -851,11 +855,12 @@ def _uncertainty(spec: UncertaintySpec, earlier_fields: Fields, context: Context
     """Give what the plant cannot do, a delay beyond the horizon, and a payload without an object."""
     controller = earlier_fields.get("controller")
     plant = earlier_fields.get("plant")
-    if controller is not None and spec.delay * controller.sample_time >= controller.horizon:
-        found = f"{spec.delay} samples of {controller.sample_time:g} s"
-        yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", found)
+    if controller is not None and spec.delay >= controller.horizon:
+        yield ("delay",), expected(f"less than the horizon of {controller.horizon:g} s", f"{spec.delay:g} s")
     if plant and spec.changes_the_plant and not plant.traits.has_forces:
-        found = ", ".join(key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay"})
+        found = ", ".join(
+            key for key in type(spec).model_fields if key in spec.model_fields_set - {"noise", "delay", "jitter"}
+        )
         yield (), expected(f"only noise and delay, or {plant.alternatives}", f"{found} with plant {plant.kind}")
     if spec.impulse is not None and spec.impulse.at >= earlier_fields.get("time_limit", np.inf):
         wanted = f"a time before the time_limit of {earlier_fields['time_limit']:g} s"
@@ -1058,8 +1063,8 @@ class TaskSpec(Spec):
     @property
     def sees_the_state(self) -> bool:
         """Whether the controller decides from the true state."""
-        estimates = self.measurement_noise.of_state or self.controller.known_delay
-        return not (self.uncertainty.measures_with_noise or estimates)
+        is_late = self.uncertainty.delay or self.uncertainty.jitter or self.controller.delay not in ("auto", 0.0)
+        return not (self.uncertainty.measures_with_noise or self.measurement_noise.of_state or is_late)
 
     @property
     def limits_are_soft(self) -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from psmpc_cli.specs import fields
+from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, validated_by
 from psmpc_cli.specs.parts import Context, by_dimension, in_joint_space
 from psmpc_cli.specs.robot import RobotSpec, Vector
@@ -110,6 +111,15 @@ def _all_one(shares: float | Mapping[str, tuple[float, ...]]) -> bool:
     return shares == 1 or (isinstance(shares, Mapping) and all(each == 1 for row in shares.values() for each in row))
 
 
+def _in_seconds(delay: object, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give a delay without a unit, which once was a number of samples."""
+    if isinstance(delay, int | float) and not isinstance(delay, bool) and delay > 0:
+        sample_time = context.file.value(("controller", "sample_time"))
+        length = sample_time if isinstance(sample_time, int | float) else 0.1
+        wanted = f"seconds with their unit: {delay * length:g} s for {counted(round(delay), 'sample', 'samples')}"
+        yield (), expected(f"{wanted}, or {delay:g} s", f"{delay:g} without a unit")
+
+
 class UncertaintySpec(Spec):
     """How the real robot differs from the one the controller knows; what is random is drawn from the task's seed."""
 
@@ -129,7 +139,12 @@ class UncertaintySpec(Spec):
     )
     friction: FrictionSpec = Field(FrictionSpec(), description="friction in the joints")
     noise: NoiseSpec = Field(NoiseSpec(), description="noise of the measurement")
-    delay: fields.Whole = Field(0, ge=0, description="samples after which a control reaches the robot")
+    delay: Annotated[fields.Seconds, validated_by(_in_seconds, as_written=True)] = Field(
+        0.0, description="after how long a command reaches the robot, with its unit, such as 0.13 s [s]"
+    )
+    jitter: fields.Sparse[fields.Seconds] = Field(
+        0.0, description="standard deviation of each command's delay; commands arrive in order [s]"
+    )
     force_share: Annotated[_Shares, in_joint_space(one=True)] = Field(
         1.0,
         exclude_if=_all_one,
@@ -149,12 +164,16 @@ class UncertaintySpec(Spec):
     @property
     def is_random(self) -> bool:
         """Whether any of it depends on the seed."""
-        return _any(self.model_dump(include={"noise", "mass", "inertia", "centre_of_mass", "object"}))
+        return _any(self.model_dump(include={"noise", "mass", "inertia", "centre_of_mass", "object", "jitter"}))
 
     @property
     def changes_the_plant(self) -> bool:
         """Whether anything but what the controller reads, and when it acts, differs from what it knows."""
-        return _any(self.model_dump(exclude={"noise": True, "delay": True, "object": True, "friction": {"width"}}))
+        return _any(
+            self.model_dump(
+                exclude={"noise": True, "delay": True, "jitter": True, "object": True, "friction": {"width"}}
+            )
+        )
 
     @property
     def in_force(self) -> bool:

@@ -67,11 +67,10 @@ def test_windows_with_moving_targets_are_replayed(drifting: Run, share: float) -
     assert replay(drifting, sample).largest == 0.0
 
 
-def test_a_known_delay_does_not_keep_an_object_from_being_delivered() -> None:
+def test_a_delay_that_nobody_declared_does_not_keep_an_object_from_being_delivered() -> None:
     changes = {
         "controller.nodes": 15,
-        "controller.known_delay": 1,
-        "uncertainty.delay": 1,
+        "uncertainty.delay": "0.15 s",
         "log": {"plans": False, "shares": False},
     }
     assert psmpc.simulate(psmpc.load_task("catch_drifting", changes)).summary().succeeded

@@ -80,15 +80,15 @@ def test_everything_of_a_task_is_in_its_table(psmpc: Psmpc, tmp_path: Path) -> N
         "priorities.compare=[[trace, unfold, 90], [trace, stow, 100], [unfold, stow, 1]]",
         "uncertainty.mass=0.1",
         "uncertainty.noise.angle=2e-3",
-        "uncertainty.delay=2",
+        "uncertainty.delay=0.2 s",
         "uncertainty.payload=null",
-        "controller.known_delay=1",
+        "controller.delay=0.1",
     )
     ran = psmpc("check", "tracking", *(word for change in changes for word in ("--set", change)))
     assert ran.code == 0, ran.stderr
     assert "priorities from 3 comparisons: consistency ratio 0.0012, acceptable up to 0.1" in ran.stdout
-    assert "uncertain, seed 0, known delay 1:" in ran.stdout
-    for key in ("uncertainty.mass: 0.1 (", "uncertainty.noise.angle: 0.002 (", "uncertainty.delay: 2 ("):
+    assert "uncertain, seed 0, delay known as 0.1 s:" in ran.stdout
+    for key in ("uncertainty.mass: 0.1 (", "uncertainty.noise.angle: 0.002 (", "uncertainty.delay: 0.2 ("):
         assert f"  {key}" in ran.stdout
     assert "payload" not in ran.stdout
     assert "follows 16 s" in ran.stdout

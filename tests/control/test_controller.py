@@ -25,27 +25,36 @@ STEPPED = {
     "psmpc": {},
     "automatic nodes": {"controller.nodes": "auto", "solver.kind": "sqp"},
     "several starts": {"controller.multistart": 3, "controller.pending_cost": 0.1},
-    "known delay": {"controller.known_delay": 2, "uncertainty.delay": 2, "controller.offset_free": True},
+    "known delay": {"controller.delay": "0.2 s", "uncertainty.delay": "0.2 s", "controller.offset_free": True},
+    "delay to be found": {"uncertainty.delay": "0.2 s"},
     "htmpc": {"controller.kind": "htmpc"},
     "sqp": {"solver.kind": "sqp", "controller.offset_free": True},
 }
 
 
 def stepped(task: Task) -> list[Command]:
-    """Step a controller by hand against a double integrator, the state measured as late as the controller knows."""
+    """Step a controller by hand against a double integrator, which commands reach as late as the task says."""
     controller, model = Controller(task), RobotModel(task.robot)
     spec, tick = task.spec.controller, 1 / task.spec.plant.low_level_rate
     Q, v = np.zeros(model.n), np.zeros(model.n)
-    measured = [State(Q, v)] * (spec.known_delay + 1)
+    late = round(task.spec.uncertainty.delay / spec.sample_time)
     commands: list[Command] = []
-    while not controller.done:
-        commands.append(controller.step(len(commands) * spec.sample_time, measured[0]))
-        u = commands[-1].u
+    while True:
+        now = len(commands) * spec.sample_time
+        commands.append(controller.step(now, State(Q, v)))
+        if now >= controller.sequence.ended_at - 1e-9:
+            return commands
+        acting = len(commands) - 1 - late
+        u = commands[acting].u if acting >= 0 else np.zeros_like(commands[0].u)
         Qdot = np.vstack([v, v + tick * np.cumsum(u, axis=0)])
         Q = np.cumsum(np.vstack([Q, tick * Qdot[:-1] + tick**2 / 2 * u]), axis=0)[-1]
         v = Qdot[-1]
-        measured = [*measured[1:], State(Q, v)]
-    return commands
+
+
+def acting(commands: list[Command], task: Task) -> list[np.ndarray]:
+    """Return the accelerations (M, n) that act at each sample."""
+    late = round(task.spec.uncertainty.delay / task.spec.controller.sample_time)
+    return [np.zeros_like(commands[0].u)] * late + [command.u for command in commands[: len(commands) - late]]
 
 
 def assert_decided_as_simulated(task: Task) -> None:
@@ -54,7 +63,8 @@ def assert_decided_as_simulated(task: Task) -> None:
     simulated = simulate(task)
     for path, mine in (
         ("time", [c.time for c in commands]),
-        ("control/u", [c.u[0] for c in commands]),
+        ("control/u", [u[0] for u in acting(commands, task)]),
+        ("delay/expected", [c.delay for c in commands]),
         ("window/first", [c.stage.index for c in commands]),
         ("solver/objective", [c.solution.J for c in commands]),
         ("solver/iterations", [c.iterations for c in commands]),

@@ -15,7 +15,8 @@ T, TICKS = 0.1, 5
 
 
 def estimator(noise: float = 0.0, gain: float = 0.3, delay: int = 0, n: int = 3, offset_free: bool = True) -> Estimator:
-    changes = [f"controller.offset_free={offset_free}", f"controller.known_delay={delay}", f"uncertainty.delay={delay}"]
+    """Build an estimator that is told of a delay of so many samples."""
+    changes = [f"controller.offset_free={offset_free}", f"controller.delay={delay * T} s"]
     spec = load_task("transport", changes).spec.controller.model_copy(update={"offset_gain": gain})
     space = SpatialSpace(n - 6) if n > 6 else PlanarSpace(n - 3)
     return Estimator(spec, space, np.ones(n, bool), np.r_[np.full(n, noise), np.zeros(n)], T / TICKS)
@@ -24,25 +25,25 @@ def estimator(noise: float = 0.0, gain: float = 0.3, delay: int = 0, n: int = 3,
 def follow(true: np.ndarray, gain: float, samples: int, noise: float = 0.0, delay: int = 0) -> np.ndarray:
     """Estimate a disturbance (n,) of a double integrator; (samples, n)."""
     random, estimating = np.random.default_rng(4), estimator(gain=gain, delay=delay)
-    v, old, found = np.zeros(3), [np.zeros(3)] * delay, []
+    v, under_way, found = np.zeros(3), [np.zeros(3)] * delay, []
     estimate: Estimate | None = None
     for k in range(samples):
-        old.append(v + noise * random.standard_normal(3))
-        measured = State(np.zeros(3), old.pop(0))
+        measured = State(np.zeros(3), v + noise * random.standard_normal(3))
         planned = np.tile([np.sin(k), np.cos(k), 0.1 * k], (TICKS, 1))
-        estimate, u = estimating.command(estimating.measured(estimate, measured), planned, measured.v)
-        v = v + T * (u.mean(axis=0) + true)
+        estimate, u = estimating.command(estimating.measured(estimate, k * T, measured), planned)
+        under_way.append(u.mean(axis=0))
+        v = v + T * (under_way.pop(0) + true)
         found.append(estimate.disturbance)
     return np.array(found)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 10])
 @pytest.mark.parametrize("gain", [0.1, 0.3, 1.0])
-def test_a_constant_disturbance_is_found_at_the_filter_s_pace_however_old_measurements_are(
+def test_a_constant_disturbance_is_found_at_the_filter_s_pace_however_late_commands_are(
     gain: float, delay: int
 ) -> None:
     true = np.array([0.2, -0.5, 0.1])
-    left = 1 - follow(true, gain, 30 + delay, delay=delay)[delay:] / true
+    left = 1 - follow(true, gain, 30, delay=delay) / true
     expected = (1 - gain) ** np.arange(30)
     np.testing.assert_allclose(left, np.tile(expected[:, None], 3), atol=1e-12)
 
@@ -54,25 +55,25 @@ def test_a_smaller_gain_lets_less_noise_through() -> None:
 
 def test_a_measurement_that_is_not_finite_changes_no_disturbance() -> None:
     estimating, u = estimator(gain=0.5), np.zeros((TICKS, 3))
-    estimate, _ = estimating.command(estimating.measured(None, State(np.zeros(3), np.zeros(3))), u, np.zeros(3))
-    estimate, _ = estimating.command(estimate, u, np.array([np.nan, 1.0, 0.0]))
+    estimate, _ = estimating.command(estimating.measured(None, 0.0, State(np.zeros(3), np.zeros(3))), u)
+    estimate = estimating.measured(estimate, T, State(np.zeros(3), np.array([np.nan, 1.0, 0.0])))
     np.testing.assert_allclose(estimate.disturbance, [0.0, 5.0, 0.0])
 
 
 def test_without_delay_and_noise_the_measured_state_is_the_one_to_decide_from() -> None:
     state, estimating = State(np.zeros(3), np.ones(3)), estimator()
-    estimate, _ = estimating.command(estimating.measured(None, state), np.ones((TICKS, 3)), state.v)
-    assert estimating.foreseen(estimating.measured(estimate, state)) is state
+    estimate, _ = estimating.command(estimating.measured(None, 0.0, state), np.ones((TICKS, 3)))
+    assert estimating.foreseen(estimating.measured(estimate, T, state)) is state
 
 
 def test_the_foreseen_state_follows_what_was_planned_since_the_measurement() -> None:
     """Two samples of 0.1 s under 1 and 2 m/s^2 from rest at 7: 7 + 0.005 + 0.01 + 0.01 m, and 0.3 m/s."""
     estimating, state = estimator(delay=2, offset_free=False), State(np.full(3, 7.0), np.zeros(3))
-    estimate = estimating.measured(None, state)
+    estimate = estimating.measured(None, 0.0, state)
     np.testing.assert_allclose(estimating.foreseen(estimate).vector, state.vector)
-    for u in (1.0, 2.0):
-        estimate, _ = estimating.command(estimate, np.full((TICKS, 3), u), np.zeros(3))
-        estimate = estimating.measured(estimate, state)
+    for k, u in enumerate((1.0, 2.0)):
+        estimate, _ = estimating.command(estimate, np.full((TICKS, 3), u))
+        estimate = estimating.measured(estimate, (k + 1) * T, state)
     np.testing.assert_allclose(estimating.foreseen(estimate).vector, [7.025] * 3 + [0.3] * 3, atol=1e-12)
 
 
@@ -88,27 +89,32 @@ class Filtered:
         self.estimator = estimator(SIGMA, delay=delay, n=n, offset_free=False)
         self.random = np.random.default_rng(seed)
         self.true = State(np.r_[np.zeros(3), 1.0, np.zeros(4)] if spatial else np.zeros(3), np.zeros(n))
-        self.sent = [self.true] * delay
+        self.delay = delay
+        self.under_way = [np.zeros((TICKS, n))] * delay
+        self.expected: list[State] = []
         self.estimate: Estimate | None = None
         self.errors: list[np.ndarray] = []
         self.noises: list[np.ndarray] = []
+        self.count = 0
 
     def step(self, u: Any = 0.0, jump: Any = 0.0, is_measured: bool = True) -> None:
         """Measure, decide for planned accelerations u, and move; velocities jump at the sample's end."""
         n = len(self.true.v)
         noise = SIGMA * self.random.standard_normal(n)
-        self.sent.append(State(np.array(self.space.integrate(self.true.Q, noise)), self.true.v))
-        measured = self.sent.pop(0)
+        measured = State(np.array(self.space.integrate(self.true.Q, noise)), self.true.v)
         if not is_measured:
             measured = State(np.full_like(measured.Q, np.nan), np.full(n, np.nan))
-        estimate = self.estimator.measured(self.estimate, measured)
-        foreseen = self.estimator.foreseen(estimate)
-        self.errors.append(np.array(self.space.difference(self.true.Q, foreseen.Q)))
+        estimate = self.estimator.measured(self.estimate, self.count * T, measured)
+        self.expected.append(self.estimator.foreseen(estimate))
+        if len(self.expected) > self.delay:
+            self.errors.append(np.array(self.space.difference(self.true.Q, self.expected[self.count - self.delay].Q)))
         self.noises.append(noise)
         planned = np.broadcast_to(u, (TICKS, n)).astype(float)
-        self.estimate, commanded = self.estimator.command(estimate, planned, measured.v)
-        Q, v = over_ticks(self.space, self.true.Q, self.true.v, commanded, T / TICKS)
+        self.estimate, commanded = self.estimator.command(estimate, planned)
+        self.under_way.append(commanded)
+        Q, v = over_ticks(self.space, self.true.Q, self.true.v, self.under_way.pop(0), T / TICKS)
         self.true = State(Q[-1], v[-1] + jump)
+        self.count += 1
 
     @property
     def ratio(self) -> float:

@@ -7,7 +7,7 @@ from psmpc_cli.logs.conditions import Condition, Recorded
 from psmpc_cli.logs.schema import SCHEMA, condition_of, conditions_of
 from psmpc_cli.specs.load import load_task
 
-USUAL = {conditions.ALWAYS, conditions.PLANS}
+USUAL = {conditions.ALWAYS, conditions.PLANS, conditions.DELAY}
 
 TICKS = "log.ticks=true"
 

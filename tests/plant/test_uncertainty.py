@@ -31,7 +31,7 @@ def test_a_seed_draws_the_same_again_and_another_seed_something_else(model: Robo
     assert not np.isclose(one.mass_factor, one.inertia_factor).any()
 
 
-@pytest.mark.parametrize("more", [{"mass": 0.3}, {"centre_of_mass": 0.02}, {"noise": {"angle": 1e-3}}, {"delay": 1}])
+@pytest.mark.parametrize("more", [{"mass": 0.3}, {"centre_of_mass": 0.02}, {"noise": {"angle": 1e-3}}, {"delay": 0.1}])
 def test_other_items_do_not_change_what_is_drawn_for_one(model: RobotModel, more: dict[str, object]) -> None:
     alone, together = (draw_bodies(spec(inertia=0.1, **others), model.spec, 5) for others in ({}, more))
     np.testing.assert_array_equal(alone.inertia_factor, together.inertia_factor)

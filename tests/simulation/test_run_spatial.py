@@ -114,10 +114,10 @@ def test_the_engines_agree_in_closed_loop(run: Run) -> None:
 @pytest.mark.slow
 def test_an_uncertain_run_says_what_was_drawn_and_what_was_true() -> None:
     uncertain = (
-        "uncertainty={mass: 0.1, centre_of_mass: 0.005, noise: {angle: 1e-4, angular_velocity: 1e-4}, delay: 1,"
+        "uncertainty={mass: 0.1, centre_of_mass: 0.005, noise: {angle: 1e-4, angular_velocity: 1e-4}, delay: 0.1 s,"
         " impulse: {at: 1, linear: [0.1, 0, 0.05], angular: [0, 0.01, 0]}}"
     )
-    found = simulate(task(uncertain, "controller.known_delay=1"))
+    found = simulate(task(uncertain))
     assert found["uncertainty/centre_of_mass"].shape == (4, 3)
     seen = found["state/Q"][:, 3:7]
     np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1, atol=1e-12)
@@ -128,20 +128,20 @@ def test_an_uncertain_run_says_what_was_drawn_and_what_was_true() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("plant", "error"), [("ideal", 1e-8), ("rk4", 1e-4)])
 def test_a_known_delay_is_foreseen_over_turns_too(run: Run, plant: str, error: float) -> None:
-    found = simulate(task("uncertainty.delay=3", "controller.known_delay=3", f"plant.kind={plant}"))
+    found = simulate(task("uncertainty.delay=0.3 s", "controller.delay=0.3", f"plant.kind={plant}"))
     summary = found.summary()
     assert summary.succeeded
     assert [stage.switch_time for stage in summary.stages] == pytest.approx(
-        [stage.switch_time for stage in run.summary().stages], abs=1e-3
+        [stage.switch_time + 0.3 for stage in run.summary().stages], abs=1e-3
     )
-    np.testing.assert_allclose(found["state/Q"], found["state/Q_true"], rtol=0, atol=error)
+    np.testing.assert_allclose(found["state/Q"][:-3], found["state/Q_true"][3:], rtol=0, atol=error)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [None, 0, 2], ids=["without", "at once", "late"])
 def test_integral_action_gets_over_friction_in_space(delay: int | None) -> None:
     friction = "uncertainty={mass: 0.3, inertia: 0.3, friction: {coulomb: 0.03, width: 0.08}}"
-    late = [f"{key}={delay or 0}" for key in ("uncertainty.delay", "controller.known_delay")]
+    late = [f"{key}={0.1 * (delay or 0):g} s" for key in ("uncertainty.delay", "controller.delay")]
     found = simulate(task(friction, *late, f"controller.offset_free={delay is not None}", "time_limit=16"))
     assert found.summary().succeeded == (delay is not None)
     assert found.summary().momentum_error < 1e-9

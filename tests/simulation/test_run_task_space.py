@@ -117,7 +117,7 @@ def test_the_force_of_a_command_is_that_of_the_law_in_task_space(robot: RobotMod
 
 
 def test_rates_of_twists_reach_a_disturbed_plant_as_late_as_accelerations(robot: RobotModel) -> None:
-    keys = {"uncertainty": {"friction": {"viscous": 0.1}, "delay": 1}, "time_limit": 0.3}
+    keys = {"uncertainty": {"friction": {"viscous": 0.1}, "delay": "0.1 s"}, "time_limit": 0.3}
     samples: list[Sample] = []
     simulate(load_task(reaching(robot, **keys)), watch=samples.append)
     assert not samples[0].ticks.F.any()  # at rest, and nothing has reached the plant yet

@@ -129,9 +129,9 @@ def test_knowing_the_payload_brings_the_robot_nearer_to_its_plans(logged: Logged
 def test_a_delay_shifts_the_controls(logged: Logged, plant: str) -> None:
     """Nothing moves before the first control arrives; then it is the one of so many samples before."""
     changes = (f"plant.kind={plant}", "log.shares=false")
-    prompt, late = logged(*changes), logged(*changes, "uncertainty.delay=2")
+    prompt, late = logged(*changes), logged(*changes, "uncertainty.delay=0.2 s", "controller.delay=0")
     assert (late["control/u"][:2] == 0).all()
-    np.testing.assert_array_equal(late["state/Q"][:3], np.tile(late["state/Q"][0], (3, 1)))
+    np.testing.assert_array_equal(late["state/Q_true"][:3], np.tile(late["state/Q_true"][0], (3, 1)))
     np.testing.assert_array_equal(late["control/u"][2], prompt["control/u"][0])
     assert np.abs(late["control/u"][3] - prompt["control/u"][1]).max() > 1e-3
 
@@ -141,10 +141,10 @@ def test_a_delay_shifts_the_controls(logged: Logged, plant: str) -> None:
 def test_a_known_delay_is_foreseen_exactly_by_the_plant_of_the_plans(logged: Logged, offset_free: str) -> None:
     changes = ("plant.kind=ideal", "log.shares=false", f"controller.offset_free={offset_free}")
     prompt = logged(*changes)
-    known = logged(*changes, "uncertainty.delay=3", "controller.known_delay=3")
-    assert len(prompt.time) == len(known.time)
-    np.testing.assert_allclose(known["state/Q"], known["state/Q_true"], atol=1e-12)
-    np.testing.assert_allclose(known["state/Q_true"], prompt["state/Q"], atol=1e-7)
+    known = logged(*changes, "uncertainty.delay=0.3 s", "controller.delay=0.3 s")
+    assert len(prompt.time) + 3 == len(known.time)
+    np.testing.assert_allclose(known["state/Q"][:-3], known["state/Q_true"][3:], atol=1e-12)
+    np.testing.assert_allclose(known["state/Q_true"][3:], prompt["state/Q"], atol=1e-7)
 
 
 def test_an_impulse_comes_at_its_tick(logged: Logged) -> None:
@@ -169,7 +169,7 @@ WRIST = (
 @pytest.mark.parametrize("known", [1, 6])
 def test_integral_action_bears_a_known_delay(logged: Logged, known: int) -> None:
     """Six samples late, an estimate from what is foreseen instead of what was measured would diverge."""
-    late = (f"uncertainty.delay={known}", f"controller.known_delay={known}", "controller.offset_free=true")
+    late = (f"uncertainty.delay={known / 10} s", f"controller.delay={known / 10} s", "controller.offset_free=true")
     log = logged(BODIES, "uncertainty.friction.viscous=0.1", *WRIST, *late, *REDUCED_LOG, "time_limit=12")
     assert log.attributes["finished"]
     assert np.abs(log["state/Qdot_true"]).max() < 0.3

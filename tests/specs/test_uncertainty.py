@@ -24,7 +24,8 @@ def uncertainty(*changes: str) -> UncertaintySpec:
         ("friction.coulomb={arm_1: [0, 0, 0.1]}", True, False),
         ("impulse={at: 3, linear: [1, 0]}", True, False),
         ("payload={mass: 5, inertia: 0.7}", True, False),
-        ("delay=2", False, False),
+        ("delay=0.2 s", False, False),
+        ("jitter=0.02", False, False),
     ],
 )
 def test_uncertainty_is_of_the_plant_or_of_the_measurement(change: str, plant: bool, measurement: bool) -> None:

@@ -1,0 +1,291 @@
+"""The delay after which commands reach the robot, found out from what was commanded and the velocities measured since.
+
+docs/formulation.md, section "Delay".
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+LONGEST = 0.5
+"""The longest delay that is found out [s]."""
+
+STEP = 0.01
+"""Distance of the delays that are compared first [s]; then all whole ticks are that are this near the best of them."""
+
+BLOCK = 10
+"""Samples whose velocities are explained together, from one velocity at their beginning on."""
+
+GAIN = 0.1
+"""Deviation of the entries of the gain matrix from those of the identity, one sigma [1].
+
+Masses and inertias that are wrong by 10 % change accelerations by so much, and couple coordinates.
+"""
+
+GAIN_WITH_LOAD = 0.5
+"""The same while grippers hold what the low-level law does not know."""
+
+WALK = 5e-3, 1e-4
+"""Deviation of accelerations that nothing explains, drawn anew at every sample: a share of those commanded, plus
+[m/s^2, rad/s^2]."""
+
+FLOOR = 1e-6
+"""Least deviation of a measured velocity [m/s, rad/s]."""
+
+PRIOR = 0.2
+"""A delay that is longer by so much [s] is less likely by one e-fold before anything is measured."""
+
+MARGIN = 2.0
+"""By how much more likely another delay must be to take the place of the one in force, as a logarithm: 2 sigma."""
+
+DEPTH = 100.0
+"""How much earlier samples count at most, as a logarithm, so that a delay that changes is followed."""
+
+SURE = 2e-3
+"""A delay known so well [s] is compared with others once a block only, and with fewer of those that are far off."""
+
+FEWER = 5
+"""By how many times fewer."""
+
+SETTLING = 0.5
+"""For how long after grippers close or open velocities are not looked at [s]: grasps give in, and swing."""
+
+
+class Sent(NamedTuple):
+    """A command that was sent.
+
+    Attributes:
+        time: When it was sent [s].
+        planned: Accelerations of the plan over its ticks (M, n) [m/s^2, rad/s^2].
+        commanded: Those commanded: less the estimated disturbance (M, n).
+    """
+
+    time: float
+    planned: np.ndarray
+    commanded: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class SentCommands:
+    """The last commands, the oldest first.
+
+    A command counts until the next one arrives; its last acceleration holds where that one is late. Before the first
+    one the accelerations are 0.
+
+    Attributes:
+        n: Number of velocities.
+        tick: Length of a tick of the low-level loop [s].
+        sent: The commands.
+    """
+
+    n: int
+    tick: float
+    sent: tuple[Sent, ...] = ()
+
+    def after(self, command: Sent, oldest: float) -> "SentCommands":
+        """Return the commands with another one, without those that no longer count at the time `oldest` [s]."""
+        kept = tuple(one for one, next_one in zip(self.sent, self.sent[1:], strict=False) if next_one.time > oldest)
+        return SentCommands(self.n, self.tick, (*kept, *self.sent[-1:], command))
+
+    def planned(self, begin: float, end: float) -> np.ndarray:
+        """Return the planned accelerations at the ticks between two times at which they were sent [s], (K, n)."""
+        return self._between(begin, end, [one.planned for one in self.sent])
+
+    def commanded(self, begin: float, end: float) -> np.ndarray:
+        """Return the commanded accelerations at the ticks between two times at which they were sent [s], (K, n)."""
+        return self._between(begin, end, [one.commanded for one in self.sent])
+
+    def _between(self, begin: float, end: float, rows: list[np.ndarray]) -> np.ndarray:
+        count = round((end - begin) / self.tick)
+        if not rows:
+            return np.zeros((count, self.n))
+        middles = begin + self.tick * (np.arange(count) + 0.5)
+        starts = np.array([one.time for one in self.sent])
+        lengths = np.array([len(each) for each in rows])
+        which = np.searchsorted(starts, middles, side="right") - 1
+        tick = np.minimum(((middles - starts[which]) / self.tick).astype(int), lengths[which] - 1)
+        first = np.cumsum(lengths) - lengths
+        found = np.concatenate(rows)[np.where(which < 0, 0, first[which] + tick)]
+        found[which < 0] = 0.0
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class DelayEstimate:
+    """What is known of the delay.
+
+    Attributes:
+        seconds: The delay that the controller counts with [s].
+        deviation: Its standard deviation [s]; 0 of a delay that is given, infinite before anything tells of it.
+        evidence: Logarithm of the likelihood of each delay of a whole number of ticks, by blocks that are over, (D,).
+        times, velocities: Of the measurements of the block that is under way, (K,) [s] and (K, n) [m/s, rad/s].
+        settled_at: Before this time nothing is looked at [s].
+    """
+
+    seconds: float
+    deviation: float = 0.0
+    evidence: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    times: tuple[float, ...] = ()
+    velocities: tuple[np.ndarray, ...] = ()
+    settled_at: float = -np.inf
+
+
+class DelayEstimator:
+    """Finds out after which delay commands reach the robot.
+
+    Levels of the velocity since the beginning of a block of samples are compared with what each delay d explains:
+
+        v(t_k) - v(t_0) = G s_k(d) + noise,   s_k(d) = integral of the commanded u(t - d) from t_0 to t_k.
+
+    The gain matrix G is integrated out, its entries normal about those of the identity: masses that are wrong couple
+    coordinates. Noise is that of both measurements and a random walk for what nothing explains; where the best delay
+    leaves more than that, the likelihoods count as much less. Phases of constant acceleration tell nothing, changes of
+    the command do.
+
+    Args:
+        noise: Standard deviations of measured velocities (n,) [m/s, rad/s].
+        acted_on: Which velocities commands act on (n,): not those of a base without thrusters.
+        tick: Length of a tick [s]; the delay is a whole number of them.
+        sample_time: Time between two samples [s].
+        largest: Delays are less than this [s].
+    """
+
+    def __init__(
+        self, noise: np.ndarray, acted_on: np.ndarray, tick: float, sample_time: float, largest: float
+    ) -> None:
+        self._noise = np.maximum(noise[acted_on], FLOOR)
+        self._acted_on = acted_on
+        self._tick = tick
+        self._sample_time = sample_time
+        self._delays = tick * np.arange(max(round(min(LONGEST, largest - sample_time) / tick), 1) + 1)
+        self._stride = max(round(STEP / tick), 1)
+
+    @property
+    def reach(self) -> float:
+        """For how long what was commanded is needed [s]."""
+        return float(self._delays[-1]) + (BLOCK + 1) * self._sample_time
+
+    @property
+    def first(self) -> DelayEstimate:
+        """What is known before the first measurement: nothing, so that no delay is counted with."""
+        return DelayEstimate(0.0, np.inf, np.zeros(len(self._delays)))
+
+    def measured(
+        self, estimate: DelayEstimate, time: float, v: np.ndarray, commands: SentCommands, is_loaded: bool = False
+    ) -> DelayEstimate:
+        """Return the estimate after a measurement.
+
+        Args:
+            estimate: That of the sample before.
+            time: Of the measurement [s].
+            v: Measured velocities (n,); where one is not finite the measurement is left out.
+            commands: What was commanded.
+            is_loaded: Grippers hold what the low-level law does not know.
+        """
+        v = v[self._acted_on]
+        if time < estimate.settled_at or not np.isfinite(v).all():
+            return estimate
+        times = (*estimate.times, time)
+        velocities = (*estimate.velocities, v)
+        is_over = len(times) > BLOCK
+        estimate = replace(estimate, times=times, velocities=velocities)
+        is_sure = estimate.deviation <= SURE
+        if len(times) == 1 or (is_sure and not is_over):
+            return estimate
+        block = np.array(times), np.array(velocities)
+        stride = self._stride * (FEWER if is_sure else 1)
+        in_force = round(estimate.seconds / self._tick)
+        found = self._likelihoods(*block, commands, is_loaded, stride, in_force)
+        if found is not None:
+            estimate = self._updated(estimate, estimate.evidence + found)
+            found = estimate.evidence + found
+        if is_over:
+            evidence = estimate.evidence if found is None else np.maximum(found - found.max(), -DEPTH)
+            estimate = replace(estimate, evidence=evidence, times=times[-1:], velocities=velocities[-1:])
+        return estimate
+
+    def unsettled(self, estimate: DelayEstimate, time: float) -> DelayEstimate:
+        """Return the estimate where velocities jump at a time [s], as when grippers close: the block does not count."""
+        return replace(estimate, times=(), velocities=(), settled_at=time + SETTLING)
+
+    def _likelihoods(
+        self, times: np.ndarray, v: np.ndarray, commands: SentCommands, is_loaded: bool, stride: int, in_force: int
+    ) -> np.ndarray | None:
+        """Return the logarithm of the likelihood of each delay by measurements of a block (D,).
+
+        Delays so many ticks apart are compared, and all that are near the one in force and the best one; between others
+        it is interpolated. None where nothing was commanded.
+        """
+        begin = times[0] - self._delays[-1]
+        u = commands.commanded(begin, times[-1])[:, self._acted_on]
+        if not u.any():
+            return None
+        summed = np.vstack([np.zeros(u.shape[1]), self._tick * np.cumsum(u, axis=0)])
+        gain = GAIN_WITH_LOAD if is_loaded else GAIN
+        share, least = WALK
+        walk = (share * np.sqrt((u**2).mean()) + least) * self._sample_time
+
+        def compared(delays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            at = np.rint((times - self._delays[delays, None] - begin) / self._tick).astype(int)
+            return _likelihoods(v, summed[np.clip(at, 0, len(u))], self._noise, gain, walk)
+
+        every = np.arange(len(self._delays))
+        found = np.full(len(every), -np.inf)
+        squares = np.zeros(len(every))
+        wanted = np.union1d(every[::stride], self._near(in_force))
+        while len(wanted):
+            found[wanted], squares[wanted] = compared(wanted)
+            best = int(np.argmax(found))
+            is_highest = np.isfinite(found[max(best - 1, 0) : best + 2]).all()
+            wanted = every[:0] if is_highest else self._near(best)
+        known = np.flatnonzero(np.isfinite(found))
+        surplus = float(squares[best]) / v[1:].size
+        return np.asarray(np.interp(every, known, found[known])) / max(1.0, surplus)
+
+    def _near(self, delay: int) -> np.ndarray:
+        """Return the delays that are near one, all in ticks."""
+        return np.arange(max(delay - self._stride, 0), min(delay + self._stride + 1, len(self._delays)))
+
+    def _updated(self, estimate: DelayEstimate, evidence: np.ndarray) -> DelayEstimate:
+        """Return the estimate with the most likely delay, where it is clearly more likely than the one in force."""
+        likely = evidence - self._delays / PRIOR
+        best = int(np.argmax(likely))
+        weights = np.exp(likely - likely[best])
+        weights /= weights.sum()
+        variance = float(weights @ (self._delays - weights @ self._delays) ** 2) + self._tick**2 / 12
+        deviation = float(np.sqrt(variance))
+        in_force = round(estimate.seconds / self._tick)
+        if likely[best] - likely[in_force] < MARGIN:
+            return replace(estimate, deviation=deviation)
+        least = in_force - round(self._sample_time / (2 * self._tick))  # so that time goes on for the plans
+        return replace(estimate, seconds=self._tick * max(best, least), deviation=deviation)
+
+
+def _likelihoods(
+    v: np.ndarray, reached: np.ndarray, noise: np.ndarray, gain: float, walk: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how well commands explain velocities v (K + 1, n) under each of D delays.
+
+    Args:
+        v: The velocities.
+        reached: Velocities to which the commands lead (D, K + 1, n), from any velocity on.
+        noise: Standard deviations of v (n,).
+        gain: Standard deviation of the entries of the gain matrix.
+        walk: That of what a velocity changes by from one to the next unexplained.
+
+    Returns:
+        Logarithms of the likelihoods (D,), and sums of squares over their variances (D,).
+    """
+    s = reached[:, 1:] - reached[:, :1]
+    since = np.arange(1, len(v))
+    of_all = gain**2 * s @ np.swapaxes(s, 1, 2) + walk**2 * np.minimum(since, since[:, None])
+    residual = v[1:] - v[0] - s
+    squares = np.zeros(len(s))
+    logarithms = np.zeros(len(s))
+    for deviation in np.unique(noise):
+        rows = noise == deviation
+        factor = np.linalg.cholesky(of_all + deviation**2 * (np.eye(len(since)) + 1))
+        squares += (np.linalg.solve(factor, residual[:, :, rows]) ** 2).sum(axis=(1, 2))
+        logarithms += rows.sum() * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+    return -squares / 2 - logarithms, squares

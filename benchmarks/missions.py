@@ -444,7 +444,13 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
         }
         for error in (0.1, 0.3)
     },
-    "load": {"not known": {"object.grasp.known": False}},
+    "load": {
+        "not known": {"object.grasp.known": False},
+        **{
+            f"by up to 85 % other, {name}": {"uncertainty.object.mass": 0.85, "object.grasp.known": known}
+            for name, known in {"as declared": True, "`estimated`": "estimated"}.items()
+        },
+    },
     "drift": dict([drift(0.01, 1.0), drift(0.03, 3.0)]),
     "delay": {
         "none": IMPRECISE,

@@ -53,7 +53,7 @@ SECTIONS = {
     for section, models in {
         "robots.md#limits": "PartLimits",
         "robots.md#geometry": "PlacedShape ShapeSpec",
-        "#controller": "ControllerSpec HtmpcSpec",
+        "#controller": "ControllerSpec HtmpcSpec LoadPriorSpec",
         "#solver-and-plant": "SolverSpec PlantSpec",
         "#skills": "SkillSpec SkillWeights",
         "#stages": "StageSpec",

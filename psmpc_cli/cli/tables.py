@@ -624,7 +624,7 @@ def _object(target_object: ObjectSpec) -> Iterator[Row]:
     bounds = (f"{load} {largest[load]:g} {unit}" for load, unit in GRASP_LOADS.items() if math.isfinite(largest[load]))
     holds = "any load" if strength is None else f"{', '.join(bounds)}, filtered over {strength.filter:g} s"
     yield "a grasp holds", holds
-    yield "load known to the low-level law", "yes" if grasp.known else "no"
+    yield "load known to the low-level law", "found out" if grasp.is_estimated else "yes" if grasp.known else "no"
     destination = body.destination
     if destination is not None:
         d = len(target_object.shape)

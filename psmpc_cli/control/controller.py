@@ -13,6 +13,7 @@ from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.interface import Command, Measurement, State
+from psmpc_cli.control.load import LoadEstimate, LoadEstimator, LoadPrior, Motion
 from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
@@ -27,7 +28,7 @@ from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.task import SolverSpec, TaskSpec
+from psmpc_cli.specs.task import LoadPriorSpec, SolverSpec, TaskSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 MULTISTART_ITERATIONS = 30
@@ -47,6 +48,8 @@ class Memory:
         unfinished: A solve with a stage that had appeared, which ran out of iterations or time.
         estimate: What is known of the robot; None before the first measurement.
         target_object: What is known of an object that moves.
+        load: What is known of its mass and moments; None where they are not to be found out.
+        motion: Robot and object at the last sample; None where they are not needed.
         signs: Of the quaternions in spatial targets.
         arguments: Those of constraints that samples of the current stage set, by name.
         route: How far the robot has come on its routes.
@@ -60,6 +63,8 @@ class Memory:
     unfinished: Solution | None = None
     estimate: Estimate | None = None
     target_object: ObjectEstimate = NO_OBJECT
+    load: LoadEstimate | None = None
+    motion: Motion | None = None
     signs: Signs = field(default_factory=dict)
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
     route: RouteProgress = field(default_factory=RouteProgress)
@@ -144,13 +149,15 @@ class ControlLaw:
         model = problem.model
         self._estimator = Estimator(self._spec, model.space, model.actuated, noise, self._tick)
         self._placer = Placer(problem)
+        self._loads = _load_estimator(problem, noise[model.n :]) if spec.finds_load else None
         self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
 
     @property
     def first(self) -> Memory:
         """What is known before the first sample."""
-        return Memory(MovingSequence.of(0, 0.0), target_object=object_estimate(self.problem.body))
+        load = None if self._loads is None else self._loads.first
+        return Memory(MovingSequence.of(0, 0.0), target_object=object_estimate(self.problem.body), load=load)
 
     def decide(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Command]:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
@@ -172,7 +179,7 @@ class ControlLaw:
         attempt = attempts.solve_longest(memory.sequence, longer)
         decision = self._accept(memory, situation, attempt, prediction, stop_at)  # or fall back
         events = self._events(memory, measurement, situation, longer, decision)
-        estimate, command = self._command(situation, decision, events)
+        estimate, command = self._command(memory, situation, decision, events)
         return _remembered(memory, situation, decision, estimate), command
 
     def _measure(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Situation]:
@@ -189,6 +196,8 @@ class ControlLaw:
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x_chart = np.asarray(chart.to_chart(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
+        if self._loads is not None:
+            memory = self._with_load(self._loads, memory, estimate, grip is not None)
         if time > measured_at:
             then = self._grip(memory.sequence, measured_at, foreseen)
             target_object = target_object.carried(time - measured_at, then)
@@ -202,19 +211,34 @@ class ControlLaw:
 
     def _estimated(self, memory: Memory, measurement: Measurement) -> Estimate:
         """Return what is known of the robot after a measurement."""
-        sequence = memory.sequence
-        holding = self.problem.held_stages
-        switches = (sequence.first, sequence.progress.entered), (sequence.first + 1, sequence.planned_end)
         return self._estimator.measured(
             memory.estimate,
             measurement.time,
             measurement.state,
-            jumps=any(
-                stage in (holding.start, holding.stop) and memory.time < switch <= measurement.time
-                for stage, switch in switches
-            ),
-            is_loaded=sequence.first in holding and self.problem.law.grasps is None,
+            jumps=self._moved_grippers(memory, measurement.time),
+            is_loaded=memory.sequence.first in self.problem.held_stages and self.problem.law.grasps is None,
         )
+
+    def _moved_grippers(self, memory: Memory, now: float) -> bool:
+        """Tell whether grippers closed or opened since the sample before, by the plan."""
+        sequence = memory.sequence
+        holding = self.problem.held_stages
+        switches = (sequence.first, sequence.progress.entered), (sequence.first + 1, sequence.planned_end)
+        moving = (holding.start, holding.stop) if holding else ()
+        return any(stage in moving and memory.time <= switch <= now for stage, switch in switches)
+
+    def _with_load(self, loads: LoadEstimator, memory: Memory, estimate: Estimate, is_held: bool) -> Memory:
+        """Return the memory with what is known of the load after a measurement."""
+        load = memory.load or loads.first
+        object_state = memory.target_object.at(estimate.time) if is_held else None
+        motion = Motion(estimate.time, estimate.state.Q, estimate.state.v, object_state)
+        if memory.motion is not None:
+            if self._moved_grippers(memory, estimate.time):
+                load = loads.unsettled(load, estimate.time)
+            late = estimate.delay.seconds
+            u = estimate.commands.commanded(memory.motion.time - late, estimate.time - late)
+            load = loads.measured(load, memory.motion, motion, u, self.problem.law.counting_with(load.numbers))
+        return replace(memory, load=load, motion=motion)
 
     @staticmethod
     def _stage_at(sequence: MovingSequence, time: float) -> int:
@@ -289,6 +313,7 @@ class ControlLaw:
             chart=placement.chart,
             plan=memory.plans.solved,
             target_object=situation.target_object,
+            load=None if memory.load is None else memory.load.numbers,
             before=memory.arguments,
         )
         memory = replace(memory, arguments=arguments)
@@ -430,13 +455,17 @@ class ControlLaw:
             "solve_failed": not decision.solved,
             "braking": decision.plans.braking is not None,
             "unmeasured": not situation.is_measured,
+            "load_dropped": memory.load is not None and memory.load.dropped,
             "gap": measurement.follows_a_gap(memory.time, self._spec.sample_time),
         }
         return frozenset(name for name, yes in happened.items() if yes)
 
-    def _command(self, situation: Situation, decision: Decision, events: frozenset[str]) -> tuple[Estimate, Command]:
+    def _command(
+        self, memory: Memory, situation: Situation, decision: Decision, events: frozenset[str]
+    ) -> tuple[Estimate, Command]:
         """Return the command over the coming sample, and the estimate that counts it."""
         edges = situation.time + self._ticks
+        load = memory.load
         Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
         planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
@@ -464,7 +493,8 @@ class ControlLaw:
             switches=situation.switches,
             disturbance=estimate.disturbance,
             levels=decision.levels,
-            law=self.problem.law,
+            law=self.problem.law if load is None else self.problem.law.counting_with(load.numbers),
+            load=load,
             stages=situation.stages,
             closed=closed,
             route_progress=situation.route.progress.get(decision.sequence.first, np.nan),
@@ -556,3 +586,12 @@ def _solver_spec(task: TaskSpec) -> SolverSpec:
     if not task.solver.traits.real_time or (task.controller.multistart or 1) == 1:
         return task.solver
     return task.solver.model_copy(update={"iterations": max(task.solver.iterations, MULTISTART_ITERATIONS)})
+
+
+def _load_estimator(problem: Problem, noise: np.ndarray) -> LoadEstimator:
+    """Return what finds out the load of a task, from measured velocities with deviations (n,) [m/s, rad/s]."""
+    spec = problem.spec
+    prior = spec.controller.load_prior or LoadPriorSpec()
+    body = spec.body
+    mean = np.array([prior.mass or body.mass, *(prior.inertia or body.inertia)])
+    return LoadEstimator(problem.model, LoadPrior(mean, prior.deviation * mean), noise)

@@ -3,6 +3,7 @@
 docs/formulation.md, section "Delay".
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -29,6 +30,10 @@ GAIN_WITH_LOAD = 0.5
 WALK = 5e-3, 1e-4
 """Deviation of accelerations that nothing explains, drawn anew at every sample: a share of those commanded, plus
 [m/s^2, rad/s^2]."""
+
+NOISIER = 2.0
+"""Where squares are this much larger than their variances velocities are noisier than declared: their noise is what the
+best delay leaves of them."""
 
 FLOOR = 1e-6
 """Least deviation of a measured velocity [m/s, rad/s]."""
@@ -226,22 +231,39 @@ class DelayEstimator:
         share, least = WALK
         walk = (share * np.sqrt((u**2).mean()) + least) * self._sample_time
 
-        def compared(delays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def reached(delays: np.ndarray) -> np.ndarray:
             at = np.rint((times - self._delays[delays, None] - begin) / self._tick).astype(int)
-            return _likelihoods(v, summed[np.clip(at, 0, len(u))], self._noise, gain, walk)
+            return summed[np.clip(at, 0, len(u))]
 
+        first = np.union1d(np.arange(0, len(self._delays), stride), self._near(in_force))
+        model = _VelocityModel(v, gain, walk, self._noise)
+        best, found, surplus = self._highest(first, reached, model)
+        if surplus > NOISIER:
+            model = model.with_noise_of(reached(np.array([best])))
+            _, found, surplus = self._highest(first, reached, model)
+        return np.asarray(found / max(1.0, surplus))
+
+    def _highest(
+        self, first: np.ndarray, reached: Callable[[np.ndarray], np.ndarray], model: "_VelocityModel"
+    ) -> tuple[int, np.ndarray, float]:
+        """Return the most likely delay, the likelihoods of all (D,), and what its squares are over their number.
+
+        Args:
+            first: Delays that are compared at first.
+            reached: Returns the velocities to which the commands lead under delays (D,), (D, K + 1, n).
+            model: What is known of the velocities.
+        """
         every = np.arange(len(self._delays))
         found = np.full(len(every), -np.inf)
         squares = np.zeros(len(every))
-        wanted = np.union1d(every[::stride], self._near(in_force))
+        wanted = first
         while len(wanted):
-            found[wanted], squares[wanted] = compared(wanted)
+            found[wanted], squares[wanted] = model.likelihoods(reached(wanted))
             best = int(np.argmax(found))
             is_highest = np.isfinite(found[max(best - 1, 0) : best + 2]).all()
             wanted = every[:0] if is_highest else self._near(best)
         known = np.flatnonzero(np.isfinite(found))
-        surplus = float(squares[best]) / v[1:].size
-        return np.asarray(np.interp(every, known, found[known])) / max(1.0, surplus)
+        return best, np.interp(every, known, found[known]), float(squares[best]) / model.v[1:].size
 
     def _near(self, delay: int) -> np.ndarray:
         """Return the delays that are near one, all in ticks."""
@@ -262,30 +284,58 @@ class DelayEstimator:
         return replace(estimate, seconds=self._tick * max(best, least), deviation=deviation)
 
 
-def _likelihoods(
-    v: np.ndarray, reached: np.ndarray, noise: np.ndarray, gain: float, walk: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return how well commands explain velocities v (K + 1, n) under each of D delays.
+@dataclass(frozen=True, eq=False)
+class _VelocityModel:
+    """How measured velocities of a block differ from those to which commands lead.
 
-    Args:
-        v: The velocities.
-        reached: Velocities to which the commands lead (D, K + 1, n), from any velocity on.
-        noise: Standard deviations of v (n,).
+    Attributes:
+        v: The velocities (K + 1, n).
         gain: Standard deviation of the entries of the gain matrix.
         walk: That of what a velocity changes by from one to the next unexplained.
-
-    Returns:
-        Logarithms of the likelihoods (D,), and sums of squares over their variances (D,).
+        noise: Standard deviations of v (n,).
     """
-    s = reached[:, 1:] - reached[:, :1]
-    since = np.arange(1, len(v))
-    of_all = gain**2 * s @ np.swapaxes(s, 1, 2) + walk**2 * np.minimum(since, since[:, None])
-    residual = v[1:] - v[0] - s
-    squares = np.zeros(len(s))
-    logarithms = np.zeros(len(s))
-    for deviation in np.unique(noise):
-        rows = noise == deviation
-        factor = np.linalg.cholesky(of_all + deviation**2 * (np.eye(len(since)) + 1))
-        squares += (np.linalg.solve(factor, residual[:, :, rows]) ** 2).sum(axis=(1, 2))
-        logarithms += rows.sum() * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-    return -squares / 2 - logarithms, squares
+
+    v: np.ndarray
+    gain: float
+    walk: float
+    noise: np.ndarray
+
+    def likelihoods(self, reached: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how well commands explain the velocities under each of D delays.
+
+        Args:
+            reached: Velocities to which the commands lead (D, K + 1, n), from any velocity on.
+
+        Returns:
+            Logarithms of the likelihoods (D,), and sums of squares over their variances (D,).
+        """
+        s, residual = self._residual(reached)
+        squares = np.zeros(len(s))
+        logarithms = np.zeros(len(s))
+        for rows, unexplained in self._unexplained():
+            factor = np.linalg.cholesky(self.gain**2 * s @ np.swapaxes(s, 1, 2) + unexplained)
+            squares += (np.linalg.solve(factor, residual[:, :, rows]) ** 2).sum(axis=(1, 2))
+            logarithms += rows.sum() * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
+        return -squares / 2 - logarithms, squares
+
+    def with_noise_of(self, reached: np.ndarray) -> "_VelocityModel":
+        """Return the model with the noise that is left where commands lead to velocities (1, K + 1, n)."""
+        s, residual = self._residual(reached)
+        noise = self.noise.copy()
+        for rows, unexplained in self._unexplained():
+            covariance = self.gain**2 * s[0] @ s[0].T + unexplained
+            left = unexplained @ np.linalg.solve(covariance, residual[0][:, rows])
+            noise[rows] = max(noise[rows][0], np.sqrt((left**2).mean() / 2))
+        return replace(self, noise=noise)
+
+    def _residual(self, reached: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the changes of velocity that commands lead to (D, K, n), and those measured less these."""
+        s = reached[:, 1:] - reached[:, :1]
+        return s, self.v[1:] - self.v[0] - s
+
+    def _unexplained(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Yield coordinates of one noise (n,), and the covariance of what commands do not explain of them (K, K)."""
+        since = np.arange(1, len(self.v))
+        of_walk = self.walk**2 * np.minimum(since, since[:, None])
+        for deviation in np.unique(self.noise):
+            yield self.noise == deviation, of_walk + deviation**2 * (np.eye(len(since)) + 1)

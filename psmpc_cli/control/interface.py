@@ -6,6 +6,7 @@ from numbers import Real
 
 import numpy as np
 
+from psmpc_cli.control.load import LoadEstimate
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.plan import Plan
@@ -168,7 +169,8 @@ class Command:
             but the window with it has no solution yet), `solve_failed` (the shifted plan goes on), `braking` (the plan
             is used up, and `plan` brakes to rest), `unmeasured` (the state was not finite, the plan's was used for it),
             `gap` (more than a sample has passed since the last one), `near_singular` (J_C is too near a singular one
-            for the law in task space, and that in joint space applies the plan).
+            for the law in task space, and that in joint space applies the plan), `load_dropped` (what had been found
+            out of the load did not explain the last measurements, and was given up for the prior).
         switches: Stages that ended since the sample before.
         disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
         levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
@@ -177,6 +179,7 @@ class Command:
         closed: Whether the grippers are to be closed on the object at each tick (M,).
         law: The law that applies it.
         route_progress: Share of the length of the current stage's route from which on it counts; NaN without one.
+        load: What is known of the load, where it is to be found out; else None.
         twist_rates: Rates of the velocities J_C v of base and end-effectors over the ticks (M, k) [m/s^2, rad/s^2] to
             which u leads: what the law in task space applies, of a stage with `input: task`; None where the law is that
             in joint space.
@@ -201,6 +204,7 @@ class Command:
     stages: tuple[PlacedStage, ...] = field(repr=False)
     closed: np.ndarray
     route_progress: float = np.nan
+    load: LoadEstimate | None = None
     twist_rates: np.ndarray | None = None
 
     def __post_init__(self) -> None:

@@ -112,6 +112,7 @@ class Placer:
         chart: Chart,
         plan: Plan | None,
         target_object: ObjectEstimate,
+        load: np.ndarray | None,
         before: Mapping[str, np.ndarray],
     ) -> dict[str, np.ndarray]:
         """Return sampled constraint arguments by name; the first stage in the sequence that has one sets it.
@@ -123,6 +124,7 @@ class Placer:
             chart: The chart.
             plan: The plan in force, in the chart; None before the first.
             target_object: What is known of the object.
+            load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; None where the task says them.
             before: The arguments at the sample before.
         """
         arguments = dict[str, np.ndarray]()
@@ -135,6 +137,7 @@ class Placer:
             anchor=chart.anchor,
             prediction=None if plan is None else _ahead(plan, time),
             object_state=target_object.at(time),
+            load=load,
         )
         for stage, constraints in sampled:
             for name in constraints.keys() - arguments.keys():

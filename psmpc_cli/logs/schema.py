@@ -23,6 +23,7 @@ from psmpc_cli.logs.conditions import (
     FORCE_LIMITS,
     FREE_END,
     LEVELS,
+    LOAD,
     OBJECT,
     OBJECT_AT_TICKS,
     PAYLOAD,
@@ -391,6 +392,8 @@ _of_object = partial(_column, only=OBJECT)
 _of_stage = partial(_column, dims=("stage",))
 _final_coordinates = partial(_column, dims=(Q_COORDINATE,))
 _final_velocities = partial(_column, dims=("coordinate",))
+_of_load = partial(_column, dims=("time",), only=LOAD)
+_moments_of_load = partial(_column, dims=("time", "load/moment"), only=LOAD)
 _of_monitor = partial(_column, dims=("monitors/name",))
 _of_body = partial(_column, dims=("uncertainty/body",), only=UNCERTAIN)
 _offset_of_body = partial(_column, dims=("uncertainty/body", "uncertainty/axis"), only=UNCERTAIN)
@@ -418,6 +421,7 @@ SCHEMA = (
     _scale("object_coordinate", "1", "coordinate of the object's pose", only=OBJECT),
     _scale("object_axis", "1", "component of the object's velocity", only=OBJECT),
     _scale("object/moment", "1", "principal moment of inertia", only=OBJECT),
+    _scale("load/moment", "1", "principal moment of inertia of the load", only=LOAD),
     _scale("gripper", "1", "arm whose gripper takes the object", only=OBJECT),
     _scale("grasp_axis", "1", "component of a gripper's force and moment", only=OBJECT),
     _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only=OBJECT),
@@ -449,6 +453,14 @@ SCHEMA = (
         "command.delay_deviation",
         dims=("time",),
         only=DELAY,
+    ),
+    _of_load("load/mass", "kg", "mass that the load is taken to have", lambda s: s.command.load.numbers[0]),
+    _of_load("load/mass_deviation", "kg", "standard deviation of that", lambda s: s.command.load.deviation[0]),
+    _moments_of_load(
+        "load/inertia", "kg m^2", "its principal moments of inertia, likewise", lambda s: s.command.load.numbers[1:]
+    ),
+    _moments_of_load(
+        "load/inertia_deviation", "kg m^2", "standard deviations of those", lambda s: s.command.load.deviation[1:]
     ),
     _sampled_velocities("control/u", ACCELERATION_UNITS, "applied acceleration over the first tick"),
     _sampled_velocities(
@@ -523,6 +535,7 @@ SCHEMA = (
     _event("solve_failed", "the solve failed and the shifted plan went on"),
     _event("braking", "the plan was used up and the robot braked to rest"),
     _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
+    _event("load_dropped", "what had been found out of the load was given up for the prior", LOAD),
     _event(
         "near_singular",
         "J_C was too near a singular one for the law in task space, and that in joint space acted",

@@ -195,6 +195,8 @@ class Summary:
         compiled: Whether solver and plant ran as compiled code.
         delay: After how long commands were expected to act at the end of the run, and the standard deviation of that
             [s]; None where `controller.delay` is 0, or nothing told of a delay.
+        load: Mass that a load was found to have when it was held last, and the standard deviation of that [kg]; None
+            where it is not found out.
         end_condition: Largest error over tolerance where a stage ended; None without one.
         end_errors: Error of the last stage's end condition over its tolerance at the end, of the state seen and of the
             true state; None without noise.
@@ -279,6 +281,7 @@ class Summary:
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
         self.delay = _delay(arrays)
+        self.load = _load(arrays)
         self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
         self.clearance = summarize_clearance(arrays)
 
@@ -286,6 +289,16 @@ class Summary:
         outcomes = {True: "succeeded", False: "did not succeed", None: "not judged"}
         outcome = f"{outcomes[self.succeeded]}: {self.reason}"
         return f"<Summary of {len(self.stages)} stages over {self.duration:g} s, {outcome}>"
+
+
+def _load(arrays: Arrays) -> tuple[float, float] | None:
+    """Return the mass of the load while it was held last, and its standard deviation [kg]; None if not found out."""
+    if "load/mass" not in arrays or "grasp/closed" not in arrays:
+        return None
+    held = np.flatnonzero(arrays["grasp/closed"].all(axis=1))
+    if not len(held):
+        return None
+    return float(arrays["load/mass"][held[-1]]), float(arrays["load/mass_deviation"][held[-1]])
 
 
 def _delay(arrays: Arrays) -> tuple[float, float] | None:

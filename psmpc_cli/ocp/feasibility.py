@@ -342,7 +342,8 @@ def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fa
         f"found false, and an object of {target_object.mass:g} kg that has {largest.ratio:.3g} times the inertia of "
         f"the robot in a motion mostly of {largest.coordinate}, where {quoted(largest.stage)} "
         f"leads: {100 / (1 + largest.ratio):.2g} % of an acceleration commanded there are left, and it settles up to "
-        f"{1 + largest.ratio:.3g} times as slowly; expected true, or a ratio of at most {LARGEST_UNKNOWN_LOAD:g}"
+        f"{1 + largest.ratio:.3g} times as slowly; expected true, estimated, or a ratio of at most "
+        f"{LARGEST_UNKNOWN_LOAD:g}"
         f"{', with the armatures of its joints in the robot file' if has_armature else ''}"
     )
     yield Fault(("object", "grasp", "known"), message)

@@ -31,6 +31,7 @@ class SampleContext:
         anchor: Of the chart.
         prediction: Times [s] and states (M, 2n) of the plan in force from now on; None before the first plan.
         object_state: Estimated pose and velocity of the object; None without one with a mass.
+        load: Mass [kg] and principal moments [kg m^2] that the load is taken to have; None where the task says them.
         is_current: The stage has begun.
         before: The argument at the sample before, or None.
     """
@@ -40,6 +41,7 @@ class SampleContext:
     anchor: np.ndarray
     prediction: tuple[np.ndarray, np.ndarray] | None = None
     object_state: tuple[np.ndarray, np.ndarray] | None = None
+    load: np.ndarray | None = None
     is_current: bool = True
     before: np.ndarray | None = None
 

@@ -223,13 +223,15 @@ class Plant(Protocol):
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
+        load: np.ndarray | None = None,
     ) -> Ticks:
         """Advance from a state (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
 
         Where rates of the frames' velocities (M, k) are given, they are applied instead, by the law in task space.
 
         Without a disturbance nothing disturbs a plant; one is for plants built with friction. Those with an object
-        close their grippers, and open them, at the ticks at which they are to be closed (M,).
+        close their grippers, and open them, at the ticks at which they are to be closed (M,). The law counts with a
+        load of this mass and these moments while they are; by default with the object as described.
         """
         ...
 
@@ -254,6 +256,7 @@ class TickedPlant(ABC):
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
+        load: np.ndarray | None = None,
     ) -> Ticks:
         """Advance over len(u) ticks; see `Plant.advance`."""
         space = self.model.space
@@ -266,6 +269,7 @@ class TickedPlant(ABC):
         impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
         disturbance = disturbance or Disturbance.none(self.model.nominal, M, n)
         is_noisy = bool(disturbance.noise.any())
+        law = self.law.counting_with(load)
         time = start + self.tick * np.arange(M + 1)
         for k in range(M):
             grasps = self.begin_tick(float(time[k]), states[k], closed is not None and bool(closed[k]))
@@ -274,7 +278,7 @@ class TickedPlant(ABC):
             if is_noisy:
                 Q = np.array(space.integrate(Q, disturbance.noise[k, :n]))
                 v = v + disturbance.noise[k, n:]
-            commanded[k] = self.law.force(
+            commanded[k] = law.force(
                 Q,
                 v,
                 u[k],

@@ -25,6 +25,7 @@ class IdealPlant:
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
+        load: np.ndarray | None = None,
     ) -> Ticks:
         """Advance the state (nq + n,) over the M ticks of a sample, tick k under exactly the acceleration u[k] (n,).
 

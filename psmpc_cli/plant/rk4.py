@@ -52,6 +52,7 @@ class Rk4Plant:
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
+        load: np.ndarray | None = None,
     ) -> Ticks:
         """Simulate the robot over one sample: len(u) ticks of the low-level law, integrated in one compiled call.
 
@@ -126,6 +127,7 @@ class Rk4CapturePlant:
         disturbance: Disturbance | None = None,
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
+        load: np.ndarray | None = None,
     ) -> Ticks:
         """Simulate robot and object over one sample; see `Plant.advance`."""
         capture = self.capture
@@ -137,7 +139,7 @@ class Rk4CapturePlant:
         wanted = np.zeros(M, bool) if closed is None else closed
         disturbance = disturbance or Disturbance.none(model.nominal, M, n)
         friction = self.friction or JointFriction.none(n)
-        bodies = capture.body.vector, capture.described.vector
+        bodies = capture.body.vector, capture.described.vector if load is None else load
         p = np.concatenate(
             [disturbance.robot.vector, disturbance.law.vector, friction.vector, *bodies, [capture.filter]]
         )
@@ -203,8 +205,8 @@ def capture_tick(
     """
     law = capture.law
     of_plant = capture.tick, substeps, disturbed, limited, in_task_space
-    key = capture_tick, law.grippers, capture.spec.known, *of_plant
-    return law.model.derived(key, lambda: _capture_tick(law, capture.spec.known, *of_plant))
+    key = capture_tick, law.grippers, bool(capture.spec.known), *of_plant
+    return law.model.derived(key, lambda: _capture_tick(law, bool(capture.spec.known), *of_plant))
 
 
 def _capture_tick(

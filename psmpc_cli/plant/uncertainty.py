@@ -90,16 +90,17 @@ class Uncertainty:
         stage: int,
         closed: np.ndarray,
         twist_rates: np.ndarray | None = None,
+        load: np.ndarray | None = None,
     ) -> Ticks:
         """Advance the plant over a sample of a stage from the true state; see `Plant.advance`."""
         if self.friction is None:
-            return plant.advance(start, state, u, None, closed, twist_rates)
+            return plant.advance(start, state, u, None, closed, twist_rates, load)
         robot = self.true_parameters(stage)
         law = self._model.nominal
         if self.spec.carried.known and self.holds(stage):
             law = self._with_payload(law)
         disturbance = Disturbance(robot, law, self._noise(sample), self._push(start))
-        return plant.advance(start, state, u, disturbance, closed, twist_rates)
+        return plant.advance(start, state, u, disturbance, closed, twist_rates, load)
 
     def true_parameters(self, stage: int) -> InertialParameters:
         """Return the inertial parameters of the simulated robot and what it holds in a stage."""

@@ -22,6 +22,14 @@ OF_PLAN = 0.95
 """From this share on a violation of a limit counts as the plan's alone, and to the rest of it as none of the plan's."""
 
 
+def _load(run: Summary) -> float | str:
+    """Write the mass that a load was found to have, and its standard deviation [kg]; NaN of none."""
+    if run.load is None:
+        return math.nan
+    mass, deviation = run.load
+    return f"{number(mass, 0.01)} ± {number(deviation, 0.01)}"
+
+
 def _delay(run: Summary) -> float | str:
     """Write the delay that commands were expected to have, and its standard deviation [ms]; NaN of none."""
     if run.delay is None or run.delay[0] == 0.0:
@@ -245,6 +253,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("failed solves", lambda run: run.failed_solves),
     Measure("samples not measured", lambda run: run.unmeasured or math.nan),
     Measure("delay of commands, at the end", _delay, "ms", BOTH),
+    Measure("mass of the load, found out", _load, "kg", BOTH),
     Measure("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels),
     Measure("largest rise of a level's cost by later levels", lambda run: 100 * run.level_rise, "%", resolution=1e-3),
     Measure(LEVELS_RAISED, lambda run: math.nan if run.raised_levels is None else run.raised_levels),

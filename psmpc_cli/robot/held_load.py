@@ -50,6 +50,7 @@ class HeldLoad:
         u: np.ndarray,
         law: InertialParameters | None = None,
         grasps: np.ndarray | None = None,
+        body: np.ndarray | None = None,
     ) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] for an acceleration u (n,).
 
@@ -60,10 +61,12 @@ class HeldLoad:
             law: Inertial parameters that the law has for the robot's; by default its own.
             grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9); by default
                 as the task has them.
+            body: Mass and principal moments of the object; by default as the task has them.
         """
         grasps = self.grasps if grasps is None else grasps
+        body = self._body if body is None else body
         parameters = (law or self._model.nominal).vector
-        return np.asarray(self._force(Q, v, u, grasps.ravel(), parameters, self._body)[0][0])
+        return np.asarray(self._force(Q, v, u, grasps.ravel(), parameters, body)[0][0])
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.

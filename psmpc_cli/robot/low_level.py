@@ -1,5 +1,7 @@
 """The low-level law: the generalized force that follows what is commanded, of controllers and plants alike."""
 
+from copy import copy
+
 import numpy as np
 
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -19,8 +21,15 @@ class LowLevelLaw:
     grasps: np.ndarray | None = None
     """Those that the law counts with where hands hold an object, see `HeldLoad.force`; None where it knows of none."""
 
+    load: np.ndarray | None = None
+    """Mass [kg] and principal moments [kg m^2] that it counts with for what hands hold; None where it knows of none."""
+
     def __init__(self, model: RobotModel) -> None:
         self.model = model
+
+    def counting_with(self, load: np.ndarray | None) -> "LowLevelLaw":
+        """Return the law with another mass and other moments (numbers,) of what hands hold; None: with its own."""
+        return self
 
     def force(
         self,
@@ -66,6 +75,15 @@ class LoadedLaw(LowLevelLaw):
         super().__init__(model)
         self._load = HeldLoad(model, body, grasp)
         self.grasps = self._load.grasps
+        self.load = body.vector
+
+    def counting_with(self, load: np.ndarray | None) -> "LoadedLaw":
+        """Return the law with another load."""
+        if load is None:
+            return self
+        other = copy(self)
+        other.load = load
+        return other
 
     def force(
         self,
@@ -79,7 +97,7 @@ class LoadedLaw(LowLevelLaw):
         """Compute the force of the closed chain while all hands hold the object."""
         if grasps is None:
             return super().force(Q, v, u, twist_rates, grasps, parameters)
-        return self._load.force(Q, v, u, parameters, grasps)
+        return self._load.force(Q, v, u, parameters, grasps, self.load)
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return what the closed chain leaves of the commanded accelerations."""

@@ -206,6 +206,8 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
         logger.warning("%.2f s: the state was not measured; %s", command.time, instead)
     elif "solve_failed" in command.events:
         logger.warning("%.2f s: solve failed (%s); %s", command.time, command.outcome.name.lower(), goes_on)
+    if "load_dropped" in command.events:
+        logger.warning("%.2f s: the load found out does not explain the motion; its prior counts", command.time)
     if "near_singular" in command.events:
         instead = "the law in joint space is used until then: bend the arms"
         logger.warning("%.2f s: J_C has a condition number above %g; %s", command.time, LARGEST_CONDITION, instead)
@@ -249,6 +251,7 @@ def header(loop: RecordedLoop) -> Header:
             "pose_coordinate": labels(loaded.robot, "task", of_error=False),
             "stage": names,
             "momentum": MOMENTUM[loaded.robot.dimension],
+            **({"load/moment": ("xx", "yy", "zz")[-space.n_principal :]} if task.finds_load else {}),
             "stages/epsilon": task.onset.series,
             "stages/name": names,
             "stages/priority": priorities_in_force(task.controller, loop.problem.stages),

@@ -141,10 +141,11 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         stage = in_force.sequence.first
         contact = None
         if uncertainty is None:
-            ticks = plant.advance(now, state, u, None, closed, twist_rates)
+            ticks = plant.advance(now, state, u, None, closed, twist_rates, in_force.law.load)
         else:
             contact = uncertainty.contact(state, previous_stage, stage)
-            ticks = uncertainty.advance(plant, sample_number, now, contact.state, u, stage, closed, twist_rates)
+            load = in_force.law.load
+            ticks = uncertainty.advance(plant, sample_number, now, contact.state, u, stage, closed, twist_rates, load)
         if (
             not np.vdot(ticks.states, ticks.states) + np.vdot(ticks.F, ticks.F) < DIVERGED**2
         ):  # nor where it is not a number

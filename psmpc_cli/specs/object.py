@@ -2,10 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import mapping, quoted
@@ -141,6 +149,19 @@ def _ordered(at: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInf
 _in_order_of_arms = WrapValidator(_ordered)
 
 
+ESTIMATED = "estimated"
+"""Of a load whose mass and moments of inertia the controller finds out."""
+
+
+def _known(value: object) -> object:
+    if not (isinstance(value, bool) or value == ESTIMATED):
+        raise expected("true, false or estimated")
+    return value
+
+
+_Known = Annotated[bool | Literal["estimated"], BeforeValidator(_known)]
+
+
 class GraspSpec(Spec):
     """Grippers on the object: a linear bushing between each of them and the object while it is closed."""
 
@@ -155,12 +176,19 @@ class GraspSpec(Spec):
     strength: Annotated[StrengthSpec, validated_by(_bounds_a_load)] | None = Field(
         None, description="what it holds; default anything"
     )
-    known: fields.Flag = Field(False, description="whether the low-level law knows the load and the closed chain")
+    known: _Known = Field(
+        False, description="whether the low-level law knows the load and the closed chain; estimated: it finds it out"
+    )
     band: fields.Sparse[Annotated[tuple[fields.Positive, fields.Positive], listed("2 entries", 2)] | None] = Field(
         None,
         description="by how much plans let hands that hold the object move against each other [m, rad]; default what "
         "half of a grasp's strength strains, at most [1e-3, 2e-3]",
     )
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether the controller finds out what the grippers hold."""
+        return self.known == ESTIMATED
 
     @property
     def half_widths(self) -> tuple[float, float]:

@@ -47,6 +47,7 @@ from psmpc_cli.specs.parts import (
     Space,
     Wanted,
     axes_of,
+    by_dimension,
     dimension_of,
     in_joint_space,
     names,
@@ -138,6 +139,16 @@ class PublishedRun(Spec):
 
 FREE_END = "free_end"
 """`one_stage` with which windows over one stage have its end condition at a free switch time."""
+
+
+class LoadPriorSpec(Spec):
+    """What the controller takes for the load before it has found out more, with `object.grasp.known: estimated`."""
+
+    mass: fields.Positive | None = Field(None, description="mass; default the object's [kg]")
+    inertia: Annotated[fields.OneOrMore[fields.Positive], by_dimension(1, 3)] | None = Field(
+        None, description="inertia about its centre of mass, in space about its axes; default the object's [kg m^2]"
+    )
+    deviation: fields.Positive = Field(0.5, le=10, description="standard deviation of each of them, as a part of it")
 
 
 class HtmpcSpec(Spec):
@@ -291,6 +302,9 @@ class ControllerSpec(Choice):
         "as_published",
         exclude_if=lambda value: value == "as_published",
         description="windows over one stage: without its end, or with its end condition at a free switch time",
+    )
+    load_prior: fields.Sparse[LoadPriorSpec | None] = Field(
+        None, description="what it takes for a load that it finds out; default the object's numbers, 50 % off"
     )
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
 
@@ -901,6 +915,15 @@ def _shares_of_no_limit(
 _Monitor = Annotated[MonitorSpec, validated_by(_monitor)]
 
 
+def _prior_of_a_load(target_object: ObjectSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give a load to find out where the law counts with none, or a prior without one."""
+    controller = earlier_fields.get("controller")
+    estimated = target_object.grasp is not None and target_object.grasp.is_estimated
+    if controller and controller.load_prior and not estimated:
+        wanted = "estimated, or no controller.load_prior"
+        yield ("grasp", "known") if target_object.grasp else (), expected(wanted)
+
+
 def _names_of_checks(monitors: tuple[MonitorSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give monitors with the name of what is judged besides."""
     keeps_clear = earlier_fields.get("clearance") or any(stage.clearance for stage in earlier_fields.get("stages", ()))
@@ -964,9 +987,10 @@ class TaskSpec(Spec):
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
-    object: Annotated[ObjectSpec, validated_by(complete), validated_by(_has_thrusters)] | None = Field(
-        None, description="the target object"
-    )
+    object: (
+        Annotated[ObjectSpec, validated_by(complete), validated_by(_has_thrusters), validated_by(_prior_of_a_load)]
+        | None
+    ) = Field(None, description="the target object")
     obstacles: fields.Sparse[
         Annotated[
             tuple[ObstacleSpec, ...], validated_by(partial(_own_names, "obstacles")), validated_by(_obstacle_names)
@@ -1016,6 +1040,11 @@ class TaskSpec(Spec):
     def body(self) -> ObjectBody:
         """The task's object as a rigid body, of mass 0 where the task has no such object."""
         return NO_BODY if self.object is None else self.object.body
+
+    @property
+    def finds_load(self) -> bool:
+        """Whether the controller finds out what the grippers hold."""
+        return self.body.grasp.is_estimated
 
     @property
     def carrying_stages(self) -> range:

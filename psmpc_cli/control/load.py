@@ -1,0 +1,298 @@
+"""What the grippers hold, found out from the momentum of robot and load.
+
+docs/formulation.md, section "An unknown load".
+"""
+
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.low_level import LowLevelLaw
+from psmpc_cli.robot.model import RobotModel
+
+OWN = 0.1
+"""Deviation of the masses and inertias of the robot's bodies from the description, one sigma, as a part of them."""
+
+UNEXPLAINED = 0.01, 5e-3
+"""Deviation of a momentum that nothing explains, one sigma: a part of the impulse of the base, plus [N s, N m s]."""
+
+PARTS = 4
+"""Parts of a sample at whose middles the force of the low-level law is evaluated."""
+
+SETTLING = 0.5
+"""For how long after grippers close or open momenta are not looked at [s]: grasps give in, and swing."""
+
+BLOCK = 3.0
+"""After so long the momentum that was there before is taken as unknown again [s]: impulses sum up their errors."""
+
+FAR = 9.0
+"""Mean square of innovations over their variances beyond which the estimate does not explain what is measured: 3
+sigma."""
+
+MEMORY, OUTLIER = 0.1, 25.0
+"""Share of the last innovation in that mean, and what it counts as at most: one alone does not tell."""
+
+LEAST = 0.02
+"""Least mass and moments of inertia, as a part of the prior's."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadPrior:
+    """What is known of the load before it is held.
+
+    Attributes:
+        mean: Mass [kg] and principal moments [kg m^2].
+        deviation: Their standard deviations.
+    """
+
+    mean: np.ndarray
+    deviation: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class LoadEstimate:
+    """What is known of the load from the measurements so far.
+
+    Normal equations of what is unknown: factors by which masses and inertias of the robot's bodies are off, mass and
+    principal moments of the load, and the momentum at the beginning of a block of samples.
+
+    Attributes:
+        information: Their matrix.
+        right: Their right side.
+        numbers: Mass [kg] and principal moments [kg m^2] of the load, as a rigid body has them.
+        deviation: Their standard deviations.
+        begun: When the block began [s]; infinite where none is under way.
+        settled_at: Before this time nothing is looked at [s].
+        impulse: Of the base since then [N s, N m s].
+        surprise: Mean square of the last innovations over their variances [1].
+        dropped: The estimate did not explain the last measurements, and was given up for the prior.
+    """
+
+    information: np.ndarray
+    right: np.ndarray
+    numbers: np.ndarray
+    deviation: np.ndarray
+    impulse: np.ndarray
+    begun: float = np.inf
+    settled_at: float = -np.inf
+    surprise: float = 1.0
+    dropped: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Robot and object at a sample.
+
+    Attributes:
+        time: Of the measurement [s].
+        Q: Position of the robot (nq,).
+        v: Its velocity (n,).
+        object_state: Pose and velocity of the held object; None of empty hands.
+    """
+
+    time: float
+    Q: np.ndarray
+    v: np.ndarray
+    object_state: tuple[np.ndarray, np.ndarray] | None
+
+
+class LoadEstimator:
+    """Finds out the mass and the moments of inertia of what the grippers hold.
+
+    The momentum of robot and load about the inertial origin is linear in their masses and inertias, and grows by the
+    impulse of the base's force:
+
+        P_r(Q, v) + R(Q, v) e + L(object) theta = c + impulse since the beginning of the block + noise,
+
+    with e the errors of the robot's own bodies and c the momentum at the block's beginning. All three are unknown, with
+    normal priors for e and theta: e is found out while hands are empty, else it would spoil theta. Levels since the
+    beginning count, not increments, because the noise of a level does not grow.
+    """
+
+    def __init__(self, model: RobotModel, prior: LoadPrior, noise: np.ndarray) -> None:
+        """Derive the momentum and its derivatives.
+
+        Args:
+            model: The robot.
+            prior: What is known of the load before it is held.
+            noise: Standard deviations of measured velocities (n,) [m/s, rad/s].
+        """
+        self._model = model
+        self._prior = prior
+        self._noise = noise
+        self._momentum = ArrayFunction(_momentum(model))
+        spec = model.nominal
+        bodies = len(spec.mass)
+        moments = spec.inertia.size // bodies
+        nominal = np.concatenate([spec.mass, spec.inertia.T.ravel()])
+        factors = np.zeros((len(nominal), 2 * bodies))
+        factors[:bodies, :bodies] = np.diag(spec.mass)
+        for moment in range(moments):
+            rows = slice(bodies * (1 + moment), bodies * (2 + moment))
+            factors[rows, bodies:] = np.diag(nominal[rows])
+        self._factors = factors
+        self._of_load = slice(2 * bodies, 2 * bodies + len(prior.mean))
+        self._of_offset = slice(self._of_load.stop, self._of_load.stop + model.space.n_twist)
+
+    @property
+    def first(self) -> LoadEstimate:
+        """What is known before the first measurement."""
+        count = self._of_offset.stop
+        information = np.zeros((count, count))
+        own = np.arange(self._of_load.start)
+        information[own, own] = 1 / OWN**2
+        estimate = LoadEstimate(
+            information,
+            np.zeros(count),
+            self._prior.mean,
+            self._prior.deviation,
+            np.zeros(self._model.space.n_twist),
+        )
+        return self._with_prior(estimate)
+
+    def _with_prior(self, estimate: LoadEstimate) -> LoadEstimate:
+        """Return an estimate with the prior of the load in place of what was found."""
+        marginal, right = _without(estimate.information, estimate.right, self._of_load)
+        of_load = np.arange(self._of_load.start, self._of_load.stop)
+        marginal[of_load, of_load] = 1 / self._prior.deviation**2
+        right[of_load] = self._prior.mean / self._prior.deviation**2
+        return replace(
+            estimate,
+            information=marginal,
+            right=right,
+            numbers=self._prior.mean,
+            deviation=self._prior.deviation,
+            surprise=1.0,
+        )
+
+    def unsettled(self, estimate: LoadEstimate, time: float) -> LoadEstimate:
+        """Return the estimate where grippers close or open at a time [s]: a new block begins later."""
+        return replace(estimate, begun=np.inf, settled_at=time + SETTLING)
+
+    def measured(
+        self, estimate: LoadEstimate, before: Motion, now: Motion, u: np.ndarray, law: LowLevelLaw
+    ) -> LoadEstimate:
+        """Return the estimate after a measurement.
+
+        Args:
+            estimate: That of the sample before.
+            before: What was measured then.
+            now: What is measured now. Where it is not finite the sample is left out, and a new block begins.
+            u: Accelerations that were commanded and acted in between (M, n).
+            law: The low-level law that applied them, with the load it then counted with.
+        """
+        estimate = replace(estimate, dropped=False)
+        is_measured = all(np.isfinite(each).all() for each in (before.Q, before.v, now.Q, now.v))
+        if now.time < estimate.settled_at or not is_measured:
+            return replace(estimate, begun=np.inf)
+        if now.time - estimate.begun > BLOCK or not np.isfinite(estimate.begun):
+            information, right = _without(estimate.information, estimate.right, self._of_offset)
+            none = np.zeros_like(estimate.impulse)
+            estimate = replace(estimate, information=information, right=right, begun=now.time, impulse=none)
+        else:
+            estimate = replace(estimate, impulse=estimate.impulse + self._impulse(before, now, u, law))
+        return self._updated(estimate, now)
+
+    def _impulse(self, before: Motion, now: Motion, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
+        """Return the impulse of the base's force about the inertial origin between two samples [N s, N m s]."""
+        space = self._model.space
+        duration = (now.time - before.time) / PARTS
+        grasps = law.grasps if now.object_state is not None else None
+        step = np.array(space.difference(before.Q, now.Q))
+        impulse = np.zeros(space.n_twist)
+        for part, mean in enumerate(np.array_split(u, PARTS)):
+            share = (part + 0.5) / PARTS
+            Q = np.array(space.integrate(before.Q, share * step))
+            v = (1 - share) * before.v + share * now.v
+            F = law.force(Q, v, mean.mean(axis=0), grasps=grasps)
+            impulse += duration * np.array(space.external_wrench(Q, F), dtype=float)
+        return impulse
+
+    def _updated(self, estimate: LoadEstimate, now: Motion) -> LoadEstimate:
+        """Return the estimate with the equations of a measurement."""
+        [P], by_parameters, by_v = self._momentum(now.Q, now.v)
+        k = len(P)
+        rows = np.zeros((k, self._of_offset.stop))
+        rows[:, : self._of_load.start] = by_parameters.T @ self._factors
+        if now.object_state is not None:
+            rows[:, self._of_load] = _momentum_of_body(self._model, *now.object_state)
+        rows[:, self._of_offset] = -np.eye(k)
+        share, least = UNEXPLAINED
+        covariance = (
+            2 * (by_v.T * self._noise**2) @ by_v + np.eye(k) * (share * np.linalg.norm(estimate.impulse) + least) ** 2
+        )
+        y = estimate.impulse - P
+        surprise = self._surprise(estimate, rows, y, covariance)
+        if surprise > FAR and now.object_state is not None:
+            fresh = self._with_prior(estimate)
+            return replace(fresh, begun=np.inf, dropped=True)
+        weighted = np.linalg.solve(covariance, rows)
+        information = estimate.information + rows.T @ weighted
+        right = estimate.right + weighted.T @ y
+        estimate = replace(estimate, information=information, right=right, surprise=surprise)
+        if now.object_state is None:
+            return estimate
+        inverse = np.linalg.inv(information)
+        numbers = _as_body((inverse @ right)[self._of_load], LEAST * self._prior.mean)
+        deviation = np.sqrt(np.diagonal(inverse)[self._of_load])
+        return replace(estimate, numbers=numbers, deviation=deviation)
+
+    def _surprise(self, estimate: LoadEstimate, rows: np.ndarray, y: np.ndarray, covariance: np.ndarray) -> float:
+        """Return the mean square of the last innovations over their variances."""
+        if not estimate.information[self._of_offset, self._of_offset].any():
+            return estimate.surprise
+        inverse = np.linalg.inv(estimate.information)
+        innovation = y - rows @ (inverse @ estimate.right)
+        square = float(innovation @ np.linalg.solve(covariance + rows @ inverse @ rows.T, innovation)) / len(y)
+        return (1 - MEMORY) * estimate.surprise + MEMORY * min(square, OUTLIER)
+
+
+def _without(information: np.ndarray, right: np.ndarray, unknowns: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Return normal equations in which nothing is known of some unknowns any more; what was known of others stays."""
+    of_them = information[unknowns, unknowns]
+    information, right = information.copy(), right.copy()
+    if of_them.any():
+        coupling = np.linalg.solve(of_them, information[unknowns])
+        right -= coupling.T @ right[unknowns]
+        information -= information[:, unknowns] @ coupling
+    information[unknowns] = 0.0
+    information[:, unknowns] = 0.0
+    right[unknowns] = 0.0
+    return information, right
+
+
+def _as_body(numbers: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Return mass and principal moments as a rigid body may have them: positive, none above the sum of the others."""
+    numbers = np.maximum(numbers, least)
+    moments = numbers[1:]
+    if len(moments) == 3:
+        largest = int(np.argmax(moments))
+        moments[largest] = min(moments[largest], moments.sum() - moments[largest])
+    return numbers
+
+
+def _momentum_of_body(model: RobotModel, pose: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the momentum of a body by its mass and its principal moments (n_twist, 1 + moments)."""
+    count = 1 + model.space.n_principal
+    units = np.eye(count)
+    columns = [FreeBody(unit[0], unit[1:].tolist()).momentum(pose, v) for unit in units]
+    return np.array(columns, dtype=float).T
+
+
+def _momentum(model: RobotModel) -> ca.Function:
+    """Return Q, v -> momentum (n_twist,), its derivatives by masses and moments of inertia, and by v."""
+
+    def derive() -> ca.Function:
+        Q = ca.SX.sym("Q", model.nq)
+        v = ca.SX.sym("v", model.n)
+        w = ca.SX.sym("w", model.nominal.vector.size)
+        P = model.dynamics.momentum(Q, v, w)
+        count = model.nominal.mass.size + model.nominal.inertia.size
+        outputs = P, ca.jacobian(P, w)[:, :count], ca.jacobian(P, v)
+        at_nominal = ca.substitute([*outputs], [w], [ca.DM(model.nominal.vector)])
+        return ca.Function("momentum_terms", [Q, v], [ca.densify(each) for each in ca.cse(at_nominal)])
+
+    return model.derived((_momentum,), derive)

@@ -1,0 +1,120 @@
+"""The load in the grippers, found out from the momentum of robot and load."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import psmpc_cli as psmpc
+from psmpc_cli.control.load import LoadEstimator, LoadPrior, Motion, _as_body, _without
+from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.specs.load import load_task
+
+DRIFTING: dict[str, Any] = {"controller.nodes": 12, "log": {"plans": False, "shares": False}}
+ESTIMATED: dict[str, Any] = {**DRIFTING, "object.grasp.known": "estimated", "uncertainty.object.mass": 0.85}
+IMPRECISE: dict[str, Any] = {
+    "uncertainty.mass": 0.1,
+    "uncertainty.inertia": 0.1,
+    "uncertainty.noise": dict.fromkeys(("position", "angle", "velocity", "angular_velocity"), 1e-3),
+}
+
+
+@pytest.fixture(scope="module")
+def found() -> psmpc.Run:
+    return psmpc.simulate(
+        load_task("catch_drifting", {**ESTIMATED, "controller.load_prior": {"mass": 10, "inertia": 2}})
+    )
+
+
+def test_a_run_finds_out_its_load_and_delivers_it(found: psmpc.Run) -> None:
+    closed = float(found["grasp/closed_at"].max())
+    true = float(found["object/mass"])
+    assert abs(true - 10) > 5
+    mass = found["load/mass"]
+    assert (mass[found.time < closed] == 10).all()
+    late = found.time > closed + 1
+    np.testing.assert_allclose(mass[late], true, rtol=0.02)
+    assert (np.abs(mass[late] - true) < 4 * found["load/mass_deviation"][late]).all()
+    np.testing.assert_allclose(found["load/inertia"][-1], found["object/inertia"], rtol=0.2)
+    assert found.summary().succeeded
+    assert not found["events/load_dropped"].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_robots_own_masses_are_found_out_before_the_load(seed: int) -> None:
+    """With bodies that are 10 % off, the load of some 4 to 25 kg is known to 1 kg after a second."""
+    run = psmpc.simulate(load_task("catch_drifting", {**ESTIMATED, **IMPRECISE, "seed": seed}))
+    late = run.time > float(run["grasp/closed_at"].max()) + 1.5
+    error = np.abs(run["load/mass"][late] - float(run["object/mass"]))
+    assert error.max() < 1.0
+    assert (error < 4 * run["load/mass_deviation"][late]).all()
+    assert run.summary().succeeded
+
+
+@pytest.mark.slow
+def test_a_load_in_space_is_found_out() -> None:
+    changes = {"object.grasp.known": "estimated", "uncertainty.object.mass": 0.7, "log": DRIFTING["log"]}
+    run = psmpc.simulate(load_task("servicing", changes))
+    assert run["load/mass"][-1] == pytest.approx(float(run["object/mass"]), rel=0.03)
+    assert run.summary().succeeded
+
+
+def test_what_does_not_explain_the_motion_is_given_up_for_the_prior() -> None:
+    """Robot and load that change their velocity although nobody pushes them."""
+    problem = build_problem(load_task("catch_drifting", {"object.grasp.known": "estimated"}))
+    model = problem.model
+    prior = np.array([10.0, 1.0])
+    estimator = LoadEstimator(model, LoadPrior(prior, 0.5 * prior), np.full(model.n, 1e-3))
+    estimate = estimator.first
+    random = np.random.default_rng(0)
+    u = np.zeros((100, model.n))
+    before = None
+    dropped = []
+    for k in range(20):
+        v = random.uniform(-0.5, 0.5, model.n)
+        now = Motion(0.1 * k, model.neutral, v, (np.array([1.0, 0.0, 0.0]), v[:3]))
+        if before is not None:
+            estimate = estimator.measured(estimate, before, now, u, problem.law)
+        dropped.append(estimate.dropped)
+        before = now
+    assert any(dropped)
+    first = estimator.first
+    assert (first.numbers == prior).all() and (first.deviation == prior / 2).all()
+
+
+def test_a_sample_that_is_not_measured_begins_a_new_block() -> None:
+    problem = build_problem(load_task("catch_drifting", {"object.grasp.known": "estimated"}))
+    model = problem.model
+    estimator = LoadEstimator(model, LoadPrior(np.ones(2), np.ones(2)), np.zeros(model.n))
+    rest = [Motion(0.1 * k, model.neutral, np.zeros(model.n), None) for k in range(3)]
+    unknown = Motion(0.2, model.neutral, np.full(model.n, np.nan), None)
+    u = np.zeros((100, model.n))
+    estimate = estimator.measured(estimator.first, rest[0], rest[1], u, problem.law)
+    assert estimate.begun == 0.1
+    assert estimator.measured(estimate, rest[1], unknown, u, problem.law).begun == np.inf
+
+
+def test_unknowns_that_are_forgotten_leave_what_was_known_of_the_others() -> None:
+    random = np.random.default_rng(1)
+    root = random.standard_normal((5, 5))
+    information = root @ root.T
+    right = random.standard_normal(5)
+    marginal, left = _without(information, right, slice(3, 5))
+    np.testing.assert_allclose(np.linalg.inv(marginal[:3, :3]), np.linalg.inv(information)[:3, :3])
+    solution = np.linalg.solve(information, right)
+    np.testing.assert_allclose(np.linalg.solve(marginal[:3, :3], left[:3]), solution[:3])
+    assert not marginal[3:].any() and not left[3:].any()
+
+
+@pytest.mark.parametrize(
+    ("numbers", "body"),
+    [
+        ([-1, 2], [0.1, 2]),
+        ([1, 1, 2, 5], [1, 1, 2, 3]),
+        ([1, 1, 2, 2.5], [1, 1, 2, 2.5]),
+        ([1, -1, 2, 2], [1, 0.1, 2, 2]),
+    ],
+)
+def test_estimates_are_bodies_that_can_exist(numbers: list[float], body: list[float]) -> None:
+    np.testing.assert_allclose(_as_body(np.array(numbers, float), np.full(len(numbers), 0.1)), body)

@@ -233,7 +233,7 @@ class DelayEstimator:
 
         def reached(delays: np.ndarray) -> np.ndarray:
             at = np.rint((times - self._delays[delays, None] - begin) / self._tick).astype(int)
-            return summed[np.clip(at, 0, len(u))]
+            return np.asarray(summed[np.clip(at, 0, len(u))])
 
         first = np.union1d(np.arange(0, len(self._delays), stride), self._near(in_force))
         model = _VelocityModel(v, gain, walk, self._noise)

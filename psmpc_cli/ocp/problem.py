@@ -1,5 +1,6 @@
 """A task made computable: the robot's model, the stages as numbers, the functions of the skills on arrays."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -180,7 +181,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     if skill.input == "joint":
         control_weights = np.where(model.actuated, control_weights, 0.0)
     if skill.weights.weighs_force:
-        control_weights = np.append(control_weights, _force_weights(skill, robot, model))
+        control_weights = np.append(control_weights, _actuated_weights(skill.weights.force, robot, model))
     onset = rows(spec.onset if spec.onset is not None else ("all",), robot, "joint")
     return Stage(
         index=index,
@@ -193,6 +194,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
         force_load=known_load(task, model, index) if skill.weights.weighs_force else None,
+        rate_weights=_rate_weights(skill, robot, model),
         end=_end(index, task, robot, lasts),
         limits=resolve_limits(robot, task.limits, skill.limits),
         onset_rows=tuple(row for row in onset if model.actuated[row]),
@@ -201,14 +203,21 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     )
 
 
-def _force_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
-    """Return the weights of the generalized force (n,), 0 where nothing acts."""
-    force = skill.weights.force
-    if isinstance(force, float | int):
-        weights = np.full(model.n, float(force))
+def _actuated_weights(
+    given: float | Mapping[str, tuple[float, ...]], robot: RobotSpec, model: RobotModel
+) -> np.ndarray:
+    """Return weights by coordinate (n,), given as one number or by part; 0 where nothing acts."""
+    if isinstance(given, float | int):
+        weights = np.full(model.n, float(given))
     else:
-        weights = stack(force, robot, "joint", missing=0.0, of_error=True)
+        weights = stack(given, robot, "joint", missing=0.0, of_error=True)
     return np.where(model.actuated, weights, 0.0)
+
+
+def _rate_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
+    """Return the weights of the rate of Qddot (n,); (0,) where all are 0."""
+    weights = _actuated_weights(skill.weights.rate, robot, model)
+    return weights if weights.any() else np.zeros(0)
 
 
 def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:

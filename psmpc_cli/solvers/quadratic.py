@@ -109,7 +109,8 @@ class QpArrays:
         row_node: Nodes of the constraints at nodes, counted from x_1, ascending, (E,).
         row_jacobian: Their rows of C by the state at their node, (E, 2n).
         interval_row: Intervals of the constraints over intervals, ascending, (I,).
-        interval_jacobian: Their rows of C by the states at both ends and tau, but for their bounds, (I, 4n + S).
+        interval_jacobian: Their rows of C by the states at both ends, tau, but for their bounds, and the velocities where
+            the interval before begins, (I, 4n + S + history); history is n, or 0 where no row has the last part.
         interval_low, interval_high: Their bounds over the length of their interval, (I,).
         interval_weight: Of those that are residuals of the cost, which have no bounds, what they add to H: weight c'c,
             (I,); 0 of others.
@@ -651,9 +652,12 @@ def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
         (first_node_row + np.arange(node_row_count)[:, None], X[arrays.row_node], arrays.row_jacobian),
     ]
     k = arrays.interval_row
-    by_states, by_tau_alone = np.split(arrays.interval_jacobian, [2 * X.shape[1]], axis=1)
-    before, after = np.split(by_states, 2, axis=1)
+    states = X.shape[1]
+    before, after, by_tau_alone, by_v_before = np.split(
+        arrays.interval_jacobian, [states, 2 * states, 2 * states + len(tau)], axis=1
+    )
     later = k > 0  # the state before the first interval is measured
+    has_history = (k > 1) & (by_v_before.shape[1] > 0)
     for first, interval_bound in (
         (first_interval_row, arrays.interval_low),
         (first_interval_row + len(k), arrays.interval_high),
@@ -661,6 +665,8 @@ def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
         row = first + np.arange(len(k))[:, None]
         by_tau = by_tau_alone - interval_bound[:, None] * arrays.interval_by_duration[k]
         entries += [(row, X[k], after), (row[later], X[k[later] - 1], before[later]), (row, tau, by_tau)]
+        if has_history.any():
+            entries.append((row[has_history], v[k[has_history] - 2], by_v_before[has_history]))
     for first, bound in ((first_low, arrays.input_low), (first_high, arrays.input_high)):
         row = first + np.arange(bound.size).reshape(bound.shape)
         if row.size:

@@ -382,9 +382,9 @@ class PlantSpec(Choice):
 
 
 class SkillWeights(InlineParts):
-    """W_q or W_p by part; W_r of the control and W_F of the force: one number for all of it, or numbers by part.
+    """W_q or W_p by part; W_r of the control, W_F of the force, W_j of the jerk: one number, or numbers by part.
 
-    In YAML the parts, `control` and `force` stand side by side.
+    In YAML the parts, `control`, `force` and `rate` stand side by side.
     """
 
     parts: Mapping[_SkillPart, fields.OneOrMore[fields.NotNegative]] = {}
@@ -393,12 +393,25 @@ class SkillWeights(InlineParts):
         0.0,
         description="weights of the generalized force, the base's along its own axes, one number or numbers by part",
     )
+    rate: fields.Sparse[_Control] = Field(
+        0.0, description="weights of the rate at which the control changes, the jerk, one number or numbers by part"
+    )
 
     @property
     def weighs_force(self) -> bool:
         """Whether the force costs anything."""
-        numbers = self.force.values() if isinstance(self.force, Mapping) else [self.force]
-        return any(np.any(each) for each in numbers)
+        return _weighs(self.force)
+
+    @property
+    def weighs_rate(self) -> bool:
+        """Whether changes of the acceleration cost anything."""
+        return _weighs(self.rate)
+
+
+def _weighs(weights: float | Mapping[str, tuple[float, ...]]) -> bool:
+    """Tell whether any of some weights is not 0."""
+    numbers = weights.values() if isinstance(weights, Mapping) else [weights]
+    return any(np.any(each) for each in numbers)
 
 
 def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) -> RuleErrors:
@@ -412,10 +425,12 @@ def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) ->
         axes = {part: axes[part] for part in axes if part != "base"}  # which has no control
     for at, error in part_faults(weights.control, axes, context.required(axes)):
         yield ("control", *at), error
-    for at, error in part_faults(weights.force, axes):
-        yield ("force", *at), error
-    if weights.weighs_force and earlier_fields.get("input", "joint") == "task":
-        yield ("force",), expected("none with input task", at_key=True)
+    for key, numbers in (("force", weights.force), ("rate", weights.rate)):
+        for at, error in part_faults(numbers, axes):
+            yield (key, *at), error
+    for key, is_weighed in (("force", weights.weighs_force), ("rate", weights.weighs_rate)):
+        if is_weighed and earlier_fields.get("input", "joint") == "task":
+            yield (key,), expected("none with input task", at_key=True)
 
 
 class SkillSpec(Spec):

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from psmpc_cli.ocp.objective import ConstraintFunctions, IntervalFunctions
+from psmpc_cli.ocp.objective import ConstraintFunctions, IntervalFunctions, RateFunctions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape
@@ -91,7 +91,7 @@ class IntervalRows:
 
     name: str
     intervals: Sequence[int]
-    functions: IntervalFunctions
+    functions: IntervalFunctions | RateFunctions
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
     weights: Callable[[Parameters[Any]], Any] | None = None
@@ -173,7 +173,9 @@ def rows_at_nodes(
     return rows
 
 
-def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], IntervalFunctions]) -> RowsOfShape:
+def rows_over_intervals(
+    name: str, functions: Callable[[RobotModel, Any], IntervalFunctions | RateFunctions]
+) -> RowsOfShape:
     """Return how a constraint yields its rows over the intervals of the stages that it concerns.
 
     Args:

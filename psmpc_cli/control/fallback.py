@@ -10,7 +10,7 @@ from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.specs.robot import Limits
 
 BRAKING_TIME = 0.5
-"""Time within which a robot without a plan comes to rest [s], longer where acceleration limits ask for it."""
+"""Time within which a robot without a plan comes to rest [s], longer where limits of acceleration or jerk need it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,11 @@ class PlansInForce:
     def current(self) -> Plan | None:
         """The plan in force; None before the first."""
         return self.solved if self.braking is None else self.braking
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the plan in force came of a solve: others are of few intervals, at whose ends accelerations jump."""
+        return self.braking is None and self.sequence is not None
 
     def in_chart(self, chart: Chart) -> "PlansInForce":
         """Return the plans in another chart."""
@@ -84,8 +89,10 @@ class PlansInForce:
             brakes: Which coordinates can brake (n,): not those of a base without thrusters.
         """
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
-        v = x[len(x) // 2 :]
-        duration = max(BRAKING_TIME, float(np.max(np.abs(v[brakes]) / strongest[brakes], initial=0.0)))
+        steepest = np.minimum(limits.jerk_high, -limits.jerk_low)
+        v = np.abs(x[len(x) // 2 :])
+        at_least = np.maximum(v / strongest, np.sqrt(v / steepest))[brakes]  # u = v / T takes u / jerk to build up
+        duration = max(BRAKING_TIME, float(np.max(at_least, initial=0.0)))
         if self.solved is None:
             first = braking_plan(time, x, duration, horizon, chart, brakes)
             return replace(self, solved=first), first

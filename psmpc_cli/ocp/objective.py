@@ -200,12 +200,12 @@ class Intervals:
     @property
     def u(self) -> np.ndarray:
         """Accelerations over them (J, n)."""
-        return self._accelerations[self.k + 1]
+        return np.asarray(self._accelerations[self.k + 1])
 
     @property
     def u_before(self) -> np.ndarray:
         """Accelerations over the intervals before them (J, n)."""
-        return self._accelerations[self.k]
+        return np.asarray(self._accelerations[self.k])
 
     @property
     def h_before(self) -> np.ndarray:
@@ -578,7 +578,7 @@ def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
 
 
 def rate_residual(model: RobotModel) -> RateFunctions:
-    """Return the rows sqrt(d) du/d (n,): their squares are the integral of the squared jerk about an interval's beginning.
+    """Return the rows sqrt(d) du/d (n,): their squares are integrals of the squared jerk about an interval's beginning.
 
     The acceleration changes by du from the middle of the interval before to the middle of this one, in
     d = (h- + h) / 2.

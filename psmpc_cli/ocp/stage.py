@@ -337,7 +337,7 @@ def without_end(shape: StageShape) -> StageShape:
 
 
 def cost_shape(shape: StageShape) -> StageShape:
-    """Return the shape that all stages share whose error and target are the same functions; force and rate are left out."""
+    """Return the shape that all stages share whose error and target are the same functions; without force and rate."""
     return StageShape(shape.space, object_names=shape.object_names)
 
 

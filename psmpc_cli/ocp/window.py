@@ -63,8 +63,8 @@ class Window:
         kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, with the instants held.
         ends: The stages before the last end by their end conditions; not so where `kept` alone says what ends.
         chart: The chart that its states are in.
-        applied: Acceleration that was commanded last (n,), in the chart: changes of acceleration count from it. (0,) where
-            they neither cost nor are limited.
+        applied: Acceleration that was commanded last (n,), in the chart: changes of acceleration count from it. (0,)
+            where they neither cost nor are limited.
         tick: How long a commanded acceleration holds [s].
         rate_shift: Qdot - v at the nodes (K + 1, n), by which limits of v are moved; None: that of the guess.
     """

@@ -100,6 +100,49 @@ def mean_control(u: Array, times: Array, edges: Array) -> Array:
     return np.asarray((reached[1:] - reached[:-1]) @ u / (edges[1:] - edges[:-1])[:, None])
 
 
+def ramped_control(u: Array, times: Array, edges: Array, before: Array) -> Array:
+    """Return accelerations at the middles of ticks (M, n), ramped from the middle of an interval to that of the next.
+
+    The ramps begin at the tick before the first. Their slopes are the changes of acceleration that windows weigh and
+    limit; velocities differ from those of piecewise constant accelerations by h^2 / 4 times the largest slope at most.
+
+    Args:
+        u: Accelerations (K, n) between the times.
+        times: Nodes (K + 1,) [s]. Past the last there is no control.
+        edges: Ends of the ticks (M + 1,) [s], ascending, all of one length.
+        before: Acceleration over the tick before (n,).
+    """
+    tick = edges[1] - edges[0]
+    middles = (times[:-1] + times[1:]) / 2
+    first = int(middles.searchsorted(edges[0]))
+    end = times[-1:] + (times[-1] - times[-2]) / 2
+    knots = np.concatenate([[edges[0] - tick / 2], middles[first:], end])
+    values = np.concatenate([before[None], u[first:], np.zeros((1, u.shape[1]))])
+    at = (edges[:-1] + edges[1:]) / 2
+    return np.stack([np.interp(at, knots, of_coordinate) for of_coordinate in values.T], axis=1)
+
+
+def slew_limited(u: Array, before: Array, low: Array, high: Array) -> Array:
+    """Return accelerations over ticks (M, n) that change from tick to tick by `low` to `high` (M, n) at most.
+
+    Each comes as near to the given one as that allows; those that keep the limits are returned as they are.
+
+    Args:
+        u: Accelerations over the ticks (M, n).
+        before: That over the tick before (n,).
+        low: Lower bounds of the changes, 0 at most.
+        high: Upper bounds, 0 at least.
+    """
+    changes = np.diff(u, axis=0, prepend=before[None])
+    if ((low <= changes) & (changes <= high)).all():
+        return u
+    limited = np.empty_like(u)
+    for tick in range(len(u)):
+        before = np.clip(u[tick], before + low[tick], before + high[tick])
+        limited[tick] = before
+    return limited
+
+
 def over_ticks(space: ConfigurationSpace, Q: Array, v: Array, vdot: Array, tick: float) -> tuple[Array, Array]:
     """Return coordinates (M + 1, nq) and velocities (M + 1, n) while rates of v (M, n) hold for a tick [s] each."""
     velocities = np.vstack([v, v + tick * np.cumsum(vdot, axis=0)])

@@ -64,8 +64,9 @@ OUTCOMES: Mapping[object, Outcome] = {
 """Outcomes by the return codes of IPOPT (texts) and fatrop (numbers)."""
 
 INTERVAL_TOLERANCE = 1e-4
-"""Least tolerance of fatrop with nearly redundant rows over intervals. At both ends of an interval they nearly say the same: of the
-first window of `inspect` fatrop stops 8e-7 above the least J, and goes on for 200 iterations without meeting 1e-5."""
+"""Least tolerance of fatrop with rows over intervals that nearly say the same at both ends of an interval.
+
+Of the first window of `inspect` fatrop stops 8e-7 above the least J, and goes on for 200 iterations without 1e-5."""
 
 BARRIER_START = 1e-4
 """fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
@@ -108,8 +109,9 @@ class Nlp:
 
     Paper eq. (20), with the departures of docs/formulation.md. The decision variables are x_0, u_0, x_1, u_1, ..., x_K,
     each x_k = [Q; Qdot; tau_0 .. tau_{S-1}]. Where costs of other stages are bounded, their sums so far follow on the
-    durations in each x_k, and where changes of acceleration count, the acceleration over the interval before. Where limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K;
-    on these, rho times the violations of soft rows of constraints at the node.
+    durations in each x_k, and where changes of acceleration count, the acceleration over the interval before. Where
+    limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K; on these, rho times the
+    violations of soft rows of constraints at the node.
     The rows of g are node by node: the gap to the next node first, then the path rows of the node.
 
     Args:

@@ -20,7 +20,7 @@ class WindowBuilder:
     def __init__(self, problem: Problem) -> None:
         self._spec = problem.spec.controller
         self._costs = problem.costs
-        self._soft = problem.spec.limits_are_soft
+        self._soft = problem.limits_are_soft
         self._tick = 1 / problem.spec.plant.low_level_rate
         self._uniform_nodes = self._spec.uniform_nodes
         # strict priorities do not depend on the scale; "range", eq. (12) as printed, divides by 0 for a robot at rest

@@ -13,7 +13,7 @@ from psmpc_cli.ocp.loads import known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import Posture, skill_in
-from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage
+from psmpc_cli.ocp.stage import JERK, ConstraintNumbers, PlacedStage, Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.low_level import LowLevelLaw, low_level_law
@@ -90,6 +90,18 @@ class Problem:
     def held_stages(self) -> range:
         """The stages in which grippers hold an object with a mass; none without one."""
         return self.spec.carrying_stages
+
+    @cached_property
+    def limits_are_soft(self) -> bool:
+        """Whether limits on the states may be violated at a cost.
+
+        By default where a measured state may violate them: by noise; or by ramps, which have other velocities than the
+        plan, after which a limited jerk leaves no room.
+        """
+        soft = self.spec.controller.soft_limits
+        if soft is not None:
+            return soft
+        return self.spec.uncertainty.measures_with_noise or any(JERK in stage.constraints for stage in self.stages)
 
     @cached_property
     def law(self) -> LowLevelLaw:

@@ -176,7 +176,7 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
         terminal_cost=spec.controller.terminal_cost,
         nodes=frame.nodes,
         discretization=spec.controller.discretization,
-        soft=spec.limits_are_soft,
+        soft=problem.limits_are_soft,
         chart=chart,
         applied=applied,
         tick=1 / spec.plant.low_level_rate,

@@ -1080,9 +1080,3 @@ class TaskSpec(Spec):
         """Whether the controller decides from the true state."""
         is_late = self.uncertainty.delay or self.uncertainty.jitter or self.controller.delay not in ("auto", 0.0)
         return not (self.uncertainty.measures_with_noise or self.measurement_noise.of_state or is_late)
-
-    @property
-    def limits_are_soft(self) -> bool:
-        """Whether limits on the states may be violated at a cost."""
-        soft = self.controller.soft_limits
-        return self.uncertainty.measures_with_noise if soft is None else soft

@@ -61,7 +61,7 @@ def test_a_window_in_space_has_its_chart_and_the_signs_of_its_targets_again() ->
         for stage in problem.stages[:2]
     )
     window = window_over(stages, np.asarray(chart.to_chart(Q[None], v[None])[0]), chart)
-    window = replace(window, soft=problem.spec.limits_are_soft)
+    window = replace(window, soft=problem.limits_are_soft)
     read = read_window(problem, WindowFrame(window.indices, window.nodes, window.start, Q, v), record_of(window))
     assert_same(read, window)
     for found, expected in zip(read.stages, window.stages, strict=True):
@@ -81,7 +81,7 @@ def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: boo
     Q = np.linspace(-0.4, 0.4, 9)
     v = np.linspace(0.1, -0.1, 9)
     chart = problem.model.space.chart_at(Q)
-    window = replace(window_over((first,), np.concatenate([Q, v]), chart), soft=problem.spec.limits_are_soft)
+    window = replace(window_over((first,), np.concatenate([Q, v]), chart), soft=problem.limits_are_soft)
     read = read_window(problem, WindowFrame((1,), (12,), 2.5, Q, v), record_of(window))
     assert_same(read, window)
     assert_same(read.stages[0], first)
@@ -98,7 +98,7 @@ def test_a_stage_stands_in_the_window_before_and_after_its_planned_end() -> None
     placed = stage.unplaced_copy()
     chart = problem.model.space.chart_at(Q)
     window = window_over((placed, placed.continued), np.concatenate([Q, v]), chart)
-    window = replace(window, nodes=(5, 7), soft=problem.spec.limits_are_soft, horizon=problem.spec.controller.horizon)
+    window = replace(window, nodes=(5, 7), soft=problem.limits_are_soft, horizon=problem.spec.controller.horizon)
     frame = WindowFrame(window.indices, window.nodes, window.start, Q, v)
     read = read_window(problem, frame, record_of(window))
     assert read.count == 1

@@ -156,7 +156,7 @@ class VelocityForm:
         self.interval_row_is_over_time = np.ones(len(self.row_interval), bool)
         for over_intervals, at in zip(self.interval_rows, self._interval_places, strict=True):
             self.interval_row_is_over_time[at] = over_intervals.over_time
-        self.costing_rows = self._costing_rows()
+        self.permanent_interval_rows = self._permanent_interval_rows()
         self._rows_with_dependent_rates = [
             (rows, rows.functions.solved_for, rows.functions.by_solved_for)
             for rows in self.node_rows
@@ -376,12 +376,12 @@ class VelocityForm:
             steps.append(np.where((k > 0)[:, None], step.X[k - 1, self.grid.n :], 0.0))
         return np.asarray((model.interval_rows_by * np.hstack(steps)).sum(axis=1))
 
-    def _costing_rows(self) -> np.ndarray:
-        """Return which rows over intervals are residuals of the cost, ascending."""
-        costing = [
-            at for rows, at in zip(self.interval_rows, self._interval_places, strict=True) if rows.weights is not None
+    def _permanent_interval_rows(self) -> np.ndarray:
+        """Return which rows over intervals are part of every program, ascending: residuals of the cost among them."""
+        permanent = [
+            at for rows, at in zip(self.interval_rows, self._interval_places, strict=True) if rows.is_permanent
         ]
-        return np.sort(np.concatenate([np.zeros(0, int), *costing]))
+        return np.sort(np.concatenate([np.zeros(0, int), *permanent]))
 
     def interval_weights(self, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return what the squares of the rows over intervals cost, without priorities, (I,); 0 of constraints."""
@@ -394,14 +394,14 @@ class VelocityForm:
     def force_costs(self, over_intervals: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return what the rows over intervals, of these values, add to the cost of each stage, (S + 1,)."""
         costs = np.zeros(len(self.costs))
-        if len(self.costing_rows):
+        if len(self.permanent_interval_rows):
             stage = self.grid.stage_of[self.row_interval]
             np.add.at(costs, stage, self.interval_weights(p) * over_intervals**2)
         return costs
 
     def hessian_weights(self, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the weights of the rows over intervals in the Hessian of J, (I,): those of their squares, doubled."""
-        if not len(self.costing_rows):
+        if not len(self.permanent_interval_rows):
             return np.zeros(len(self.row_interval))
         omega = p.omega[self.grid.stage_of[self.row_interval]]
         return np.asarray(2 * omega * self.interval_weights(p))
@@ -474,7 +474,7 @@ class VelocityForm:
             H_QQ[nodes] += 2 * weight * curvature.reshape(N, n, n)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
-        """Return the quadratic model at a point; of the rows over intervals it has those that are residuals.
+        """Return the quadratic model at a point; of the rows over intervals it has those of every program.
 
         Derivatives by the durations of all stages become those by the free ones through D, `stage_durations`: the
         last stage takes what the others leave of the horizon.
@@ -484,19 +484,19 @@ class VelocityForm:
         cost = _CostModel(self, point, p)
         rows, rows_by_x = self.rows(point, p)
         over_intervals = self.interval_row_values(point, p)
-        costing = self.costing_rows
-        costing_by = self.interval_jacobian(point, p, costing)
+        permanent = self.permanent_interval_rows
+        permanent_by = self.interval_jacobian(point, p, permanent)
         gradient_tau = D.T @ cost.gradient_tau + p.pending * self.waiting
-        if len(costing):
-            of_rows = (self.hessian_weights(p) * over_intervals)[costing, None] * costing_by
+        if len(permanent):
+            of_rows = (self.hessian_weights(p) * over_intervals)[permanent, None] * permanent_by
             n = self.grid.n
-            np.add.at(cost.gradient, self.row_interval[costing], of_rows[:, : 2 * n])
-            np.add.at(cost.gradient, self.row_interval[costing] + 1, of_rows[:, 2 * n : 4 * n])
+            np.add.at(cost.gradient, self.row_interval[permanent], of_rows[:, : 2 * n])
+            np.add.at(cost.gradient, self.row_interval[permanent] + 1, of_rows[:, 2 * n : 4 * n])
             end_of_tau = 4 * n + self.grid.switches
             gradient_tau += of_rows[:, 4 * n : end_of_tau].sum(axis=0)
             if self.history:
-                later = self.row_interval[costing] > 0
-                np.add.at(cost.gradient[:, n:], self.row_interval[costing[later]] - 1, of_rows[later, end_of_tau:])
+                later = self.row_interval[permanent] > 0
+                np.add.at(cost.gradient[:, n:], self.row_interval[permanent[later]] - 1, of_rows[later, end_of_tau:])
         gaps_by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
             at=self._residuals(
@@ -512,8 +512,8 @@ class VelocityForm:
             gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
             node_rows=self.permanent_rows,
             rows_by_x=rows_by_x,
-            interval_rows=costing,
-            interval_rows_by=costing_by,
+            interval_rows=permanent,
+            interval_rows_by=permanent_by,
         )
 
 

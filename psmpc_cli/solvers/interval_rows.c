@@ -119,21 +119,39 @@ static void form_interval_hessian(int64_t S, const ValueFunction *P, double a, d
     if (HISTORY) substitute_history(P, a, G);
 }
 
-/* Add weight y y' of `count` rows y to the blocks of G on and above the diagonal, rows in groups of LANES columns, so
- * that each row of G is read and written once. */
-static void add_interval_rows(const vec (*rows)[Y_VECS], const double *weights, int count, vec G[Y_PADDED][Y_VECS]) {
+#define ROW_BATCH 64 /* rows that are added together */
+
+/* Add weight y y' of at most ROW_BATCH rows y to the blocks of G on and above the diagonal, rows in groups of LANES
+ * columns, so that each row of G is read and written once. Rows of the change of an acceleration have few entries: those
+ * that have none in a row of G are left out there. */
+static void add_row_batch(const vec (*rows)[Y_VECS], const double *weights, int count, vec G[Y_PADDED][Y_VECS]) {
+    double factors[ROW_BATCH];
+    int chosen[ROW_BATCH];
     for (int i = 0; i < Y_PADDED; i++) {
         int first_vec = i / LANES;
-        for (int v = first_vec; v < Y_VECS; v += 3) {
+        int chosen_count = 0;
+        for (int r = 0; r < count; r++) {
+            double factor = weights[r] * const_scalars(rows[r])[i];
+            factors[chosen_count] = factor;
+            chosen[chosen_count] = r;
+            chosen_count += factor != 0.0;
+        }
+        for (int v = first_vec; v < Y_VECS && chosen_count; v += 3) {
             int vecs = Y_VECS - v < 3 ? Y_VECS - v : 3;
             vec sum[3];
             for (int j = 0; j < vecs; j++) sum[j] = G[i][v + j];
-            for (int r = 0; r < count; r++) {
-                double factor = weights[r] * const_scalars(rows[r])[i];
-                for (int j = 0; j < vecs; j++) sum[j] += factor * rows[r][v + j];
-            }
+            for (int r = 0; r < chosen_count; r++)
+                for (int j = 0; j < vecs; j++) sum[j] += factors[r] * rows[chosen[r]][v + j];
             for (int j = 0; j < vecs; j++) G[i][v + j] = sum[j];
         }
+    }
+}
+
+/* Add weight y y' of `count` rows y to the blocks of G on and above the diagonal. */
+static void add_interval_rows(const vec (*rows)[Y_VECS], const double *weights, int count, vec G[Y_PADDED][Y_VECS]) {
+    for (int first = 0; first < count; first += ROW_BATCH) {
+        int batch = count - first < ROW_BATCH ? count - first : ROW_BATCH;
+        add_row_batch(rows + first, weights + first, batch, G);
     }
 }
 

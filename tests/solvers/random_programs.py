@@ -36,8 +36,8 @@ class Task:
 def structure(nodes: tuple[int, ...], over_intervals: bool = False, has_history: bool = False) -> VelocityForm:
     """What of a velocity form the programs need: stages of few nodes, two end rows at each switch.
 
-    And three rows over each interval but every fourth, where there are any; with a history they depend on the velocities
-    where the interval before begins too.
+    And three rows over each interval but every fourth, where there are any; with a history they depend on the
+    velocities where the interval before begins too.
     """
 
     class Form(VelocityForm):

@@ -84,6 +84,7 @@ class IntervalRows:
         argument: Parameters of a window, numbers or symbols -> a.
         bounds: Window -> low and high (rows,); infinite where there is none.
         weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
+        few_entries: The rows depend on few numbers: all of them are part of every program.
         over_time: The rows are integrals over the interval: their bounds are those of the rows over h.
         rarely_active: The bounds of states say the same of most motions: a program has the rows that a solution without
             them violates. With all of them fatrop does not converge.
@@ -95,8 +96,14 @@ class IntervalRows:
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
     weights: Callable[[Parameters[Any]], Any] | None = None
+    few_entries: bool = False
     over_time: bool = True
     rarely_active: bool = False
+
+    @property
+    def is_permanent(self) -> bool:
+        """Whether the rows are part of every program, however far from their bounds: residuals of the cost are."""
+        return self.few_entries or self.weights is not None
 
 
 RowsOfShape: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]
@@ -174,13 +181,14 @@ def rows_at_nodes(
 
 
 def rows_over_intervals(
-    name: str, functions: Callable[[RobotModel, Any], IntervalFunctions | RateFunctions]
+    name: str, functions: Callable[[RobotModel, Any], IntervalFunctions | RateFunctions], few_entries: bool = False
 ) -> RowsOfShape:
     """Return how a constraint yields its rows over the intervals of the stages that it concerns.
 
     Args:
         name: Of the constraint in the table.
         functions: Robot, structure -> the rows, their argument [anchor of the chart; argument].
+        few_entries: The rows depend on few numbers, see `IntervalRows`.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
@@ -192,6 +200,7 @@ def rows_over_intervals(
                 functions=model.cached((functions, structure), partial(functions, model, structure)),
                 argument=argument_of(held, s),
                 bounds=bounds_of(held, s),
+                few_entries=few_entries,
             )
 
     return rows

@@ -413,6 +413,7 @@ class ControlLaw:
                 sample_time=self._spec.sample_time,
                 chart=situation.placement.chart,
                 brakes=self.problem.model.actuated,
+                applied=situation.applied,
             )
         if situation.is_measured:
             plans = plans.measured()

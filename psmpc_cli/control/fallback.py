@@ -7,6 +7,7 @@ import numpy as np
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan, braking_plan
 from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.robot.motion import braking_under_jerk
 from psmpc_cli.specs.robot import Limits
 
 BRAKING_TIME = 0.5
@@ -73,6 +74,7 @@ class PlansInForce:
         sample_time: float,
         chart: Chart,
         brakes: np.ndarray,
+        applied: np.ndarray,
     ) -> tuple["PlansInForce", Plan]:
         """Return the plans after a sample without a solution, and the one that is applied.
 
@@ -87,19 +89,23 @@ class PlansInForce:
             sample_time: Time between two samples [s].
             chart: The chart of x.
             brakes: Which coordinates can brake (n,): not those of a base without thrusters.
+            applied: Acceleration that was commanded last (n,).
         """
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
         steepest = np.minimum(limits.jerk_high, -limits.jerk_low)
-        v = np.abs(x[len(x) // 2 :])
-        at_least = np.maximum(v / strongest, np.sqrt(v / steepest))[brakes]  # u = v / T takes u / jerk to build up
+        v = x[len(x) // 2 :]
+        ramp = np.abs(applied) / steepest  # time in which what is applied vanishes
+        to_brake = np.abs(v) + np.abs(applied) * ramp / 2
+        at_least = np.maximum(to_brake / strongest, 2 * (ramp + np.sqrt(to_brake / steepest)))[brakes]
         duration = max(BRAKING_TIME, float(np.max(at_least, initial=0.0)))
+        u = braking_under_jerk(v, duration, applied, limits.jerk_low, limits.jerk_high)
         if self.solved is None:
-            first = braking_plan(time, x, duration, horizon, chart, brakes)
+            first = braking_plan(time, x, duration, horizon, chart, brakes, u)
             return replace(self, solved=first), first
         if self.braking is not None:
             return self, self.braking
         if self.expires_before_next(time, sample_time):
-            braking = braking_plan(time, x, duration, chart=chart, brakes=brakes)
+            braking = braking_plan(time, x, duration, chart=chart, brakes=brakes, u=u)
             return replace(self, braking=braking), braking
         return self, self.solved
 

@@ -181,6 +181,7 @@ def braking_plan(
     horizon: float = 0.0,
     chart: Chart = IDENTITY,
     brakes: np.ndarray | bool = True,
+    u: np.ndarray | None = None,
 ) -> Plan:
     """Return the plan that brings velocities to rest at a constant rate, and then rests.
 
@@ -191,7 +192,9 @@ def braking_plan(
         horizon: How long the plan is at least [s].
         chart: The chart of x.
         brakes: Which coordinates can brake (n,); the others drift on.
+        u: The acceleration of those that brake (n,), where ramps lead to it and from it; else the constant one.
     """
-    u, at_rest = motion.braking(x, duration, np.asarray(brakes))
+    constant, at_rest = motion.braking(x, duration, np.asarray(brakes))
+    u = constant if u is None else np.where(brakes, u, constant)
     braking = Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0), chart)
     return shift(braking, start, horizon, x) if horizon > duration else braking

@@ -19,6 +19,9 @@ from psmpc_cli.robot.configuration import ConfigurationSpace
 
 Array = NDArray[np.float64]
 
+BRAKING_ITERATIONS = 20
+"""Iterations of Newton's method for an acceleration between two ramps; it converges quadratically."""
+
 
 def rate(x: Any, u: Any) -> Any:
     """Return xdot = [Qdot; u] of a state x (2n,) as an expression. Paper eq. (8)."""
@@ -82,6 +85,34 @@ def braking(x: Array, duration: float, brakes: Array) -> tuple[Array, Array]:
     mean_rate = np.where(brakes, Qdot / 2, Qdot)
     last_rate = np.where(brakes, 0.0, Qdot)
     return u, np.concatenate([Q + duration * mean_rate, last_rate])
+
+
+def braking_under_jerk(v: Array, duration: float, before: Array, low: Array, high: Array) -> Array:
+    """Return the acceleration (n,) that brings velocities v (n,) to rest if it is reached and left again by ramps.
+
+    From what is applied before, a, the acceleration goes to u and, after the duration T, to 0, as fast as limits of
+    jerk allow, r(u - a) and r(-u). So the velocity changes by
+
+        u T + (a - u) |a - u| / (2 r(u - a)) + u |u| / (2 r(-u)) = -v,
+
+    which Newton's method solves. Its derivative by u is at least T / 2 where T is at least twice the time of the ramp
+    from a to 0. Coordinates without a limit have u = -v / T.
+
+    Args:
+        v: Velocities (n,).
+        duration: T [s].
+        before: a (n,).
+        low: Lower limits of jerk (n,), negative.
+        high: Upper limits (n,).
+    """
+    u = -v / duration
+    for _ in range(BRAKING_ITERATIONS):
+        to_u = np.where(u > before, high, -low)
+        to_rest = np.where(u < 0, high, -low)
+        change = u * duration + (before - u) * np.abs(before - u) / (2 * to_u) + u * np.abs(u) / (2 * to_rest)
+        slope = duration - np.abs(before - u) / to_u + np.abs(u) / to_rest
+        u = u - (change + v) / slope
+    return np.where(np.isfinite(low) & np.isfinite(high), u, -v / duration)
 
 
 def mean_control(u: Array, times: Array, edges: Array) -> Array:

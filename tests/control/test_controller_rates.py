@@ -5,12 +5,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from psmpc_cli.control import Controller, State
+from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.robot import resolve_limits, stack
 
 from ..free_flyer import turning
+from .short_transports import Unreliable
 
 SHARE = 1.03
 """Share of a limit of jerk that ticks may reach."""
@@ -154,3 +155,21 @@ def test_a_disturbance_that_is_taken_off_commands_makes_no_jump() -> None:
     run = flown(task)
     limits = resolve_limits(task.robot, task.spec.limits)
     assert (jerks(task, run) <= SHARE * limits.jerk_high).all()
+
+
+def test_a_robot_without_a_plan_brakes_to_rest_within_limits_of_jerk() -> None:
+    task = there_and_back(PLANAR, "limits.arm_2={jerk: [2, 2, 2]}", "controller.horizon=1", "controller.nodes=10")
+    controller = Controller(task, Unreliable(Controller(task).law.solver, lambda window: window.start > 1.2))
+    state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(9))
+    commands = list[Command]()
+    for sample in range(60):
+        command = controller.step(0.1 * sample, state)
+        commands.append(command)
+        Q, v = over_ticks(controller.problem.model.space, state.Q, state.v, command.u, command.tick)
+        state = State(Q[-1], v[-1])
+    first = next(command for command in commands if "braking" in command.events)
+    assert np.abs(first.state[9:]).max() > 0.1
+    assert np.abs(state.v).max() < 1e-3
+    ticks = np.vstack([command.u for command in commands])
+    limits = resolve_limits(task.robot, task.spec.limits)
+    assert (np.abs(np.diff(ticks, axis=0, prepend=0.0)) / 1e-3 <= SHARE * limits.jerk_high).all()

@@ -11,6 +11,7 @@ from psmpc_cli.robot.configuration import PLANE
 from psmpc_cli.robot.motion import (
     advanced,
     braking,
+    braking_under_jerk,
     mean_control,
     over_ticks,
     ramped_control,
@@ -106,3 +107,23 @@ def test_limited_slew_is_kept_and_nothing_else_changed(u: np.ndarray, down: floa
     free = np.full(u.shape, np.inf)
     assert slew_limited(u, before, -free, free) is u
     np.testing.assert_array_equal(slew_limited(limited, before, np.full(u.shape, -6.1), np.full(u.shape, 6.1)), limited)
+
+
+@given(
+    arrays(float, N, elements=st.floats(-1, 1)),
+    arrays(float, N, elements=st.floats(-1, 1)),
+    st.floats(0.2, 3),
+    st.floats(0.2, 3),
+)
+def test_braking_under_jerk_ends_at_rest(v: np.ndarray, before: np.ndarray, down: float, up: float) -> None:
+    """What is applied ramps to it, holds, and ramps to 0; ticks leave their length times what was applied."""
+    duration = 2 * (1 / min(down, up) + np.sqrt(1.5 * (1 + 1 / min(down, up)) / min(down, up)))
+    u = braking_under_jerk(v, duration, before, np.full(N, -down), np.full(N, up))
+    tick = 1e-3
+    holding, resting = round(duration / tick), round(20 / tick)
+    wanted = np.concatenate([np.broadcast_to(u, (holding, N)), np.zeros((resting, N))])
+    applied = slew_limited(wanted, before, np.full(wanted.shape, -down * tick), np.full(wanted.shape, up * tick))
+    assert np.abs(v + tick * applied.sum(axis=0)).max() < 3 * tick
+    np.testing.assert_array_equal(
+        braking_under_jerk(v, duration, before, np.full(N, -np.inf), np.full(N, np.inf)), -v / duration
+    )

@@ -71,7 +71,7 @@ class ShootingNlp(Nlp):
         X = ca.horzcat(*self._shooting.states(self._tau, self._U))
         u_before = ca.SX(0)
         if shape.has_rates:
-            u_before = ca.horzcat(self._p.before[:-1], *(u for of_stage in self._U for u in of_stage))
+            u_before = ca.horzcat(self._applied, *(u for of_stage in self._U for u in of_stage))
         self._x = self.pack(X, ca.repmat(tau[:, 0], 1, K + 1), 0, u_before, e, row_e, *inputs)
 
     @cached_property

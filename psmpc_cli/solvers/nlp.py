@@ -149,6 +149,8 @@ class Nlp:
         self._tau = ca.SX.sym("tau", S, K + 1)
         self._sums = ca.SX.sym("sum", 0 if shape.kept_errors else len(shape.kept), K + 1)
         self._u_before = ca.SX.sym("u_before", model.n if shape.has_rates else 0, K + 1)
+        before = self._p.before
+        self._applied, self._tick = ca.vertsplit(before, [0, self._u_before.shape[0], before.numel()])
         self._rate_residual = rate_residual(model)
         self._e = ca.SX.sym("e", 2 * model.n if shape.soft else 0, K + 1)
         self._row_e = [ca.SX.sym("row_e", sum(map(_soft_count, self._rows_at(k)))) for k in range(K + 1)]
@@ -299,7 +301,7 @@ class Nlp:
             h=self._step(k, k),
             u=self._acceleration(k),
             u_before=self._u_before[:, k],
-            h_before=self._step(k - 1, k) if k else self._p.before[-1:],
+            h_before=self._step(k - 1, k) if k else self._tick,
         )
 
     def _acceleration(self, k: int) -> ca.SX:
@@ -350,7 +352,7 @@ class Nlp:
         p = self._p
         stages = self.shape.stages
         if k == 0:
-            yield ca.vertcat(X - p.x0, sums, self._u_before[:, k] - p.before[: self._u_before.shape[0]]), _zero
+            yield ca.vertcat(X - p.x0, sums, self._u_before[:, k] - self._applied), _zero
             if len(stages) > 1:
                 yield self._duration(len(stages) - 1, k), lambda *_: (SHORTEST, np.inf)
             fixed = [s for s, stage in enumerate(stages[:-1]) if stage.end.is_fixed]

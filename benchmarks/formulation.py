@@ -41,13 +41,13 @@ MESHES: Mapping[str, Sequence[str]] = {
 }
 """Values of `controller.nodes` on which the control effort of each task is measured."""
 
+JERK = "limits={base: {jerk: [1, 1, 1]}, arms: {jerk: [1, 1, 1]}}"
+RATES = {rate: [f"skills.{skill}.weights.rate={rate}" for skill in ("move", "reach")] for rate in (0.03, 0.3)}
 SMOOTHED: Mapping[str, Sequence[str]] = {
     "neither": (),
-    **{
-        f"`rate: {rate}`": [f"skills.{skill}.weights.rate={rate}" for skill in ("move", "reach")]
-        for rate in (0.03, 0.3)
-    },
-    "`jerk` of 1": ["limits={base: {jerk: [1, 1, 1]}, arms: {jerk: [1, 1, 1]}}"],
+    **{f"`rate: {rate}`": changes for rate, changes in RATES.items()},
+    "limits of `jerk`, 1": (JERK,),
+    "both, `rate: 0.03`": (JERK, *RATES[0.03]),
 }
 """Changes of the transport task whose commands `smooth` compares."""
 

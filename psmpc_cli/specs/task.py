@@ -275,7 +275,8 @@ class ControllerSpec(Choice):
         description="guesses of the switch times a window is solved from; default 1, the last plan's",
     )
     soft_limits: fields.Flag | None = Field(
-        None, description="limits on states give way where they must; default `true` where measurements are noisy"
+        None,
+        description="limits on states give way where they must; default `true` with noisy measurements or limited jerk",
     )
     delay: fields.SecondsOrAuto = Field(
         "auto",

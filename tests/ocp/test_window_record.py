@@ -9,7 +9,7 @@ from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
-from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.robot.configuration import IDENTITY, Chart
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.specs.load import load_task
 
@@ -66,6 +66,17 @@ def test_a_window_in_space_has_its_chart_and_the_signs_of_its_targets_again() ->
     assert_same(read, window)
     for found, expected in zip(read.stages, window.stages, strict=True):
         assert_same(found, expected)
+
+
+def test_what_was_applied_before_is_recorded_where_changes_of_acceleration_count() -> None:
+    task = load_task("transport", ["skills.move.weights.rate=0.1", "controller.nodes=12", "plant.low_level_rate=500"])
+    problem = build_problem(task)
+    x0 = np.linspace(-0.1, 0.1, 18)
+    stages = tuple(stage.unplaced_copy() for stage in problem.stages[:2])
+    applied = np.linspace(-0.3, 0.2, 9)
+    window = replace(window_over(stages, x0, IDENTITY), applied=applied, tick=0.002)
+    frame = WindowFrame(window.indices, window.nodes, window.start, x0[:9], x0[9:])
+    assert_same(read_window(problem, frame, record_of(window)), window)
 
 
 @pytest.mark.parametrize("planned", [True, False])

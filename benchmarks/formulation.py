@@ -2,6 +2,7 @@
 
 python benchmarks/formulation.py starts [NODES]      both measures of an actual start; some half a minute
 python benchmarks/formulation.py effort              control effort of two tasks on several meshes; some minutes
+python benchmarks/formulation.py smooth              weights on the rate of the control, limits of jerk; a minute
 python benchmarks/formulation.py gradient [NODES]    windows by both gradients of solver adjoint; some two minutes
 python benchmarks/formulation.py reach [NODES]       Capture by accelerations of joints and of poses; some five minutes
 python benchmarks/formulation.py ablations [NODES]   and docs/figures/ablation_*.png; about half an hour
@@ -17,8 +18,10 @@ from pages import ROOT, command_line, markdown
 import psmpc_cli as psmpc
 from psmpc_cli.paper.ablations import CHANGES, DISCRETIZATIONS, run_ablations
 from psmpc_cli.paper.figures import save_ablation
+from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.solvers import Outcome, Solution, Solver, build_solver
+from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import SolverSpec
 
 STARTS = {
@@ -37,6 +40,19 @@ MESHES: Mapping[str, Sequence[str]] = {
     "transport_grasp": ("25", "50", "100", "auto"),
 }
 """Values of `controller.nodes` on which the control effort of each task is measured."""
+
+JERK = "limits={base: {jerk: [1, 1, 1]}, arms: {jerk: [1, 1, 1]}}"
+RATES = {rate: [f"skills.{skill}.weights.rate={rate}" for skill in ("move", "reach")] for rate in (0.03, 0.3)}
+SMOOTHED: Mapping[str, Sequence[str]] = {
+    "neither": (),
+    **{f"`rate: {rate}`": changes for rate, changes in RATES.items()},
+    "limits of `jerk`, 1": (JERK,),
+    "both, `rate: 0.03`": (JERK, *RATES[0.03]),
+}
+"""Changes of the transport task whose commands `smooth` compares."""
+
+LIGHT = ("controller.nodes=20", "skills.move.weights.control=0.03", "skills.reach.weights.control=0.03")
+"""Control costs little, so that accelerations jump."""
 
 NEAR_SWITCH = 0.5
 """How far from a switch control effort counts to it [s]."""
@@ -143,6 +159,33 @@ def _effort(task: str, nodes: str) -> dict[str, str]:
     }
 
 
+def smooth() -> Iterator[str]:
+    """Yield the table of the transport task with light control weights, with and without what smooths its commands."""
+    return markdown(_smooth(name, changes) for name, changes in SMOOTHED.items())
+
+
+def _smooth(name: str, changes: Sequence[str]) -> dict[str, str]:
+    """Step the controller through the transport task on a robot that follows exactly, and return its row."""
+    task = psmpc.load_task("transport", [*LIGHT, *changes])
+    controller = psmpc.Controller(task)
+    space = controller.problem.model.space
+    state = psmpc.State(stack(task.spec.initial, task.robot, "joint"), np.zeros(space.n))
+    commanded = list[np.ndarray]()
+    while not controller.done:
+        command = controller.step(len(commanded) * task.spec.controller.sample_time, state)
+        commanded.append(command.u)
+        Q, v = over_ticks(space, state.Q, state.v, command.u, command.tick)
+        state = psmpc.State(Q[-1], v[-1])
+    u = np.array(commanded)
+    jumps = np.diff(u.reshape(-1, space.n), axis=0, prepend=0.0)
+    return {
+        "smoothed by": name,
+        "mission [s]": f"{len(u) * task.spec.controller.sample_time:.1f}",
+        "total variation [m/s^2, rad/s^2]": f"{np.abs(np.diff(u[:, 0], axis=0)).sum():.1f}",
+        "largest change a tick over its length [m/s^3, rad/s^3]": f"{np.abs(jumps).max() / command.tick:.3g}",
+    }
+
+
 def gradient(nodes: str = "12") -> Iterator[str]:
     """Yield the table of where windows of `approach_capture` end by the exact gradient and by that as printed."""
     changes = [f"controller.nodes={nodes}", "solver=fatrop", "log.shares=false"]
@@ -204,4 +247,4 @@ def _by_variant(numbers: Mapping[str, float]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(starts, effort, gradient, reach, ablations)
+    command_line(starts, effort, smooth, gradient, reach, ablations)

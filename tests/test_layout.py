@@ -17,6 +17,7 @@ REACHED_THROUGH = {
     "cli/options.py": "cli/test_run.py",
     "ocp/constraints/base.py": "ocp/test_constraints.py",
     "ocp/constraints/end.py": "ocp/test_constraints.py",
+    "ocp/constraints/jerk.py": "solvers/test_base_rates.py",
     "ocp/constraints/kept.py": "ocp/test_constraints.py",
     "ocp/skills/base.py": "ocp/test_objective.py",
     "ocp/skills/joint.py": "ocp/test_objective.py",

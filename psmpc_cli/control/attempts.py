@@ -47,6 +47,7 @@ class Attempts:
         prediction: The last plan, shifted; it begins at the measured state.
         previous: The solve of the sample before.
         unfinished: The solve that the sample before left unfinished.
+        applied: Acceleration that was commanded last (n,), where its changes count.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class Attempts:
         prediction: Plan,
         previous: Solution | None,
         unfinished: Solution | None,
+        applied: np.ndarray,
     ) -> None:
         self._spec = problem.spec.controller
         self._costs = problem.costs
@@ -71,6 +73,7 @@ class Attempts:
         self._prediction = prediction
         self._previous = previous
         self._unfinished = unfinished
+        self._applied = applied
 
     def solve_longest(self, sequence: MovingSequence, longer: MovingSequence | None) -> Attempt:
         """Try the longer window, then `sequence`, then that one cold, then without the stages that wait.
@@ -142,7 +145,7 @@ class Attempts:
     def _solve(
         self, sequence: MovingSequence, unfinished: Solution | None, solver: Solver, is_warm: bool = True
     ) -> Solution:
-        window = self._builder.build(sequence, self._stages, self._prediction, self._previous)
+        window = self._builder.build(sequence, self._stages, self._prediction, self._previous, self._applied)
         guess = self._guess(sequence, unfinished)
         starts = self._spec.multistart or 1
         previous = self._previous if is_warm else None

@@ -22,7 +22,7 @@ from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.end import PlannedEnd
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.ocp.stage import PlacedStage
+from psmpc_cli.ocp.stage import JERK, PlacedStage
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.solvers import Solution, Solver, build_solver
@@ -98,6 +98,14 @@ class Situation:
     route: RouteProgress = field(default_factory=RouteProgress)
 
     @property
+    def applied(self) -> np.ndarray:
+        """The acceleration that was commanded last, as plans count it: with the disturbance (n,).
+
+        In the chart, which is about the attitude now, it is the same.
+        """
+        return np.asarray(self.estimate.applied + self.estimate.disturbance)
+
+    @property
     def stages(self) -> tuple[PlacedStage, ...]:
         """All stages of the task."""
         return self.placement.stages
@@ -146,6 +154,8 @@ class ControlLaw:
         self._one_stage = spec.controller.traits.one_stage
         self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
+        self._has_rates = any(stage.has_rates for stage in problem.stages)
+        self._limits_jerk = any(JERK in stage.constraints for stage in problem.stages)
         model = problem.model
         self._estimator = Estimator(self._spec, model.space, model.actuated, noise, self._tick)
         self._placer = Placer(problem)
@@ -388,6 +398,7 @@ class ControlLaw:
             prediction=prediction,
             previous=memory.solution,
             unfinished=memory.unfinished,
+            applied=situation.applied if self._has_rates else np.zeros(0),
         )
 
     def _accept(
@@ -427,6 +438,7 @@ class ControlLaw:
                 sample_time=self._spec.sample_time,
                 chart=situation.placement.chart,
                 brakes=self.problem.model.actuated,
+                applied=situation.applied,
             )
         if situation.is_measured:
             plans = plans.measured()
@@ -467,10 +479,15 @@ class ControlLaw:
         edges = situation.time + self._ticks
         load = memory.load
         Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
-        planned = decision.plan.velocity_rates(edges)
+        changes = self._largest_changes(situation, decision, edges)
+        if changes is not None and decision.plans.is_solved:
+            ramped = np.isfinite(changes).any(axis=(0, 1))
+            planned = decision.plan.ramped_rates(edges, situation.applied, ramped)
+        else:
+            planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
-        estimate, u = self._estimator.command(situation.estimate, planned)
+        estimate, u = self._estimator.command(situation.estimate, planned, changes)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
             if self.problem.model.task_space_condition(Q[0]) > LARGEST_CONDITION:
@@ -501,6 +518,20 @@ class ControlLaw:
             twist_rates=twist_rates,
         )
         return estimate, command
+
+    def _largest_changes(self, situation: Situation, decision: Decision, edges: np.ndarray) -> np.ndarray | None:
+        """Return by how much accelerations may change to each tick, down and up (2, M, n); None without limits of jerk.
+
+        Of a tick those of the stage count that is in force where it begins.
+        """
+        if not self._limits_jerk:
+            return None
+        sequence = decision.sequence
+        number = np.searchsorted(sequence.instants, edges[:-1], side="right")
+        stages = [situation.stages[index].limits for index in sequence.segments]
+        low = np.array([limits.jerk_low for limits in stages])
+        high = np.array([limits.jerk_high for limits in stages])
+        return np.asarray(self._tick * np.array([low[number], high[number]]))
 
 
 def _remembered(memory: Memory, situation: Situation, decision: Decision, estimate: Estimate) -> Memory:

@@ -93,6 +93,11 @@ class SentCommands:
         kept = tuple(one for one, next_one in zip(self.sent, self.sent[1:], strict=False) if next_one.time > oldest)
         return SentCommands(self.n, self.tick, (*kept, *self.sent[-1:], command))
 
+    @property
+    def last(self) -> np.ndarray:
+        """The last commanded acceleration (n,)."""
+        return self.sent[-1].commanded[-1] if self.sent else np.zeros(self.n)
+
     def planned(self, begin: float, end: float) -> np.ndarray:
         """Return the planned accelerations at the ticks between two times at which they were sent [s], (K, n)."""
         return self._between(begin, end, [one.planned for one in self.sent])

@@ -7,7 +7,7 @@ import numpy as np
 from psmpc_cli.control.delay import DelayEstimate, DelayEstimator, Sent, SentCommands
 from psmpc_cli.control.interface import State
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.motion import over_ticks
+from psmpc_cli.robot.motion import over_ticks, slew_limited
 from psmpc_cli.specs.task import ControllerSpec
 
 PROCESS_NOISE = 0.2, 0.01
@@ -47,6 +47,11 @@ class Estimate:
     def acts_at(self) -> float:
         """When the next command begins to act [s]."""
         return self.time + self.delay.seconds
+
+    @property
+    def applied(self) -> np.ndarray:
+        """The acceleration that was commanded last (n,)."""
+        return self.commands.last
 
 
 class Estimator:
@@ -212,14 +217,21 @@ class Estimator:
         filtered = d + self._spec.offset_gain * (surplus - d)
         return np.where(np.isfinite(surplus) & self._actuated, filtered, d)
 
-    def command(self, estimate: Estimate, u: np.ndarray) -> tuple[Estimate, np.ndarray]:
+    def command(
+        self, estimate: Estimate, u: np.ndarray, changes: np.ndarray | None = None
+    ) -> tuple[Estimate, np.ndarray]:
         """Return the estimate after a decision, and the accelerations to command (M, n): less the disturbance.
 
         Args:
             estimate: After the measurement of this sample.
             u: Accelerations planned over the ticks of the sample (M, n) [m/s^2, rad/s^2].
+            changes: By how much accelerations may change to each tick, down and up (2, M, n); None without such limits.
         """
         commanded = u - estimate.disturbance
+        if changes is not None:
+            limited = slew_limited(commanded, estimate.applied, *changes)
+            u = u + (limited - commanded)
+            commanded = limited
         oldest = (
             estimate.time
             - (self._delays.reach if self._given_delay is None else self._spec.sample_time)

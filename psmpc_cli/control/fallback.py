@@ -7,10 +7,11 @@ import numpy as np
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan, braking_plan
 from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.robot.motion import braking_under_jerk
 from psmpc_cli.specs.robot import Limits
 
 BRAKING_TIME = 0.5
-"""Time within which a robot without a plan comes to rest [s], longer where acceleration limits ask for it."""
+"""Time within which a robot without a plan comes to rest [s], longer where limits of acceleration or jerk need it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,11 @@ class PlansInForce:
     def current(self) -> Plan | None:
         """The plan in force; None before the first."""
         return self.solved if self.braking is None else self.braking
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the plan in force came of a solve: others are of few intervals, at whose ends accelerations jump."""
+        return self.braking is None and self.sequence is not None
 
     def in_chart(self, chart: Chart) -> "PlansInForce":
         """Return the plans in another chart."""
@@ -68,6 +74,7 @@ class PlansInForce:
         sample_time: float,
         chart: Chart,
         brakes: np.ndarray,
+        applied: np.ndarray,
     ) -> tuple["PlansInForce", Plan]:
         """Return the plans after a sample without a solution, and the one that is applied.
 
@@ -82,17 +89,23 @@ class PlansInForce:
             sample_time: Time between two samples [s].
             chart: The chart of x.
             brakes: Which coordinates can brake (n,): not those of a base without thrusters.
+            applied: Acceleration that was commanded last (n,).
         """
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
+        steepest = np.minimum(limits.jerk_high, -limits.jerk_low)
         v = x[len(x) // 2 :]
-        duration = max(BRAKING_TIME, float(np.max(np.abs(v[brakes]) / strongest[brakes], initial=0.0)))
+        ramp = np.abs(applied) / steepest  # time in which what is applied vanishes
+        to_brake = np.abs(v) + np.abs(applied) * ramp / 2
+        at_least = np.maximum(to_brake / strongest, 2 * (ramp + np.sqrt(to_brake / steepest)))[brakes]
+        duration = max(BRAKING_TIME, float(np.max(at_least, initial=0.0)))
+        u = braking_under_jerk(v, duration, applied, limits.jerk_low, limits.jerk_high)
         if self.solved is None:
-            first = braking_plan(time, x, duration, horizon, chart, brakes)
+            first = braking_plan(time, x, duration, horizon, chart, brakes, u)
             return replace(self, solved=first), first
         if self.braking is not None:
             return self, self.braking
         if self.expires_before_next(time, sample_time):
-            braking = braking_plan(time, x, duration, chart=chart, brakes=brakes)
+            braking = braking_plan(time, x, duration, chart=chart, brakes=brakes, u=u)
             return replace(self, braking=braking), braking
         return self, self.solved
 

@@ -20,7 +20,8 @@ class WindowBuilder:
     def __init__(self, problem: Problem) -> None:
         self._spec = problem.spec.controller
         self._costs = problem.costs
-        self._soft = problem.spec.limits_are_soft
+        self._soft = problem.limits_are_soft
+        self._tick = 1 / problem.spec.plant.low_level_rate
         self._uniform_nodes = self._spec.uniform_nodes
         # strict priorities do not depend on the scale; "range", eq. (12) as printed, divides by 0 for a robot at rest
         self._normalization = "nadir" if self._spec.traits.has_levels else self._spec.normalization
@@ -28,7 +29,12 @@ class WindowBuilder:
         self._priorities = priorities_in_force(self._spec, problem.stages)
 
     def build(
-        self, sequence: MovingSequence, stages: Sequence[PlacedStage], prediction: Plan, before: Solution | None = None
+        self,
+        sequence: MovingSequence,
+        stages: Sequence[PlacedStage],
+        prediction: Plan,
+        before: Solution | None = None,
+        applied: np.ndarray | None = None,
     ) -> Window:
         """Build the window over the stages of a sequence from the first state of a prediction on.
 
@@ -43,6 +49,7 @@ class WindowBuilder:
             stages: All stages of the task, placed at this sample.
             prediction: The last solved plan, shifted to begin now, at the measured state.
             before: The previous solve, for the numbers of nodes it had; None without one.
+            applied: Acceleration that was commanded last (n,), where its changes count; None before the first command.
         """
         spec = self._spec
         begun = stages[sequence.first : sequence.last + 1]
@@ -68,6 +75,8 @@ class WindowBuilder:
             discretization=spec.discretization,
             soft=self._soft,
             chart=prediction.chart,
+            applied=np.zeros(0) if applied is None else applied,
+            tick=self._tick,
         )
         if spec.nodes != "auto":
             return window

@@ -18,7 +18,7 @@ import numpy as np
 
 from psmpc_cli.ocp.constraints import IntervalRows, interval_rows, node_rows
 from psmpc_cli.ocp.constraints.boxes import shares_of_time
-from psmpc_cli.ocp.objective import force_residual, stage_functions
+from psmpc_cli.ocp.objective import Intervals, force_residual, rate_residual, stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import cost_shape
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference
@@ -80,7 +80,8 @@ class Linearization:
         node_rows: Which rows at nodes the model has, ascending, (F,).
         rows_by_x: Their derivatives by x there, (F, 2n).
         interval_rows: Which rows over intervals the model has, ascending, (J,); see `VelocityForm.interval_jacobian`.
-        interval_rows_by: Their derivatives by x at both ends and tau, (J, 4n + S).
+        interval_rows_by: Their derivatives by x at both ends, tau, and the velocities where the interval before begins,
+            (J, 4n + S + history); see `VelocityForm.history`.
     """
 
     at: Residuals
@@ -115,6 +116,8 @@ class VelocityForm:
         permanent_rows, lazy_rows: Which of them are part of every program, and which only near their bounds, ascending.
         row_interval: Interval of each row over intervals, in an order alike, (I,).
         interval_row_is_over_time: Which of them have bounds of the rows over h, (I,).
+        history: n where rows over intervals depend on the acceleration of the interval before, and so on the velocities
+            where that begins; else 0.
         residuals_are_curved: The curvature of residuals counts: that of a robot without thrusters.
         curved: Programs have curvature besides that of the Gauss-Newton model, see `with_curvature`.
     """
@@ -123,7 +126,8 @@ class VelocityForm:
         self.grid = Grid(model.n, shape.nodes)
         self.costs = [stage_functions(model, cost_shape(stage)) for stage in shape.stages]
         self.node_rows = node_rows(model, shape)
-        self.interval_rows = [*interval_rows(model, shape), *_force_rows(model, shape)]
+        self.interval_rows = [*interval_rows(model, shape), *_force_rows(model, shape), *_rate_rows(model, shape)]
+        self.history = model.n if shape.has_rates else 0
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
         self._nodes_of_rows = [np.array(rows.nodes) for rows in self.node_rows]
@@ -152,7 +156,7 @@ class VelocityForm:
         self.interval_row_is_over_time = np.ones(len(self.row_interval), bool)
         for over_intervals, at in zip(self.interval_rows, self._interval_places, strict=True):
             self.interval_row_is_over_time[at] = over_intervals.over_time
-        self.costing_rows = self._costing_rows()
+        self.permanent_interval_rows = self._permanent_interval_rows()
         self._rows_with_dependent_rates = [
             (rows, rows.functions.solved_for, rows.functions.by_solved_for)
             for rows in self.node_rows
@@ -272,7 +276,7 @@ class VelocityForm:
         h = self.steps(point, float(p.horizon))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
             k = np.array(rows.intervals)
-            values[at] = rows.functions.values(point.X[k], point.X[k + 1], h[k], rows.argument(p)).ravel()
+            values[at] = rows.functions.values(Intervals(point.X, h, p.before, k), rows.argument(p)).ravel()
         return values
 
     def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -333,14 +337,17 @@ class VelocityForm:
         return replace(point, X=X)
 
     def interval_jacobian(self, point: Point, p: Parameters[np.ndarray], which: np.ndarray) -> np.ndarray:
-        """Return the derivatives of some rows over intervals (J,) by x at both ends and tau, (J, 4n + S).
+        """Return the derivatives of some rows over intervals (J,), (J, 4n + S + history).
+
+        By x at both ends, tau, and the velocities where the interval before begins.
 
         Derivatives of all rows cost several times what a program does; those of rows whose bounds are far are not
         needed. They are evaluated at the intervals that have one of the rows.
         """
+        n = self.grid.n
         if not len(which):
-            return np.zeros((0, 4 * self.grid.n + self.grid.switches))
-        by_states_and_h = np.zeros((len(self.row_interval), 4 * self.grid.n + 1))
+            return np.zeros((0, 4 * n + self.grid.switches + self.history))
+        by_states_and_h = np.zeros((len(self.row_interval), 5 * n + 2 if self.history else 4 * n + 1))
         is_chosen = mask(which, len(self.row_interval))
         h = self.steps(point, float(p.horizon))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
@@ -348,17 +355,33 @@ class VelocityForm:
             has_one = is_chosen[of_interval].any(axis=1)
             k = np.array(rows.intervals)[has_one]
             if len(k):
-                jacobian = rows.functions.jacobian(point.X[k], point.X[k + 1], h[k], rows.argument(p))
-                by_states_and_h[of_interval[has_one].ravel()] = jacobian.reshape(-1, by_states_and_h.shape[1])
-        by_tau = by_states_and_h[which, -1:] * self.interval_steps[self.row_interval[which]]
-        return np.hstack([by_states_and_h[which, :-1], by_tau])
+                jacobian = rows.functions.jacobian(Intervals(point.X, h, p.before, k), rows.argument(p))
+                width = jacobian.shape[-1]
+                by_states_and_h[of_interval[has_one].ravel(), :width] = jacobian.reshape(-1, width)
+        interval = self.row_interval[which]
+        by_states, by_h, by_v_before, by_h_before = np.split(
+            by_states_and_h[which], [4 * n, 4 * n + 1, 4 * n + 1 + self.history], axis=1
+        )
+        by_tau = by_h * self.interval_steps[interval]
+        if self.history:
+            is_later = (interval > 0)[:, None]  # what was applied before the first interval is past
+            by_tau = by_tau + is_later * by_h_before * self.interval_steps[interval - 1]
+        return np.hstack([by_states, by_tau, by_v_before])
 
-    def _costing_rows(self) -> np.ndarray:
-        """Return which rows over intervals are residuals of the cost, ascending."""
-        costing = [
-            at for rows, at in zip(self.interval_rows, self._interval_places, strict=True) if rows.weights is not None
+    def row_change(self, model: Linearization, step: Point) -> np.ndarray:
+        """Return by how much a step changes the rows over intervals of a model (J,)."""
+        k = self.row_interval[model.interval_rows]
+        steps = [step.X[k], step.X[k + 1], np.tile(step.tau, (len(k), 1))]
+        if self.history:
+            steps.append(np.where((k > 0)[:, None], step.X[k - 1, self.grid.n :], 0.0))
+        return np.asarray((model.interval_rows_by * np.hstack(steps)).sum(axis=1))
+
+    def _permanent_interval_rows(self) -> np.ndarray:
+        """Return which rows over intervals are part of every program, ascending: residuals of the cost among them."""
+        permanent = [
+            at for rows, at in zip(self.interval_rows, self._interval_places, strict=True) if rows.is_permanent
         ]
-        return np.sort(np.concatenate([np.zeros(0, int), *costing]))
+        return np.sort(np.concatenate([np.zeros(0, int), *permanent]))
 
     def interval_weights(self, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return what the squares of the rows over intervals cost, without priorities, (I,); 0 of constraints."""
@@ -371,14 +394,14 @@ class VelocityForm:
     def force_costs(self, over_intervals: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return what the rows over intervals, of these values, add to the cost of each stage, (S + 1,)."""
         costs = np.zeros(len(self.costs))
-        if len(self.costing_rows):
+        if len(self.permanent_interval_rows):
             stage = self.grid.stage_of[self.row_interval]
             np.add.at(costs, stage, self.interval_weights(p) * over_intervals**2)
         return costs
 
     def hessian_weights(self, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the weights of the rows over intervals in the Hessian of J, (I,): those of their squares, doubled."""
-        if not len(self.costing_rows):
+        if not len(self.permanent_interval_rows):
             return np.zeros(len(self.row_interval))
         omega = p.omega[self.grid.stage_of[self.row_interval]]
         return np.asarray(2 * omega * self.interval_weights(p))
@@ -451,7 +474,7 @@ class VelocityForm:
             H_QQ[nodes] += 2 * weight * curvature.reshape(N, n, n)
 
     def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
-        """Return the quadratic model at a point; of the rows over intervals it has those that are residuals.
+        """Return the quadratic model at a point; of the rows over intervals it has those of every program.
 
         Derivatives by the durations of all stages become those by the free ones through D, `stage_durations`: the
         last stage takes what the others leave of the horizon.
@@ -461,15 +484,19 @@ class VelocityForm:
         cost = _CostModel(self, point, p)
         rows, rows_by_x = self.rows(point, p)
         over_intervals = self.interval_row_values(point, p)
-        costing = self.costing_rows
-        costing_by = self.interval_jacobian(point, p, costing)
+        permanent = self.permanent_interval_rows
+        permanent_by = self.interval_jacobian(point, p, permanent)
         gradient_tau = D.T @ cost.gradient_tau + p.pending * self.waiting
-        if len(costing):
-            of_rows = (self.hessian_weights(p) * over_intervals)[costing, None] * costing_by
+        if len(permanent):
+            of_rows = (self.hessian_weights(p) * over_intervals)[permanent, None] * permanent_by
             n = self.grid.n
-            np.add.at(cost.gradient, self.row_interval[costing], of_rows[:, : 2 * n])
-            np.add.at(cost.gradient, self.row_interval[costing] + 1, of_rows[:, 2 * n : 4 * n])
-            gradient_tau += of_rows[:, 4 * n :].sum(axis=0)
+            np.add.at(cost.gradient, self.row_interval[permanent], of_rows[:, : 2 * n])
+            np.add.at(cost.gradient, self.row_interval[permanent] + 1, of_rows[:, 2 * n : 4 * n])
+            end_of_tau = 4 * n + self.grid.switches
+            gradient_tau += of_rows[:, 4 * n : end_of_tau].sum(axis=0)
+            if self.history:
+                later = self.row_interval[permanent] > 0
+                np.add.at(cost.gradient[:, n:], self.row_interval[permanent[later]] - 1, of_rows[later, end_of_tau:])
         gaps_by_stage = -self._mean_velocities(point) / self.nodes[of, None]
         return Linearization(
             at=self._residuals(
@@ -485,8 +512,8 @@ class VelocityForm:
             gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
             node_rows=self.permanent_rows,
             rows_by_x=rows_by_x,
-            interval_rows=costing,
-            interval_rows_by=costing_by,
+            interval_rows=permanent,
+            interval_rows_by=permanent_by,
         )
 
 
@@ -513,6 +540,22 @@ def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]
             )
 
 
+def _rate_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
+    """Yield the residuals of what changes of the acceleration cost, of the stages where they do."""
+    first_node = Grid(model.n, shape.nodes).first_node
+    nothing = np.full(model.n, np.inf)
+    for s, stage in enumerate(shape.stages):
+        if stage.weighs_rate:
+            yield IntervalRows(
+                name="rate",
+                intervals=range(int(first_node[s]), int(first_node[s + 1])),
+                functions=rate_residual(model),
+                argument=lambda p: np.zeros(0),
+                bounds=lambda window: (-nothing, nothing),
+                weights=partial(_rate_weights, s),
+            )
+
+
 def _anchor(at: slice, s: int, p: Parameters[np.ndarray]) -> np.ndarray:
     """Return the anchor of the chart (n_anchor,), which the numbers of a stage's target have."""
     return np.asarray(p.targets[s][at])
@@ -521,6 +564,11 @@ def _anchor(at: slice, s: int, p: Parameters[np.ndarray]) -> np.ndarray:
 def _force_weights(n: int, s: int, p: Parameters[np.ndarray]) -> np.ndarray:
     """Return the normalized weights of the force in a stage, (n,)."""
     return np.asarray(p.control_weights[s][n:] / p.scale[s])
+
+
+def _rate_weights(s: int, p: Parameters[np.ndarray]) -> np.ndarray:
+    """Return the normalized weights of the rate of the acceleration in a stage, (n,)."""
+    return np.asarray(p.rate_weights[s] / p.scale[s])
 
 
 def _ordered(by_constraint: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:

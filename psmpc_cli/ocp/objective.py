@@ -4,8 +4,8 @@ The running cost of a stage is Lbar = |e|^2_W + |u|^2_Wr with the residual e of 
 of the NLP, its Gauss-Newton model, stage costs on arrays and the audits of the gradient are derived from it.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -146,6 +146,79 @@ class ConstraintFunctions:
         return tuple(function for function in needed if function is not None)
 
 
+@dataclass(frozen=True)
+class IntervalSymbols:
+    """An interval as rows over it are written: expressions.
+
+    Attributes:
+        x, x_next: States at both ends (2n,).
+        h: Its length.
+        u: The acceleration over it (n,).
+        u_before, h_before: Acceleration (n,) and length of the interval before; of the first one, of what was applied
+            before. Empty where no row asks for them.
+    """
+
+    x: ca.SX
+    x_next: ca.SX
+    h: ca.SX
+    u: ca.SX
+    u_before: ca.SX
+    h_before: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Some intervals of a motion, on arrays, as rows over them are evaluated.
+
+    Attributes:
+        X: States at all nodes of the motion (K + 1, 2n).
+        lengths: Lengths of all its intervals (K, 1) [s].
+        before: What was applied before it: an acceleration, and for how long (n + 1,); (0,) where no row asks for it.
+        k: Which intervals, (J,).
+    """
+
+    X: np.ndarray
+    lengths: np.ndarray
+    before: np.ndarray
+    k: np.ndarray
+
+    @property
+    def x(self) -> np.ndarray:
+        """States where they begin, (J, 2n)."""
+        return np.asarray(self.X[self.k])
+
+    @property
+    def x_next(self) -> np.ndarray:
+        """States where they end, (J, 2n)."""
+        return np.asarray(self.X[self.k + 1])
+
+    @property
+    def h(self) -> np.ndarray:
+        """Their lengths (J, 1) [s]."""
+        return np.asarray(self.lengths[self.k])
+
+    @property
+    def u(self) -> np.ndarray:
+        """Accelerations over them (J, n)."""
+        return np.asarray(self._accelerations[self.k + 1])
+
+    @property
+    def u_before(self) -> np.ndarray:
+        """Accelerations over the intervals before them (J, n)."""
+        return np.asarray(self._accelerations[self.k])
+
+    @property
+    def h_before(self) -> np.ndarray:
+        """Lengths of the intervals before them (J, 1) [s]."""
+        return np.asarray(np.concatenate([self.before[None, -1:], self.lengths])[self.k])
+
+    @cached_property
+    def _accelerations(self) -> np.ndarray:
+        """What was applied before, and the accelerations over all intervals (K + 1, n)."""
+        n = self.X.shape[1] // 2
+        return np.concatenate([self.before[None, :n], np.diff(self.X[:, n:], axis=0) / self.lengths])
+
+
 class IntervalFunctions:
     """Rows over intervals, and their derivatives: r(x, dv, h, a) at one end of an interval, or at both.
 
@@ -158,7 +231,12 @@ class IntervalFunctions:
         argument: a, a symbol.
         rows: The rows at an end as an expression of all.
         ends: Where they stand: at the beginning, 0, the end, 1, or one after the other at both.
+
+    Attributes:
+        is_nearly_redundant: Neighbouring rows nearly say the same.
     """
+
+    is_nearly_redundant = True
 
     def __init__(self, x: ca.SX, dv: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, ends: Sequence[int]) -> None:
         self._arguments = [x, dv, h, argument]
@@ -178,21 +256,27 @@ class IntervalFunctions:
         jacobian = ca.jacobian(self._rows, ca.vertcat(x, dv, h), FORWARD)
         return _on_rows("interval_jacobian", self._arguments, [_row_by_row(jacobian)])
 
-    def expression(self, x: ca.SX, x_next: ca.SX, h: ca.SX, argument: ca.SX) -> ca.SX:
-        """Return the rows (rows,) between two states (2n,)."""
-        n = x.numel() // 2
-        dv = x_next[n:] - x[n:]
-        return ca.vertcat(*(self._value.function((x, x_next)[end], dv, h, argument) for end in self._ends))
+    def expression(self, at: IntervalSymbols, argument: ca.SX) -> ca.SX:
+        """Return the rows (rows,) of an interval."""
+        n = at.x.numel() // 2
+        dv = at.x_next[n:] - at.x[n:]
+        return ca.vertcat(*(self._value.function((at.x, at.x_next)[end], dv, at.h, argument) for end in self._ends))
 
-    def values(self, X: np.ndarray, X_next: np.ndarray, h: np.ndarray, argument: np.ndarray) -> np.ndarray:
-        """Return the rows (K, rows) of intervals between states (K, 2n) of lengths (K, 1)."""
+    def values(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+        """Return the rows of J intervals (J, rows)."""
+        X = at.x
+        X_next = at.x_next
+        h = at.h
         n = X.shape[1] // 2
         dv = X_next[:, n:] - X[:, n:]
         rows_at_ends = [self._value((X, X_next)[end], dv, h, argument, rows=len(X))[0] for end in self._ends]
         return np.hstack(rows_at_ends)
 
-    def jacobian(self, X: np.ndarray, X_next: np.ndarray, h: np.ndarray, argument: np.ndarray) -> np.ndarray:
-        """Return their derivatives by both states and the length, (K, rows, 4n + 1)."""
+    def jacobian(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+        """Return their derivatives by both states and the length, (J, rows, 4n + 1)."""
+        X = at.x
+        X_next = at.x_next
+        h = at.h
         K = len(X)
         n = X.shape[1] // 2
         dv = X_next[:, n:] - X[:, n:]
@@ -211,6 +295,80 @@ class IntervalFunctions:
     def prepare(self) -> tuple[BatchFunction, ...]:
         """Write its functions and return them."""
         return self._value, self._jacobian
+
+
+class RateFunctions:
+    """Rows of the change of acceleration from the interval before, r(u-, u, h-, h) for each of some coordinates.
+
+    Args:
+        coordinates: Which.
+        row: u-, u, h-, h, symbols, -> r.
+
+    Attributes:
+        is_nearly_redundant: Neighbouring rows nearly say the same.
+    """
+
+    is_nearly_redundant = False
+
+    def __init__(self, coordinates: Sequence[int], row: Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]) -> None:
+        self._coordinates = list(coordinates)
+        self._arguments = [ca.SX.sym(name) for name in ("u_before", "u", "h_before", "h")]
+        self._row = row(*self._arguments)
+        self.count = len(self._coordinates)
+
+    @cached_property
+    def _value(self) -> BatchFunction:
+        """u-, u, h-, h -> r."""
+        return BatchFunction(ca.Function("rate", self._arguments, [self._row]))
+
+    @cached_property
+    def _gradient(self) -> BatchFunction:
+        """u-, u, h-, h -> the derivatives of r by them (4,)."""
+        gradient = ca.gradient(self._row, ca.vertcat(*self._arguments))
+        return BatchFunction(ca.Function("rate_gradient", self._arguments, [ca.densify(gradient)]))
+
+    def expression(self, at: IntervalSymbols, argument: ca.SX) -> ca.SX:
+        """Return the rows (rows,) of an interval."""
+        function = self._value.function
+        return ca.vertcat(*(function(at.u_before[i], at.u[i], at.h_before, at.h) for i in self._coordinates))
+
+    def _at(self, at: Intervals) -> list[np.ndarray]:
+        """Return u-, u, h-, h of each row of J intervals, (J rows, 1) each."""
+        chosen = (at.u_before[:, self._coordinates], at.u[:, self._coordinates], at.h_before, at.h)
+        return [np.broadcast_to(numbers, (len(at.k), self.count)).reshape(-1, 1) for numbers in chosen]
+
+    def values(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+        """Return the rows of J intervals (J, rows)."""
+        return np.asarray(self._value(*self._at(at), rows=len(at.k) * self.count)[0].reshape(len(at.k), self.count))
+
+    def jacobian(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+        """Return their derivatives (J, rows, 5n + 2).
+
+        By the states at both ends, the length, the velocity where the interval before begins and its length. With
+        u = (v+ - v) / h and u- = (v - v-) / h-, what was applied before the first interval standing for u- there,
+
+            r_v+ = r_u / h,   r_v = r_u- / h- - r_u / h,   r_v- = -r_u- / h-,   dr/dh = r_h - u r_u / h,   h- alike.
+        """
+        arguments = self._at(at)
+        u_before, u, h_before, h = (numbers.reshape(len(at.k), self.count) for numbers in arguments)
+        (gradient,) = self._gradient(*arguments, rows=len(at.k) * self.count)
+        by_u_before, by_u, by_h_before, by_h = np.moveaxis(gradient.reshape(len(at.k), self.count, 4), -1, 0)
+        by_v_next = by_u / h
+        by_v_before = -by_u_before / h_before
+        n = at.X.shape[1] // 2
+        by = np.zeros((len(at.k), self.count, 5 * n + 2))
+        row = np.arange(self.count)
+        coordinate = np.array(self._coordinates)
+        by[:, row, n + coordinate] = -by_v_before - by_v_next
+        by[:, row, 3 * n + coordinate] = by_v_next
+        by[:, row, 4 * n] = by_h - u * by_u / h
+        by[:, row, 4 * n + 1 + coordinate] = by_v_before
+        by[:, row, 5 * n + 1] = by_h_before - u_before * by_u_before / h_before
+        return by
+
+    def prepare(self) -> tuple[BatchFunction, ...]:
+        """Write its functions and return them."""
+        return self._value, self._gradient
 
 
 class StageFunctions:
@@ -417,6 +575,21 @@ def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
         return IntervalFunctions(x, dv, h, anchor, F / ca.sqrt(h), ends=(0,))
 
     return model.cached((force_residual, load), build)
+
+
+def rate_residual(model: RobotModel) -> RateFunctions:
+    """Return the rows sqrt(d) du/d (n,): their squares are integrals of the squared jerk about an interval's beginning.
+
+    The acceleration changes by du from the middle of the interval before to the middle of this one, in
+    d = (h- + h) / 2.
+    """
+
+    def build() -> RateFunctions:
+        return RateFunctions(
+            range(model.n), lambda u_before, u, h_before, h: (u - u_before) / ca.sqrt((h_before + h) / 2)
+        )
+
+    return model.cached(rate_residual, build)
 
 
 def stage_functions(model: RobotModel, shape: StageShape) -> StageFunctions:

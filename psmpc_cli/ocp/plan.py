@@ -127,6 +127,20 @@ class Plan:
         """Return the mean rates of v between consecutive edges (len(edges) - 1, n): what a robot is commanded."""
         return self.chart.velocity_rates(self.states_at(edges), self.mean_control(edges), np.diff(edges)[:, None])
 
+    def ramped_rates(self, edges: np.ndarray, before: np.ndarray, ramped: np.ndarray) -> np.ndarray:
+        """Return rates of v over ticks as `velocity_rates` does, those of some coordinates ramped (M, n).
+
+        In a chart the difference between both counts as one of v: over a sample the chart hardly turns.
+
+        Args:
+            edges: Ends of the ticks (M + 1,) [s].
+            before: Acceleration over the tick before (n,).
+            ramped: Which coordinates change between the middles of intervals, see `motion.ramped_control` (n,).
+        """
+        rates = self.velocity_rates(edges)
+        ramps = motion.ramped_control(self.u, self.times, edges, before) - self.mean_control(edges)
+        return np.where(ramped, rates + ramps, rates)
+
 
 def states_of(plans: Sequence[Plan], times: Sequence[float]) -> np.ndarray:
     """Return the state of each plan at a time of its own [s], (len(plans), 2n), as `Plan.states_at` does."""
@@ -167,6 +181,7 @@ def braking_plan(
     horizon: float = 0.0,
     chart: Chart = IDENTITY,
     brakes: np.ndarray | bool = True,
+    u: np.ndarray | None = None,
 ) -> Plan:
     """Return the plan that brings velocities to rest at a constant rate, and then rests.
 
@@ -177,7 +192,9 @@ def braking_plan(
         horizon: How long the plan is at least [s].
         chart: The chart of x.
         brakes: Which coordinates can brake (n,); the others drift on.
+        u: The acceleration of those that brake (n,), where ramps lead to it and from it; else the constant one.
     """
-    u, at_rest = motion.braking(x, duration, np.asarray(brakes))
+    constant, at_rest = motion.braking(x, duration, np.asarray(brakes))
+    u = constant if u is None else np.where(brakes, u, constant)
     braking = Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0), chart)
     return shift(braking, start, horizon, x) if horizon > duration else braking

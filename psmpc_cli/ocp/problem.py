@@ -1,5 +1,6 @@
 """A task made computable: the robot's model, the stages as numbers, the functions of the skills on arrays."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -12,7 +13,7 @@ from psmpc_cli.ocp.loads import known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import Posture, skill_in
-from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, Stage
+from psmpc_cli.ocp.stage import JERK, ConstraintNumbers, PlacedStage, Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.low_level import LowLevelLaw, low_level_law
@@ -89,6 +90,18 @@ class Problem:
     def held_stages(self) -> range:
         """The stages in which grippers hold an object with a mass; none without one."""
         return self.spec.carrying_stages
+
+    @cached_property
+    def limits_are_soft(self) -> bool:
+        """Whether limits on the states may be violated at a cost.
+
+        By default where a measured state may violate them: by noise; or by ramps, which have other velocities than the
+        plan, after which a limited jerk leaves no room.
+        """
+        soft = self.spec.controller.soft_limits
+        if soft is not None:
+            return soft
+        return self.spec.uncertainty.measures_with_noise or any(JERK in stage.constraints for stage in self.stages)
 
     @cached_property
     def law(self) -> LowLevelLaw:
@@ -180,7 +193,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     if skill.input == "joint":
         control_weights = np.where(model.actuated, control_weights, 0.0)
     if skill.weights.weighs_force:
-        control_weights = np.append(control_weights, _force_weights(skill, robot, model))
+        control_weights = np.append(control_weights, _actuated_weights(skill.weights.force, robot, model))
     onset = rows(spec.onset if spec.onset is not None else ("all",), robot, "joint")
     return Stage(
         index=index,
@@ -193,6 +206,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
         force_load=known_load(task, model, index) if skill.weights.weighs_force else None,
+        rate_weights=_rate_weights(skill, robot, model),
         end=_end(index, task, robot, lasts),
         limits=resolve_limits(robot, task.limits, skill.limits),
         onset_rows=tuple(row for row in onset if model.actuated[row]),
@@ -201,14 +215,21 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     )
 
 
-def _force_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
-    """Return the weights of the generalized force (n,), 0 where nothing acts."""
-    force = skill.weights.force
-    if isinstance(force, float | int):
-        weights = np.full(model.n, float(force))
+def _actuated_weights(
+    given: float | Mapping[str, tuple[float, ...]], robot: RobotSpec, model: RobotModel
+) -> np.ndarray:
+    """Return weights by coordinate (n,), given as one number or by part; 0 where nothing acts."""
+    if isinstance(given, float | int):
+        weights = np.full(model.n, float(given))
     else:
-        weights = stack(force, robot, "joint", missing=0.0, of_error=True)
+        weights = stack(given, robot, "joint", missing=0.0, of_error=True)
     return np.where(model.actuated, weights, 0.0)
+
+
+def _rate_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
+    """Return the weights of the rate of Qddot (n,); (0,) where all are 0."""
+    weights = _actuated_weights(skill.weights.rate, robot, model)
+    return weights if weights.any() else np.zeros(0)
 
 
 def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:

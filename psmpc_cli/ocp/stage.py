@@ -17,6 +17,9 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.parts import BASE, Space
 from psmpc_cli.specs.robot import Limits
 
+JERK = "jerk"
+"""Name of the constraint that limits the rate of the acceleration."""
+
 REFERENCE_POINTS = 41
 """Points of the object's predicted motion that a cost follows: at 10 deg/s over 4 s straight to 0.03 mm at 0.6 m."""
 
@@ -87,6 +90,7 @@ class Stage:
         weights: Diagonal of W_q or W_p, as `target`.
         control_weights: Diagonal of W_r, one per input; behind it that of W_F, one per coordinate, where force costs.
         force_load: What the grippers are known to hold, where force costs; None where it does not.
+        rate_weights: Diagonal of W_j, of the rate of Qddot, one per coordinate; (0,) where it costs nothing.
         end: How it ends.
         onset_rows: Rows of the control whose norm marks the actual start.
         parts: Of its target, by their name.
@@ -112,6 +116,7 @@ class Stage:
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
     constraints: Mapping[str, ConstraintNumbers] = field(default_factory=dict)
     force_load: Load | None = None
+    rate_weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __repr__(self) -> str:
         size = f"{len(self.target)} numbers of its target"
@@ -124,6 +129,11 @@ class Stage:
         is_relevant = self.weights > 0
         is_relevant[list(self.end.rows)] = True
         return np.asarray(is_relevant)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether changes of the acceleration cost, or are limited."""
+        return len(self.rate_weights) > 0 or JERK in self.constraints
 
     @property
     def sampled_constraints(self) -> dict[str, ConstraintNumbers]:
@@ -288,6 +298,7 @@ class StageShape:
             and what is bounded; empty: nothing.
         moving: The cost follows a desired trajectory.
         force_load: What the grippers are known to hold, where force costs; None where it does not.
+        weighs_rate: Changes of the acceleration cost.
         constraints: Names and structures of the constraints that have rows in it.
     """
 
@@ -297,7 +308,13 @@ class StageShape:
     object_names: tuple[str, ...] = ()
     moving: bool = False
     force_load: Load | None = None
+    weighs_rate: bool = False
     constraints: tuple[tuple[str, Hashable], ...] = ()
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether changes of the acceleration cost, or are limited."""
+        return self.weighs_rate or any(name == JERK for name, _ in self.constraints)
 
 
 def stage_shape(stage: Stage) -> StageShape:
@@ -309,6 +326,7 @@ def stage_shape(stage: Stage) -> StageShape:
         object_names=stage.end.object_names,
         moving=stage.reference.moves,
         force_load=stage.force_load,
+        weighs_rate=len(stage.rate_weights) > 0,
         constraints=tuple(
             (name, constraint.structure) for name, constraint in stage.constraints.items() if constraint.is_known
         ),
@@ -321,7 +339,7 @@ def without_end(shape: StageShape) -> StageShape:
 
 
 def cost_shape(shape: StageShape) -> StageShape:
-    """Return the shape that all stages share whose error and target are the same functions; force is left out."""
+    """Return the shape that all stages share whose error and target are the same functions; without force and rate."""
     return StageShape(shape.space, object_names=shape.object_names)
 
 

@@ -4,7 +4,7 @@ Also how these numbers follow from the previous prediction: the normalization of
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import accumulate
 from typing import Any, Generic, TypeVar
 
@@ -63,6 +63,9 @@ class Window:
         kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, with the instants held.
         ends: The stages before the last end by their end conditions; not so where `kept` alone says what ends.
         chart: The chart that its states are in.
+        applied: Acceleration that was commanded last (n,), in the chart: changes of acceleration count from it. (0,)
+            where they neither cost nor are limited.
+        tick: How long a commanded acceleration holds [s].
         rate_shift: Qdot - v at the nodes (K + 1, n), by which limits of v are moved; None: that of the guess.
     """
 
@@ -84,6 +87,8 @@ class Window:
     kept: tuple[Kept, ...] = ()
     ends: bool = True
     chart: Chart = IDENTITY
+    applied: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    tick: float = 1e-3
     rate_shift: np.ndarray | None = None
 
     def __repr__(self) -> str:
@@ -95,6 +100,11 @@ class Window:
     def K(self) -> int:
         """Number of intervals."""
         return sum(self.nodes)
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether changes of the acceleration cost, or are limited."""
+        return any(stage.has_rates for stage in (*self.stages, *(each.stage for each in self.kept)))
 
     @property
     def indices(self) -> tuple[int, ...]:
@@ -155,6 +165,11 @@ class WindowShape:
     kept: tuple[StageShape, ...] = ()
     kept_errors: bool = False
 
+    @property
+    def has_rates(self) -> bool:
+        """Whether changes of the acceleration cost, or are limited."""
+        return any(stage.has_rates for stage in (*self.stages, *self.kept))
+
 
 def window_shape(window: Window) -> WindowShape:
     """Return the shape of a window; the last stage's end condition is not imposed."""
@@ -179,10 +194,13 @@ class Parameters(Generic[T]):
     Attributes:
         x0: Measured state (2n,).
         horizon: T_h [s].
+        before: What was applied before, where changes of acceleration count: the acceleration commanded last, and for
+            how long, (n + 1,); else (0,).
         pending, terminal: delta and kappa.
         omega: Priorities over the window's largest, (S + 1,).
         offset, scale: Of each stage, normalization L = (Lbar - offset) / scale. Paper eq. (12).
         weights, control_weights: Of each stage, (rows,) and (inputs,).
+        rate_weights: Of each stage, (n,), or (0,) where changes of acceleration cost nothing.
         targets: Of each stage, (rows,): what its end condition is about, and its cost where the target stands still.
         paths: Of each stage, (rows, 2 (N_s + 1)): what its cost follows at its nodes as functions of its duration,
             first the values at duration 0, then the slopes; (rows, 0) where the target stands still.
@@ -193,6 +211,7 @@ class Parameters(Generic[T]):
 
     x0: T
     horizon: T
+    before: T
     pending: T
     terminal: T
     omega: T
@@ -200,15 +219,17 @@ class Parameters(Generic[T]):
     scale: T
     weights: tuple[T, ...]
     control_weights: tuple[T, ...]
+    rate_weights: tuple[T, ...]
     targets: tuple[T, ...]
     paths: tuple[T, ...]
     constraints: tuple[Mapping[str, T], ...]
 
     def pieces(self) -> tuple[T, ...]:
         """Return all of them in order; matrices are meant column by column."""
-        head = (self.x0, self.horizon, self.pending, self.terminal, self.omega, self.offset, self.scale)
+        head = (self.x0, self.horizon, self.before, self.pending, self.terminal, self.omega, self.offset, self.scale)
         of_constraints = (each for by_name in self.constraints for each in by_name.values())
-        return (*head, *self.weights, *self.control_weights, *self.targets, *self.paths, *of_constraints)
+        weights = (*self.weights, *self.control_weights, *self.rate_weights)
+        return (*head, *weights, *self.targets, *self.paths, *of_constraints)
 
     def mapped(self, of: Callable[[T], U]) -> "Parameters[U]":
         """Return what a function makes of each of them."""
@@ -231,6 +252,7 @@ def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarra
     return Parameters(
         x0=window.x0,
         horizon=np.array(window.horizon),
+        before=_applied_before(window),
         pending=np.array(window.pending_cost),
         terminal=np.array(window.terminal_cost),
         omega=window.omega / float(np.max(window.omega)),
@@ -238,10 +260,19 @@ def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarra
         scale=np.append(window.scale, [each.scale for each in window.kept]),
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
+        rate_weights=tuple(stage.rate_weights for stage in stages),
         targets=tuple(stage.standing for stage in stages),
         paths=_paths(window, instants),
         constraints=_of_constraints(window, instants),
     )
+
+
+def _applied_before(window: Window) -> np.ndarray:
+    """Return the acceleration commanded last, none by default, and for how long (n + 1,); (0,) where it has no part."""
+    if not window.has_rates:
+        return np.zeros(0)
+    n = len(window.x0) // 2
+    return np.append(window.applied if len(window.applied) else np.zeros(n), window.tick)
 
 
 def _of_constraints(window: Window, instants: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:

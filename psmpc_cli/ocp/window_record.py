@@ -133,10 +133,13 @@ holds it, arguments of constraints that samples set, and points of routes that c
 
 
 def record_of(window: Window) -> np.ndarray:
-    """Return the record of a window: elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),), then `_RECORDED`."""
+    """Return the record of a window: elapsed, hold, omega, offset and scale, (2 + 3 (S + 1),), then `_RECORDED`.
+
+    Then the acceleration that was applied before (n,), where its changes count.
+    """
     times = [window.elapsed, window.hold]
     numbers = [part.numbers(stage) for part in _RECORDED for stage in window.stages]
-    return np.concatenate([times, window.omega, window.offset, window.scale, *numbers])
+    return np.concatenate([times, window.omega, window.offset, window.scale, *numbers, window.applied])
 
 
 def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Window:
@@ -150,8 +153,9 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     count = len(frame.nodes)
     stages = [problem.stages[index] for index in frame.segments]
     sizes = [part.size(stage, problem) for part in _RECORDED for stage in stages]
-    ends = np.cumsum([2, count, count, count, *sizes])
-    (elapsed, hold), omega, offset, scale, *numbers = np.split(record, ends)[:-1]
+    applied_size = problem.model.n * any(stage.has_rates for stage in problem.stages)
+    ends = np.cumsum([2, count, count, count, *sizes, applied_size])
+    (elapsed, hold), omega, offset, scale, *numbers, applied = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
     reading = _Reading(problem, frame, chart, float(elapsed))
     placed = [stage.unplaced_copy() for stage in stages]
@@ -172,6 +176,8 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
         terminal_cost=spec.controller.terminal_cost,
         nodes=frame.nodes,
         discretization=spec.controller.discretization,
-        soft=spec.limits_are_soft,
+        soft=problem.limits_are_soft,
         chart=chart,
+        applied=applied,
+        tick=1 / spec.plant.low_level_rate,
     )

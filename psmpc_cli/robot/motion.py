@@ -19,6 +19,9 @@ from psmpc_cli.robot.configuration import ConfigurationSpace
 
 Array = NDArray[np.float64]
 
+BRAKING_ITERATIONS = 20
+"""Iterations of Newton's method for an acceleration between two ramps; it converges quadratically."""
+
 
 def rate(x: Any, u: Any) -> Any:
     """Return xdot = [Qdot; u] of a state x (2n,) as an expression. Paper eq. (8)."""
@@ -84,6 +87,34 @@ def braking(x: Array, duration: float, brakes: Array) -> tuple[Array, Array]:
     return u, np.concatenate([Q + duration * mean_rate, last_rate])
 
 
+def braking_under_jerk(v: Array, duration: float, before: Array, low: Array, high: Array) -> Array:
+    """Return the acceleration (n,) that brings velocities v (n,) to rest if it is reached and left again by ramps.
+
+    From what is applied before, a, the acceleration goes to u and, after the duration T, to 0, as fast as limits of
+    jerk allow, r(u - a) and r(-u). So the velocity changes by
+
+        u T + (a - u) |a - u| / (2 r(u - a)) + u |u| / (2 r(-u)) = -v,
+
+    which Newton's method solves. Its derivative by u is at least T / 2 where T is at least twice the time of the ramp
+    from a to 0. Coordinates without a limit have u = -v / T.
+
+    Args:
+        v: Velocities (n,).
+        duration: T [s].
+        before: a (n,).
+        low: Lower limits of jerk (n,), negative.
+        high: Upper limits (n,).
+    """
+    u = -v / duration
+    for _ in range(BRAKING_ITERATIONS):
+        to_u = np.where(u > before, high, -low)
+        to_rest = np.where(u < 0, high, -low)
+        change = u * duration + (before - u) * np.abs(before - u) / (2 * to_u) + u * np.abs(u) / (2 * to_rest)
+        slope = duration - np.abs(before - u) / to_u + np.abs(u) / to_rest
+        u = u - (change + v) / slope
+    return np.where(np.isfinite(low) & np.isfinite(high), u, -v / duration)
+
+
 def mean_control(u: Array, times: Array, edges: Array) -> Array:
     """Return the mean of piecewise constant accelerations between consecutive edges (M + 1,) [s], (M, n).
 
@@ -98,6 +129,49 @@ def mean_control(u: Array, times: Array, edges: Array) -> Array:
         return u.repeat(len(edges) - 1, axis=0)
     reached = np.minimum(np.maximum(edges[:, None], times[:-1]), times[1:])
     return np.asarray((reached[1:] - reached[:-1]) @ u / (edges[1:] - edges[:-1])[:, None])
+
+
+def ramped_control(u: Array, times: Array, edges: Array, before: Array) -> Array:
+    """Return accelerations at the middles of ticks (M, n), ramped from the middle of an interval to that of the next.
+
+    The ramps begin at the tick before the first. Their slopes are the changes of acceleration that windows weigh and
+    limit; velocities differ from those of piecewise constant accelerations by h^2 / 4 times the largest slope at most.
+
+    Args:
+        u: Accelerations (K, n) between the times.
+        times: Nodes (K + 1,) [s]. Past the last there is no control.
+        edges: Ends of the ticks (M + 1,) [s], ascending, all of one length.
+        before: Acceleration over the tick before (n,).
+    """
+    tick = edges[1] - edges[0]
+    middles = (times[:-1] + times[1:]) / 2
+    first = int(middles.searchsorted(edges[0]))
+    end = times[-1:] + (times[-1] - times[-2]) / 2
+    knots = np.concatenate([[edges[0] - tick / 2], middles[first:], end])
+    values = np.concatenate([before[None], u[first:], np.zeros((1, u.shape[1]))])
+    at = (edges[:-1] + edges[1:]) / 2
+    return np.stack([np.interp(at, knots, of_coordinate) for of_coordinate in values.T], axis=1)
+
+
+def slew_limited(u: Array, before: Array, low: Array, high: Array) -> Array:
+    """Return accelerations over ticks (M, n) that change from tick to tick by `low` to `high` (M, n) at most.
+
+    Each comes as near to the given one as that allows; those that keep the limits are returned as they are.
+
+    Args:
+        u: Accelerations over the ticks (M, n).
+        before: That over the tick before (n,).
+        low: Lower bounds of the changes, 0 at most.
+        high: Upper bounds, 0 at least.
+    """
+    changes = np.diff(u, axis=0, prepend=before[None])
+    if ((low <= changes) & (changes <= high)).all():
+        return u
+    limited = np.empty_like(u)
+    for tick in range(len(u)):
+        before = np.clip(u[tick], before + low[tick], before + high[tick])
+        limited[tick] = before
+    return limited
 
 
 def over_ticks(space: ConfigurationSpace, Q: Array, v: Array, vdot: Array, tick: float) -> tuple[Array, Array]:

@@ -123,7 +123,7 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
 
 
 def _unconstrained(stage: PlacedStage) -> PlacedStage:
-    """Remove limits, constraints and end condition of a stage."""
+    """Remove limits, constraints, end condition and the cost of rates, which the costate formula lacks, of a stage."""
     none = np.full_like(stage.limits.position_low, np.inf)
     limits = Limits(*(sign * none for _ in QUANTITIES for sign in (-1, 1)))
     return replace(
@@ -131,4 +131,5 @@ def _unconstrained(stage: PlacedStage) -> PlacedStage:
         limits=limits,
         end=NEVER,
         constraints={},
+        rate_weights=np.zeros(0),
     )

@@ -424,7 +424,8 @@ class Counterfactuals:
         chart = command.solution.window.chart
         if plan is not None:
             prediction = shift(plan.in_chart(chart), command.acts_at, command.solution.window.horizon, x)
-        window = self._builder.build(sequence, command.stages, prediction, previous or command.solution)
+        applied = command.solution.window.applied
+        window = self._builder.build(sequence, command.stages, prediction, previous or command.solution, applied)
         guess = sequence.guess(prediction)
         solution = self._solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)
         self._last[key] = solution.plan if solution.outcome.usable else prediction, solution

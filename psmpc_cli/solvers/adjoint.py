@@ -55,8 +55,8 @@ class ShootingNlp(Nlp):
         no_inputs = [0] * (S + 1)
         is_later = np.tile(np.arange(K + 1) > 0, (2 * model.n, 1))
         is_first = np.tile(np.arange(K + 1) == 0, (S, 1))
-        self._states = np.flatnonzero(np.asarray(self.pack(is_later, 0, 0, 0, 0, *no_inputs)))
-        self._free = np.flatnonzero(np.asarray(self.pack(0, is_first, 0, 1, 1, *(1 for _ in no_inputs))))
+        self._states = np.flatnonzero(np.asarray(self.pack(is_later, 0, 0, 0, 0, 0, *no_inputs)))
+        self._free = np.flatnonzero(np.asarray(self.pack(0, is_first, 0, 0, 1, 1, *(1 for _ in no_inputs))))
         gaps = [*self.sizes["nx"][1:], 0]
         is_path = [np.arange(gap + path) >= gap for gap, path in zip(gaps, self.sizes["ng"], strict=True)]
         self._paths = np.flatnonzero(np.concatenate(is_path))
@@ -64,12 +64,15 @@ class ShootingNlp(Nlp):
         x = ca.SX.zeros(self.problem["x"].numel())
         self._z = ca.SX.sym("z", len(self._free))
         x[self._free] = self._z
-        _, tau, _, e, row_e, *inputs = self.unpack(x)
+        _, tau, _, _, e, row_e, *inputs = self.unpack(x)
         self._tau = ca.vertcat(tau[:, 0], self._p.horizon - ca.sum1(tau[:, 0]))
         self._U = [ca.horzsplit(of_stage) for of_stage in inputs]
         self._shooting = Shooting(model, shape, self._p)
         X = ca.horzcat(*self._shooting.states(self._tau, self._U))
-        self._x = self.pack(X, ca.repmat(tau[:, 0], 1, K + 1), 0, e, row_e, *inputs)
+        u_before = ca.SX(0)
+        if shape.has_rates:
+            u_before = ca.horzcat(self._applied, *(u for of_stage in self._U for u in of_stage))
+        self._x = self.pack(X, ca.repmat(tau[:, 0], 1, K + 1), 0, u_before, e, row_e, *inputs)
 
     @cached_property
     def program(self) -> Mapping[str, Any]:
@@ -132,7 +135,7 @@ class ShootingNlp(Nlp):
 
     @cached_property
     def _objective(self) -> ca.Function:
-        """z, p -> J and its gradient: by costates, and what violated soft limits cost by differentiation."""
+        """z, p -> J and its gradient: by costates; of violated soft limits and of rates by differentiation."""
         J = self._shooting.objective(self._tau, self._U)
         by_duration, by_input = self._shooting.adjoint(self._tau, self._U)
         by_switch_time = by_switch_times(by_duration)
@@ -141,9 +144,9 @@ class ShootingNlp(Nlp):
         by_free_duration = [*accumulate(reversed(by_switch_time))][::-1]  # a duration moves all switch times after it
         by_tau = ca.horzcat(ca.vertcat(*by_free_duration), ca.SX(self.grid.switches, self.grid.K))
         inputs = [ca.horzcat(*of_stage) for of_stage in by_input]
-        gradient = self.pack(0, by_tau, 0, 0, 0, *inputs)[self._free]
-        soft_cost = ca.substitute(self._soft_cost, self.problem["x"], self._x)
-        results = [J + soft_cost, gradient + ca.gradient(soft_cost, self._z)]
+        gradient = self.pack(0, by_tau, 0, 0, 0, 0, *inputs)[self._free]
+        other_costs = ca.substitute(self._soft_cost + self._rate_cost_of_all, self.problem["x"], self._x)
+        results = [J + other_costs, gradient + ca.gradient(other_costs, self._z)]
         return ca.Function("objective", [self._z, self.problem["p"]], results)
 
     def arguments(self, x: np.ndarray, p: np.ndarray, bounds: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -14,6 +14,14 @@
  * v are eliminated too, which recursion.c need not do:
  *
  *     w = -G_ww^-1 (G_wv v + G_wq q + r),   P <- G - [G_vw; G_qw] G_ww^-1 [G_wv G_wq].
+ *
+ * Rows of the change of acceleration from the interval before depend on the velocity z where that began as well. Where a
+ * kernel has such rows (HISTORY = N), z follows on Q and tau in q, and z+ = v. A row has y_z = c_z, and of P by z+ the
+ * part by Q and tau is that by v before the interval,
+ *
+ *     G_wv += b P_Qz + P_vz,   G_vv += a (P_Qz + P_zQ) + P_zz,   G_vq += P_zq,
+ *
+ * while G has nothing by z but M.
  */
 
 #define Y_V_COLUMN N_PADDED                                /* y = [w; v; q], each of them padded */
@@ -23,14 +31,15 @@
 #define Y_Q_VEC (2 * N_VECS)
 #define Y_VECS (2 * N_VECS + NQ_VECS)
 #define DENSE_TABLEAU_VECS (Y_VECS + N_VECS)               /* [G_ww G_wv G_wq 1] */
-#define INTERVAL_ROW (2 * NX + S)                          /* entries of a row by both states and tau */
+#define INTERVAL_ROW (2 * NX + S + HISTORY)                /* entries of a row by both states, tau and z */
+#define Y_Z_COLUMN (Y_Q_COLUMN + HISTORY_COLUMN)           /* of z in y */
 
 /* Constraints on intervals: which, their derivatives c by [Q; v] at both ends, and their weights as one row, of which
  * the part by tau is not c but `by_tau`, and what is left of the weights of the durations. */
 typedef struct {
     int64_t count;             /* I */
     const int64_t *interval;   /* ascending, (I,) */
-    const double *jacobian;    /* (I, 4N + S) */
+    const double *jacobian;    /* (I, 4N + S + HISTORY) */
     const double *weights;     /* (I,) */
     const double *by_tau;      /* (I, S) */
 } IntervalRows;
@@ -59,6 +68,25 @@ static void reduce_interval_row(int64_t S, const double *c, const double *by_tau
         for (int i = 0; i < N; i++) sum -= gap_tau[i * S + e] * by_next_Q[i];
         y[Y_Q_COLUMN + N + e] = sum;
     }
+    for (int i = 0; i < HISTORY; i++) y[Y_Z_COLUMN + i] = c[2 * NX + S + i];
+}
+
+/* Turn what G has by z+ into what it has by v: z+ = v. */
+static void substitute_history(const ValueFunction *P, double a, vec G[Y_PADDED][Y_VECS]) {
+    for (int i = 0; i < N; i++) {
+        double *by_w = scalars(G[i]);
+        double *by_v = scalars(G[Y_V_COLUMN + i]);
+        const double *P_z = const_scalars(P->qq[HISTORY_COLUMN + i]);
+        for (int j = 0; j < HISTORY; j++) {
+            by_w[Y_V_COLUMN + j] += by_w[Y_Z_COLUMN + j];
+            by_v[Y_V_COLUMN + j] += by_v[Y_Z_COLUMN + j] + a * P_z[j] + P_z[HISTORY_COLUMN + j];
+            by_w[Y_Z_COLUMN + j] = 0.0;
+            by_v[Y_Z_COLUMN + j] = 0.0;
+        }
+        for (int j = 0; j < HISTORY_COLUMN; j++) by_v[Y_Q_COLUMN + j] += P_z[j];
+    }
+    for (int i = 0; i < HISTORY_COLUMN; i++)
+        for (int j = 0; j < HISTORY; j++) scalars(G[Y_Q_COLUMN + i])[Y_Z_COLUMN + j] = 0.0;
 }
 
 /* Form the blocks of G on and above the diagonal, but for M. */
@@ -88,23 +116,42 @@ static void form_interval_hessian(int64_t S, const ValueFunction *P, double a, d
     }
     for (int i = 0; i < N + S; i++)
         for (int v = 0; v < NQ_VECS; v++) G[Y_Q_COLUMN + i][Y_Q_VEC + v] = P->qq[i][v];
+    if (HISTORY) substitute_history(P, a, G);
 }
 
-/* Add weight y y' of `count` rows y to the blocks of G on and above the diagonal, rows in groups of LANES columns, so
- * that each row of G is read and written once. */
-static void add_interval_rows(const vec (*rows)[Y_VECS], const double *weights, int count, vec G[Y_PADDED][Y_VECS]) {
+#define ROW_BATCH 64 /* rows that are added together */
+
+/* Add weight y y' of at most ROW_BATCH rows y to the blocks of G on and above the diagonal, rows in groups of LANES
+ * columns, so that each row of G is read and written once. Rows of the change of an acceleration have few entries: those
+ * that have none in a row of G are left out there. */
+static void add_row_batch(const vec (*rows)[Y_VECS], const double *weights, int count, vec G[Y_PADDED][Y_VECS]) {
+    double factors[ROW_BATCH];
+    int chosen[ROW_BATCH];
     for (int i = 0; i < Y_PADDED; i++) {
         int first_vec = i / LANES;
-        for (int v = first_vec; v < Y_VECS; v += 3) {
+        int chosen_count = 0;
+        for (int r = 0; r < count; r++) {
+            double factor = weights[r] * const_scalars(rows[r])[i];
+            factors[chosen_count] = factor;
+            chosen[chosen_count] = r;
+            chosen_count += factor != 0.0;
+        }
+        for (int v = first_vec; v < Y_VECS && chosen_count; v += 3) {
             int vecs = Y_VECS - v < 3 ? Y_VECS - v : 3;
             vec sum[3];
             for (int j = 0; j < vecs; j++) sum[j] = G[i][v + j];
-            for (int r = 0; r < count; r++) {
-                double factor = weights[r] * const_scalars(rows[r])[i];
-                for (int j = 0; j < vecs; j++) sum[j] += factor * rows[r][v + j];
-            }
+            for (int r = 0; r < chosen_count; r++)
+                for (int j = 0; j < vecs; j++) sum[j] += factors[r] * rows[chosen[r]][v + j];
             for (int j = 0; j < vecs; j++) G[i][v + j] = sum[j];
         }
+    }
+}
+
+/* Add weight y y' of `count` rows y to the blocks of G on and above the diagonal. */
+static void add_interval_rows(const vec (*rows)[Y_VECS], const double *weights, int count, vec G[Y_PADDED][Y_VECS]) {
+    for (int first = 0; first < count; first += ROW_BATCH) {
+        int batch = count - first < ROW_BATCH ? count - first : ROW_BATCH;
+        add_row_batch(rows + first, weights + first, batch, G);
     }
 }
 
@@ -197,7 +244,7 @@ NOINLINE int dense_factorize(const RiccatiData *data, const IntervalRows *interv
 /* Compute the gradient of the value function from the last interval to the first, as `riccati_backward` does:
  *
  *     p += g_k+1,   r = b p_Q + p_v,   p_tau += Gamma' p_Q,
- *     p_q <- p_q - G_qw G_ww^-1 r,     p_v <- a p_Q - G_vw G_ww^-1 r. */
+ *     p_q <- p_q - G_qw G_ww^-1 r,     p_v <- a p_Q + p_z - G_vw G_ww^-1 r,   with 0 for p_z after that in p_q. */
 static void dense_backward(const RiccatiData *data, const DenseGains *intervals, const double *gradient,
                            double *gradient_tau, double *control_gradients) {
     const int64_t S = data->S;
@@ -211,6 +258,10 @@ static void dense_backward(const RiccatiData *data, const DenseGains *intervals,
         double *r = control_gradients + k * N_PADDED;
         compute_control_gradient(data, k, gradient, p_v, p_q, r);
         for (int i = 0; i < N; i++) p_v[i] = a * p_q[i];
+        for (int i = 0; i < HISTORY; i++) {
+            p_v[i] += p_q[HISTORY_COLUMN + i];
+            p_q[HISTORY_COLUMN + i] = 0.0;
+        }
         for (int i = 0; i < N; i++)
             for (int j = 0; j < N_VECS + NQ_VECS; j++) p[j] += r[i] * intervals[k].gain[i][j];
     }
@@ -242,6 +293,7 @@ static void dense_forward(const RiccatiData *data, const DenseGains *intervals, 
         for (int i = 0; i < N; i++) {
             q[i] += a * v[i] + b * w[i];
             for (int c = 0; c < S; c++) q[i] -= data->gap_tau[(k * N + i) * S + c] * tau[c];
+            if (HISTORY) q[HISTORY_COLUMN + i] = v[i];
             v[i] = w[i];
         }
         memcpy(X + k * NX, q, N * sizeof(double));

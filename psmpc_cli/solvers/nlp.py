@@ -24,7 +24,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.constraints import IntervalRows, NodeRows, interval_rows, missing_row_violation, node_rows
 from psmpc_cli.ocp.constraints.boxes import PENALTY, node_limits, scaled_violations, shift_limits
 from psmpc_cli.ocp.end import SHORTEST
-from psmpc_cli.ocp.objective import stage_functions
+from psmpc_cli.ocp.objective import IntervalSymbols, rate_residual, stage_functions, weighted_square
 from psmpc_cli.ocp.plan import Grid, Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.window import (
@@ -64,8 +64,9 @@ OUTCOMES: Mapping[object, Outcome] = {
 """Outcomes by the return codes of IPOPT (texts) and fatrop (numbers)."""
 
 INTERVAL_TOLERANCE = 1e-4
-"""Least tolerance of fatrop with rows over intervals. At both ends of an interval they nearly say the same: of the
-first window of `inspect` fatrop stops 8e-7 above the least J, and goes on for 200 iterations without meeting 1e-5."""
+"""Least tolerance of fatrop with rows over intervals that nearly say the same at both ends of an interval.
+
+Of the first window of `inspect` fatrop stops 8e-7 above the least J, and goes on for 200 iterations without 1e-5."""
 
 BARRIER_START = 1e-4
 """fatrop: the first barrier parameter. The shifted plan is a good guess, and 1e-2 costs a third more iterations."""
@@ -108,8 +109,9 @@ class Nlp:
 
     Paper eq. (20), with the departures of docs/formulation.md. The decision variables are x_0, u_0, x_1, u_1, ..., x_K,
     each x_k = [Q; Qdot; tau_0 .. tau_{S-1}]. Where costs of other stages are bounded, their sums so far follow on the
-    durations in each x_k. Where limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K;
-    on these, rho times the violations of soft rows of constraints at the node.
+    durations in each x_k, and where changes of acceleration count, the acceleration over the interval before. Where
+    limits are soft, rho times the violations of [Q; Qdot], e_k, follow on u_k, and on x_K; on these, rho times the
+    violations of soft rows of constraints at the node.
     The rows of g are node by node: the gap to the next node first, then the path rows of the node.
 
     Args:
@@ -124,9 +126,9 @@ class Nlp:
         grid: Intervals of the stages.
         problem: Decision variables x, parameters p, objective f and constraints g, as CasADi's solvers take them.
         sizes: N, and by node nx, nu and ng: sizes of state, of input with violations of soft limits, of path rows.
-        pack: At the nodes states (2n, K + 1), durations (S, K + 1), sums (sums, K + 1) and rho times violations
-            (2n, K + 1) or (0, K + 1), of soft rows of constraints node by node, then inputs of each stage
-            (inputs, N_s) -> decision vector.
+        pack: At the nodes states (2n, K + 1), durations (S, K + 1), sums (sums, K + 1), accelerations before (n, K + 1)
+            or (0, K + 1), and rho times violations (2n, K + 1) or (0, K + 1), of soft rows of constraints node by node,
+            then inputs of each stage (inputs, N_s) -> decision vector.
         unpack: The inverse.
     """
 
@@ -135,7 +137,7 @@ class Nlp:
     ) -> None:
         self._node_rows = node_rows(model, shape)
         self._interval_rows = [rows for rows in interval_rows(model, shape) if has_all_rows or not rows.rarely_active]
-        self.has_interval_rows = bool(self._interval_rows)
+        self.is_nearly_redundant = any(rows.functions.is_nearly_redundant for rows in self._interval_rows)
         self.has_all_rows = has_all_rows
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
         self.shape = shape
@@ -146,21 +148,30 @@ class Nlp:
         self._X = ca.SX.sym("X", 2 * model.n, K + 1)
         self._tau = ca.SX.sym("tau", S, K + 1)
         self._sums = ca.SX.sym("sum", 0 if shape.kept_errors else len(shape.kept), K + 1)
+        self._u_before = ca.SX.sym("u_before", model.n if shape.has_rates else 0, K + 1)
+        before = self._p.before
+        self._applied, self._tick = ca.vertsplit(before, [0, self._u_before.shape[0], before.numel()])
+        self._rate_residual = rate_residual(model)
         self._e = ca.SX.sym("e", 2 * model.n if shape.soft else 0, K + 1)
         self._row_e = [ca.SX.sym("row_e", sum(map(_soft_count, self._rows_at(k)))) for k in range(K + 1)]
         inputs = [ca.SX.sym("u", self._functions[s].inputs, N) for s, N in enumerate(shape.nodes)]
         self._u = [*(u for of_stage in inputs for u in ca.horzsplit(of_stage)), ca.SX(0, 1)]
-        xs = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums))
+        xs = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums, self._u_before))
         es = ca.horzsplit(self._e)
         x = ca.vertcat(*(part for node in zip(xs, self._u, es, self._row_e, strict=True) for part in node))
-        pieces = [self._X, self._tau, self._sums, self._e, ca.vertcat(*self._row_e), *inputs]
+        pieces = [self._X, self._tau, self._sums, self._u_before, self._e, ca.vertcat(*self._row_e), *inputs]
         self.pack = ca.Function("pack", pieces, [x])
         self.unpack = ca.Function("unpack", [x], pieces)
         costs = [ca.SX(0) for _ in shape.nodes]
         p = self._p
+        rate_costs = [ca.SX(0) for _ in shape.nodes]
         for k, s in enumerate(self.grid.stage_of):
             costs[s] += self._cost(int(s), k - int(self.grid.first_node[s]), k)
-        kept = [[self._cost(S + 1 + i, k, k) for k in range(K)] for i in range(len(shape.kept))]
+            if shape.stages[s].weighs_rate:
+                rate_costs[s] += self._rate_cost(int(s), k)
+        self._rate_cost_of_all = ca.dot(p.omega, ca.vertcat(*rate_costs))
+        costs = [cost + of_rate for cost, of_rate in zip(costs, rate_costs, strict=True)]
+        kept = [[self._kept_cost(S + 1 + i, k) for k in range(K)] for i in range(len(shape.kept))]
         none = ca.SX.zeros(self._functions[S].inputs)
         terminal = p.terminal * self._L(S, shape.nodes[S], K, none, 0 * p.control_weights[S])
         pending = sum((ca.sum1(self._tau[:s, 0]) for s in range(1, S + 1)), ca.SX(0))
@@ -243,7 +254,7 @@ class Nlp:
             np.tile(limit[:, None], N) if stage.input == "joint" else none
             for limit, N, stage in zip(inputs, self.shape.nodes, self.shape.stages, strict=True)
         ]
-        return _array(self.pack(states.T, durations, none, violation, violation, *rates))
+        return _array(self.pack(states.T, durations, none, none, violation, violation, *rates))
 
     def _rows_at(self, k: int) -> list[NodeRows]:
         """Return the rows of constraints at a node."""
@@ -270,6 +281,35 @@ class Nlp:
     def _cost(self, s: int, node: int, k: int) -> ca.SX:
         """Return what interval k adds to the cost integral of a stage, or of a kept one, at whose node it begins."""
         return self._L(s, node, k, self._u[k], self._p.control_weights[s]) * self._step(k, k)
+
+    def _kept_cost(self, s: int, k: int) -> ca.SX:
+        """Return what interval k adds to the cost integral of a kept stage."""
+        cost = self._cost(s, k, k)
+        kept = self.shape.kept[s - self.grid.switches - 1]
+        return cost + self._rate_cost(s, k) if kept.weighs_rate else cost
+
+    def _rate_cost(self, s: int, k: int) -> ca.SX:
+        """Return what the change of acceleration to interval k costs by the weights of a stage, or of a kept one."""
+        rate = self._rate_residual.expression(self._interval(k), ca.SX(0, 1))
+        return weighted_square(rate, self._p.rate_weights[s] / self._p.scale[s])
+
+    def _interval(self, k: int) -> IntervalSymbols:
+        """Return interval k as rows over it take it; its first node has all of it."""
+        return IntervalSymbols(
+            x=self._X[:, k],
+            x_next=self._led_to(k),
+            h=self._step(k, k),
+            u=self._acceleration(k),
+            u_before=self._u_before[:, k],
+            h_before=self._step(k - 1, k) if k else self._tick,
+        )
+
+    def _acceleration(self, k: int) -> ca.SX:
+        """Return Qddot over interval k (n,)."""
+        n = self.grid.n
+        if self.shape.stages[int(self.grid.stage_of[k])].input == "joint":
+            return self._u[k]
+        return (self._led_to(k)[n:] - self._X[n:, k]) / self._step(k, k)
 
     def _duration(self, s: int, k: int) -> ca.SX:
         """Return tau_s of a stage as node k has it; the last stage takes what is left of the horizon."""
@@ -301,7 +341,8 @@ class Nlp:
         """Return by how much the state of the next node differs from where interval k leads."""
         led_to = self._led_to(k)
         sums = [self._sums[i, k] + kept[i][k] for i in range(self._sums.shape[0])]
-        return after - ca.vertcat(led_to, self._tau[:, k], *sums)
+        u_before = self._acceleration(k) if self.shape.has_rates else ca.SX(0, 1)
+        return after - ca.vertcat(led_to, self._tau[:, k], *sums, u_before)
 
     def _path(self, k: int) -> Iterator[tuple[ca.SX, Bound]]:
         """Give the path rows of a node with their bounds."""
@@ -311,7 +352,7 @@ class Nlp:
         p = self._p
         stages = self.shape.stages
         if k == 0:
-            yield ca.vertcat(X - p.x0, sums), _zero
+            yield ca.vertcat(X - p.x0, sums, self._u_before[:, k] - self._applied), _zero
             if len(stages) > 1:
                 yield self._duration(len(stages) - 1, k), lambda *_: (SHORTEST, np.inf)
             fixed = [s for s, stage in enumerate(stages[:-1]) if stage.end.is_fixed]
@@ -329,9 +370,9 @@ class Nlp:
                 yield value, bounds
         for over_interval in self._interval_rows:
             if k in over_interval.intervals:
-                h = self._step(k, k)
-                value = over_interval.functions.expression(X, self._led_to(k), h, over_interval.argument(p))
-                yield value / h if over_interval.over_time else value, partial(_node_bounds, over_interval)
+                at = self._interval(k)
+                value = over_interval.functions.expression(at, over_interval.argument(p))
+                yield value / at.h if over_interval.over_time else value, partial(_node_bounds, over_interval)
         if sums.numel() and k == self.grid.K:
             for i in range(len(self.shape.kept)):
                 yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
@@ -460,7 +501,8 @@ class NlpSolver(Solver):
         violations = scaled_violations(plan.X, *nlp.limits(window, plan)).T if shape.soft else 0.0
         tau = np.tile(np.diff(plan.instants, prepend=window.start)[:, None], nlp.grid.K + 1)
         row_violations = nlp.row_violations(window, plan, parameters)
-        z = nlp.pack(plan.X.T, tau, 0.0, violations, row_violations, *inputs)
+        u_before = np.vstack([parameters.before[:-1], plan.u]).T if shape.has_rates else 0.0
+        z = nlp.pack(plan.X.T, tau, 0.0, u_before, violations, row_violations, *inputs)
         return nlp, _array(z), np.concatenate([np.ravel(piece, order="F") for piece in parameters.pieces()])
 
     def _nlp(self, key: ProgramKey, parameters: Parameters[np.ndarray]) -> Nlp:
@@ -490,7 +532,7 @@ class NlpSolver(Solver):
         settings = {**self._settings, **(WARM_START if is_warm else {})}
         if self._plugin == "fatrop":
             options |= {"structure_detection": "manual", **nlp.sizes}
-            if nlp.has_interval_rows:
+            if nlp.is_nearly_redundant:
                 settings = {**settings, "tol": max(settings.get("tol", 0.0), INTERVAL_TOLERANCE)}
         if np.isfinite(self.deadline):
             self._clocks[key] = options["iteration_callback"] = _Clock(nlp.program)
@@ -601,7 +643,7 @@ class NlpSolver(Solver):
 
 def _unpacked(nlp: Nlp, window: Window, z: np.ndarray) -> tuple[Plan, np.ndarray]:
     """Return the plan of a decision vector, and by how much its nodes violate soft limits at worst."""
-    X, tau, _, violations, _, *inputs = (np.ascontiguousarray(component.full().T) for component in nlp.unpack(z))
+    X, tau, _, _, violations, _, *inputs = (np.ascontiguousarray(component.full().T) for component in nlp.unpack(z))
     n = nlp.grid.n
     first = nlp.grid.first_node
     plan = plan_on_mesh(window, X, np.zeros((nlp.grid.K, n)), tau[0])

@@ -15,8 +15,8 @@
  *     v_k+1 - v_k - u_low h_k                         NK    accelerations from below, >= 0
  *     v_k+1 - v_k - u_high h_k                        NK    accelerations from above, <= 0
  *
- * with h_k the step of the length of interval k, and constraints on intervals c [Q; v at both ends; tau]. The last two
- * are there if `has_input_rows`. Rows of states and of constraints at nodes may be soft: what violates their bounds by e
+ * with h_k the step of the length of interval k, and constraints on intervals c [Q; v at both ends; tau; v_k-1], the last
+ * part in kernels with a HISTORY alone. The last two are there if `has_input_rows`. Rows of states and of constraints at nodes may be soft: what violates their bounds by e
  * costs `penalty` e.
  */
 
@@ -45,7 +45,7 @@ typedef struct {
     const int64_t *row_node;            /* nodes of the constraints at nodes, from node 1, ascending, (E,) */
     const double *row_jacobian;         /* their derivatives by [Q; v] there, (E, 2N) */
     const int64_t *interval_row;        /* intervals of the constraints on intervals, ascending, (I,) */
-    const double *interval_jacobian;    /* their derivatives by [Q; v] at both ends and tau, (I, 4N + S) */
+    const double *interval_jacobian;    /* their derivatives by [Q; v] at both ends, tau and v_k-1, (I, 4N + S + HISTORY) */
     const double *interval_low;         /* their bounds over h, (I,) */
     const double *interval_high;
     const double *interval_weight;      /* w of those that are residuals, which have no bounds and add w c'c to H; else 0 */
@@ -170,6 +170,7 @@ static double interval_value(const QuadraticProgram *program, int64_t i, const d
     for (int j = 0; j < NX && k; j++) value += c[j] * X[(k - 1) * NX + j];
     for (int j = 0; j < NX; j++) value += c[NX + j] * X[k * NX + j];
     for (int e = 0; e < S; e++) value += c[2 * NX + e] * tau[e];
+    for (int j = 0; j < HISTORY && k > 1; j++) value += c[2 * NX + S + j] * X[(k - 2) * NX + N + j];
     return value;
 }
 
@@ -182,6 +183,7 @@ static void add_interval_row(const QuadraticProgram *program, int64_t i, double 
     for (int j = 0; j < NX && k; j++) X[(k - 1) * NX + j] += y * c[j];
     for (int j = 0; j < NX; j++) X[k * NX + j] += y * c[NX + j];
     for (int e = 0; e < S; e++) tau[e] += y * c[2 * NX + e];
+    for (int j = 0; j < HISTORY && k > 1; j++) X[(k - 2) * NX + N + j] += y * c[2 * NX + S + j];
 }
 
 /* Compute C x at x = (X, tau). The first 2NK `rows` are X, which the caller has set; this sets those behind. */

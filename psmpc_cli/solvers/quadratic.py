@@ -109,7 +109,8 @@ class QpArrays:
         row_node: Nodes of the constraints at nodes, counted from x_1, ascending, (E,).
         row_jacobian: Their rows of C by the state at their node, (E, 2n).
         interval_row: Intervals of the constraints over intervals, ascending, (I,).
-        interval_jacobian: Their rows of C by the states at both ends and tau, but for their bounds, (I, 4n + S).
+        interval_jacobian: Their rows of C by the states at both ends, tau, but for their bounds, and the velocities
+            where the interval before begins, (I, 4n + S + history); history is n, or 0 where no row has the last part.
         interval_low, interval_high: Their bounds over the length of their interval, (I,).
         interval_weight: Of those that are residuals of the cost, which have no bounds, what they add to H: weight c'c,
             (I,); 0 of others.
@@ -243,19 +244,28 @@ def most_durations(coordinates: int, durations: int) -> int:
     return -(-(coordinates + durations) // LANES) * LANES - coordinates
 
 
-def kernel_library(coordinates: int, durations: int) -> Library:
-    """Return the shared library of the kernel for these sizes; several numbers of durations have the same."""
-    source = kernel_source(coordinates, durations)
-    return Library(source, "qp", FLAGS, tuple(kernel_symbols(coordinates, durations)))
+def kernel_library(coordinates: int, durations: int, history: int = 0) -> Library:
+    """Return the shared library of the kernel for these sizes; several numbers of durations have the same.
+
+    Args:
+        coordinates: n.
+        durations: The most free durations.
+        history: n for programs whose rows over intervals depend on the interval before, else 0.
+    """
+    source = kernel_source(coordinates, durations, history)
+    return Library(source, "qp", FLAGS, tuple(kernel_symbols(coordinates, durations, history)))
 
 
-def kernel_source(coordinates: int, durations: int) -> str:
+def kernel_source(coordinates: int, durations: int, history: int = 0) -> str:
     """Return the C source of the kernel for these sizes."""
     sizes = f"#define N {coordinates}\n#define S_MAX {most_durations(coordinates, durations)}\n"
+    sizes += f"#define HISTORY {history}\n"
     sizes += f"#define EQUALITY_WIDTH {EQUALITY_WIDTH}\n"
     folder = files("psmpc_cli.solvers")
     source = "".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
-    return sizes + source + layout_source(QuadraticProgram, kernel_symbols(coordinates, durations).program_layout)
+    return (
+        sizes + source + layout_source(QuadraticProgram, kernel_symbols(coordinates, durations, history).program_layout)
+    )
 
 
 class KernelSymbols(NamedTuple):
@@ -274,9 +284,9 @@ class KernelSymbols(NamedTuple):
     program_layout: str
 
 
-def kernel_symbols(coordinates: int, durations: int) -> KernelSymbols:
+def kernel_symbols(coordinates: int, durations: int, history: int = 0) -> KernelSymbols:
     """Return the names of the kernel's functions for these sizes."""
-    sizes = f"{coordinates}_{most_durations(coordinates, durations)}"
+    sizes = f"{coordinates}_{most_durations(coordinates, durations)}_{history}"
     return KernelSymbols(
         workspace_size=f"psmpc_qp_workspace_size_{sizes}",
         solve=f"psmpc_qp_solve_{sizes}",
@@ -298,17 +308,17 @@ class Kernel:
 
 
 @cache
-def load_kernel(coordinates: int, durations: int) -> Kernel | None:
+def load_kernel(coordinates: int, durations: int, history: int = 0) -> Kernel | None:
     """Load the kernel for these sizes; None where nothing can be compiled.
 
     Raises:
         RuntimeError: Its `QuadraticProgram` has its members elsewhere than ours.
     """
-    (path,) = paths_of([kernel_library(coordinates, durations)])
+    (path,) = paths_of([kernel_library(coordinates, durations, history)])
     if path is None:
         return None
     loaded = ctypes.CDLL(str(path))
-    symbols = kernel_symbols(coordinates, durations)
+    symbols = kernel_symbols(coordinates, durations, history)
     require_layout(loaded, QuadraticProgram, symbols.program_layout)
     workspace_size = getattr(loaded, symbols.workspace_size)
     solve = getattr(loaded, symbols.solve)
@@ -651,9 +661,12 @@ def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
         (first_node_row + np.arange(node_row_count)[:, None], X[arrays.row_node], arrays.row_jacobian),
     ]
     k = arrays.interval_row
-    by_states, by_tau_alone = np.split(arrays.interval_jacobian, [2 * X.shape[1]], axis=1)
-    before, after = np.split(by_states, 2, axis=1)
+    states = X.shape[1]
+    before, after, by_tau_alone, by_v_before = np.split(
+        arrays.interval_jacobian, [states, 2 * states, 2 * states + len(tau)], axis=1
+    )
     later = k > 0  # the state before the first interval is measured
+    has_history = (k > 1) & (by_v_before.shape[1] > 0)
     for first, interval_bound in (
         (first_interval_row, arrays.interval_low),
         (first_interval_row + len(k), arrays.interval_high),
@@ -661,6 +674,8 @@ def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
         row = first + np.arange(len(k))[:, None]
         by_tau = by_tau_alone - interval_bound[:, None] * arrays.interval_by_duration[k]
         entries += [(row, X[k], after), (row[later], X[k[later] - 1], before[later]), (row, tau, by_tau)]
+        if has_history.any():
+            entries.append((row[has_history], v[k[has_history] - 2], by_v_before[has_history]))
     for first, bound in ((first_low, arrays.input_low), (first_high, arrays.input_high)):
         row = first + np.arange(bound.size).reshape(bound.shape)
         if row.size:

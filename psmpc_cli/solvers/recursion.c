@@ -17,19 +17,20 @@
  * cancels no digits. v acts in two places alone: it shifts Q by a v, and it stands in (w - v)' R (w - v) / 2. So only
  * the columns of q are eliminated, and the blocks by v follow from them.
  *
- * N (coordinates) and S_MAX (the most free durations) are compile-time constants; a program has S of them. Arrays are
- * stored row by row; what is marked as padded has rows of a whole number of vectors, whose surplus entries are 0.
+ * N (coordinates), S_MAX (the most free durations) and HISTORY are compile-time constants; a program has S durations.
+ * HISTORY is N where constraints couple an interval with the one before, see interval_rows.c, else 0. Arrays are stored
+ * row by row; what is marked as padded has rows of a whole number of vectors, whose surplus entries are 0.
  */
 #include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 
-/* Functions with external linkage carry the sizes in their names, name_N_S_MAX, so that kernels of several sizes can be
- * linked into one program. All others are static. */
-#define JOIN(name, coordinates, durations) name##_##coordinates##_##durations
-#define EXPAND(name, coordinates, durations) JOIN(name, coordinates, durations)
-#define SIZED(name) EXPAND(name, N, S_MAX)
+/* Functions with external linkage carry the sizes in their names, name_N_S_MAX_HISTORY, so that kernels of several sizes
+ * can be linked into one program. All others are static. */
+#define JOIN(name, coordinates, durations, history) name##_##coordinates##_##durations##_##history
+#define EXPAND(name, coordinates, durations, history) JOIN(name, coordinates, durations, history)
+#define SIZED(name) EXPAND(name, N, S_MAX, HISTORY)
 
 #define INLINE static inline __attribute__((always_inline))
 
@@ -43,7 +44,8 @@ typedef double vec __attribute__((vector_size(8 * LANES), may_alias));
 #define PADDED(count) (((count) + LANES - 1) / LANES * LANES)
 #define NX (2 * N)                /* entries of a state [Q; v] */
 #define N_PADDED PADDED(N)        /* of v, padded */
-#define NQ_PADDED PADDED(N + S_MAX)   /* of q = [Q; tau], padded */
+#define NQ_PADDED PADDED(N + S_MAX + HISTORY) /* of q = [Q; tau; z], padded; z is that of interval_rows.c */
+#define HISTORY_COLUMN (N + S_MAX)    /* of z in q */
 #define N_VECS (N_PADDED / LANES) /* vectors of the same */
 #define NQ_VECS (NQ_PADDED / LANES)
 
@@ -191,6 +193,8 @@ static void substitute_durations(int64_t S, const double *gap_tau, ValueFunction
                 scalars(P->qq[N + c])[N + e] -= const_scalars(P->qq[N + c])[j] * gap_tau[j * S + e];
             scalars(P->qq[j])[N + c] = const_scalars(P->qq[N + c])[j];
         }
+    for (int j = HISTORY_COLUMN; j < HISTORY_COLUMN + HISTORY; j++)
+        for (int c = 0; c < S; c++) scalars(P->qq[j])[N + c] = const_scalars(P->qq[N + c])[j];
 }
 
 /* Factorize the first N columns of a tableau, A = L L', and multiply it by L^-1 from the left:

@@ -8,6 +8,7 @@ small. The filter halves a step until it accepts it.
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
-from psmpc_cli.ocp.objective import stage_functions
+from psmpc_cli.ocp.objective import RateFunctions, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
@@ -176,7 +177,7 @@ class SqpSolver(Solver):
 
     def _method(self, form: VelocityForm) -> QpMethod:
         """Return our own method where it can be compiled, else PIQP."""
-        kernel = load_kernel(form.grid.n, form.grid.switches) if self._spec.compiled else None
+        kernel = load_kernel(form.grid.n, form.grid.switches, form.history) if self._spec.compiled else None
         if kernel is None:
             return PiqpQp(self._spec.tolerance)
         return RiccatiQp(kernel, QP_TOLERANCE_FACTOR * self._spec.tolerance)
@@ -224,7 +225,10 @@ class SqpSolver(Solver):
 def libraries(problem: Problem) -> Iterator[Library]:
     """Yield the libraries that the windows of a problem need, whichever stages are in them."""
     yield tape_library()
-    yield from dict.fromkeys(kernel_library(problem.model.n, switches) for switches in range(len(problem.stages)))
+    n = problem.model.n
+    histories = {n if stage.has_rates else 0 for stage in problem.stages}
+    windows = product(range(len(problem.stages)), sorted(histories))
+    yield from dict.fromkeys(kernel_library(n, switches, history) for switches, history in windows)
 
 
 def _functions(problem: Problem) -> Iterator[BatchFunction]:
@@ -238,7 +242,9 @@ def _functions(problem: Problem) -> Iterator[BatchFunction]:
         yield from row_functions.prepare()
 
 
-def _functions_of_rows(model: RobotModel, stage: Stage) -> list[ConstraintFunctions | IntervalFunctions]:
+def _functions_of_rows(
+    model: RobotModel, stage: Stage
+) -> list[ConstraintFunctions | IntervalFunctions | RateFunctions]:
     """Return the functions of the rows that a stage may have, its end's and those that samples set among them."""
     constraints = tuple((name, constraint.structure) for name, constraint in stage.constraints.items())
     shape = replace(stage_shape(stage), constraints=constraints)

@@ -417,8 +417,7 @@ class SqpWindow:
         which = model.interval_rows
         if len(which):
             k = self.form.row_interval[which]
-            of_ends = np.hstack([step.X[k], step.X[k + 1], np.tile(step.tau, (len(k), 1))])
-            change = (model.interval_rows_by * of_ends).sum(axis=1)
+            change = self.form.row_change(model, step)
             h = self.form.interval_steps[k] @ step.tau
             first = self._first_interval_row
             rows[first + which] += change - h * self.bounds.interval_low[which]

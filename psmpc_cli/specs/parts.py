@@ -76,12 +76,13 @@ class CoordinateUnits:
     position: str
     velocity: str
     acceleration: str
+    jerk: str
     force: str
 
 
-LENGTH = CoordinateUnits("m", "m/s", "m/s^2", "N")
-ANGLE = CoordinateUnits("rad", "rad/s", "rad/s^2", "N m")
-PURE_NUMBER = CoordinateUnits("1", "1/s", "1/s^2", "1")
+LENGTH = CoordinateUnits("m", "m/s", "m/s^2", "m/s^3", "N")
+ANGLE = CoordinateUnits("rad", "rad/s", "rad/s^2", "rad/s^3", "N m")
+PURE_NUMBER = CoordinateUnits("1", "1/s", "1/s^2", "1/s^3", "1")
 """Units of lengths, of angles, and of the parts of a quaternion."""
 
 POINTING_AXES = {2: ("direction",), 3: ("direction_y", "direction_z")}
@@ -118,7 +119,7 @@ SKILL_KINDS: Mapping[str, SkillKindTraits] = {
 }
 """The kinds of skill by their name, which is that of the space arms are wanted in."""
 
-QUANTITIES = ("position", "velocity", "acceleration", "force")
+QUANTITIES = ("position", "velocity", "acceleration", "jerk", "force")
 """What of a part may have limits."""
 
 Mobility = Literal["free-flying", "free-floating", "fixed"]

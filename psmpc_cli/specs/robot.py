@@ -238,6 +238,9 @@ class PartLimits(Spec):
     acceleration: tuple[fields.Rate | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s^2, rad/s^2]"
     )
+    jerk: fields.Sparse[tuple[fields.Rate | None, ...] | None] = Field(
+        None, description="one [low, high] a coordinate, or one number for both ways [m/s^3, rad/s^3]"
+    )
     force: fields.Sparse[tuple[fields.Force | None, ...] | None] = Field(
         None,
         description="one [low, high] a coordinate, or one number for both ways; the base's along its own axes [N, N m]",
@@ -498,6 +501,7 @@ class Limits:
         position_low, position_high: Of Q [m, rad].
         velocity_low, velocity_high: Of Qdot [m/s, rad/s].
         acceleration_low, acceleration_high: Of Qddot [m/s^2, rad/s^2].
+        jerk_low, jerk_high: Of the rate of Qddot [m/s^3, rad/s^3].
         force_low, force_high: Of the generalized force, the base's along its own axes [N, N m]; infinite for a base
             without thrusters.
     """
@@ -508,6 +512,8 @@ class Limits:
     velocity_high: Vector
     acceleration_low: Vector
     acceleration_high: Vector
+    jerk_low: Vector
+    jerk_high: Vector
     force_low: Vector
     force_high: Vector
 

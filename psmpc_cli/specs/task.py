@@ -286,7 +286,8 @@ class ControllerSpec(Choice):
         description="guesses of the switch times a window is solved from; default 1, the last plan's",
     )
     soft_limits: fields.Flag | None = Field(
-        None, description="limits on states give way where they must; default `true` where measurements are noisy"
+        None,
+        description="limits on states give way where they must; default `true` with noisy measurements or limited jerk",
     )
     delay: fields.SecondsOrAuto = Field(
         "auto",
@@ -396,9 +397,9 @@ class PlantSpec(Choice):
 
 
 class SkillWeights(InlineParts):
-    """W_q or W_p by part; W_r of the control and W_F of the force: one number for all of it, or numbers by part.
+    """W_q or W_p by part; W_r of the control, W_F of the force, W_j of the jerk: one number, or numbers by part.
 
-    In YAML the parts, `control` and `force` stand side by side.
+    In YAML the parts, `control`, `force` and `rate` stand side by side.
     """
 
     parts: Mapping[_SkillPart, fields.OneOrMore[fields.NotNegative]] = {}
@@ -407,12 +408,25 @@ class SkillWeights(InlineParts):
         0.0,
         description="weights of the generalized force, the base's along its own axes, one number or numbers by part",
     )
+    rate: fields.Sparse[_Control] = Field(
+        0.0, description="weights of the rate at which the control changes, the jerk, one number or numbers by part"
+    )
 
     @property
     def weighs_force(self) -> bool:
         """Whether the force costs anything."""
-        numbers = self.force.values() if isinstance(self.force, Mapping) else [self.force]
-        return any(np.any(each) for each in numbers)
+        return _weighs(self.force)
+
+    @property
+    def weighs_rate(self) -> bool:
+        """Whether changes of the acceleration cost anything."""
+        return _weighs(self.rate)
+
+
+def _weighs(weights: float | Mapping[str, tuple[float, ...]]) -> bool:
+    """Tell whether any of some weights is not 0."""
+    numbers = weights.values() if isinstance(weights, Mapping) else [weights]
+    return any(np.any(each) for each in numbers)
 
 
 def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) -> RuleErrors:
@@ -426,10 +440,12 @@ def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) ->
         axes = {part: axes[part] for part in axes if part != "base"}  # which has no control
     for at, error in part_faults(weights.control, axes, context.required(axes)):
         yield ("control", *at), error
-    for at, error in part_faults(weights.force, axes):
-        yield ("force", *at), error
-    if weights.weighs_force and earlier_fields.get("input", "joint") == "task":
-        yield ("force",), expected("none with input task", at_key=True)
+    for key, numbers in (("force", weights.force), ("rate", weights.rate)):
+        for at, error in part_faults(numbers, axes):
+            yield (key, *at), error
+    for key, is_weighed in (("force", weights.weighs_force), ("rate", weights.weighs_rate)):
+        if is_weighed and earlier_fields.get("input", "joint") == "task":
+            yield (key,), expected("none with input task", at_key=True)
 
 
 class SkillSpec(Spec):
@@ -1094,9 +1110,3 @@ class TaskSpec(Spec):
         """Whether the controller decides from the true state."""
         is_late = self.uncertainty.delay or self.uncertainty.jitter or self.controller.delay not in ("auto", 0.0)
         return not (self.uncertainty.measures_with_noise or self.measurement_noise.of_state or is_late)
-
-    @property
-    def limits_are_soft(self) -> bool:
-        """Whether limits on the states may be violated at a cost."""
-        soft = self.controller.soft_limits
-        return self.uncertainty.measures_with_noise if soft is None else soft

@@ -52,7 +52,7 @@ def test_a_state_measured_far_beyond_a_limit_is_led_back(experiment_of: Build, k
 
 def test_limits_are_soft_where_measurements_are_noisy_unless_the_task_says_otherwise(experiment_of: Build) -> None:
     noisy = "uncertainty.noise.position=1e-3"
-    assert not experiment_of(*COARSE).problem.spec.limits_are_soft
-    assert experiment_of(*COARSE, noisy).problem.spec.limits_are_soft
-    assert not experiment_of(*COARSE, noisy, "controller.soft_limits=false").problem.spec.limits_are_soft
-    assert experiment_of(*COARSE, "controller.soft_limits=true").problem.spec.limits_are_soft
+    assert not experiment_of(*COARSE).problem.limits_are_soft
+    assert experiment_of(*COARSE, noisy).problem.limits_are_soft
+    assert not experiment_of(*COARSE, noisy, "controller.soft_limits=false").problem.limits_are_soft
+    assert experiment_of(*COARSE, "controller.soft_limits=true").problem.limits_are_soft

@@ -142,7 +142,9 @@ def test_the_nonlinear_program_has_the_same_rows(problem: Problem, kept: bool) -
     X = np.array([some_state(problem.model) * (1 + k) for k in range(7)])
     tau = np.tile(instants[:, None], 7)
     sums = np.zeros((0, 7))
-    x = nlp.pack(X.T, tau, sums, np.zeros((0, 7)), [], *(np.zeros((problem.model.n, N)) for N in window.nodes))
+    x = nlp.pack(
+        X.T, tau, sums, np.zeros((0, 7)), np.zeros((0, 7)), [], *(np.zeros((problem.model.n, N)) for N in window.nodes)
+    )
     g = np.asarray(nlp.rows(x, ca.vertcat(*(ca.vec(ca.DM(each)) for each in p.pieces())))).ravel()
     for rows in rows_of(problem, window):
         value = rows.functions.value(X[rows.nodes[0]], rows.argument(p))[0].ravel()

@@ -9,7 +9,7 @@ from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
-from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.robot.configuration import IDENTITY, Chart
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.specs.load import load_task
 
@@ -61,11 +61,22 @@ def test_a_window_in_space_has_its_chart_and_the_signs_of_its_targets_again() ->
         for stage in problem.stages[:2]
     )
     window = window_over(stages, np.asarray(chart.to_chart(Q[None], v[None])[0]), chart)
-    window = replace(window, soft=problem.spec.limits_are_soft)
+    window = replace(window, soft=problem.limits_are_soft)
     read = read_window(problem, WindowFrame(window.indices, window.nodes, window.start, Q, v), record_of(window))
     assert_same(read, window)
     for found, expected in zip(read.stages, window.stages, strict=True):
         assert_same(found, expected)
+
+
+def test_what_was_applied_before_is_recorded_where_changes_of_acceleration_count() -> None:
+    task = load_task("transport", ["skills.move.weights.rate=0.1", "controller.nodes=12", "plant.low_level_rate=500"])
+    problem = build_problem(task)
+    x0 = np.linspace(-0.1, 0.1, 18)
+    stages = tuple(stage.unplaced_copy() for stage in problem.stages[:2])
+    applied = np.linspace(-0.3, 0.2, 9)
+    window = replace(window_over(stages, x0, IDENTITY), applied=applied, tick=0.002)
+    frame = WindowFrame(window.indices, window.nodes, window.start, x0[:9], x0[9:])
+    assert_same(read_window(problem, frame, record_of(window)), window)
 
 
 @pytest.mark.parametrize("planned", [True, False])
@@ -81,7 +92,7 @@ def test_targets_on_an_object_are_where_its_recorded_state_has_them(planned: boo
     Q = np.linspace(-0.4, 0.4, 9)
     v = np.linspace(0.1, -0.1, 9)
     chart = problem.model.space.chart_at(Q)
-    window = replace(window_over((first,), np.concatenate([Q, v]), chart), soft=problem.spec.limits_are_soft)
+    window = replace(window_over((first,), np.concatenate([Q, v]), chart), soft=problem.limits_are_soft)
     read = read_window(problem, WindowFrame((1,), (12,), 2.5, Q, v), record_of(window))
     assert_same(read, window)
     assert_same(read.stages[0], first)
@@ -98,7 +109,7 @@ def test_a_stage_stands_in_the_window_before_and_after_its_planned_end() -> None
     placed = stage.unplaced_copy()
     chart = problem.model.space.chart_at(Q)
     window = window_over((placed, placed.continued), np.concatenate([Q, v]), chart)
-    window = replace(window, nodes=(5, 7), soft=problem.spec.limits_are_soft, horizon=problem.spec.controller.horizon)
+    window = replace(window, nodes=(5, 7), soft=problem.limits_are_soft, horizon=problem.spec.controller.horizon)
     frame = WindowFrame(window.indices, window.nodes, window.start, Q, v)
     read = read_window(problem, frame, record_of(window))
     assert read.count == 1

@@ -17,8 +17,8 @@ def our_method(task: Task, tolerance: float = 1e-9) -> RiccatiQp:
         find_compiler()
     except CompilationError as error:
         pytest.skip(str(error))
-    grid = task.window.form.grid
-    kernel = load_kernel(grid.n, grid.switches)
+    form = task.window.form
+    kernel = load_kernel(form.grid.n, form.grid.switches, form.history)
     assert kernel is not None
     return RiccatiQp(kernel, tolerance)
 

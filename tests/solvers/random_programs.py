@@ -33,10 +33,11 @@ class Task:
         return replace(self, window=replace(self.window, bounds=replace(self.window.bounds, **changes)))
 
 
-def structure(nodes: tuple[int, ...], over_intervals: bool = False) -> VelocityForm:
+def structure(nodes: tuple[int, ...], over_intervals: bool = False, has_history: bool = False) -> VelocityForm:
     """What of a velocity form the programs need: stages of few nodes, two end rows at each switch.
 
-    And three rows over each interval but every fourth, where there are any.
+    And three rows over each interval but every fourth, where there are any; with a history they depend on the
+    velocities where the interval before begins too.
     """
 
     class Form(VelocityForm):
@@ -47,6 +48,7 @@ def structure(nodes: tuple[int, ...], over_intervals: bool = False) -> VelocityF
             self.lazy_rows = np.zeros(0, int)
             constrained = [k for k in range(self.grid.K) if over_intervals and k % 4 != 3]
             self.row_interval = np.repeat(np.array(constrained, int), INTERVAL_ROWS)
+            self.history = COORDINATES if has_history else 0
 
         def hessian_weights(self, p: Any) -> np.ndarray:
             return np.zeros(len(self.row_interval))
@@ -56,7 +58,8 @@ def structure(nodes: tuple[int, ...], over_intervals: bool = False) -> VelocityF
 
 def random_task(rng: np.random.Generator, nodes: tuple[int, ...], what: set[str]) -> Task:
     """A program that a random step meets; `what` names what it has besides bounds on states and durations."""
-    form, n, horizon = structure(nodes, "intervals" in what), COORDINATES, 2.0
+    has_history = "history" in what
+    form, n, horizon = structure(nodes, has_history or "intervals" in what, has_history), COORDINATES, 2.0
     grid, S = form.grid, len(nodes) - 1
     point = Point(rng.normal(size=(grid.K + 1, 2 * n)), np.full(S, horizon / (S + 1)))
     model = _random_model(rng, form, point, horizon)
@@ -98,7 +101,7 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
         node_rows=np.arange(END_ROWS * S),
         rows_by_x=rng.normal(size=(END_ROWS * S, 2 * n)),
         interval_rows=np.arange(len(form.row_interval)),
-        interval_rows_by=rng.normal(size=(len(form.row_interval), 4 * n + S)),
+        interval_rows_by=rng.normal(size=(len(form.row_interval), 4 * n + S + form.history)),
     )
 
 
@@ -153,9 +156,7 @@ def _bounds_about(
 
 def interval_rows_after(form: VelocityForm, model: Linearization, step: Point) -> np.ndarray:
     """The rows over intervals after a step, without their bounds."""
-    k = form.row_interval
-    steps = np.hstack([step.X[k], step.X[k + 1], np.tile(step.tau, (len(k), 1))])
-    return model.at.interval_rows + (model.interval_rows_by * steps).sum(axis=1)
+    return model.at.interval_rows + form.row_change(model, step)
 
 
 def soft_rows(task: Task, states: bool, node_rows: bool = False) -> np.ndarray:

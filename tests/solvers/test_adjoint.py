@@ -16,6 +16,7 @@ from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome, build_solver
 from psmpc_cli.solvers.adjoint import ShootingNlp
 from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.parts import QUANTITIES
 from psmpc_cli.specs.robot import Limits
 from psmpc_cli.specs.task import SolverSpec
 
@@ -39,7 +40,7 @@ def shooting(model: RobotModel, window: Window, plan: Plan) -> tuple[ShootingNlp
     tau = np.tile(np.diff(plan.instants, prepend=window.start)[:, None], nlp.grid.K + 1)
     inputs = np.split(plan.u.T, nlp.grid.first_node[1:-1], axis=1)
     violations = np.full((18, nlp.grid.K + 1), 1e-3) if window.soft else 0.0
-    x = np.asarray(nlp.pack(plan.X.T, tau, 0.0, violations, 0.0, *inputs)).ravel()
+    x = np.asarray(nlp.pack(plan.X.T, tau, 0.0, 0.0, violations, 0.0, *inputs)).ravel()
     return nlp, nlp.arguments(x, p, nlp.bounds(window, plan, np.inf))["x0"], p
 
 
@@ -88,7 +89,7 @@ def free_coordinate(stage: PlacedStage, target: float, ends: bool) -> PlacedStag
         stage.with_target(np.r_[target, np.zeros(8)]),
         weights=np.r_[100.0, np.zeros(8)],
         control_weights=np.ones(9),
-        limits=Limits(-none, none, -none, none, -none, none, -none, none),
+        limits=Limits(*(-none, none) * len(QUANTITIES)),
         end=ByState(rows=(0,), tolerance=np.array([1e-3])) if ends else NEVER,
         constraints={},
     )

@@ -22,7 +22,7 @@ from .recorded import RecordedSolve, windows_over
 from .solving import middle_window_over
 
 SEEDS = st.integers(0, 2**32 - 1)
-FEATURES = st.sets(st.sampled_from(("equal", "fixed", "free", "inputs", "intervals", "tied")))
+FEATURES = st.sets(st.sampled_from(("equal", "fixed", "free", "history", "inputs", "intervals", "tied")))
 NODES = st.sampled_from([(1,), (4,), (3, 2), (5, 5), (2, 3, 2)])
 
 

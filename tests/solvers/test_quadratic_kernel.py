@@ -72,7 +72,9 @@ def source_of(task: Task, name: str) -> str:
     method = Recorded()
     method.solve(task.window, task.model, task.here)
     arrays = method.arrays
-    grid = task.window.form.grid
+    form = task.window.form
+    grid = form.grid
+    sizes = (grid.n, grid.switches, form.history)
     members = {
         "K": grid.K,
         "S": grid.switches,
@@ -91,9 +93,9 @@ def source_of(task: Task, name: str) -> str:
         arrays="\n    ".join(_declared(array, getattr(arrays, array)) for array in ARRAYS),
         report_size=REPORT_SIZE,
         members=", ".join(f".{member} = {value}" for member, value in members.items()),
-        symbols=kernel_symbols(grid.n, grid.switches),
+        symbols=kernel_symbols(*sizes),
     )
-    return kernel_source(grid.n, grid.switches) + function
+    return kernel_source(*sizes) + function
 
 
 def _declared(name: str, values: np.ndarray) -> str:
@@ -161,7 +163,8 @@ def test_kernels_of_several_sizes_solve_side_by_side_in_one_program(
 @pytest.mark.slow
 @pytest.mark.parametrize("soft", [False, True], ids=["hard", "soft"])
 @pytest.mark.parametrize(
-    ("nodes", "what"), [((5,), ""), ((4, 6), "inputs intervals fixed"), ((3, 4, 5), "equal intervals tied")]
+    ("nodes", "what"),
+    [((5,), ""), ((4, 6), "inputs intervals fixed"), ((3, 4, 5), "equal intervals tied"), ((4, 4), "history inputs")],
 )
 def test_the_kernel_has_no_warning_and_touches_no_foreign_memory(
     nodes: tuple[int, ...], what: str, soft: bool, tmp_path: Path

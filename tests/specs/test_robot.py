@@ -95,7 +95,14 @@ def bounds(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> dict[str, tuple
     return {each: (getattr(found, f"{each}_low")[6], getattr(found, f"{each}_high")[6]) for each in QUANTITIES}
 
 
-OF_URDF = {"position": (-2, 2), "velocity": (-0.5, 0.5), "acceleration": (-np.inf, np.inf), "force": (-20, 20)}
+NO_LIMIT = (-np.inf, np.inf)
+OF_URDF = {
+    "position": (-2, 2),
+    "velocity": (-0.5, 0.5),
+    "acceleration": NO_LIMIT,
+    "jerk": NO_LIMIT,
+    "force": (-20, 20),
+}
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)

@@ -16,6 +16,7 @@ from psmpc_cli.ocp.constraints.base import (
     rows_at_nodes,
 )
 from psmpc_cli.ocp.constraints.boxes import PENALTY, scaled_violations
+from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window, WindowShape, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
@@ -41,6 +42,7 @@ NAMES = (
     "hands",
     "turns",
     "forces",
+    "jerk",
     "clearance",
     "cones",
 )
@@ -74,7 +76,7 @@ def missing_row_violation(model: RobotModel, window: Window, plan: Plan) -> floa
     for rows in interval_rows(model, window_shape(window)):
         if rows.rarely_active:
             k = np.array(rows.intervals)
-            values = rows.functions.values(plan.X[k], plan.X[k + 1], h[k], rows.argument(p))
+            values = rows.functions.values(Intervals(plan.X, h, p.before, k), rows.argument(p))
             worst = max(worst, float(scaled_violations(values, *rows.bounds(window)).max()) / PENALTY)
     return worst
 

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from psmpc_cli.ocp.objective import ConstraintFunctions, IntervalFunctions
+from psmpc_cli.ocp.objective import ConstraintFunctions, IntervalFunctions, RateFunctions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape
@@ -84,6 +84,7 @@ class IntervalRows:
         argument: Parameters of a window, numbers or symbols -> a.
         bounds: Window -> low and high (rows,); infinite where there is none.
         weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
+        few_entries: The rows depend on few numbers: all of them are part of every program.
         over_time: The rows are integrals over the interval: their bounds are those of the rows over h.
         rarely_active: The bounds of states say the same of most motions: a program has the rows that a solution without
             them violates. With all of them fatrop does not converge.
@@ -91,12 +92,18 @@ class IntervalRows:
 
     name: str
     intervals: Sequence[int]
-    functions: IntervalFunctions
+    functions: IntervalFunctions | RateFunctions
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
     weights: Callable[[Parameters[Any]], Any] | None = None
+    few_entries: bool = False
     over_time: bool = True
     rarely_active: bool = False
+
+    @property
+    def is_permanent(self) -> bool:
+        """Whether the rows are part of every program, however far from their bounds: residuals of the cost are."""
+        return self.few_entries or self.weights is not None
 
 
 RowsOfShape: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]
@@ -173,12 +180,15 @@ def rows_at_nodes(
     return rows
 
 
-def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], IntervalFunctions]) -> RowsOfShape:
+def rows_over_intervals(
+    name: str, functions: Callable[[RobotModel, Any], IntervalFunctions | RateFunctions], few_entries: bool = False
+) -> RowsOfShape:
     """Return how a constraint yields its rows over the intervals of the stages that it concerns.
 
     Args:
         name: Of the constraint in the table.
         functions: Robot, structure -> the rows, their argument [anchor of the chart; argument].
+        few_entries: The rows depend on few numbers, see `IntervalRows`.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
@@ -190,6 +200,7 @@ def rows_over_intervals(name: str, functions: Callable[[RobotModel, Any], Interv
                 functions=model.cached((functions, structure), partial(functions, model, structure)),
                 argument=argument_of(held, s),
                 bounds=bounds_of(held, s),
+                few_entries=few_entries,
             )
 
     return rows

@@ -12,6 +12,7 @@ from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.loads import Load, known_load
+from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.plant.mujoco import MujocoPlant
@@ -45,6 +46,11 @@ def own_axes(model: RobotModel, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
     return np.asarray(model.space.along_base_axes(Q.tolist(), F.tolist()), float)
 
 
+def over_one(x: np.ndarray, x_next: np.ndarray, h: np.ndarray) -> Intervals:
+    """One interval between two states (2n,) of a length (1,)."""
+    return Intervals(np.array([x, x_next]), h[None], np.zeros(0), np.array([0]))
+
+
 def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_next: np.ndarray) -> np.ndarray:
     """Compare derivatives with differences; return the forces of the rows, at the beginning and at the end, (2, n)."""
     rows = functions(model, ForceStructure(tuple(range(model.n)), load.kind))
@@ -53,9 +59,9 @@ def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_n
 
     def value(z: np.ndarray) -> np.ndarray:
         start, end, h = np.split(z, [2 * model.n, 4 * model.n])
-        return rows.values(start[None], end[None], h[None], argument).ravel()
+        return rows.values(over_one(start, end, h), argument).ravel()
 
-    jacobian = rows.jacobian(x[None], x_next[None], z[None, -1:], argument)[0]
+    jacobian = rows.jacobian(over_one(x, x_next, z[-1:]), argument)[0]
     assert_close_to_differences(jacobian, jacobian_by_differences(value, z))
     return value(z).reshape(2, -1) / z[-1] * inertia(model)
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.ocp.constraints.turns import UNIT, functions, numbers
+from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.model import RobotModel, load_robot
 from psmpc_cli.solvers import Outcome
@@ -29,7 +30,7 @@ def extreme(model: RobotModel, limits: list[float], is_first: bool, q: float, v:
     x = np.zeros((2, 2 * model.n))
     x[0, JOINT] = q
     x[:, model.n + JOINT] = v, v_next
-    arguments = x[:1], x[1:], np.array([[h]]), np.array(limits)
+    arguments = Intervals(x, np.array([[h]]), np.zeros(0), np.array([0])), np.array(limits)
     return UNIT * rows.values(*arguments)[0, 0], UNIT * rows.jacobian(*arguments)[0, 0]
 
 

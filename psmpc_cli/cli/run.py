@@ -38,6 +38,9 @@ def simulate(
     render: options.Render = False,
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
     open_it: Annotated[bool, typer.Option("--open", help="Write that page and open it in the browser.")] = False,
+    keep_going: Annotated[
+        bool, typer.Option("--keep-going", help="Fly on to the time limit when the object is missed or lost for good.")
+    ] = False,
     unfinished: Annotated[
         Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
     ] = None,
@@ -65,8 +68,8 @@ def simulate(
     from psmpc_cli.solvers import Outcome
 
     if unfinished is not None:
-        if task or overrides:
-            wanted = "expected no task, --set, --controller or --plant beside it"
+        if task or overrides or keep_going:
+            wanted = "expected no task, --set, --controller, --plant or --keep-going beside it"
             raise InputError(f"--continue repeats the task in the log: {wanted}")
         path = unfinished
         if output is not None:
@@ -84,7 +87,7 @@ def simulate(
         if unfinished is not None:
             _continue(unfinished, output, watch)
         else:
-            run_task(loaded, path, watch, force)
+            run_task(loaded, path, watch, force, keep_going=keep_going)
     log = present(path, figures, force or path == unfinished, quiet, verbose, films)
     if view and len(log.time):
         from psmpc_cli.report.view import view as show

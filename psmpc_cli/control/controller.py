@@ -14,7 +14,7 @@ from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.placement import Placement, Placer, Signs
-from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import GraspProgress, MovingSequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
@@ -50,6 +50,7 @@ class Memory:
         signs: Of the quaternions in spatial targets.
         arguments: Those of constraints that samples of the current stage set, by name.
         route: How far the robot has come on its routes.
+        grasp: What grippers have reported, and what came of earlier tries.
     """
 
     sequence: MovingSequence
@@ -63,6 +64,7 @@ class Memory:
     signs: Signs = field(default_factory=dict)
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
     route: RouteProgress = field(default_factory=RouteProgress)
+    grasp: GraspProgress = field(default_factory=GraspProgress)
 
     def __repr__(self) -> str:
         return f"<Memory of {self.time:g} s: stages {self.sequence.first} to {self.sequence.last} in the window>"
@@ -80,7 +82,7 @@ class Situation:
         is_measured: All of the state was measured.
         placement: The stages with their targets.
         switches: Stages that ended since the sample before.
-        route: How far the robot has come on its routes.
+        grasp_events: `missed` and `returned`, see `Command.events`.
     """
 
     time: float
@@ -90,7 +92,7 @@ class Situation:
     is_measured: bool
     placement: Placement
     switches: tuple[Switch, ...] = ()
-    route: RouteProgress = field(default_factory=RouteProgress)
+    grasp_events: frozenset[str] = frozenset()
 
     @property
     def stages(self) -> tuple[PlacedStage, ...]:
@@ -165,6 +167,8 @@ class ControlLaw:
         stop_at = perf_counter() + self.solver.deadline
         memory, situation = self._measure(memory, measurement)
         memory, situation = self._drop(memory, situation)  # stages that are over leave the window
+        memory, situation = self._answer_grippers(memory, measurement, situation)  # back where the object was missed
+        memory, situation = self._place_at_ends(memory, situation)
         prediction = self._shift(memory, situation)  # the last plan, from now on
         longer = self._detect(memory, situation, prediction)  # the next stage enters when its switch is predicted
         situation = self._with_targets_at(longer, memory, situation)
@@ -172,7 +176,7 @@ class ControlLaw:
         attempt = attempts.solve_longest(memory.sequence, longer)
         decision = self._accept(memory, situation, attempt, prediction, stop_at)  # or fall back
         events = self._events(memory, measurement, situation, longer, decision)
-        estimate, command = self._command(situation, decision, events)
+        estimate, command = self._command(memory, situation, decision, events)
         return _remembered(memory, situation, decision, estimate), command
 
     def _measure(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Situation]:
@@ -197,7 +201,7 @@ class ControlLaw:
             memory = replace(memory, route=route)
         placement = self._place(memory, time, x_chart, chart, target_object)
         is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
-        situation = Situation(time, estimate, target_object, x_chart, is_measured, placement, route=memory.route)
+        situation = Situation(time, estimate, target_object, x_chart, is_measured, placement)
         return replace(memory, signs=placement.signs), situation
 
     def _estimated(self, memory: Memory, measurement: Measurement) -> Estimate:
@@ -257,13 +261,7 @@ class ControlLaw:
         )
 
     def _drop(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
-        """Drop the stages that are over, by the plan or by the measured state, and complete what was not measured.
-
-        Targets relative to the object are from then on where it is when their stage is planned to end.
-
-        Raises:
-            RunError: Nothing is measured, and there is no plan yet.
-        """
+        """Drop the stages that are over, by the plan or by the measured state."""
         time = situation.time
         x_chart = situation.x_chart
         stages = situation.stages
@@ -273,8 +271,71 @@ class ControlLaw:
         sequence, passed = drop_passed(sequence if may_end else sequence.current_only, time)
         sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x_chart), stages, costs, time, x_chart)
         sequence = sequence.with_measurement(stages, costs, time, x_chart)
-        memory = replace(memory, sequence=sequence)
+        return replace(memory, sequence=sequence), replace(situation, switches=(*passed, *met))
 
+    def _answer_grippers(
+        self, memory: Memory, measurement: Measurement, situation: Situation
+    ) -> tuple[Memory, Situation]:
+        """Return to an earlier stage where grippers report that they missed the object or lost it.
+
+        Where the task declares no other try, or none is left, the mission has failed, and the sequence goes on.
+        """
+        if measurement.holding is None or memory.grasp.fault is not None:
+            return memory, situation
+        grasp, fault = memory.grasp.observed(
+            memory.sequence,
+            held=self.problem.held_stages,
+            grippers=self.problem.body.grippers,
+            holding=measurement.holding,
+            time=measurement.time,
+        )
+        if fault is None:
+            return replace(memory, grasp=grasp), situation
+        back_to, times = self.problem.spec.retry_after(fault.stage)
+        tried = grasp.returns.get(fault.stage, 0)
+        if tried >= times:
+            grasp = replace(grasp, fault=fault)
+            return replace(memory, grasp=grasp), replace(situation, grasp_events=frozenset({"missed"}))
+        grasp = replace(grasp, is_taken=False, returns={**grasp.returns, fault.stage: tried + 1})
+        memory, situation = self._returned(replace(memory, grasp=grasp), situation, back_to)
+        return memory, replace(situation, grasp_events=frozenset({"missed", "returned"}))
+
+    def _returned(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
+        """Return to a stage that has ended: it begins again now, from the state and the object as they are measured.
+
+        The plan in force led on with the object, so the next solve is a cold one. What earlier samples knew of the
+        stages to come, such as how far the robot is on their routes, does not count any more.
+        """
+        time = situation.time
+        route = RouteProgress({index: share for index, share in memory.route.progress.items() if index < stage})
+        if self._guide is not None:
+            foreseen = self._estimator.foreseen(situation.estimate)
+            route = self._guide.followed(route, stage, time, foreseen, memory.target_object)
+        memory = replace(
+            memory,
+            sequence=MovingSequence.of(stage, time),
+            plans=replace(memory.plans, sequence=None),
+            solution=None,
+            levels=(),
+            unfinished=None,
+            arguments={},
+            route=route,
+        )
+        placement = self._place(memory, time, situation.x_chart, situation.placement.chart, memory.target_object)
+        memory = replace(memory, signs=placement.signs)
+        return memory, replace(situation, target_object=memory.target_object, placement=placement)
+
+    def _place_at_ends(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
+        """Place targets relative to the object where it is when their stage is planned to end.
+
+        What was not measured of the state is completed, and constraints that samples set are set.
+
+        Raises:
+            RunError: Nothing is measured, and there is no plan yet.
+        """
+        time = situation.time
+        x_chart = situation.x_chart
+        sequence = memory.sequence
         placement = situation.placement
         if self._placer.follows_object:
             placement = self._place(
@@ -293,7 +354,7 @@ class ControlLaw:
         )
         memory = replace(memory, arguments=arguments)
         placement = placement.with_arguments(arguments)
-        return memory, replace(situation, x_chart=x_chart, placement=placement, switches=(*passed, *met))
+        return memory, replace(situation, x_chart=x_chart, placement=placement)
 
     def _planned_end(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> PlannedEnd:
         """Return the end of the current stage as the last plan has it."""
@@ -432,9 +493,11 @@ class ControlLaw:
             "unmeasured": not situation.is_measured,
             "gap": measurement.follows_a_gap(memory.time, self._spec.sample_time),
         }
-        return frozenset(name for name, yes in happened.items() if yes)
+        return situation.grasp_events.union(name for name, yes in happened.items() if yes)
 
-    def _command(self, situation: Situation, decision: Decision, events: frozenset[str]) -> tuple[Estimate, Command]:
+    def _command(
+        self, memory: Memory, situation: Situation, decision: Decision, events: frozenset[str]
+    ) -> tuple[Estimate, Command]:
         """Return the command over the coming sample, and the estimate that counts it."""
         edges = situation.time + self._ticks
         Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
@@ -467,7 +530,7 @@ class ControlLaw:
             law=self.problem.law,
             stages=situation.stages,
             closed=closed,
-            route_progress=situation.route.progress.get(decision.sequence.first, np.nan),
+            route_progress=memory.route.progress.get(decision.sequence.first, np.nan),
             twist_rates=twist_rates,
         )
         return estimate, command
@@ -520,7 +583,13 @@ class Controller:
         when = f"{'done' if self.done else stage} at {self.memory.time:g} s" if began else "before its first sample"
         return f"<Controller {name}: {len(self.problem.stages)} stages; {when}>"
 
-    def step(self, time: float, state: State, object_pose: np.ndarray | None = None) -> Command:
+    def step(
+        self,
+        time: float,
+        state: State,
+        object_pose: np.ndarray | None = None,
+        holding: Mapping[str, bool] | None = None,
+    ) -> Command:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
 
         Args:
@@ -529,13 +598,17 @@ class Controller:
                 the plan in force when the state was last measured completely.
             object_pose: Pose of a task's object with a mass, measured with the state, (3,) or (7,); where it is not
                 finite, or not given, the object's motion is predicted.
+            holding: Whether each gripper holds that object, by arm, measured with the state: False of one that has
+                closed on nothing or has lost it. A gripper that is open, or still moves, or does not report is left
+                out. Where a gripper reports False in a stage that holds the object, the sequence returns to an earlier
+                stage if the task says so (`if_missed`); else the mission has failed, see `failure`.
 
         Raises:
-            InputError: The time is not after the sample before, or the state or the pose is not of the task's robot or
-                object.
+            InputError: The time is not after the sample before, the state or the pose is not of the task's robot or
+                object, or a gripper is none of the object's grasp.
             RunError: Nothing is measured, and there is no plan yet.
         """
-        measurement = Measurement(time, state, object_pose)
+        measurement = Measurement(time, state, object_pose, holding)
         measurement.check(self.problem, self.memory.time)
         self.memory, command = self.law.decide(self.memory, measurement)
         return command
@@ -544,6 +617,17 @@ class Controller:
     def done(self) -> bool:
         """Whether the last stage has met its end condition. A controller that is done holds its target."""
         return bool(np.isfinite(self.sequence.ended_at))
+
+    @property
+    def failure(self) -> str:
+        """Why the mission cannot succeed any more: grippers missed or lost the object for the last time; else empty.
+
+        A controller whose mission has failed goes on to decide as if they held it.
+        """
+        fault = self.memory.grasp.fault
+        if fault is None:
+            return ""
+        return fault.describe(self.problem.stages[fault.stage].name, self.memory.grasp.tries)
 
     @property
     def sequence(self) -> MovingSequence:

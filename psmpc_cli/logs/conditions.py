@@ -76,6 +76,7 @@ COMMANDED_AT_TICKS = Condition(
 CLEARANCE = Condition(
     "where the task keeps clear", lambda recorded: recorded.task.spec.keeps_clear and recorded.knows_ticks
 )
+TRIES = Condition("where a stage has if_missed", lambda recorded: recorded.task.spec.tries_again)
 ROUTES = Condition("where the task has routes", lambda recorded: recorded.task.spec.routes is not None)
 TASK_INPUT = Condition("where a skill has input: task", lambda recorded: recorded.task.spec.acts_in_task_space)
 FREE_END = Condition("with one_stage: free_end", _has_free_end)

@@ -19,7 +19,7 @@ from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.conditions import TRUE_STATE, Recorded
 from psmpc_cli.logs.run import Run, read_run, run_in
-from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, SLIDING, Sample, conditions_of
+from psmpc_cli.logs.schema import KEEP_GOING, MOMENTUM, Q_COORDINATE, SLIDING, Sample, conditions_of
 from psmpc_cli.logs.verdicts import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.library import Library, compile_all, describe_compiler, describe_processor
@@ -59,6 +59,7 @@ class RecordedLoop:
         plant_kind: Name of the plant in the log.
         knows_ticks: The true state is known at every tick.
         is_simulated: psmpc simulates the plant.
+        keep_going: A mission that can no longer succeed goes on to its time limit.
     """
 
     problem: Problem
@@ -70,6 +71,7 @@ class RecordedLoop:
     plant_kind: str
     knows_ticks: bool = True
     is_simulated: bool = True
+    keep_going: bool = False
 
     @property
     def recorded(self) -> Recorded:
@@ -199,6 +201,10 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
     if "postponed" in command.events:
         name = stages[command.sequence.last + 1].name
         logger.info("%.2f s: %s was seen but could not be solved for yet", command.time, name)
+    if "missed" in command.events:
+        back_to = stages[command.sequence.first].name
+        then = f"back to {back_to}" if "returned" in command.events else "there is no other try"
+        logger.warning("%.2f s: grippers missed or lost the object; %s", command.time, then)
     braking = "braking" in command.events
     goes_on = "the robot brakes to rest" if braking else "the shifted plan goes on"
     if "unmeasured" in command.events:
@@ -239,6 +245,7 @@ def header(loop: RecordedLoop) -> Header:
             "onset": task.onset.kind,
             SLIDING: ", ".join(name for name in labels(loaded.robot, "joint") if name in loaded.robot.sliding),
             "seed": task.seed,
+            KEEP_GOING: loop.keep_going,
             "digest": loaded.digest,
             "task_yaml": loaded.task_yaml,
             "robot_yaml": loaded.robot_yaml,
@@ -320,18 +327,18 @@ class Recorder:
         self._commands.append(command)
         self._ticks.append(ticks)
 
-    def run(self, reason: str = "the loop ended") -> Run:
+    def run(self, reason: str | None = None) -> Run:
         """Measure what was recorded and return the run, in memory.
 
         The run ends where its last stage does; commands after that are left out.
 
         Args:
-            reason: Why the loop ended, if it did so before the last stage.
+            reason: Why the loop ended, if it did so before the last stage; by default the controller's `failure`.
 
         Raises:
             InputError: There is no command yet, or some have ticks and others none.
         """
-        require("reason", reason, str, "a text")
+        require("reason", reason, (str, type(None)), "a text, or None")
         if not self._commands:
             raise InputError("found no command, expected at least one: Recorder.add(command)")
         knows_ticks = self._ticks[0] is not None
@@ -349,7 +356,7 @@ class Recorder:
             knows_ticks=knows_ticks,
             is_simulated=False,
         )
-        return record(loop, self._samples(loop, reason))
+        return record(loop, self._samples(loop, reason or self._controller.failure or "the loop ended"))
 
     def _samples(self, loop: RecordedLoop, reason: str) -> Samples:
         """Yield the samples as `closed_loop` does, and return how the loop ended."""

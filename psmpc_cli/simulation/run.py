@@ -129,7 +129,8 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         now = sample_number * sample_time
         measured = state if uncertainty is None else uncertainty.measured(sample_number, state)
         object_pose = None if capture is None else capture.measured(sample_number)
-        command = controller.step(now, State.of(measured), object_pose)
+        holding = None if capture is None else capture.holding
+        command = controller.step(now, State.of(measured), object_pose, holding)
         if (ending := _ending(experiment, command, state, braking_until, time_after_end)) is not None:
             return ending
         if any(switch.stage == until for switch in command.switches):
@@ -232,9 +233,15 @@ def _twist_rates(command: Command) -> np.ndarray:
 def _ending(
     experiment: Experiment, command: Command, state: np.ndarray, braking_until: float, time_after_end: float
 ) -> Ending | None:
-    """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan."""
+    """Return the ending if the run is over.
+
+    The last stage is at its target, the mission can no longer succeed, the robot is at rest without a plan, or the time
+    limit is reached.
+    """
     now = command.time
     switches = command.switches
+    if experiment.controller.failure and not experiment.keep_going:
+        return Ending(False, experiment.controller.failure, now, command.state, state, switches)
     if now >= experiment.controller.sequence.ended_at + time_after_end - 1e-9:
         return Ending(
             True, f"{experiment.problem.stages[-1].name} met its end condition", now, command.state, state, switches
@@ -255,8 +262,12 @@ def simulate(
     watch: Watch = lambda sample: None,
     force: bool = False,
     until: int | None = None,
+    keep_going: bool = False,
 ) -> Run:
     """Run a task in closed loop and return the run.
+
+    A run ends when its last stage does, at the time limit, or when the mission can no longer succeed: grippers missed
+    or lost the object, and the task declares no other try (`if_missed`) or all were used up.
 
     An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: it holds
     everything up to then, is not `finished`, and has no final time. Any other error of the watcher is raised; the log
@@ -268,6 +279,7 @@ def simulate(
         watch: Called with each sample.
         force: Overwrite an earlier log.
         until: Index of the stage at whose end the run stops; by default that of the task.
+        keep_going: Let a mission that can no longer succeed go on to its time limit.
 
     Raises:
         InputError: An argument is of another type, or the log exists already or cannot be written.
@@ -277,7 +289,8 @@ def simulate(
     path = None if path is None else as_path("path", path)
     require_callable("watch", watch, "a sample")
     require("force", force, bool, "True or False")
+    require("keep_going", keep_going, bool, "True or False")
     if until is not None:
         require_whole("until", until, least=0, most=len(task.spec.stages) - 1)
-    experiment = build_experiment(task)
+    experiment = replace(build_experiment(task), keep_going=keep_going)
     return record(experiment, closed_loop(experiment, until), path, watch, force)

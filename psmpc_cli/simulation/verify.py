@@ -149,10 +149,9 @@ class Verification:
             end,
             names,
         )
-        switch_times = log.stages["switch_time"]
+        switches = [switch for switch in log.switches if flow.times[0] + 1e-9 < switch[1] <= end[0] + 1e-9]
         chart = self._chart_at(flow.states[0])
-        for index in np.flatnonzero((switch_times > flow.times[0] + 1e-9) & (switch_times <= end + 1e-9)):
-            time = float(switch_times[index])
+        for index, time in switches:
             Q, v = chart.from_chart(state_at(flow.times, chart.entered(flow.states), time)[None])
             stage = self._problem.stages[index]
             object_state = log.object_state_at(time)

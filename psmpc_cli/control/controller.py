@@ -1,9 +1,11 @@
 """The switching controller: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -12,20 +14,22 @@ from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.htmpc import Hierarchy
-from psmpc_cli.control.interface import Command, Measurement, State
+from psmpc_cli.control.interface import Command, Measurement, NewTarget, State
 from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import GraspProgress, MovingSequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.end import PlannedEnd
+from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.solvers import Solution, Solver, build_solver
-from psmpc_cli.specs.arguments import require
+from psmpc_cli.specs.arguments import rejected, require
+from psmpc_cli.specs.document import plain, quoted
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import SolverSpec, TaskSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
@@ -51,6 +55,7 @@ class Memory:
         arguments: Those of constraints that samples of the current stage set, by name.
         route: How far the robot has come on its routes.
         grasp: What grippers have reported, and what came of earlier tries.
+        new_targets: Targets of stages that have changed since the last sample.
     """
 
     sequence: MovingSequence
@@ -65,6 +70,7 @@ class Memory:
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
     route: RouteProgress = field(default_factory=RouteProgress)
     grasp: GraspProgress = field(default_factory=GraspProgress)
+    new_targets: tuple[NewTarget, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Memory of {self.time:g} s: stages {self.sequence.first} to {self.sequence.last} in the window>"
@@ -148,6 +154,14 @@ class ControlLaw:
         self._placer = Placer(problem)
         self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
+
+    def retargeted(self, problem: Problem) -> "ControlLaw":
+        """Return the law for the same problem with other targets; its solver goes on."""
+        law = copy(self)
+        law.problem = problem
+        law._placer = Placer(problem)
+        law._guide = None if self._guide is None else Guide(problem)
+        return law
 
     @property
     def first(self) -> Memory:
@@ -492,6 +506,7 @@ class ControlLaw:
             "braking": decision.plans.braking is not None,
             "unmeasured": not situation.is_measured,
             "gap": measurement.follows_a_gap(memory.time, self._spec.sample_time),
+            "retargeted": bool(memory.new_targets),
         }
         return situation.grasp_events.union(name for name, yes in happened.items() if yes)
 
@@ -528,6 +543,8 @@ class ControlLaw:
             disturbance=estimate.disturbance,
             levels=decision.levels,
             law=self.problem.law,
+            problem=self.problem,
+            new_targets=memory.new_targets,
             stages=situation.stages,
             closed=closed,
             route_progress=memory.route.progress.get(decision.sequence.first, np.nan),
@@ -547,6 +564,7 @@ def _remembered(memory: Memory, situation: Situation, decision: Decision, estima
         levels=decision.levels,
         unfinished=decision.attempt.unfinished,
         estimate=estimate,
+        new_targets=(),
     )
 
 
@@ -612,6 +630,51 @@ class Controller:
         measurement.check(self.problem, self.memory.time)
         self.memory, command = self.law.decide(self.memory, measurement)
         return command
+
+    def retarget(self, stage: str, target: Mapping[str, Any], *, feasibility: bool = True) -> None:
+        """Change the target of a stage from the next sample on.
+
+        The stages in the window stay, up to this one, whose end is to be planned anew; the next solve starts from the
+        plan in force. Where that leads nowhere the solver starts cold, as after any blow.
+
+        Args:
+            stage: Name of the stage: the current one, or one that comes later or may come again.
+            target: Its target, as a task file has it, or with arrays of numbers.
+            feasibility: Whether a target out of reach, or outside limits, is rejected, as in `load_task`; that takes
+                up to a second.
+
+        Raises:
+            InputError: The stage is none that is still to come.
+            SpecError: Something is wrong with the target; nothing has changed.
+        """
+        require("feasibility", feasibility, bool, "True or False")
+        names = [each.name for each in self.problem.stages]
+        retries = map(self.problem.spec.retry_after, range(len(names)))
+        first = min([self.sequence.first, *(back_to for back_to, times in retries if times)])
+        if stage not in names[first:]:
+            raise rejected("stage", stage, f"one that is not over: {', '.join(map(quoted, names[first:]))}")
+        written = plain(target)
+        problem = self.problem.retargeted(stage, written)
+        if feasibility:
+            ensure_feasible(problem.task)
+        index = names.index(stage)
+        sequence = self.sequence
+        if index == sequence.first:
+            sequence = sequence.current_only
+        elif index in sequence.segments:
+            sequence = sequence.up_to(index)
+        signs = {each: of_stage for each, of_stage in self.memory.signs.items() if each < index}
+        progress = {each: share for each, share in self.memory.route.progress.items() if each < index}
+        self.problem = problem
+        self.law = self.law.retargeted(problem)
+        self.memory = replace(
+            self.memory,
+            sequence=sequence,
+            signs=signs,
+            route=RouteProgress(progress),
+            unfinished=None,
+            new_targets=(*self.memory.new_targets, NewTarget(stage, written)),
+        )
 
     @property
     def done(self) -> bool:

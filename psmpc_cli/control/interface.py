@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass
 from math import isfinite
 from numbers import Real
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -170,6 +171,18 @@ def make_read_only(*values: object) -> None:
             make_read_only(*vars(value).values())
 
 
+class NewTarget(NamedTuple):
+    """A stage has another target since the sample before.
+
+    Attributes:
+        stage: Its name.
+        target: The target as a task file has it, of plain mappings, lists, texts and numbers.
+    """
+
+    stage: str
+    target: Any
+
+
 @dataclass(frozen=True, eq=False)
 class Command:
     """What the controller decided at one sample. Its arrays are read-only.
@@ -191,7 +204,8 @@ class Command:
             is used up, and `plan` brakes to rest), `unmeasured` (the state was not finite, the plan's was used for it),
             `gap` (more than a sample has passed since the last one), `near_singular` (J_C is too near a singular one
             for the law in task space, and that in joint space applies the plan), `missed` (grippers report that they
-            missed the object or lost it), `returned` (the sequence has therefore returned to an earlier stage).
+            missed the object or lost it), `returned` (the sequence has therefore returned to an earlier stage),
+            `retargeted` (a stage has another target since the sample before).
         switches: Stages that ended since the sample before.
         disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
         levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
@@ -199,6 +213,8 @@ class Command:
         stages: All stages of the task, with their targets at this sample.
         closed: Whether the grippers are to be closed on the object at each tick (M,).
         law: The law that applies it.
+        problem: The problem, with the targets in force.
+        new_targets: Targets that have changed since the sample before.
         route_progress: Share of the length of the current stage's route from which on it counts; NaN without one.
         twist_rates: Rates of the velocities J_C v of base and end-effectors over the ticks (M, k) [m/s^2, rad/s^2] to
             which u leads: what the law in task space applies, of a stage with `input: task`; None where the law is that
@@ -221,10 +237,12 @@ class Command:
     disturbance: np.ndarray
     levels: tuple[Solution, ...]
     law: LowLevelLaw = field(repr=False)
+    problem: Problem = field(repr=False)
     stages: tuple[PlacedStage, ...] = field(repr=False)
     closed: np.ndarray
     route_progress: float = np.nan
     twist_rates: np.ndarray | None = None
+    new_targets: tuple[NewTarget, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""

@@ -131,7 +131,7 @@ class Scene:
         """
         model = self.run.problem.model
         span = self._span_of(stage, time)
-        followed = self.run.problem.stages[stage] if span is None else self.run.followed(span)
+        followed = self.run.problem_at(time).stages[stage] if span is None else self.run.followed(span)
         skill = skill_in(followed.space)
         aim = followed.wanted(0.0 if span is None else time - span.start)
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])

@@ -1,7 +1,8 @@
 """A whole run in memory, from its log or straight from a simulation."""
 
 import csv
-from collections.abc import Iterable, Mapping
+import json
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from io import StringIO
@@ -28,6 +29,7 @@ from psmpc_cli.logs.schema import (
     COLUMN_UNITS,
     COMPARISON,
     KEEP_GOING,
+    NEW_TARGETS,
     Q_COORDINATE,
     RUN,
     Column,
@@ -130,6 +132,21 @@ class Motion:
         for first in quaternions if self.Q.shape[1] > self.v.shape[1] else ():
             found[:, first : first + 4] /= np.linalg.norm(found[:, first : first + 4], axis=1, keepdims=True)
         return found
+
+
+@dataclass(frozen=True)
+class ChangeOfTarget:
+    """A stage has another target from a sample on.
+
+    Attributes:
+        time: Of the sample [s].
+        stage: Name of the stage.
+        target: The target as a task file has it.
+    """
+
+    time: float
+    stage: str
+    target: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,6 +300,46 @@ class Run:
         return build_problem(self.task)
 
     @cached_property
+    def changes_of_targets(self) -> tuple[ChangeOfTarget, ...]:
+        """The targets that changed while the run went on, by time.
+
+        Raises:
+            LogError: The log does not say them as it should.
+        """
+        try:
+            return tuple(ChangeOfTarget(**each) for each in json.loads(self.attributes.get(NEW_TARGETS, "[]")))
+        except (TypeError, ValueError):
+            wanted = "a list of mappings with time, stage and target"
+            raise LogError(f"{self.path}: attribute {NEW_TARGETS}: expected {wanted}") from None
+
+    @property
+    def new_targets(self) -> Callable[[float], dict[str, Any]] | None:
+        """What tells at each sample which targets changed then, as `simulate` takes it; None where none could."""
+        if NEW_TARGETS not in self.attributes:
+            return None
+        return lambda time: {each.stage: each.target for each in self.changes_of_targets if each.time == time}
+
+    def problem_at(self, time: float) -> Problem:
+        """Return the problem with the targets that were in force at a time [s].
+
+        Raises:
+            LogError: As for `task`; or a target is none of its stage.
+        """
+        count = sum(each.time <= time for each in self.changes_of_targets)
+        return self._problems[count]
+
+    @cached_property
+    def _problems(self) -> tuple[Problem, ...]:
+        """The problem of the task, and with each of the changes of targets up to one."""
+        problems = [self.problem]
+        for each in self.changes_of_targets:
+            try:
+                problems.append(problems[-1].retargeted(each.stage, each.target))
+            except SpecError as error:
+                raise LogError(f"{self.path}: attribute {NEW_TARGETS}: {error}") from None
+        return tuple(problems)
+
+    @cached_property
     def motion(self) -> Motion:
         """The motion at the samples and at the end of the run.
 
@@ -349,22 +406,18 @@ class Run:
         return tuple(sorted({*in_earlier, *in_last_try}, key=lambda switch: (switch[1], switch[0])))
 
     def followed(self, span: Span) -> Stage:
-        """Return the stage of a span; targets relative to an object with a mass are where it was since its start."""
-        stage = self.problem.stages[span.index]
+        """Return the stage of a span, with the target it had at its end.
+
+        Targets relative to an object with a mass are where it was since the span's start.
+        """
+        problem = self.problem_at(span.end)
+        stage = problem.stages[span.index]
         if not stage.on_object or "object/pose" not in self or len(self.time) < 2:
             return stage
-        path = Trajectory(self.time - span.start, self._targets_on_object[span.index], tuple(stage.attitudes.values()))
+        states = zip(self["object/pose"], self["object/velocity"], strict=True)
+        values = np.array([stage.unplaced_copy().at_object(*state).target for state in states])
+        path = Trajectory(self.time - span.start, values, tuple(stage.attitudes.values()))
         return replace(stage, reference=path)
-
-    @cached_property
-    def _targets_on_object(self) -> Mapping[int, Array]:
-        """Targets of the stages that aim at an object with a mass, at every sample (K, numbers), by stage index."""
-        states = list(zip(self["object/pose"], self["object/velocity"], strict=True))
-        return {
-            stage.index: np.array([stage.unplaced_copy().at_object(*state).target for state in states])
-            for stage in self.problem.stages
-            if stage.on_object
-        }
 
     def object_state_at(self, time: float) -> ObjectState | None:
         """Return pose and velocity of an object with a mass at a time [s]; None where the log has no such object.
@@ -395,7 +448,7 @@ class Run:
         Raises:
             LogError: As for `task`.
         """
-        return Summary(self.arrays, self.attributes, self.problem)
+        return Summary(self.arrays, self.attributes, self.problem_at(np.inf))
 
     def plan(self, name: str, sample: int) -> Array:
         """Return one vector of a sample's solve: guess, guess_multipliers, parameters or solution.

@@ -30,6 +30,7 @@ from psmpc_cli.logs.conditions import (
     ROUTES,
     SLIDING_JOINTS,
     SPATIAL,
+    TARGETS_CHANGE,
     TASK_INPUT,
     TICKS,
     TRIES,
@@ -369,6 +370,9 @@ SLIDING_PEAKS = {
 }
 """Units and meanings of the largest forces and commanded accelerations at ticks; the latter of joints that slide."""
 
+NEW_TARGETS = "new_targets"
+"""Attribute of logs of runs whose targets may change: those that did as JSON, with `time` [s], `stage` and `target`."""
+
 KEEP_GOING = "keep_going"
 """Attribute of logs: whether a mission that could no longer succeed went on to its time limit."""
 
@@ -532,6 +536,7 @@ SCHEMA = (
         "J_C was too near a singular one for the law in task space, and that in joint space acted",
         only=TASK_INPUT,
     ),
+    _event("retargeted", "a stage has another target since the sample before", only=TARGETS_CHANGE),
     _event("missed", "grippers report that they missed or lost the object", only=TRIES),
     _event("returned", "the sequence returned to an earlier stage, for another try", only=TRIES),
     _by_stage(

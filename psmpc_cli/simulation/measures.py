@@ -275,7 +275,7 @@ class Meter:
         the object is then, not where it was foreseen. X are the states of the ticks in the chart of the sample (M + 1,
         2n).
         """
-        stages = self._problem.stages
+        stages = command.problem.stages
         chart = command.solution.window.chart
         Q, v = np.split(ticks.states[0], [self._problem.model.nq])
         errors = {

@@ -1,9 +1,9 @@
 """One run: the experiment that a task describes, and its closed loop."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -27,6 +27,15 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import TaskSpec
 
+NewTargets = Callable[[float], Mapping[str, Any]]
+"""Tells at the time of a sample [s] which targets are others from then on: by the names of their stages, as a task file
+has them; none most of the time."""
+
+
+def no_new_targets(time: float) -> Mapping[str, Any]:
+    """Return no targets: those of the task stay."""
+    return {}
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment(RecordedLoop):
@@ -35,10 +44,12 @@ class Experiment(RecordedLoop):
     Attributes:
         controller: The controller.
         plant: The physics.
+        new_targets: Tells at each sample which targets are others from then on.
     """
 
     controller: Controller
     plant: Plant
+    new_targets: "NewTargets" = no_new_targets
 
 
 def build_experiment(loaded: Task) -> Experiment:
@@ -130,6 +141,8 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         measured = state if uncertainty is None else uncertainty.measured(sample_number, state)
         object_pose = None if capture is None else capture.measured(sample_number)
         holding = None if capture is None else capture.holding
+        for name, target in experiment.new_targets(now).items():
+            controller.retarget(name, target, feasibility=False)
         command = controller.step(now, State.of(measured), object_pose, holding)
         if (ending := _ending(experiment, command, state, braking_until, time_after_end)) is not None:
             return ending
@@ -263,6 +276,7 @@ def simulate(
     force: bool = False,
     until: int | None = None,
     keep_going: bool = False,
+    new_targets: NewTargets | None = None,
 ) -> Run:
     """Run a task in closed loop and return the run.
 
@@ -280,8 +294,11 @@ def simulate(
         force: Overwrite an earlier log.
         until: Index of the stage at whose end the run stops; by default that of the task.
         keep_going: Let a mission that can no longer succeed go on to its time limit.
+        new_targets: Called before each sample with its time [s]; returns the targets that change then, by name of the
+            stage, as `Controller.retarget` takes them; whether they are within reach is not checked.
 
     Raises:
+        SpecError: A new target is none of its stage.
         InputError: An argument is of another type, or the log exists already or cannot be written.
         RunError: The log could not be written any further.
     """
@@ -290,7 +307,14 @@ def simulate(
     require_callable("watch", watch, "a sample")
     require("force", force, bool, "True or False")
     require("keep_going", keep_going, bool, "True or False")
+    if new_targets is not None:
+        require_callable("new_targets", new_targets, "a time")
     if until is not None:
         require_whole("until", until, least=0, most=len(task.spec.stages) - 1)
-    experiment = replace(build_experiment(task), keep_going=keep_going)
+    experiment = replace(
+        build_experiment(task),
+        keep_going=keep_going,
+        changes_targets=new_targets is not None,
+        new_targets=new_targets or no_new_targets,
+    )
     return record(experiment, closed_loop(experiment, until), path, watch, force)

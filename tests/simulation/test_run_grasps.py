@@ -42,14 +42,13 @@ def test_a_missed_object_ends_the_mission_unless_it_is_to_go_on() -> None:
         assert comparison is not None and not comparison.differences
 
 
-def test_a_known_delay_delays_the_reports_too() -> None:
-    task = near_capture(UNKNOWN_DRIFT, {"controller.known_delay": 2, "uncertainty.delay": 2})
-    assert simulate(task).final["time"] == pytest.approx(0.3)
-
-
-def test_an_unknown_delay_of_controls_makes_no_miss() -> None:
-    """Grippers that have not yet been told to close report nothing."""
-    run = simulate(near_capture({"uncertainty.delay": 2, "time_limit": 1.0}))
+@pytest.mark.parametrize("delay", ["0.2 s", 0])
+def test_a_delay_of_commands_makes_no_miss(delay: str | int) -> None:
+    """Grippers that have not yet been told to close report nothing, whether or not the controller knows of the delay."""
+    delays = {"controller.delay": delay, "uncertainty.delay": "0.2 s"}
+    missed = simulate(near_capture(UNKNOWN_DRIFT, delays))
+    assert missed.final["time"] == pytest.approx(0.3)
+    run = simulate(near_capture({**delays, "time_limit": 1.0}))
     assert run["grasp/closed"][-1].all()
     assert run.attributes["end_reason"] == "time limit of 1 s reached"
 

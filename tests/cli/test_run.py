@@ -120,6 +120,14 @@ def test_a_mission_that_can_no_longer_succeed_ends_and_says_so_first(psmpc: Psmp
     assert refused.code == 2 and "--keep-going" in refused.stderr
 
 
+def test_a_task_file_is_followed_and_its_log_repeated(simulate: Psmpc, psmpc: Psmpc) -> None:
+    assert simulate("--follow", "--set", "solver.kind=sqp", "-o", "followed.h5").code == 0
+    assert read_run(Path("followed.h5")).new_targets is not None
+    assert "equal: all" in psmpc("rerun", "followed.h5", "--strict").stdout
+    refused = psmpc("simulate", "--continue", "followed.h5", "--follow")
+    assert refused.code == 2 and "--follow" in refused.stderr
+
+
 def test_a_run_that_cannot_go_on_says_why(simulate: Psmpc) -> None:
     ran = simulate("--set", "solver={kind: fatrop, max_iterations: 1}", "--set", "controller.horizon=1")
     assert ran.code == 3

@@ -44,7 +44,7 @@ def test_a_missed_object_ends_the_mission_unless_it_is_to_go_on() -> None:
 
 @pytest.mark.parametrize("delay", ["0.2 s", 0])
 def test_a_delay_of_commands_makes_no_miss(delay: str | int) -> None:
-    """Grippers that have not yet been told to close report nothing, whether or not the controller knows of the delay."""
+    """Grippers that have not yet been told to close report nothing, known or not to the controller."""
     delays = {"controller.delay": delay, "uncertainty.delay": "0.2 s"}
     missed = simulate(near_capture(UNKNOWN_DRIFT, delays))
     assert missed.final["time"] == pytest.approx(0.3)

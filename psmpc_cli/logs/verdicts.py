@@ -149,7 +149,7 @@ def judge_touch(arrays: Arrays) -> Verdict:
 
 def returns_of(arrays: Arrays) -> tuple[int, ...]:
     """Return the samples at which the sequence returned to an earlier stage."""
-    return tuple((np.flatnonzero(np.diff(arrays["window/first"]) < 0) + 1).tolist())
+    return tuple(np.flatnonzero(arrays.get("events/returned", np.zeros(0))).tolist())
 
 
 def largest_loads(arrays: Arrays) -> dict[str, float]:

@@ -57,6 +57,7 @@ SECTIONS = {
         "#solver-and-plant": "SolverSpec PlantSpec",
         "#skills": "SkillSpec SkillWeights",
         "#stages": "StageSpec",
+        "capture.md#try-again": "RetrySpec",
         "#trajectories": "TrajectorySpec",
         "#end-conditions": "EndCondition",
         "#by-the-object": "ObjectEndSpec",

@@ -39,10 +39,12 @@ class Api:
     robot: RobotModel
     folder: Path
 
-    def step(self, time: Any = 0.1, state: Any = None, pose: Any = None, of: str = "planar") -> psmpc.Command:
+    def step(
+        self, time: Any = 0.1, state: Any = None, pose: Any = None, holding: Any = None, of: str = "planar"
+    ) -> psmpc.Command:
         """A second sample, at rest if nothing else is said."""
         controller = self.controllers[of]
-        return controller.step(time, at_rest(controller) if state is None else state, pose)
+        return controller.step(time, at_rest(controller) if state is None else state, pose, holding)
 
 
 def at_rest(controller: psmpc.Controller) -> psmpc.State:
@@ -113,6 +115,10 @@ CASES: dict[str, tuple[Callable[[Api], object], str]] = {
     "pose in space in the plane": (lambda api: api.step(pose=np.zeros(7), of="object"), r"\(7,\).*x, y, angle \(3,\)"),
     "pose as text": (lambda api: api.step(pose="here", of="object"), r"object_pose: found the text \"here\""),
     "pose as matrix": (lambda api: api.step(pose=np.eye(3), of="object"), r"object_pose: .*\(3, 3\)"),
+    "report without an object": (lambda api: api.step(holding={}), r"holding: .*expected none.*no object"),
+    "report of a stranger": (lambda api: api.step(holding={"arm_3": True}, of="object"), r"holding: .*arm_1, arm_2"),
+    "reports in a list": (lambda api: api.step(holding=[True], of="object"), r"holding: .*a mapping of arm_1, arm_2"),
+    "report of a number": (lambda api: api.step(holding={"arm_1": 1}, of="object"), r"'arm_1'.*True or False"),
     "pose without attitude": (lambda api: api.step(pose=np.zeros(7), of="turning"), r"object_pose: .*unit quaternion"),
     # a command
     "force of an array": (lambda api: api.command.force(0.0, np.zeros(18)), r"state: .*State\(Q, v\)"),

@@ -38,6 +38,12 @@ def simulate(
     render: options.Render = False,
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
     open_it: Annotated[bool, typer.Option("--open", help="Write that page and open it in the browser.")] = False,
+    keep_going: Annotated[
+        bool, typer.Option("--keep-going", help="Fly on to the time limit when the object is missed or lost for good.")
+    ] = False,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Read the task file again when it changes: new targets count at once.")
+    ] = False,
     unfinished: Annotated[
         Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
     ] = None,
@@ -61,12 +67,14 @@ def simulate(
     from psmpc_cli.figures.animation import offscreen_driver
     from psmpc_cli.logs.schema import RUN
     from psmpc_cli.ocp.feasibility import load_task
+    from psmpc_cli.simulation.follow import FollowedTask
     from psmpc_cli.simulation.run import simulate as run_task
     from psmpc_cli.solvers import Outcome
+    from psmpc_cli.specs.library import find
 
     if unfinished is not None:
-        if task or overrides:
-            wanted = "expected no task, --set, --controller or --plant beside it"
+        if task or overrides or keep_going or follow:
+            wanted = "expected no task, --set, --controller, --plant, --keep-going or --follow beside it"
             raise InputError(f"--continue repeats the task in the log: {wanted}")
         path = unfinished
         if output is not None:
@@ -75,6 +83,7 @@ def simulate(
         loaded = load_task(task, overrides)
         name = "-".join(filter(None, (loaded.spec.name, controller, plant)))
         path = common.output_file(output, name, RUN, force, figures, films=films, inputs=[task])
+        new_targets = FollowedTask(loaded, find("task", task), overrides) if follow else None
     else:
         raise InputError("found no task: expected a task file, a built-in name such as transport, or --continue LOG")
     page = _page_path([path], "view", force) if view else None
@@ -84,7 +93,7 @@ def simulate(
         if unfinished is not None:
             _continue(unfinished, output, watch)
         else:
-            run_task(loaded, path, watch, force)
+            run_task(loaded, path, watch, force, keep_going=keep_going, new_targets=new_targets)
     log = present(path, figures, force or path == unfinished, quiet, verbose, films)
     if view and len(log.time):
         from psmpc_cli.report.view import view as show

@@ -1,9 +1,11 @@
 """The switching controller: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from math import isfinite
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -12,21 +14,23 @@ from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.htmpc import Hierarchy
-from psmpc_cli.control.interface import Command, Measurement, State
+from psmpc_cli.control.interface import Command, Measurement, NewTarget, State
 from psmpc_cli.control.load import LoadEstimate, LoadEstimator, LoadPrior, Motion
 from psmpc_cli.control.placement import Placement, Placer, Signs
-from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import GraspProgress, MovingSequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.end import PlannedEnd
+from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import JERK, PlacedStage
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.solvers import Solution, Solver, build_solver
-from psmpc_cli.specs.arguments import require
+from psmpc_cli.specs.arguments import rejected, require
+from psmpc_cli.specs.document import plain, quoted
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.task import LoadPriorSpec, SolverSpec, TaskSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
@@ -53,6 +57,8 @@ class Memory:
         signs: Of the quaternions in spatial targets.
         arguments: Those of constraints that samples of the current stage set, by name.
         route: How far the robot has come on its routes.
+        grasp: What grippers have reported, and what came of earlier tries.
+        new_targets: Targets of stages that have changed since the last sample.
     """
 
     sequence: MovingSequence
@@ -68,6 +74,8 @@ class Memory:
     signs: Signs = field(default_factory=dict)
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
     route: RouteProgress = field(default_factory=RouteProgress)
+    grasp: GraspProgress = field(default_factory=GraspProgress)
+    new_targets: tuple[NewTarget, ...] = ()
 
     def __repr__(self) -> str:
         return f"<Memory of {self.time:g} s: stages {self.sequence.first} to {self.sequence.last} in the window>"
@@ -85,7 +93,7 @@ class Situation:
         is_measured: All of the state was measured.
         placement: The stages with their targets.
         switches: Stages that ended since the sample before.
-        route: How far the robot has come on its routes.
+        grasp_events: `missed` and `returned`, see `Command.events`.
     """
 
     time: float
@@ -95,7 +103,7 @@ class Situation:
     is_measured: bool
     placement: Placement
     switches: tuple[Switch, ...] = ()
-    route: RouteProgress = field(default_factory=RouteProgress)
+    grasp_events: frozenset[str] = frozenset()
 
     @property
     def applied(self) -> np.ndarray:
@@ -163,6 +171,14 @@ class ControlLaw:
         self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
 
+    def retargeted(self, problem: Problem) -> "ControlLaw":
+        """Return the law for the same problem with other targets; its solver goes on."""
+        law = copy(self)
+        law.problem = problem
+        law._placer = Placer(problem)
+        law._guide = None if self._guide is None else Guide(problem)
+        return law
+
     @property
     def first(self) -> Memory:
         """What is known before the first sample."""
@@ -182,6 +198,8 @@ class ControlLaw:
         stop_at = perf_counter() + self.solver.deadline
         memory, situation = self._measure(memory, measurement)
         memory, situation = self._drop(memory, situation)  # stages that are over leave the window
+        memory, situation = self._answer_grippers(memory, measurement, situation)  # back where the object was missed
+        memory, situation = self._place_at_ends(memory, situation)
         prediction = self._shift(memory, situation)  # the last plan, from now on
         longer = self._detect(memory, situation, prediction)  # the next stage enters when its switch is predicted
         situation = self._with_targets_at(longer, memory, situation)
@@ -216,7 +234,7 @@ class ControlLaw:
             memory = replace(memory, route=route)
         placement = self._place(memory, time, x_chart, chart, target_object)
         is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
-        situation = Situation(time, estimate, target_object, x_chart, is_measured, placement, route=memory.route)
+        situation = Situation(time, estimate, target_object, x_chart, is_measured, placement)
         return replace(memory, signs=placement.signs), situation
 
     def _estimated(self, memory: Memory, measurement: Measurement) -> Estimate:
@@ -291,13 +309,7 @@ class ControlLaw:
         )
 
     def _drop(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
-        """Drop the stages that are over, by the plan or by the measured state, and complete what was not measured.
-
-        Targets relative to the object are from then on where it is when their stage is planned to end.
-
-        Raises:
-            RunError: Nothing is measured, and there is no plan yet.
-        """
+        """Drop the stages that are over, by the plan or by the measured state."""
         time = situation.time
         x_chart = situation.x_chart
         stages = situation.stages
@@ -307,8 +319,71 @@ class ControlLaw:
         sequence, passed = drop_passed(sequence if may_end else sequence.current_only, time)
         sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x_chart), stages, costs, time, x_chart)
         sequence = sequence.with_measurement(stages, costs, time, x_chart)
-        memory = replace(memory, sequence=sequence)
+        return replace(memory, sequence=sequence), replace(situation, switches=(*passed, *met))
 
+    def _answer_grippers(
+        self, memory: Memory, measurement: Measurement, situation: Situation
+    ) -> tuple[Memory, Situation]:
+        """Return to an earlier stage where grippers report that they missed the object or lost it.
+
+        Where the task declares no other try, or none is left, the mission has failed, and the sequence goes on.
+        """
+        if measurement.holding is None or memory.grasp.fault is not None:
+            return memory, situation
+        grasp, fault = memory.grasp.observed(
+            memory.sequence,
+            held=self.problem.held_stages,
+            grippers=self.problem.body.grippers,
+            holding=measurement.holding,
+            time=measurement.time,
+        )
+        if fault is None:
+            return replace(memory, grasp=grasp), situation
+        back_to, times = self.problem.spec.retry_after(fault.stage)
+        tried = grasp.returns.get(fault.stage, 0)
+        if tried >= times:
+            grasp = replace(grasp, fault=fault)
+            return replace(memory, grasp=grasp), replace(situation, grasp_events=frozenset({"missed"}))
+        grasp = replace(grasp, is_taken=False, returns={**grasp.returns, fault.stage: tried + 1})
+        memory, situation = self._returned(replace(memory, grasp=grasp), situation, back_to)
+        return memory, replace(situation, grasp_events=frozenset({"missed", "returned"}))
+
+    def _returned(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
+        """Return to a stage that has ended: it begins again now, from the state and the object as they are measured.
+
+        The plan in force led on with the object, so the next solve is a cold one. What earlier samples knew of the
+        stages to come, such as how far the robot is on their routes, does not count any more.
+        """
+        time = situation.time
+        route = RouteProgress({index: share for index, share in memory.route.progress.items() if index < stage})
+        if self._guide is not None:
+            foreseen = self._estimator.foreseen(situation.estimate)
+            route = self._guide.followed(route, stage, time, foreseen, memory.target_object)
+        memory = replace(
+            memory,
+            sequence=MovingSequence.of(stage, time),
+            plans=replace(memory.plans, sequence=None),
+            solution=None,
+            levels=(),
+            unfinished=None,
+            arguments={},
+            route=route,
+        )
+        placement = self._place(memory, time, situation.x_chart, situation.placement.chart, memory.target_object)
+        memory = replace(memory, signs=placement.signs)
+        return memory, replace(situation, target_object=memory.target_object, placement=placement)
+
+    def _place_at_ends(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
+        """Place targets relative to the object where it is when their stage is planned to end.
+
+        What was not measured of the state is completed, and constraints that samples set are set.
+
+        Raises:
+            RunError: Nothing is measured, and there is no plan yet.
+        """
+        time = situation.time
+        x_chart = situation.x_chart
+        sequence = memory.sequence
         placement = situation.placement
         if self._placer.follows_object:
             placement = self._place(
@@ -328,7 +403,7 @@ class ControlLaw:
         )
         memory = replace(memory, arguments=arguments)
         placement = placement.with_arguments(arguments)
-        return memory, replace(situation, x_chart=x_chart, placement=placement, switches=(*passed, *met))
+        return memory, replace(situation, x_chart=x_chart, placement=placement)
 
     def _planned_end(self, sequence: MovingSequence, solution: Solution | None, situation: Situation) -> PlannedEnd:
         """Return the end of the current stage as the last plan has it."""
@@ -469,8 +544,9 @@ class ControlLaw:
             "unmeasured": not situation.is_measured,
             "load_dropped": memory.load is not None and memory.load.dropped,
             "gap": measurement.follows_a_gap(memory.time, self._spec.sample_time),
+            "retargeted": bool(memory.new_targets),
         }
-        return frozenset(name for name, yes in happened.items() if yes)
+        return situation.grasp_events.union(name for name, yes in happened.items() if yes)
 
     def _command(
         self, memory: Memory, situation: Situation, decision: Decision, events: frozenset[str]
@@ -512,9 +588,11 @@ class ControlLaw:
             levels=decision.levels,
             law=self.problem.law if load is None else self.problem.law.counting_with(load.numbers),
             load=load,
+            problem=self.problem,
+            new_targets=memory.new_targets,
             stages=situation.stages,
             closed=closed,
-            route_progress=situation.route.progress.get(decision.sequence.first, np.nan),
+            route_progress=memory.route.progress.get(decision.sequence.first, np.nan),
             twist_rates=twist_rates,
         )
         return estimate, command
@@ -545,6 +623,7 @@ def _remembered(memory: Memory, situation: Situation, decision: Decision, estima
         levels=decision.levels,
         unfinished=decision.attempt.unfinished,
         estimate=estimate,
+        new_targets=(),
     )
 
 
@@ -581,7 +660,13 @@ class Controller:
         when = f"{'done' if self.done else stage} at {self.memory.time:g} s" if began else "before its first sample"
         return f"<Controller {name}: {len(self.problem.stages)} stages; {when}>"
 
-    def step(self, time: float, state: State, object_pose: np.ndarray | None = None) -> Command:
+    def step(
+        self,
+        time: float,
+        state: State,
+        object_pose: np.ndarray | None = None,
+        holding: Mapping[str, bool] | None = None,
+    ) -> Command:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
 
         Args:
@@ -590,21 +675,81 @@ class Controller:
                 the plan in force when the state was last measured completely.
             object_pose: Pose of a task's object with a mass, measured with the state, (3,) or (7,); where it is not
                 finite, or not given, the object's motion is predicted.
+            holding: Whether each gripper holds that object, by arm, measured with the state: False of one that has
+                closed on nothing or has lost it. A gripper that is open, or still moves, or does not report is left
+                out. Where a gripper reports False in a stage that holds the object, the sequence returns to an earlier
+                stage if the task says so (`if_missed`); else the mission has failed, see `failure`.
 
         Raises:
-            InputError: The time is not after the sample before, or the state or the pose is not of the task's robot or
-                object.
+            InputError: The time is not after the sample before, the state or the pose is not of the task's robot or
+                object, or a gripper is none of the object's grasp.
             RunError: Nothing is measured, and there is no plan yet.
         """
-        measurement = Measurement(time, state, object_pose)
+        measurement = Measurement(time, state, object_pose, holding)
         measurement.check(self.problem, self.memory.time)
         self.memory, command = self.law.decide(self.memory, measurement)
         return command
+
+    def retarget(self, stage: str, target: Mapping[str, Any], *, feasibility: bool = True) -> None:
+        """Change the target of a stage from the next sample on.
+
+        The stages in the window stay, up to this one, whose end is to be planned anew; the next solve starts from the
+        plan in force. Where that leads nowhere the solver starts cold, as after any blow.
+
+        Args:
+            stage: Name of the stage: the current one, or one that comes later or may come again.
+            target: Its target, as a task file has it, or with arrays of numbers.
+            feasibility: Whether a target out of reach, or outside limits, is rejected, as in `load_task`; that takes
+                up to a second.
+
+        Raises:
+            InputError: The stage is none that is still to come.
+            SpecError: Something is wrong with the target; nothing has changed.
+        """
+        require("feasibility", feasibility, bool, "True or False")
+        names = [each.name for each in self.problem.stages]
+        retries = map(self.problem.spec.retry_after, range(len(names)))
+        first = min([self.sequence.first, *(back_to for back_to, times in retries if times)])
+        if stage not in names[first:]:
+            raise rejected("stage", stage, f"one that is not over: {', '.join(map(quoted, names[first:]))}")
+        written = plain(target)
+        problem = self.problem.retargeted(stage, written)
+        if feasibility:
+            ensure_feasible(problem.task)
+        index = names.index(stage)
+        sequence = self.sequence
+        if index == sequence.first:
+            sequence = sequence.current_only
+        elif index in sequence.segments:
+            sequence = sequence.up_to(index)
+        signs = {each: of_stage for each, of_stage in self.memory.signs.items() if each < index}
+        progress = {each: share for each, share in self.memory.route.progress.items() if each < index}
+        self.problem = problem
+        self.law = self.law.retargeted(problem)
+        self.memory = replace(
+            self.memory,
+            sequence=sequence,
+            signs=signs,
+            route=RouteProgress(progress),
+            unfinished=None,
+            new_targets=(*self.memory.new_targets, NewTarget(stage, written)),
+        )
 
     @property
     def done(self) -> bool:
         """Whether the last stage has met its end condition. A controller that is done holds its target."""
         return bool(np.isfinite(self.sequence.ended_at))
+
+    @property
+    def failure(self) -> str:
+        """Why the mission cannot succeed any more: grippers missed or lost the object for the last time; else empty.
+
+        A controller whose mission has failed goes on to decide as if they held it.
+        """
+        fault = self.memory.grasp.fault
+        if fault is None:
+            return ""
+        return fault.describe(self.problem.stages[fault.stage].name, self.memory.grasp.tries)
 
     @property
     def sequence(self) -> MovingSequence:

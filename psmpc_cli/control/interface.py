@@ -1,8 +1,10 @@
 """What goes into a controller at a sample and what comes out of it: the measurement, and the command."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, is_dataclass
 from math import isfinite
 from numbers import Real
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -70,11 +72,14 @@ class Measurement:
         time: When it is measured [s].
         state: Measured then.
         object_pose: Pose of the object, measured with the state, (3,) or (7,); None where there is none.
+        holding: Whether each gripper holds the object, by arm, measured with the state. A gripper that is open, or
+            still moves, or does not report is left out; None where none reports.
     """
 
     time: float
     state: State
     object_pose: np.ndarray | None
+    holding: Mapping[str, bool] | None = None
 
     def check(self, problem: Problem, before: float) -> None:
         """Make sure that sizes are those of a problem, and that time goes on.
@@ -84,13 +89,15 @@ class Measurement:
             before: Time of the sample before [s].
 
         Raises:
-            InputError: The time is not finite or not after the one before, the state is another robot's, or the pose is
-                not that of the task's object.
+            InputError: The time is not finite or not after the one before, the state is another robot's, the pose is
+                not that of the task's object, or a gripper that reports is none of its grasp.
         """
         check_time(self.time)
         if self.time <= before:
             raise InputError(f"time: found {self.time:g} s after {before:g} s, expected a time after the sample before")
         check_state(self.state, problem.model)
+        if self.holding is not None:
+            self._check_holding(self.holding, problem)
         if self.object_pose is None:
             return
         size = len(problem.body.pose)
@@ -100,6 +107,22 @@ class Measurement:
             meant = f"{space_of_pose(size).pose_text} ({size},)"
             raise rejected("object_pose", self.object_pose, meant)
         _check_quaternion("object_pose", self.object_pose[problem.model.space.pose_attitude])
+
+    def _check_holding(self, holding: Mapping[str, bool], problem: Problem) -> None:
+        """Make sure that what grippers report is about the grippers of a problem's object.
+
+        Raises:
+            InputError: It is not.
+        """
+        grippers = problem.body.grippers
+        if not grippers:
+            raise rejected("holding", holding, "none: the task has no object with a mass")
+        is_mapping = isinstance(holding, Mapping)
+        if not (is_mapping and all(gripper in grippers for gripper in holding)):
+            raise rejected("holding", holding, f"a mapping of {', '.join(grippers)} to True or False")
+        for gripper, holds in holding.items():
+            if not isinstance(holds, bool | np.bool_):
+                raise rejected(f"holding[{gripper!r}]", holds, "True or False; a gripper that does not report left out")
 
     def follows_a_gap(self, before: float, sample_time: float) -> bool:
         """Tell whether more than a sample [s] has passed since the one before [s]."""
@@ -149,6 +172,18 @@ def make_read_only(*values: object) -> None:
             make_read_only(*vars(value).values())
 
 
+class NewTarget(NamedTuple):
+    """A stage has another target since the sample before.
+
+    Attributes:
+        stage: Its name.
+        target: The target as a task file has it, of plain mappings, lists, texts and numbers.
+    """
+
+    stage: str
+    target: Any
+
+
 @dataclass(frozen=True, eq=False)
 class Command:
     """What the controller decided at one sample. Its arrays are read-only.
@@ -170,7 +205,9 @@ class Command:
             is used up, and `plan` brakes to rest), `unmeasured` (the state was not finite, the plan's was used for it),
             `gap` (more than a sample has passed since the last one), `near_singular` (J_C is too near a singular one
             for the law in task space, and that in joint space applies the plan), `load_dropped` (what had been found
-            out of the load did not explain the last measurements, and was given up for the prior).
+            out of the load did not explain the last measurements, and was given up for the prior), `missed` (grippers
+            report that they missed the object or lost it), `returned` (the sequence has therefore returned to an
+            earlier stage), `retargeted` (a stage has another target since the sample before).
         switches: Stages that ended since the sample before.
         disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
         levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its
@@ -178,6 +215,8 @@ class Command:
         stages: All stages of the task, with their targets at this sample.
         closed: Whether the grippers are to be closed on the object at each tick (M,).
         law: The law that applies it.
+        problem: The problem, with the targets in force.
+        new_targets: Targets that have changed since the sample before.
         route_progress: Share of the length of the current stage's route from which on it counts; NaN without one.
         load: What is known of the load, where it is to be found out; else None.
         twist_rates: Rates of the velocities J_C v of base and end-effectors over the ticks (M, k) [m/s^2, rad/s^2] to
@@ -201,11 +240,13 @@ class Command:
     disturbance: np.ndarray
     levels: tuple[Solution, ...]
     law: LowLevelLaw = field(repr=False)
+    problem: Problem = field(repr=False)
     stages: tuple[PlacedStage, ...] = field(repr=False)
     closed: np.ndarray
     route_progress: float = np.nan
     load: LoadEstimate | None = None
     twist_rates: np.ndarray | None = None
+    new_targets: tuple[NewTarget, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""

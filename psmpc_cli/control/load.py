@@ -188,7 +188,8 @@ class LoadEstimator:
         is_measured = all(np.isfinite(each).all() for each in (before.Q, before.v, now.Q, now.v))
         if now.time < estimate.settled_at or not is_measured:
             return replace(estimate, begun=np.inf)
-        if now.time - estimate.begun > BLOCK or not np.isfinite(estimate.begun):
+        is_same = (before.object_state is None) == (now.object_state is None)
+        if now.time - estimate.begun > BLOCK or not (np.isfinite(estimate.begun) and is_same):
             information, right = _without(estimate.information, estimate.right, self._of_offset)
             none = np.zeros_like(estimate.impulse)
             estimate = replace(estimate, information=information, right=right, begun=now.time, impulse=none)

@@ -1,7 +1,7 @@
 """The moving sequence: which stages are in the window at a sample. Paper Algorithm 1."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -81,6 +81,19 @@ class MovingSequence:
         waiting = tuple(index for index in self.segments if index > self.first)
         return MovingSequence(waiting or (self.first + 1,), self.instants[1:], StageProgress(ended))
 
+    def since_closing(self, held: range) -> float:
+        """Return since when the current stage, or what follows the last one, holds the object [s].
+
+        Args:
+            held: The stages that hold it; what follows the task's last stage has their number as its index.
+
+        Returns:
+            When that stage began; infinite where it does not hold the object.
+        """
+        has_ended = bool(np.isfinite(self.ended_at))
+        began = self.ended_at if has_ended else self.progress.entered
+        return began if self.first + has_ended in held else np.inf
+
     def guess(self, prediction: Plan) -> Plan:
         """Return a prediction with the switch times of the sequence: what a solve of its window starts from."""
         return replace(prediction, instants=self.instants)
@@ -92,6 +105,77 @@ class MovingSequence:
         stage = stages[self.first]
         progress = stage.end.observed(self.progress, now, partial(_is_met, costs, stage, x))
         return replace(self.current_only if progress.hold_lost else self, progress=progress)
+
+
+class GraspFault(NamedTuple):
+    """Grippers hold nothing in a stage in which they are to hold the object.
+
+    Attributes:
+        grippers: Their arms.
+        is_missed: They have not held it since they closed; else they have lost it.
+        stage: Index of the stage at whose end they missed it, or in which they lost it.
+        time: When they closed, or when the loss was measured [s].
+    """
+
+    grippers: tuple[str, ...]
+    is_missed: bool
+    stage: int
+    time: float
+
+    def describe(self, stage_name: str, tries: int) -> str:
+        """Write what is wrong, of a stage by its name and after so many tries."""
+        where = f"at the end of {stage_name}" if self.is_missed else f"in {stage_name}"
+        did = "missed" if self.is_missed else "lost"
+        last = f", in the last of {tries} tries" if tries > 1 else ""
+        return f"{' and '.join(self.grippers)} {did} the object {where}, at {self.time:.1f} s{last}"
+
+
+@dataclass(frozen=True)
+class GraspProgress:
+    """What grippers have reported since they closed last, and what came of earlier tries.
+
+    Attributes:
+        is_taken: Every gripper has reported since then that it holds the object.
+        returns: How often the sequence has returned to an earlier stage, by index of the stage that allows it.
+        fault: The fault after which there is no other try; None while the mission can succeed.
+    """
+
+    is_taken: bool = False
+    returns: Mapping[int, int] = field(default_factory=dict)
+    fault: GraspFault | None = None
+
+    @property
+    def tries(self) -> int:
+        """How often the grippers were to close on the object, the last time included."""
+        return 1 + sum(self.returns.values())
+
+    def observed(
+        self,
+        sequence: MovingSequence,
+        held: range,
+        grippers: Sequence[str],
+        holding: Mapping[str, bool],
+        time: float,
+    ) -> tuple["GraspProgress", GraspFault | None]:
+        """Return the progress after grippers have reported, and what is wrong with the grasps; None if nothing is.
+
+        Args:
+            sequence: The stages in the window.
+            held: The stages that hold the object.
+            grippers: Those that are to hold it, by arm.
+            holding: Whether each gripper holds it, by arm; that of a gripper that does not report is not known.
+            time: When that was measured [s]. What was measured before the grippers closed does not count.
+        """
+        closed = sequence.since_closing(held)
+        if not time > closed:
+            return replace(self, is_taken=False), None
+        empty = tuple(gripper for gripper, holds in holding.items() if not holds)
+        if not empty:
+            is_taken = self.is_taken or all(holding.get(gripper, False) for gripper in grippers)
+            return replace(self, is_taken=is_taken), None
+        if self.is_taken:
+            return self, GraspFault(empty, is_missed=False, stage=sequence.first, time=time)
+        return self, GraspFault(empty, is_missed=True, stage=held.start - 1, time=closed)
 
 
 class Switch(NamedTuple):

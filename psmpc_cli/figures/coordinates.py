@@ -172,7 +172,7 @@ def attitude_error(run: Run) -> np.ndarray:
     motion = run.motion
     angle = np.full(len(motion.time), np.nan)
     for span in run.spans:
-        stage = run.followed[span.index]
+        stage = run.followed(span)
         during = (motion.time >= span.start) & (motion.time <= span.end)
         if during.any() and stage.relevant_rows[3:6].any():
             errors = _errors(run.problem, stage, motion.Q[during], motion.time[during] - span.start)
@@ -418,7 +418,7 @@ def error_curves(run: Run) -> Iterator[ErrorCurve]:
     for span in run.spans:
         inside = (motion.time > span.start) & (motion.time < span.end)
         time = np.r_[span.start, motion.time[inside], span.end]
-        stage = run.followed[span.index]
+        stage = run.followed(span)
         Q = np.array([motion.coordinates_at(t) for t in time])
         errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end.rows, stage.end.tolerance, strict=True))

@@ -8,7 +8,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 
 from psmpc_cli.figures.style import readable
-from psmpc_cli.logs.run import Run
+from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.logs.verdicts import judge_monitor
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import Stage
@@ -130,10 +130,10 @@ class Scene:
         NaN where the stage asks for no position, or for no attitude.
         """
         model = self.run.problem.model
-        followed = self.run.followed[stage]
+        span = self._span_of(stage, time)
+        followed = self.run.problem_at(time).stages[stage] if span is None else self.run.followed(span)
         skill = skill_in(followed.space)
-        start = next((s.start for s in self.run.spans if s.index == stage), time)
-        aim = followed.wanted(time - start)
+        aim = followed.wanted(0.0 if span is None else time - span.start)
         before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
         frames = pose_frames(skill.after(model, before, aim).xi.reshape(len(model.pose_rows), -1))
         frames[:, : model.dimension, 3] = skill.aims(model, aim)
@@ -141,6 +141,12 @@ class Scene:
         frames[~positions, :3, 3] = np.nan
         frames[~attitudes, :3, :3] = np.nan
         return frames
+
+    def _span_of(self, stage: int, time: float) -> Span | None:
+        """Return the last span of a stage that has begun at a time [s], else its first; None of one never reached."""
+        spans = [span for span in self.run.spans if span.index == stage]
+        begun = [span for span in spans if span.start <= time]
+        return begun[-1] if begun else spans[0] if spans else None
 
     def paths(self, since: float, time: float) -> np.ndarray:
         """Return the paths of base and end-effectors (1 + arms, ., 3) [m] between two times [s]."""
@@ -173,8 +179,8 @@ class Scene:
 
     def switches(self) -> list[tuple[float, str]]:
         """Return when stages ended [s], and what to call that."""
-        ended = [span for span in self.run.spans if np.isfinite(self.run.stages["switch_time"][span.index])]
-        return [(span.end, f"{readable(span.name)} ends") for span in ended]
+        names = self.run.stage_names
+        return [(time, f"{readable(names[index])} ends") for index, time in self.run.switches]
 
     def key_instants(self) -> list[tuple[float, str]]:
         """Return start, early starts, switches, loss of the object and end of the run [s] with their names, by time.

@@ -16,11 +16,13 @@ class Recorded:
         task: The task that is run.
         knows_ticks: Whether the true state is known at every tick.
         is_simulated: Whether psmpc simulates the plant, and knows what disturbs it and what becomes of the object.
+        changes_targets: Whether targets of stages may change while it runs.
     """
 
     task: Task
     knows_ticks: bool
     is_simulated: bool
+    changes_targets: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,8 @@ COMMANDED_AT_TICKS = Condition(
 CLEARANCE = Condition(
     "where the task keeps clear", lambda recorded: recorded.task.spec.keeps_clear and recorded.knows_ticks
 )
+TRIES = Condition("where a stage has if_missed", lambda recorded: recorded.task.spec.tries_again)
+TARGETS_CHANGE = Condition("where targets may change while it runs", lambda recorded: recorded.changes_targets)
 ROUTES = Condition("where the task has routes", lambda recorded: recorded.task.spec.routes is not None)
 TASK_INPUT = Condition("where a skill has input: task", lambda recorded: recorded.task.spec.acts_in_task_space)
 FREE_END = Condition("with one_stage: free_end", _has_free_end)

@@ -1,7 +1,8 @@
 """A whole run in memory, from its log or straight from a simulation."""
 
 import csv
-from collections.abc import Iterable, Mapping
+import json
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from io import StringIO
@@ -27,6 +28,8 @@ from psmpc_cli.logs.files import (
 from psmpc_cli.logs.schema import (
     COLUMN_UNITS,
     COMPARISON,
+    KEEP_GOING,
+    NEW_TARGETS,
     Q_COORDINATE,
     RUN,
     Column,
@@ -37,6 +40,7 @@ from psmpc_cli.logs.schema import (
     units_of_columns,
 )
 from psmpc_cli.logs.summary import Summary, early_starts
+from psmpc_cli.logs.verdicts import returns_of
 from psmpc_cli.logs.walk import RUNS, misfit
 from psmpc_cli.logs.write import create_log
 from psmpc_cli.ocp.problem import ObjectState, Problem, build_problem
@@ -65,11 +69,12 @@ ATTRIBUTES: Mapping[str, type] = {
 
 @dataclass(frozen=True)
 class Span:
-    """The time in which a stage was the current one [s].
+    """The time in which a stage was the current one [s]; a stage to which the sequence returned has several.
 
     Attributes:
         index, name: The stage.
-        start, end: First and last instant; the end of the run for a stage that the run did not end.
+        start, end: First and last instant; for a stage that did not end, the end of the run, or when the sequence
+            returned to an earlier stage.
         early: Its actual start if that lies before `start` and it goes on acting (`early_starts`), else None.
     """
 
@@ -127,6 +132,21 @@ class Motion:
         for first in quaternions if self.Q.shape[1] > self.v.shape[1] else ():
             found[:, first : first + 4] /= np.linalg.norm(found[:, first : first + 4], axis=1, keepdims=True)
         return found
+
+
+@dataclass(frozen=True)
+class ChangeOfTarget:
+    """A stage has another target from a sample on.
+
+    Attributes:
+        time: Of the sample [s].
+        stage: Name of the stage.
+        target: The target as a task file has it.
+    """
+
+    time: float
+    stage: str
+    target: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,6 +252,11 @@ class Run:
         return {"time": self["final/end_time"], "Q": Q, "v": v, "xi": self["final/xi"]}
 
     @property
+    def keeps_going(self) -> bool:
+        """Whether a mission that could no longer succeed went on, as all did before logs had an attribute for it."""
+        return bool(self.attributes.get(KEEP_GOING, True))
+
+    @property
     def has_plans(self) -> bool:
         """Whether the run has plans, see `plan`."""
         return "plan/solution" in self.arrays
@@ -275,6 +300,46 @@ class Run:
         return build_problem(self.task)
 
     @cached_property
+    def changes_of_targets(self) -> tuple[ChangeOfTarget, ...]:
+        """The targets that changed while the run went on, by time.
+
+        Raises:
+            LogError: The log does not say them as it should.
+        """
+        try:
+            return tuple(ChangeOfTarget(**each) for each in json.loads(self.attributes.get(NEW_TARGETS, "[]")))
+        except (TypeError, ValueError):
+            wanted = "a list of mappings with time, stage and target"
+            raise LogError(f"{self.path}: attribute {NEW_TARGETS}: expected {wanted}") from None
+
+    @property
+    def new_targets(self) -> Callable[[float], dict[str, Any]] | None:
+        """What tells at each sample which targets changed then, as `simulate` takes it; None where none could."""
+        if NEW_TARGETS not in self.attributes:
+            return None
+        return lambda time: {each.stage: each.target for each in self.changes_of_targets if each.time == time}
+
+    def problem_at(self, time: float) -> Problem:
+        """Return the problem with the targets that were in force at a time [s].
+
+        Raises:
+            LogError: As for `task`; or a target is none of its stage.
+        """
+        count = sum(each.time <= time for each in self.changes_of_targets)
+        return self._problems[count]
+
+    @cached_property
+    def _problems(self) -> tuple[Problem, ...]:
+        """The problem of the task, and with each of the changes of targets up to one."""
+        problems = [self.problem]
+        for each in self.changes_of_targets:
+            try:
+                problems.append(problems[-1].retargeted(each.stage, each.target))
+            except SpecError as error:
+                raise LogError(f"{self.path}: attribute {NEW_TARGETS}: {error}") from None
+        return tuple(problems)
+
+    @cached_property
     def motion(self) -> Motion:
         """The motion at the samples and at the end of the run.
 
@@ -296,34 +361,63 @@ class Run:
         Raises:
             LogError: The run has no samples; or as for `task`.
         """
-        spans: list[Span] = []
+        earlier = self._spans_of_earlier_tries
         end = self.motion.end
-        start = float(self.time[0])
+        start = earlier[-1].end if earlier else float(self.time[0])
+        first = int(self["window/first"][returns_of(self.arrays)[-1]]) if earlier else 0
         stages = self.stages
         starts_early = early_starts(self.arrays, self.task.spec.onset.epsilon)
-        for index, name in enumerate(self.stage_names):
+        spans: list[Span] = []
+        for index, name in list(enumerate(self.stage_names))[first:]:
             actual, switch = (float(stages[key][index]) for key in ("actual_start", "switch_time"))
             early = actual if index and starts_early[index] and actual < start else None
             if spans and start >= end and early is None:
                 break
             spans.append(Span(index, name, start, switch if np.isfinite(switch) else end, early))
             start = spans[-1].end
+        return (*earlier, *spans)
+
+    @cached_property
+    def _spans_of_earlier_tries(self) -> tuple[Span, ...]:
+        """The stages up to the last return to an earlier stage, in order, without early starts.
+
+        The last stage before a return ends with it: one that was not yet current at any sample has none.
+        """
+        spans: list[Span] = []
+        begin = 0
+        for sample in returns_of(self.arrays):
+            ends = np.fmax.reduce(self["window/ended_at"][begin : sample + 1], axis=0, initial=np.nan)
+            stages = np.unique(self["window/first"][begin:sample]).tolist()
+            for index in stages:
+                start = spans[-1].end if spans else float(self.time[0])
+                end = float(self.time[sample] if index == stages[-1] else ends[index])
+                spans.append(Span(index, self.stage_names[index], start, end, None))
+            begin = sample
         return tuple(spans)
 
     @cached_property
-    def followed(self) -> tuple[Stage, ...]:
-        """The stages of the problem, with targets relative to an object with a mass where that object was over time."""
-        starts = {span.index: span.start for span in self.spans}
+    def switches(self) -> tuple[tuple[int, float], ...]:
+        """Index and switch time [s] of each stage that ended, as often as it did, in order."""
+        first_of_last_try = max(returns_of(self.arrays), default=0)
+        rows = self.arrays.get("window/ended_at", np.zeros((0, 0)))[: first_of_last_try + 1]
+        ends = self.stages["switch_time"]
+        in_last_try = [(index, float(ends[index])) for index in np.flatnonzero(np.isfinite(ends)).tolist()]
+        in_earlier = {(index, float(rows[row, index])) for row, index in np.argwhere(np.isfinite(rows)).tolist()}
+        return tuple(sorted({*in_earlier, *in_last_try}, key=lambda switch: (switch[1], switch[0])))
 
-        def following_the_object(stage: Stage) -> Stage:
-            if not stage.on_object or "object/pose" not in self or len(self.time) < 2 or stage.index not in starts:
-                return stage
-            states = zip(self["object/pose"], self["object/velocity"], strict=True)
-            values = np.array([stage.unplaced_copy().at_object(*state).target for state in states])
-            path = Trajectory(self.time - starts[stage.index], values, tuple(stage.attitudes.values()))
-            return replace(stage, reference=path)
+    def followed(self, span: Span) -> Stage:
+        """Return the stage of a span, with the target it had at its end.
 
-        return tuple(map(following_the_object, self.problem.stages))
+        Targets relative to an object with a mass are where it was since the span's start.
+        """
+        problem = self.problem_at(span.end)
+        stage = problem.stages[span.index]
+        if not stage.on_object or "object/pose" not in self or len(self.time) < 2:
+            return stage
+        states = zip(self["object/pose"], self["object/velocity"], strict=True)
+        values = np.array([stage.unplaced_copy().at_object(*state).target for state in states])
+        path = Trajectory(self.time - span.start, values, tuple(stage.attitudes.values()))
+        return replace(stage, reference=path)
 
     def object_state_at(self, time: float) -> ObjectState | None:
         """Return pose and velocity of an object with a mass at a time [s]; None where the log has no such object.
@@ -354,7 +448,7 @@ class Run:
         Raises:
             LogError: As for `task`.
         """
-        return Summary(self.arrays, self.attributes, self.problem)
+        return Summary(self.arrays, self.attributes, self.problem_at(np.inf))
 
     def plan(self, name: str, sample: int) -> Array:
         """Return one vector of a sample's solve: guess, guess_multipliers, parameters or solution.

@@ -31,8 +31,10 @@ from psmpc_cli.logs.conditions import (
     ROUTES,
     SLIDING_JOINTS,
     SPATIAL,
+    TARGETS_CHANGE,
     TASK_INPUT,
     TICKS,
+    TRIES,
     TRUE_STATE,
     UNCERTAIN,
     Condition,
@@ -369,6 +371,12 @@ SLIDING_PEAKS = {
 }
 """Units and meanings of the largest forces and commanded accelerations at ticks; the latter of joints that slide."""
 
+NEW_TARGETS = "new_targets"
+"""Attribute of logs of runs whose targets may change: those that did as JSON, with `time` [s], `stage` and `target`."""
+
+KEEP_GOING = "keep_going"
+"""Attribute of logs: whether a mission that could no longer succeed went on to its time limit."""
+
 SLIDING = "sliding"
 """Attribute of logs: the names of the joint coordinates that are lengths, after commas."""
 
@@ -541,6 +549,16 @@ SCHEMA = (
         "J_C was too near a singular one for the law in task space, and that in joint space acted",
         only=TASK_INPUT,
     ),
+    _event("retargeted", "a stage has another target since the sample before", only=TARGETS_CHANGE),
+    _event("missed", "grippers report that they missed or lost the object", only=TRIES),
+    _event("returned", "the sequence returned to an earlier stage, for another try", only=TRIES),
+    _by_stage(
+        "window/ended_at",
+        "s",
+        "switch time of a stage that ended since the sample before; NaN of the others",
+        lambda s: {switch.stage: switch.time for switch in s.command.switches},
+        only=TRIES,
+    ),
     _sampled("solver/status", "1", "outcome of the solve", lambda s: s.command.outcome.name.lower(), "S16"),
     _sampled("solver/warm", "1", "the solve started from the last solution, shifted", "command.solution.warm", "i1"),
     _sampled_count("solver/iterations", "1", "iterations of the solve", "command.iterations"),
@@ -638,7 +656,11 @@ SCHEMA = (
     # what does not grow
     _of_stage("stages/name", "1", "name of the stage", dtype="text"),
     _of_stage("stages/priority", "1", "priority omega of the stage"),
-    _of_stage("stages/switch_time", "s", "switch time that ends the stage; NaN if it never ended"),
+    _of_stage(
+        "stages/switch_time",
+        "s",
+        "switch time that ends the stage, the last time where it comes again; NaN if it never ended",
+    ),
     _of_stage("stages/actual_start", "s", "first sample at which the stage acts on the control; NaN if never"),
     _of_stage("stages/early", "1", "whether it acts before the stage before it has ended", dtype="i1", unknown=0),
     _column("stages/actual_start_by_epsilon", "s", "actual start for each threshold", dims=("stage", "stages/epsilon")),
@@ -660,18 +682,18 @@ SCHEMA = (
     _of_monitor("monitors/unit", "1", "unit of the signal and its margin", dtype="text"),
     _of_object("object/mass", "kg", "true mass of the object"),
     _of_object("object/inertia", "kg m^2", "its true inertia", dims=("object/moment",)),
-    _of_object("object/left_at", "s", "time at which the first gripper opened; NaN if none did"),
+    _of_object("object/left_at", "s", "time at which the first gripper opened in the last try; NaN if none did"),
     _of_object("object/left_pose", POSITION_UNITS, "pose of the object then", dims=("object_coordinate",)),
     _of_object("object/left_velocity", VELOCITY_UNITS, "velocity of the object then", dims=("object_axis",)),
     _of_object("final/object_pose", POSITION_UNITS, "pose of the object at the end", dims=("object_coordinate",)),
     _of_object("final/object_velocity", VELOCITY_UNITS, "its velocity at the end", dims=("object_axis",)),
-    _of_object("grasp/closed_at", "s", "when each gripper closed; NaN if never", dims=("gripper",)),
+    _of_object("grasp/closed_at", "s", "when each gripper closed in the last try; NaN if never", dims=("gripper",)),
     _miss_of_gripper(
         "grasp/missed_by",
         f"{POSITION_UNITS}, {VELOCITY_UNITS}",
-        "how far each gripper was from its grasp when it was to close",
+        "how far each gripper was from its grasp when it was to close, in the last try",
     ),
-    _of_object("grasp/opened_at", "s", "when each gripper opened; NaN if never", dims=("gripper",)),
+    _of_object("grasp/opened_at", "s", "when each gripper opened in the last try; NaN if never", dims=("gripper",)),
     _reason_of_opening(
         "grasp/lost", "1", "why it opened: 1 because of a load beyond its strength, 0 to let go, -1 if it did not"
     ),

@@ -7,11 +7,19 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS, sliding_of
-from psmpc_cli.logs.verdicts import Arrays, Verdict, position_of, summarize_clearance, verdicts, when_let_go
+from psmpc_cli.logs.verdicts import (
+    Arrays,
+    Verdict,
+    largest_loads,
+    position_of,
+    returns_of,
+    summarize_clearance,
+    verdicts,
+    when_let_go,
+)
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
-from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.parts import CoordinateUnits
 from psmpc_cli.specs.robot import Limits
 from psmpc_cli.specs.task import PublishedRun, TaskSpec
@@ -39,7 +47,8 @@ class StageSummary:
 
     Attributes:
         actual_start: A start that `early_starts` does not count is the switch time of the stage before.
-        duration: Time from the switch time of the stage before to its own [s].
+        duration: Time from the switch time of the stage before to its own [s]; of a stage to which the sequence
+            returned, from then on.
     """
 
     name: str
@@ -112,7 +121,7 @@ class Largest:
 
 
 class CaptureSummary:
-    """What became of an object with a mass; NaN where it never came to that.
+    """What became of an object with a mass, in the last try; NaN where it never came to that.
 
     Attributes:
         closed_at: When its last gripper closed [s].
@@ -136,7 +145,7 @@ class CaptureSummary:
             error = space.pose_error(pose, destination.pose)
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
-        self.loads = {load: float(np.max(arrays[f"grasp/{load}"], initial=0.0)) for load in GRASP_LOADS}
+        self.loads = largest_loads(arrays)
         self.lost: tuple[str, ...] = tuple(arrays["gripper"][arrays["grasp/lost"] == 1].tolist())
         self.left_at = float(arrays["object/left_at"])
         self.distance = float(np.linalg.norm(error[:dimension]))
@@ -161,6 +170,7 @@ class Summary:
         sample_time: Of the controller [s].
         solves, switching_solves: All solves, and those of windows with a switch.
         missed: Samples whose solve took longer than the sample time.
+        returned_at: When the sequence returned to an earlier stage, because the object was missed or lost [s].
         appended, postponed, failed_solves: How often each happened.
         unmeasured: Samples whose state was not measured, at least in part.
         basins: How often another guess of the switch times than the last plan's won; None if there was no other.
@@ -223,6 +233,7 @@ class Summary:
         has_switch = np.asarray(np.isfinite(arrays["window/instants"]).any(axis=1))
         self.switching_solves = _solves(arrays, has_switch)
         self.missed = int(np.sum(arrays["solver/wall_time"] > spec.controller.sample_time))
+        self.returned_at: tuple[float, ...] = tuple(time[list(returns_of(arrays))].tolist())
         self.appended, self.postponed, self.failed_solves, self.unmeasured = (
             int(arrays[f"events/{name}"].sum()) for name in ("appended", "postponed", "solve_failed", "unmeasured")
         )
@@ -337,8 +348,9 @@ def early_starts(arrays: Arrays, threshold: float) -> np.ndarray:
     more than `NO_SHARE`. One that acts at a single sample before the switch to it, and at no other, has no early start:
     nothing of it is left. Where its shares are not known, an early start stands as logged.
     """
-    switch_to = np.r_[0.0, arrays["stages/switch_time"][:-1]]
-    before = ~(arrays["time"][:, None] >= switch_to)  # also where the stage before has not ended
+    last_return = max(returns_of(arrays), default=0)
+    since = (np.arange(len(arrays["time"])) >= last_return)[:, None]
+    before = ~(arrays["time"][:, None] >= _beginnings(arrays)) & since  # also where the stage before has not ended
     share = np.where(before, arrays["window/share"], np.nan)
     presence = np.where(before, arrays["window/presence"], np.nan)
     acts = (share > NO_SHARE) | (presence >= threshold)
@@ -347,13 +359,25 @@ def early_starts(arrays: Arrays, threshold: float) -> np.ndarray:
     return np.asarray(arrays["stages/early"].astype(bool) & (goes_on | unknown))
 
 
+def _beginnings(arrays: Arrays) -> np.ndarray:
+    """Return when the stages begin, the last time where they come again (S,) [s]."""
+    after_another = np.r_[0.0, arrays["stages/switch_time"][:-1]]
+    begins = after_another.copy()
+    for sample in returns_of(arrays):
+        stage = int(arrays["window/first"][sample])
+        begins[stage:] = after_another[stage:]
+        begins[stage] = arrays["time"][sample]
+    return np.asarray(begins)
+
+
 def _stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[StageSummary, ...]:
     """Summarize the stages, each with the published values of the same controller."""
     switch_time = arrays["stages/switch_time"]
     early = early_starts(arrays, threshold)
     passing = arrays["stages/early"].astype(bool) & ~early
-    actual_start = np.where(passing, np.r_[0.0, switch_time[:-1]], arrays["stages/actual_start"])
-    duration = np.diff(switch_time, prepend=0.0)
+    begins = _beginnings(arrays)
+    actual_start = np.where(passing, begins, arrays["stages/actual_start"])
+    duration = switch_time - begins
     return tuple(
         StageSummary(
             name=str(name),
@@ -411,10 +435,13 @@ def _limits_dynamics(limits: Limits) -> bool:
 
 
 def _closing_samples(arrays: Arrays) -> tuple[int, ...]:
-    """Return the samples from which on, until the next one, a gripper closes."""
-    closed_at = arrays.get("grasp/closed_at", np.zeros(0))
-    closed = closed_at[np.isfinite(closed_at)]
-    return tuple(np.unique(np.searchsorted(arrays["time"], closed, side="right") - 1).tolist())
+    """Return the samples from which on, until the next one, a gripper closes, in the last try and in those before."""
+    if "grasp/closed_at" not in arrays:
+        return ()
+    closed_at = arrays["grasp/closed_at"]
+    last_try = np.searchsorted(arrays["time"], closed_at[np.isfinite(closed_at)], side="right") - 1
+    closes = (np.diff(arrays["grasp/closed"].astype(int), axis=0) > 0).any(axis=1)
+    return tuple(np.union1d(last_try, np.flatnonzero(closes)).tolist())
 
 
 def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:

@@ -147,6 +147,17 @@ def judge_touch(arrays: Arrays) -> Verdict:
     )
 
 
+def returns_of(arrays: Arrays) -> tuple[int, ...]:
+    """Return the samples at which the sequence returned to an earlier stage."""
+    return tuple(np.flatnonzero(arrays.get("events/returned", np.zeros(0))).tolist())
+
+
+def largest_loads(arrays: Arrays) -> dict[str, float]:
+    """Return the largest filtered loads on a grasp in the last try, by `GRASP_LOADS`."""
+    last_try = slice(max(returns_of(arrays), default=0), None)
+    return {load: float(np.max(arrays[f"grasp/{load}"][last_try], initial=0.0)) for load in GRASP_LOADS}
+
+
 def when_let_go(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.ndarray]:
     """Return when the object left the grippers [s], and its pose and velocity then; of one held to the end, its end."""
     left = float(arrays["object/left_at"])
@@ -179,7 +190,7 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
     lost = arrays["grasp/lost"] == 1
     lost_at = float(np.min(arrays["grasp/opened_at"][lost])) if lost.any() else np.nan
     pulled_open = f"{', '.join(arrays['gripper'][lost])} pulled open at {lost_at:.1f} s" if lost.any() else ""
-    loads = {load: float(np.max(arrays[f"grasp/{load}"], initial=0.0)) for load in GRASP_LOADS}
+    loads = largest_loads(arrays)
     strength = dict(zip(GRASP_LOADS, grasp.largest_loads, strict=True))
     yield Verdict(
         name=ObjectCheck.NOT_LOST.value,

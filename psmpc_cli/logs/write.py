@@ -120,6 +120,11 @@ class LogWriter:
             self._file[path][...] = value
         self._changed = True
 
+    def update_attributes(self, attributes: Mapping[str, str]) -> None:
+        """Set attributes of the log; they are in the file with the next write."""
+        self._file.attrs.update(attributes)
+        self._changed = True
+
     def finish(self, finished: bool, reason: str, values: Mapping[str, ArrayLike], stuck: bool = False) -> None:
         """Write how the run ended, and what is known then of datasets that do not grow.
 

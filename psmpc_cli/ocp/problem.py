@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.low_level import LowLevelLaw, low_level_law
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.load import Task
+from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.object import ObjectBody, OnObject
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, rows, stack
@@ -90,6 +91,21 @@ class Problem:
     def held_stages(self) -> range:
         """The stages in which grippers hold an object with a mass; none without one."""
         return self.spec.carrying_stages
+
+    def retargeted(self, stage: str, target: Any) -> "Problem":
+        """Return the problem of the same task with another target of a stage; robot and functions are the same.
+
+        Args:
+            stage: Name of the stage.
+            target: Its target, as a task file has it.
+
+        Raises:
+            SpecError: The target is none of the stage; the message is that about the task's file.
+        """
+        before = self.task
+        changes = {f"stages.{stage}.target": target}
+        task = parse_task(before.task_yaml, before.robot_yaml, before.spec.name, changes)
+        return replace(self, task=task, stages=build_stages(task.spec, task.robot, self.model))
 
     @cached_property
     def limits_are_soft(self) -> bool:

@@ -283,6 +283,11 @@ class Capture:
         pose, v = self.pose_and_velocity
         return np.array([*self.body.momentum(pose, v), self.body.kinetic_energy(v)])
 
+    @property
+    def holding(self) -> dict[str, bool]:
+        """What grippers report, by arm: whether each holds the object; nothing while they are open."""
+        return dict(zip(self.law.grippers, self.closed.tolist(), strict=True)) if self._wanted else {}
+
     def measured(self, sample: int) -> np.ndarray:
         """Return the pose that is measured at a sample, (3,) or (7,)."""
         noise = self._task.uncertainty.noise

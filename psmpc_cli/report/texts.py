@@ -10,6 +10,7 @@ from psmpc_cli.logs.numbers import EMPTY, TIME, number, with_unit
 from psmpc_cli.logs.schema import EFFORT_UNITS, PEAKS, SLIDING_PEAKS
 from psmpc_cli.logs.summary import FAR_BEYOND, WARNED_OF, CaptureSummary, Largest, SolveSummary, Summary
 from psmpc_cli.logs.verdicts import NearestParts, Verdict
+from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.task import NOTHING_TOUCHED
 
@@ -153,6 +154,14 @@ def _condition(summary: Summary) -> str:
     return "" if largest is None else f"{number(largest.value)} at {number(largest.time, 0.1)} s"
 
 
+def _returns(returned_at: Sequence[float]) -> str:
+    """Write how often and when the sequence returned to an earlier stage to try again."""
+    if not returned_at:
+        return ""
+    times = ", ".join(f"{number(time, 0.1)} s" for time in returned_at)
+    return f"{counted(len(returned_at), 'time', 'times')}: at {times}"
+
+
 def _nearest(parts: NearestParts) -> str:
     """Write how near two parts came to each other, when, and how far that is from what the task keeps."""
     return (
@@ -274,6 +283,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("farthest off the plan in a sample", lambda run: _largest(*run.off_plan), shown=Shown.NOWHERE),
     Measure("end error over tolerance, at switches", lambda run: _largest(run.end_condition)),
     Measure("end error over tolerance, at the end", _end_errors, shown=Shown.NOWHERE),
+    Measure("grasp tried again", lambda run: _returns(run.returned_at), shown=BOTH),
     Measure("grippers from their grasps at closing", lambda run: _of_object(run, _closing_error)),
     Measure("largest filtered loads on a grasp", lambda run: _of_object(run, _loads)),
     Measure("object leaves the grippers", lambda run: _of_object(run, _departure), shown=BOTH),

@@ -39,7 +39,6 @@ const attitudeAt = (run) => (run.robot.spatial ? 3 : -1);
 const coordinates = (run, t) => interpolated(run.time.array, (i) => run.Q.row(i), t, attitudeAt(run));
 const endOf = (run) => run.time.array.at(-1);
 const sampleAt = (run, t) => before(run.samples.array, t);
-const ending = (stage) => stage.end !== undefined;
 
 function planned(run, t) { // the stages that are to end, and when, as the sample at or before t planned it
   return Array.from(run.instants.row(sampleAt(run, t)), (time, s) => [s, time]).filter(([, time]) => time >= t - 1e-9);
@@ -491,7 +490,7 @@ function openPlots() {
 function shadeStages(u, run) {
   const { ctx, bbox } = u, at = (t) => u.valToPos(t, "x", true);
   ctx.save();
-  for (const stage of run.stages.filter(ending)) {
+  for (const stage of run.spans) {
     ctx.globalAlpha = 0.22;
     ctx.fillStyle = stage.color;
     ctx.fillRect(at(stage.start), bbox.top, at(stage.end) - at(stage.start), bbox.height);
@@ -533,7 +532,7 @@ function openTimeline() {
       const step = [1, 2, 5, 10, 20, 50, 100].find((s) => span() / s <= 12) || 500;
       for (let t = 0; t <= span() - step / 3; t += step) element(row, "span", "tick", String(t)).style.left = percent(t);
     }
-    for (const { name, start, end, early, color } of run.stages.filter(ending)) {
+    for (const { name, start, end, early, color } of run.spans) {
       if (end > start) {
         const band = element(row, "div", "band", name);
         Object.assign(band.style, { left: percent(start), width: percent(end - start), background: color });
@@ -550,8 +549,8 @@ function openTimeline() {
 }
 
 function describe(run, t) {
-  const current = run.stages.filter((stage) => ending(stage) && stage.start <= t + 1e-9 && stage.end > stage.start).pop();
-  const early = run.stages.filter((stage) => ending(stage) && stage.early !== null && stage.early <= t + 1e-9 && t < stage.start - 1e-9);
+  const current = run.spans.filter((stage) => stage.start <= t + 1e-9 && stage.end > stage.start).pop();
+  const early = run.spans.filter((stage) => stage.early !== null && stage.early <= t + 1e-9 && t < stage.start - 1e-9);
   const ends = planned(run, t).map(([s, time]) => `${run.stages[s].name} to end at ${time.toFixed(2)} s`);
   const lost = run.object && run.object.lost !== null && t >= run.object.lost ? ["object lost"] : [];
   return [current && current.name, ...early.map((stage) => `${stage.name} already acts`), ...ends, ...lost].filter(Boolean).join(" · ");

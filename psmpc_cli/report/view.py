@@ -101,7 +101,9 @@ def _run_data(name: str, run: Run) -> Json:
     frames = _evenly_chosen(len(motion.time), MAX_FRAMES)
     samples = _evenly_chosen(len(run.time), MAX_PLANS)
     time = motion.time[frames]
-    spans = {span.index: {"start": span.start, "end": span.end, "early": span.early} for span in run.spans}
+    stages = [
+        {"name": style.words_of(stage), "color": stage_color(number)} for number, stage in enumerate(run.stage_names)
+    ]
     return {
         "name": name,
         "mission": describe_mission(run.summary()),
@@ -109,9 +111,9 @@ def _run_data(name: str, run: Run) -> Json:
         "robot": _robot(model, pieces_of(model.spec) if run.task.spec.keeps_clear else ()),
         "time": _pack(time, "f8"),
         "Q": _pack(motion.Q[frames], "f8"),
-        "stages": [
-            {"name": style.words_of(stage), "color": stage_color(number), **spans.get(number, {})}
-            for number, stage in enumerate(run.stage_names)
+        "stages": stages,
+        "spans": [
+            {**stages[span.index], "start": span.start, "end": span.end, "early": span.early} for span in run.spans
         ],
         "samples": _pack(run.time[samples], "f8"),
         "instants": _pack(run["window/instants"][samples]),

@@ -104,6 +104,8 @@ class Meter:
         if contact is not None:
             change = change + contact.momentum_and_energy
         self._expected = self._expected + change
+        if "returned" in command.events:
+            self._counterfactuals.begin_again()
         pending = PendingSample(
             command=command,
             ticks=ticks,
@@ -273,7 +275,7 @@ class Meter:
         the object is then, not where it was foreseen. X are the states of the ticks in the chart of the sample (M + 1,
         2n).
         """
-        stages = self._problem.stages
+        stages = command.problem.stages
         chart = command.solution.window.chart
         Q, v = np.split(ticks.states[0], [self._problem.model.nq])
         errors = {
@@ -353,6 +355,11 @@ class Counterfactuals:
         self._builder = controller.law.builder
         self._last: dict[tuple[int, int], tuple[Plan, Solution]] = {}
         self._started: set[int] = set()
+
+    def begin_again(self) -> None:
+        """Forget plans and early starts: the sequence has returned to an earlier stage, and stages start anew."""
+        self._last.clear()
+        self._started.clear()
 
     def presence(self, command: Command) -> dict[int, float]:
         """Measure how much of each waiting stage is in the mean control over the sample, by stage index.
@@ -474,18 +481,28 @@ class StageClock:
     """Follows switch times and actual starts. Section "what is measured" of docs/formulation.md.
 
     The actual start of a stage is the first sample at which its presence in the control reaches a threshold; a stage
-    that never does so before its time starts at the switch time that ends the stage before it.
+    that never does so before its time starts at the switch time that ends the stage before it. Of a stage that comes
+    again, because the object was missed or lost, the last time counts.
     """
 
     def __init__(self, stages: int, onset: OnsetSpec) -> None:
         self.thresholds = np.array([*onset.series, onset.epsilon])
         self.switch_time = np.full(stages, np.nan)
         self._early = np.full((stages, len(self.thresholds)), np.nan)
+        self._begins_again = np.full(stages, np.nan)
 
     def update(self, sample: Sample) -> bool:
         """Take in a sample; return whether anything changed."""
-        self.end(sample.command.switches)
-        changed = bool(sample.command.switches)
+        command = sample.command
+        self.end(command.switches)
+        changed = bool(command.switches)
+        if "returned" in command.events:
+            stages_again = slice(command.sequence.first, None)
+            self.switch_time[stages_again] = np.nan
+            self._early[stages_again] = np.nan
+            self._begins_again[stages_again] = np.nan
+            self._begins_again[command.sequence.first] = command.time
+            changed = True
         for stage, presence in sample.presence.items():
             starts = (presence >= self.thresholds) & np.isnan(self._early[stage])
             self._early[stage, starts] = sample.command.acts_at
@@ -500,7 +517,8 @@ class StageClock:
     @property
     def tables(self) -> dict[str, np.ndarray]:
         """The times as known so far, by their paths in the log."""
-        regular = np.r_[0.0, self.switch_time[:-1]]
+        after_another = np.r_[0.0, self.switch_time[:-1]]
+        regular = np.where(np.isnan(self._begins_again), after_another, self._begins_again)
         starts = np.where(np.isnan(self._early), regular[:, None], self._early)
         return {
             "stages/switch_time": self.switch_time.copy(),
@@ -511,17 +529,31 @@ class StageClock:
 
 
 class GraspRecord:
-    """Follows the grasps of a run: when, and how near, each closed, when and why it opened, where the object was."""
+    """Follows the grasps of a run: when, and how near, each closed, when and why it opened, where the object was.
+
+    Each time the grippers are to close the record begins anew, so that at the end it is that of the last try.
+    """
 
     def __init__(self, capture: Capture) -> None:
-        grippers = list(capture.law.grippers)
-        none = np.full(len(capture.law.grippers), np.nan)
-        self._grippers = grippers
-        self.tables: dict[str, np.ndarray] = {
-            "grasp/closed_at": none.copy(),
-            "grasp/missed_by": np.full((len(grippers), len(MISSED_BY)), np.nan),
-            "grasp/opened_at": none.copy(),
-            "grasp/lost": np.full(len(grippers), -1),
+        self._grippers = list(capture.law.grippers)
+        self._tried_at = np.nan
+        self._none = {
+            "object/left_at": np.array(np.nan),
+            "object/left_pose": np.full_like(capture.pose_and_velocity[0], np.nan),
+            "object/left_velocity": np.full_like(capture.pose_and_velocity[1], np.nan),
+        }
+        self.tables = self._untried
+
+    @property
+    def _untried(self) -> dict[str, np.ndarray]:
+        """What the record holds before the grippers are to close."""
+        count = len(self._grippers)
+        return {
+            "grasp/closed_at": np.full(count, np.nan),
+            "grasp/missed_by": np.full((count, len(MISSED_BY)), np.nan),
+            "grasp/opened_at": np.full(count, np.nan),
+            "grasp/lost": np.full(count, -1),
+            **self._none,
         }
 
     def update(self, sample: Sample) -> bool:
@@ -529,8 +561,11 @@ class GraspRecord:
         target_object = sample.ticks.target_object
         if target_object is None:
             return False
-        tables = self.tables
         for event in target_object.events:
+            if event.what in ("closed", "missed") and event.time != self._tried_at:
+                self.tables = self._untried
+                self._tried_at = event.time
+            tables = self.tables
             i = self._grippers.index(event.gripper)
             if event.what in ("closed", "missed"):
                 tables["grasp/missed_by"][i] = event.values
@@ -539,7 +574,7 @@ class GraspRecord:
             elif event.what != "missed":
                 tables["grasp/opened_at"][i] = event.time
                 tables["grasp/lost"][i] = event.what == "lost"
-                if "object/left_at" not in tables:
+                if np.isnan(tables["object/left_at"]):
                     tick = int(np.argmin(np.abs(sample.ticks.time - event.time)))
                     tables["object/left_at"] = np.array(event.time)
                     tables["object/left_pose"] = target_object.pose[tick]

@@ -1,5 +1,6 @@
 """What is recorded of a closed loop: the log of `simulate`, and that of a loop of one's own."""
 
+import json
 import logging
 from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
@@ -7,6 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +21,7 @@ from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.logs.conditions import TRUE_STATE, Recorded
 from psmpc_cli.logs.run import Run, read_run, run_in
-from psmpc_cli.logs.schema import MOMENTUM, Q_COORDINATE, SLIDING, Sample, conditions_of
+from psmpc_cli.logs.schema import KEEP_GOING, MOMENTUM, NEW_TARGETS, Q_COORDINATE, SLIDING, Sample, conditions_of
 from psmpc_cli.logs.verdicts import verdicts
 from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.native.library import Library, compile_all, describe_compiler, describe_processor
@@ -59,6 +61,8 @@ class RecordedLoop:
         plant_kind: Name of the plant in the log.
         knows_ticks: The true state is known at every tick.
         is_simulated: psmpc simulates the plant.
+        keep_going: A mission that can no longer succeed goes on to its time limit.
+        changes_targets: Targets of stages may change while it runs.
     """
 
     problem: Problem
@@ -70,11 +74,13 @@ class RecordedLoop:
     plant_kind: str
     knows_ticks: bool = True
     is_simulated: bool = True
+    keep_going: bool = False
+    changes_targets: bool = False
 
     @property
     def recorded(self) -> Recorded:
         """What decides which datasets the log has."""
-        return Recorded(self.problem.task, self.knows_ticks, self.is_simulated)
+        return Recorded(self.problem.task, self.knows_ticks, self.is_simulated, self.changes_targets)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +143,17 @@ def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch
     stages = loop.problem.stages
     clock = StageClock(len(stages), loop.problem.spec.onset)
     records = (clock,) if loop.capture is None else (clock, GraspRecord(loop.capture))
+    targets = list[dict[str, Any]]()
     try:
         writer.update(clock.tables)
         while isinstance(sample := _next(samples), Sample):
             writer.write(sample)
+            if sample.command.new_targets:
+                targets += [
+                    {"time": sample.command.time, "stage": stage, "target": target}
+                    for stage, target in sample.command.new_targets
+                ]
+                writer.update_attributes({NEW_TARGETS: json.dumps(targets)})
             for kept in records:
                 if kept.update(sample):
                     writer.update(kept.tables)
@@ -199,6 +212,12 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
     if "postponed" in command.events:
         name = stages[command.sequence.last + 1].name
         logger.info("%.2f s: %s was seen but could not be solved for yet", command.time, name)
+    for stage, _ in command.new_targets:
+        logger.info("%.2f s: %s has another target", command.time, stage)
+    if "missed" in command.events:
+        back_to = stages[command.sequence.first].name
+        then = f"back to {back_to}" if "returned" in command.events else "there is no other try"
+        logger.warning("%.2f s: grippers missed or lost the object; %s", command.time, then)
     braking = "braking" in command.events
     goes_on = "the robot brakes to rest" if braking else "the shifted plan goes on"
     if "unmeasured" in command.events:
@@ -241,6 +260,8 @@ def header(loop: RecordedLoop) -> Header:
             "onset": task.onset.kind,
             SLIDING: ", ".join(name for name in labels(loaded.robot, "joint") if name in loaded.robot.sliding),
             "seed": task.seed,
+            KEEP_GOING: loop.keep_going,
+            **({NEW_TARGETS: "[]"} if loop.changes_targets else {}),
             "digest": loaded.digest,
             "task_yaml": loaded.task_yaml,
             "robot_yaml": loaded.robot_yaml,
@@ -323,18 +344,18 @@ class Recorder:
         self._commands.append(command)
         self._ticks.append(ticks)
 
-    def run(self, reason: str = "the loop ended") -> Run:
+    def run(self, reason: str | None = None) -> Run:
         """Measure what was recorded and return the run, in memory.
 
         The run ends where its last stage does; commands after that are left out.
 
         Args:
-            reason: Why the loop ended, if it did so before the last stage.
+            reason: Why the loop ended, if it did so before the last stage; by default the controller's `failure`.
 
         Raises:
             InputError: There is no command yet, or some have ticks and others none.
         """
-        require("reason", reason, str, "a text")
+        require("reason", reason, (str, type(None)), "a text, or None")
         if not self._commands:
             raise InputError("found no command, expected at least one: Recorder.add(command)")
         knows_ticks = self._ticks[0] is not None
@@ -351,8 +372,9 @@ class Recorder:
             plant_kind=OWN_LOOP,
             knows_ticks=knows_ticks,
             is_simulated=False,
+            changes_targets=any(command.new_targets for command in self._commands),
         )
-        return record(loop, self._samples(loop, reason))
+        return record(loop, self._samples(loop, reason or self._controller.failure or "the loop ended"))
 
     def _samples(self, loop: RecordedLoop, reason: str) -> Samples:
         """Yield the samples as `closed_loop` does, and return how the loop ended."""

@@ -39,7 +39,7 @@ def logged_solve(run: Run, sample: int) -> Solution:
     vectors = (run.plan(name, sample) for name in ("parameters", "guess", "solution", "guess_multipliers"))
     record, guess, solution, duals = vectors
     try:
-        window = read_window(run.problem, _frame(run, sample), record)
+        window = read_window(run.problem_at(float(run.time[sample])), _frame(run, sample), record)
         return Solution(
             outcome=Outcome[run["solver/status"][sample].upper()],
             plan=window.plan_of(solution),
@@ -183,7 +183,7 @@ def rerun(
         if log.interrupted and sample.number + 1 == samples:
             raise KeyboardInterrupt(str(log.attributes["end_reason"]) or "as far as the log goes")
 
-    again = simulate(log.task, path, watch_samples, force)
+    again = simulate(log.task, path, watch_samples, force, keep_going=log.keeps_going, new_targets=log.new_targets)
     stopped = again.interrupted and (len(again.time) < samples or not log.interrupted)
     return None if stopped else compare_runs(log, again)
 
@@ -207,7 +207,7 @@ def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sampl
     if not log.interrupted:
         reason = log.attributes["end_reason"]
         raise LogError(f"{log.path}: this run has ended ({reason}), so there is nothing to continue")
-    again = simulate(log.task, path, watch)
+    again = simulate(log.task, path, watch, keep_going=log.keeps_going, new_targets=log.new_targets)
     if again.interrupted:
         return None
     comparison = compare_runs(log, again)

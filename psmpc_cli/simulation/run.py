@@ -1,9 +1,9 @@
 """One run: the experiment that a task describes, and its closed loop."""
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -27,6 +27,15 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import TaskSpec
 
+NewTargets = Callable[[float], Mapping[str, Any]]
+"""Tells at the time of a sample [s] which targets are others from then on: by the names of their stages, as a task file
+has them; none most of the time."""
+
+
+def no_new_targets(time: float) -> Mapping[str, Any]:
+    """Return no targets: those of the task stay."""
+    return {}
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment(RecordedLoop):
@@ -35,10 +44,12 @@ class Experiment(RecordedLoop):
     Attributes:
         controller: The controller.
         plant: The physics.
+        new_targets: Tells at each sample which targets are others from then on.
     """
 
     controller: Controller
     plant: Plant
+    new_targets: "NewTargets" = no_new_targets
 
 
 def build_experiment(loaded: Task) -> Experiment:
@@ -129,7 +140,10 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         now = sample_number * sample_time
         measured = state if uncertainty is None else uncertainty.measured(sample_number, state)
         object_pose = None if capture is None else capture.measured(sample_number)
-        command = controller.step(now, State.of(measured), object_pose)
+        holding = None if capture is None else capture.holding
+        for name, target in experiment.new_targets(now).items():
+            controller.retarget(name, target, feasibility=False)
+        command = controller.step(now, State.of(measured), object_pose, holding)
         if (ending := _ending(experiment, command, state, braking_until, time_after_end)) is not None:
             return ending
         if any(switch.stage == until for switch in command.switches):
@@ -233,9 +247,15 @@ def _twist_rates(command: Command) -> np.ndarray:
 def _ending(
     experiment: Experiment, command: Command, state: np.ndarray, braking_until: float, time_after_end: float
 ) -> Ending | None:
-    """Return the ending if the run is over: last stage at its target, time limit, or at rest without a plan."""
+    """Return the ending if the run is over.
+
+    The last stage is at its target, the mission can no longer succeed, the robot is at rest without a plan, or the time
+    limit is reached.
+    """
     now = command.time
     switches = command.switches
+    if experiment.controller.failure and not experiment.keep_going:
+        return Ending(False, experiment.controller.failure, now, command.state, state, switches)
     if now >= experiment.controller.sequence.ended_at + time_after_end - 1e-9:
         return Ending(
             True, f"{experiment.problem.stages[-1].name} met its end condition", now, command.state, state, switches
@@ -256,8 +276,13 @@ def simulate(
     watch: Watch = lambda sample: None,
     force: bool = False,
     until: int | None = None,
+    keep_going: bool = False,
+    new_targets: NewTargets | None = None,
 ) -> Run:
     """Run a task in closed loop and return the run.
+
+    A run ends when its last stage does, at the time limit, or when the mission can no longer succeed: grippers missed
+    or lost the object, and the task declares no other try (`if_missed`) or all were used up.
 
     An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: it holds
     everything up to then, is not `finished`, and has no final time. Any other error of the watcher is raised; the log
@@ -269,8 +294,12 @@ def simulate(
         watch: Called with each sample.
         force: Overwrite an earlier log.
         until: Index of the stage at whose end the run stops; by default that of the task.
+        keep_going: Let a mission that can no longer succeed go on to its time limit.
+        new_targets: Called before each sample with its time [s]; returns the targets that change then, by name of the
+            stage, as `Controller.retarget` takes them; whether they are within reach is not checked.
 
     Raises:
+        SpecError: A new target is none of its stage.
         InputError: An argument is of another type, or the log exists already or cannot be written.
         RunError: The log could not be written any further.
     """
@@ -278,7 +307,15 @@ def simulate(
     path = None if path is None else as_path("path", path)
     require_callable("watch", watch, "a sample")
     require("force", force, bool, "True or False")
+    require("keep_going", keep_going, bool, "True or False")
+    if new_targets is not None:
+        require_callable("new_targets", new_targets, "a time")
     if until is not None:
         require_whole("until", until, least=0, most=len(task.spec.stages) - 1)
-    experiment = build_experiment(task)
+    experiment = replace(
+        build_experiment(task),
+        keep_going=keep_going,
+        changes_targets=new_targets is not None,
+        new_targets=new_targets or no_new_targets,
+    )
     return record(experiment, closed_loop(experiment, until), path, watch, force)

@@ -139,7 +139,8 @@ class Verification:
             yield from self._positions_and_velocities(
                 "", np.abs(plan.chart.entered(flow.states[-1:]) - plan.states_at(end)), end
             )
-        beyond = self._limit_violations(self._problem.stages[int(log["window/first"][sample])], flow)
+        stages = log.problem_at(float(log.time[sample])).stages
+        beyond = self._limit_violations(stages[int(log["window/first"][sample])], flow)
         yield from self._positions_and_velocities(" limit", beyond, flow.times)
         names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
         after = self._states[sample + 1]
@@ -149,12 +150,11 @@ class Verification:
             end,
             names,
         )
-        switch_times = log.stages["switch_time"]
+        switches = [switch for switch in log.switches if flow.times[0] + 1e-9 < switch[1] <= end[0] + 1e-9]
         chart = self._chart_at(flow.states[0])
-        for index in np.flatnonzero((switch_times > flow.times[0] + 1e-9) & (switch_times <= end + 1e-9)):
-            time = float(switch_times[index])
+        for index, time in switches:
             Q, v = chart.from_chart(state_at(flow.times, chart.entered(flow.states), time)[None])
-            stage = self._problem.stages[index]
+            stage = stages[index]
             object_state = log.object_state_at(time)
             yield self._end_error(*in_own_chart(self._model, stage, Q[0], v[0], object_state=object_state), time)
 

@@ -655,6 +655,36 @@ def _one_end(at: float | None, earlier_fields: Fields, context: Context) -> Rule
             yield (), expected(wanted, " and ".join(map(quoted, ends)) or "no end", at_key=True)
 
 
+class RetrySpec(Spec):
+    """Another try where grippers miss the object at the end of the stage, or lose it in the stage."""
+
+    back_to: _StageName = Field(description="the earlier stage to which the sequence returns")
+    times: fields.Whole = Field(1, ge=1, description="how often at most; then the mission ends")
+
+
+def _retry(retry: RetrySpec, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give another try of a stage that neither takes nor holds an object with a mass, and one from a later stage."""
+    target_object = mapping(context.file.value(("object",)))
+    if not target_object.get("mass"):
+        yield (), expected('an "object" with a mass', "no such object", at_key=True)
+        return
+    order = context.stages
+    name = earlier_fields.get("name")
+    taken_by, let_go_by = (target_object.get(key) for key in ("taken_by", "let_go_by"))
+    if not (name in order and taken_by in order):
+        return
+    let_go = order.index(let_go_by) if let_go_by in order else len(order)
+    if not order.index(taken_by) <= order.index(name) < let_go:
+        wanted = f"it in {quoted(taken_by)}, at whose end the object is taken, or in a stage that holds it"
+        yield (), expected(wanted, f"it in {quoted(name)}", at_key=True)
+        return
+    earlier = order[: min(order.index(name), order.index(taken_by) + 1)]
+    if retry.back_to in order and retry.back_to not in earlier:
+        where = f"an earlier stage that does not hold the object: {', '.join(map(quoted, earlier))}"
+        wanted = where if earlier else "a stage before the one that takes the object: there is none"
+        yield ("back_to",), expected(wanted, quoted(retry.back_to))
+
+
 class StageSpec(Spec):
     """One activation of a skill."""
 
@@ -675,6 +705,9 @@ class StageSpec(Spec):
     dwell: fields.NotNegative = Field(0.0, description="shortest duration, that of a trajectory at least [s]")
     onset: Annotated[_JointNames | None, validated_by(_has_control)] = Field(
         None, description="coordinates whose control marks the stage's actual start"
+    )
+    if_missed: fields.Sparse[Annotated[RetrySpec, validated_by(_retry)] | None] = Field(
+        None, description="another try where the object is missed at the stage's end, or lost in it; default none"
     )
     clearance: fields.Sparse[ClearanceSpec | None] = Field(
         None, description="how far apart bodies keep in this stage, instead of the task's"
@@ -743,6 +776,18 @@ def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], earlier_fields: Fields,
     for i, obstacle in enumerate(obstacles):
         if obstacle.name in taken:
             yield (i, "name"), expected(f"a name other than {', '.join(taken)}", quoted(obstacle.name))
+
+
+def _comes_again(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give tries that would repeat a stage with a fixed switch time."""
+    order = [stage.name for stage in stages]
+    for i, stage in enumerate(stages):
+        if stage.if_missed is None or stage.if_missed.back_to not in order:
+            continue
+        fixed = [other.name for other in stages[order.index(stage.if_missed.back_to) : i + 1] if other.at is not None]
+        if fixed:
+            found = f"{quoted(fixed[0])} with the fixed switch time {stages[order.index(fixed[0])].at:g} s"
+            yield (i, "if_missed", "back_to"), expected('stages with "ends_when" from there to here', found)
 
 
 def _instants(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
@@ -998,6 +1043,7 @@ class TaskSpec(Spec):
         Field(min_length=1),
         validated_by(partial(_own_names, "stages")),
         validated_by(_instants),
+        validated_by(_comes_again),
     ] = Field(description="the stages in their order")
     priorities: Annotated[PrioritiesSpec, validated_by(disagreements)] | None = Field(
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
@@ -1066,6 +1112,22 @@ class TaskSpec(Spec):
     def carrying_stages(self) -> range:
         """The stages in which grippers hold an object with a mass."""
         return self.held_stages if self.body.mass else range(0)
+
+    @property
+    def tries_again(self) -> bool:
+        """Whether the sequence returns to an earlier stage where the object is missed or lost in some stage."""
+        return any(stage.if_missed is not None for stage in self.stages)
+
+    def retry_after(self, stage: int) -> tuple[int, int]:
+        """Return to which stage the sequence returns where the object is missed at the end of a stage, or lost in it.
+
+        Returns:
+            The index of that stage, and how often at most; 0 times where the task declares none.
+        """
+        retry = self.stages[stage].if_missed
+        if retry is None:
+            return stage, 0
+        return [each.name for each in self.stages].index(retry.back_to), retry.times
 
     @property
     def acts_in_task_space(self) -> bool:

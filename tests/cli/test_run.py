@@ -13,6 +13,7 @@ from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.run import read_run
 from psmpc_cli.logs.schema import COMPARISON, MONTE_CARLO, PARETO, RUN, SWEEP
 
+from ..near_captures import UNKNOWN_DRIFT, near_capture
 from ..short_runs import TASK, there_and_back
 from .command import Psmpc, Ran, on_terminal, plain_text
 
@@ -104,6 +105,27 @@ def test_a_failed_mission_is_a_result(simulate: Psmpc, change: str, words: tuple
     assert ran.code == 0
     assert ran.stdout.startswith(words[0])
     assert all(word in ran.stdout for word in words)
+
+
+def test_a_mission_that_can_no_longer_succeed_ends_and_says_so_first(psmpc: Psmpc) -> None:
+    Path("near.yaml").write_text(near_capture(UNKNOWN_DRIFT, {"time_limit": 0.3}).task_yaml)
+    ran = psmpc("simulate", "near.yaml", "--no-figures")
+    assert ran.code == 0
+    assert ran.stdout.startswith("Mission failed: arm_1 and arm_2 missed the object at the end of capture, at 0.0 s")
+    flown = psmpc("simulate", "near.yaml", "--no-figures", "--keep-going", "-o", "flown.h5")
+    assert flown.code == 0
+    assert flown.stdout.startswith("Mission failed: time limit of 0.3 s reached")
+    assert psmpc("rerun", "flown.h5", "--strict").code == 0
+    refused = psmpc("simulate", "--continue", "flown.h5", "--keep-going")
+    assert refused.code == 2 and "--keep-going" in refused.stderr
+
+
+def test_a_task_file_is_followed_and_its_log_repeated(simulate: Psmpc, psmpc: Psmpc) -> None:
+    assert simulate("--follow", "--set", "solver.kind=sqp", "-o", "followed.h5").code == 0
+    assert read_run(Path("followed.h5")).new_targets is not None
+    assert "equal: all" in psmpc("rerun", "followed.h5", "--strict").stdout
+    refused = psmpc("simulate", "--continue", "followed.h5", "--follow")
+    assert refused.code == 2 and "--follow" in refused.stderr
 
 
 def test_a_run_that_cannot_go_on_says_why(simulate: Psmpc) -> None:

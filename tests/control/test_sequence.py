@@ -3,7 +3,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.sequence import MovingSequence, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import GraspFault, GraspProgress, MovingSequence, detect, drop_met, drop_passed
 from psmpc_cli.ocp.end import ByObject
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan, resting_plan
@@ -148,3 +148,37 @@ def test_an_end_that_no_window_plans_is_not_detected(stages: tuple[PlacedStage, 
     unplanned = (replace(stages[0], end=stages[0].end.unplanned()), *stages[1:])
     assert detect(sequence_of(0), unplanned, costs, arriving(1.0), 10) is None
     assert drop_met(sequence_of(0), unplanned, costs, 1.5, AT_TARGET)[0].first == 1
+
+
+HELD = range(2, 4)
+HANDS = ("arm_1", "arm_2")
+
+
+def test_what_grippers_report_counts_once_they_were_to_close() -> None:
+    """The object is held in stages 2 and 3; stage 2 began at 5 s, which is when the grippers closed."""
+    approaching, carrying = MovingSequence.of(1, 2.0), MovingSequence.of(2, 5.0)
+    empty = {"arm_1": True, "arm_2": False}
+    for sequence, time in ((approaching, 6.0), (carrying, 5.0), (MovingSequence.of(4, 5.0), 6.0)):
+        progress, fault = GraspProgress(is_taken=True).observed(sequence, HELD, HANDS, empty, time)
+        assert (progress.is_taken, fault) == (False, None)
+    _, fault = GraspProgress().observed(carrying, HELD, HANDS, empty, 5.1)
+    assert fault == GraspFault(("arm_2",), is_missed=True, stage=1, time=5.0)
+    assert fault.describe("capture", tries=1) == "arm_2 missed the object at the end of capture, at 5.0 s"
+    assert fault.describe("capture", tries=3).endswith(", in the last of 3 tries")
+
+
+def test_an_object_is_lost_that_every_gripper_has_held() -> None:
+    carrying = MovingSequence.of(3, 5.0)
+    some, none = GraspProgress().observed(carrying, HELD, HANDS, {"arm_1": True}, 5.1)
+    assert (some.is_taken, none) == (False, None)
+    taken, none = some.observed(carrying, HELD, HANDS, {"arm_1": True, "arm_2": True}, 5.2)
+    assert (taken.is_taken, none) == (True, None)
+    _, fault = taken.observed(carrying, HELD, HANDS, {"arm_1": False, "arm_2": False}, 5.3)
+    assert fault == GraspFault(HANDS, is_missed=False, stage=3, time=5.3)
+    assert fault.describe("carry", tries=1) == "arm_1 and arm_2 lost the object in carry, at 5.3 s"
+
+
+def test_an_object_that_is_taken_at_the_end_of_the_task_is_held_from_then_on() -> None:
+    ended = replace(MovingSequence.of(1, 2.0), ended_at=5.0)
+    assert ended.since_closing(range(2, 3)) == 5.0
+    assert MovingSequence.of(1, 2.0).since_closing(range(2, 3)) == np.inf

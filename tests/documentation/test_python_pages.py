@@ -17,6 +17,7 @@ DOCS = Path(__file__).parents[2] / "docs"
     ("page", "printed"),
     [
         ("python.md", "LogError"),
+        ("own_loop.md", "taken at try 2"),
         ("own_robot.md", "(20, 20)"),
         ("view.md", ""),
         ("record.md", "<Run of transport under psmpc: "),

@@ -63,8 +63,8 @@ def injected(fault: Fault) -> Iterator[Seen]:
         experiment = build(task)
         controller, step, advance = experiment.controller, experiment.controller.step, experiment.plant.advance
 
-        def faulty_step(time: float, state: State, object_pose: np.ndarray | None) -> Any:
-            return step(time, State.of(fault.measured(time, state.vector)), object_pose)
+        def faulty_step(time: float, state: State, *of_object: Any) -> Any:
+            return step(time, State.of(fault.measured(time, state.vector)), *of_object)
 
         def faulty_advance(start: float, x: np.ndarray, *rest: Any) -> Ticks:
             ticks = advance(start, x, *rest)

@@ -1,0 +1,77 @@
+"""A task file that is followed while its task runs: targets that change in the file change in the run."""
+
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from psmpc_cli.errors import PsmpcError
+from psmpc_cli.ocp.feasibility import load_task
+from psmpc_cli.specs.document import Changes
+from psmpc_cli.specs.load import Task
+
+logger = logging.getLogger(__name__)
+
+
+class FollowedTask:
+    """Reads a task file again whenever it has changed, and tells which targets are others.
+
+    Only targets may change. A file that is no valid task, or in which anything else has changed, is reported once, and
+    the targets stay as they were.
+    """
+
+    def __init__(
+        self, task: Task, path: Path, changes: Changes = (), report: Callable[[str], None] = logger.warning
+    ) -> None:
+        """Follow the file of a task.
+
+        Args:
+            task: The task as it was loaded.
+            path: Its file.
+            changes: Keys that were changed as it was loaded.
+            report: Takes a message about a change that does not count.
+        """
+        self._task = task
+        self._path = path
+        self._changes = changes
+        self._report = report
+        self._modified = self._modification()
+
+    def __call__(self, time: float) -> Mapping[str, Any]:
+        """Return the targets that have changed since the last call, by the names of their stages."""
+        modified = self._modification()
+        if modified in (self._modified, 0):  # a file that is not there is about to be replaced
+            return {}
+        self._modified = modified
+        goes_on = f"{time:.1f} s: {self._path} has changed and does not count, the run goes on with the old targets"
+        try:
+            task = load_task(self._path, self._changes)
+        except PsmpcError as error:
+            self._report(f"{goes_on}:\n{error}")
+            return {}
+        others = other_keys(self._task, task)
+        if others:
+            self._report(f"{goes_on}: found other values of {', '.join(others)}, expected other targets alone")
+            return {}
+        stages = zip(self._task.spec.stages, task.spec.stages, strict=True)
+        changed = [index for index, (before, after) in enumerate(stages) if before.target != after.target]
+        self._task = task
+        return {task.spec.stages[index].name: task.source.value(("stages", index, "target")) for index in changed}
+
+    def _modification(self) -> int:
+        """Return when the file was changed last [ns]; 0 where it is not there."""
+        try:
+            return self._path.stat().st_mtime_ns
+        except OSError:
+            return 0
+
+
+def other_keys(before: Task, after: Task) -> tuple[str, ...]:
+    """Return the keys at the top of two tasks that have other values, but for the targets of the same stages."""
+    dumps = [task.spec.model_dump() for task in (before, after)]
+    if [stage.name for stage in before.spec.stages] == [stage.name for stage in after.spec.stages]:
+        for stages in (dump["stages"] for dump in dumps):
+            for stage in stages:
+                stage["target"] = None
+    one, other = ({**dump, "robot": task.robot} for dump, task in zip(dumps, (before, after), strict=True))
+    return tuple(key for key in one if one[key] != other[key])

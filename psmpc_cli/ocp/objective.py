@@ -13,10 +13,11 @@ import numpy as np
 
 from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.end import MEASURES, OPEN, component_counts
-from psmpc_cli.ocp.loads import Load
+from psmpc_cli.ocp.loads import Load, OwnMotion
 from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape
 from psmpc_cli.robot import motion
+from psmpc_cli.robot.dynamics import FORWARD
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, product, rotate, scaled
@@ -37,10 +38,6 @@ LONG = 200
 """Operations from which on a function of a constraint is evaluated as a tape, and its subexpressions are as they come.
 
 In a large one looking for common subexpressions takes seconds and finds a few per cent."""
-
-FORWARD = {"helper_options": {"ad_weight": 0.0, "ad_weight_sp": 0.0}}
-"""Options of a Jacobian by the forward mode alone; of the forces of a held load it is a fifth shorter than the one that
-CasADi chooses, of other rows no longer."""
 
 
 def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], at_many: bool = True) -> BatchFunction:
@@ -231,6 +228,7 @@ class IntervalFunctions:
         argument: a, a symbol.
         rows: The rows at an end as an expression of all.
         ends: Where they stand: at the beginning, 0, the end, 1, or one after the other at both.
+        jacobian: What derives the rows' derivatives by [x; dv; h] (rows, 3n + 1). By default CasADi does.
 
     Attributes:
         is_nearly_redundant: Neighbouring rows nearly say the same.
@@ -238,10 +236,20 @@ class IntervalFunctions:
 
     is_nearly_redundant = True
 
-    def __init__(self, x: ca.SX, dv: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, ends: Sequence[int]) -> None:
+    def __init__(
+        self,
+        x: ca.SX,
+        dv: ca.SX,
+        h: ca.SX,
+        argument: ca.SX,
+        rows: ca.SX,
+        ends: Sequence[int],
+        jacobian: Callable[[], ca.SX] | None = None,
+    ) -> None:
         self._arguments = [x, dv, h, argument]
         self._rows = ca.densify(rows)
         self._ends = ends
+        self._derive = jacobian or (lambda: ca.jacobian(self._rows, ca.vertcat(x, dv, h), FORWARD))
         self.count = int(rows.numel()) * len(ends)
 
     @cached_property
@@ -252,9 +260,7 @@ class IntervalFunctions:
     @cached_property
     def _jacobian(self) -> BatchFunction:
         """x, dv, h, a -> the derivatives of r by [x; dv; h], row by row."""
-        x, dv, h, _ = self._arguments
-        jacobian = ca.jacobian(self._rows, ca.vertcat(x, dv, h), FORWARD)
-        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(jacobian)])
+        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(self._derive())])
 
     def expression(self, at: IntervalSymbols, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) of an interval."""
@@ -424,7 +430,9 @@ class StageFunctions:
         L = self._L + weighted_square(self._u, self._W_r)
         if self.shape.force_load is not None:
             anchor = self._target[self.anchor]
-            F = self.shape.force_load.own_force(self.model, self._Q, self._Qdot, self._u, anchor)
+            motion = OwnMotion.in_chart(self.model.space, self._Q, self._Qdot, self._u, anchor)
+            load = self.shape.force_load
+            F = load.kind.own_force(self.model, motion, ca.SX(load.numbers))
             L += weighted_square(F, self._W_F)
         arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F)]
         return BatchFunction(ca.Function("Lbar", arguments, ca.cse([L])), native=True)
@@ -571,7 +579,8 @@ def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
         dv = ca.SX.sym("dv", n)
         h = ca.SX.sym("h")
         anchor = ca.SX.sym("anchor", model.space.n_anchor)
-        F = load.own_force(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+        motion = OwnMotion.in_chart(model.space, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+        F = load.kind.own_force(model, motion, ca.SX(load.numbers))
         return IntervalFunctions(x, dv, h, anchor, F / ca.sqrt(h), ends=(0,))
 
     return model.cached((force_residual, load), build)

@@ -81,7 +81,21 @@ class LoadKind:
             F_by = held_force_jacobian(model, self.grippers)(*arguments, grasps, w, body)
         else:
             F_by = model.law_jacobian(*arguments, w)
-        return ca.SX(ca.cse(ca.sparsify(F_by) @ ca.jacobian(ca.vertcat(*arguments), by)))
+        return ca.SX(ca.sparsify(F_by) @ ca.cse(ca.jacobian(ca.vertcat(*arguments), by)))
+
+    def momentum(self, model: RobotModel) -> ca.Function:
+        """Return x (2n,) in a chart, its anchor, numbers -> momentum (n_twist,) of robot and payload. Paper eq. (4)."""
+
+        def build() -> ca.Function:
+            x = ca.SX.sym("x", 2 * model.n)
+            anchor = ca.SX.sym("anchor", model.space.n_anchor)
+            numbers = ca.SX.sym("numbers", self.count(model))
+            w, _, _ = self._split(model, numbers)
+            Q = model.space.charted_coordinates(x[: model.n], anchor)
+            v = model.space.charted_velocity(x[: model.n], x[model.n :])
+            return ca.Function("momentum", [x, anchor, numbers], ca.cse([model.dynamics.momentum(Q, v, w)]))
+
+        return model.cached((LoadKind.momentum, self), build)
 
     def _split(self, model: RobotModel, numbers: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return inertial parameters of the robot with the payload, grasps and object, those of nothing held empty."""
@@ -147,19 +161,6 @@ class Load:
     def parameters(self, model: RobotModel) -> InertialParameters:
         """Return the inertial parameters of the robot with the payload."""
         return model.nominal.holding(np.array(self.mass), np.array(self.inertia))
-
-    def momentum(self, model: RobotModel) -> ca.Function:
-        """Return x (2n,) in a chart, its anchor -> momentum (n_twist,) of robot and payload. Paper eq. (4)."""
-
-        def build() -> ca.Function:
-            x = ca.SX.sym("x", 2 * model.n)
-            anchor = ca.SX.sym("anchor", model.space.n_anchor)
-            Q = model.space.charted_coordinates(x[: model.n], anchor)
-            v = model.space.charted_velocity(x[: model.n], x[model.n :])
-            h = model.dynamics.momentum(Q, v, self.parameters(model).vector)
-            return ca.Function("momentum", [x, anchor], ca.cse([h]))
-
-        return model.cached((type(self).momentum, self), build)
 
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:

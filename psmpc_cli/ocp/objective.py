@@ -13,11 +13,10 @@ import numpy as np
 
 from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.end import MEASURES, OPEN, component_counts
-from psmpc_cli.ocp.loads import Load, OwnMotion
+from psmpc_cli.ocp.loads import LoadKind, OwnMotion
 from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape
 from psmpc_cli.robot import motion
-from psmpc_cli.robot.dynamics import FORWARD
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, product, rotate, scaled
@@ -249,7 +248,7 @@ class IntervalFunctions:
         self._arguments = [x, dv, h, argument]
         self._rows = ca.densify(rows)
         self._ends = ends
-        self._derive = jacobian or (lambda: ca.jacobian(self._rows, ca.vertcat(x, dv, h), FORWARD))
+        self._derive = jacobian or (lambda: ca.jacobian(self._rows, ca.vertcat(x, dv, h)))
         self.count = int(rows.numel()) * len(ends)
 
     @cached_property
@@ -406,6 +405,7 @@ class StageFunctions:
         self._W = ca.SX.sym("W", self.rows)
         self._W_r = ca.SX.sym("W_r", self.inputs)
         self._W_F = ca.SX.sym("W_F", 0 if shape.force_load is None else n)
+        self._load = ca.SX.sym("load", 0 if shape.force_load is None else shape.force_load.count(model))
         self._e = ca.densify(skill.error(model, self._Q, self._target[: self._numbers_of_skill]))
         self._L = weighted_square(self._e, self._W)
 
@@ -426,15 +426,14 @@ class StageFunctions:
 
     @cached_property
     def cost(self) -> BatchFunction:
-        """x, u, target, W, [W_r; W_F] -> Lbar."""
+        """x, u, target, W, [W_r; W_F], numbers of the load -> Lbar."""
         L = self._L + weighted_square(self._u, self._W_r)
         if self.shape.force_load is not None:
             anchor = self._target[self.anchor]
             motion = OwnMotion.in_chart(self.model.space, self._Q, self._Qdot, self._u, anchor)
-            load = self.shape.force_load
-            F = load.kind.own_force(self.model, motion, ca.SX(load.numbers))
+            F = self.shape.force_load.own_force(self.model, motion, self._load)
             L += weighted_square(F, self._W_F)
-        arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F)]
+        arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F), self._load]
         return BatchFunction(ca.Function("Lbar", arguments, ca.cse([L])), native=True)
 
     @cached_property
@@ -565,10 +564,10 @@ class StageFunctions:
         )
 
 
-def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
+def force_residual(model: RobotModel, load: LoadKind) -> IntervalFunctions:
     """Return the rows sqrt(h) F (n,) at the beginning of an interval: their squares are the integrals of F^2.
 
-    With F as `constraints.forces` writes it,
+    Their argument is the anchor of the chart, then the numbers of the load. With F as `constraints.forces` writes it,
 
         sqrt(h) F(Q, v, u) = F(Q, sqrt(h) v, Qdot+ - Qdot) / sqrt(h).
     """
@@ -578,10 +577,17 @@ def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
         x = ca.SX.sym("x", 2 * n)
         dv = ca.SX.sym("dv", n)
         h = ca.SX.sym("h")
-        anchor = ca.SX.sym("anchor", model.space.n_anchor)
+        argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model))
+        anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
         motion = OwnMotion.in_chart(model.space, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
-        F = load.kind.own_force(model, motion, ca.SX(load.numbers))
-        return IntervalFunctions(x, dv, h, anchor, F / ca.sqrt(h), ends=(0,))
+        F = load.own_force(model, motion, numbers)
+
+        def jacobian() -> ca.SX:
+            F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
+            of_scale = ca.jacobian(1 / ca.sqrt(h), ca.vertcat(x, dv, h))
+            return ca.SX(F_by / ca.sqrt(h) + F @ of_scale)
+
+        return IntervalFunctions(x, dv, h, argument, F / ca.sqrt(h), ends=(0,), jacobian=jacobian)
 
     return model.cached((force_residual, load), build)
 
@@ -616,9 +622,10 @@ class StageCosts:
     def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
         """Return the functions of a stage; without its end condition stages of one skill share them."""
         end = replace(stage.end.shape, is_fixed=False) if with_end else OPEN
-        key = (stage.space, stage.input, stage.end.object_names, stage.force_load, end)
+        of_stage = stage_shape(stage)
+        key = (stage.space, stage.input, stage.end.object_names, of_stage.force_load, end)
         if key not in self._functions:
-            shape = replace(stage_shape(stage), end=end, moving=False)
+            shape = replace(of_stage, end=end, moving=False)
             self._functions[key] = stage_functions(self.model, shape)
         return self._functions[key]
 
@@ -638,11 +645,12 @@ class StageCosts:
         W = stage.weights
         W_r = stage.control_weights
         u = self.inputs(stage, X, u)
-        return self._of(stage).cost(X, u, stage.wanted(since), W, W_r, rows=len(X))[0][:, 0]
+        return self._of(stage).cost(X, u, stage.wanted(since), W, W_r, stage.load_numbers, rows=len(X))[0][:, 0]
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
-        return self._of(stage).cost(X, 0.0, stage.wanted(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
+        wanted = stage.wanted(since)
+        return self._of(stage).cost(X, 0.0, wanted, stage.weights, 0.0, stage.load_numbers, rows=len(X))[0][:, 0]
 
     def inputs(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the inputs of a stage at Qddot = u: u (K, n), or the rates of J_C v (K, n_twists)."""

@@ -48,10 +48,6 @@ LARGEST_CONDITION = 1e3
 """Condition number of J_C, lengths in metres, up to which the law in task space is used. There its forces are equal to
 those in joint space to 1e-9; beyond, small accelerations of poses are large ones of joints."""
 
-FORWARD = {"helper_options": {"ad_weight": 0.0, "ad_weight_sp": 0.0}}
-"""Options of a Jacobian by the forward mode alone; of forces it is shorter than the one that CasADi chooses, of other
-rows no longer."""
-
 Vector = list[Any]
 Matrix = list[list[Any]]
 

@@ -10,7 +10,7 @@ from scipy.linalg import eigh, null_space
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import FORWARD, InertialParameters, point_acceleration, solve_spd, tool_motions
+from psmpc_cli.robot.dynamics import InertialParameters, point_acceleration, solve_spd, tool_motions
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, cross, dot, matrix, matrix_product, matrix_vector, scaled, transposed
@@ -194,7 +194,7 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
         "explicit",
         [joints, v, u, acceleration, p, w, numbers],
         [
-            ca.jacobian(ca.vertcat(*rows), ca.vertcat(joints, v, u), FORWARD),
+            ca.jacobian(ca.vertcat(*rows), ca.vertcat(joints, v, u)),
             ca.jacobian(wrench, acceleration),
             wrench,
             hold.levers,
@@ -419,7 +419,7 @@ def _borne_with_jacobians(space: ConfigurationSpace, grippers: int) -> ca.Functi
     wrench = ca.SX.sym("wrench", space.n_twist)
     p = ca.SX.sym("p", (space.n_pose + 2) * grippers)
     borne = _borne(space, levers, p, wrench)
-    jacobians = ca.jacobian(borne, levers, FORWARD), ca.jacobian(borne, wrench)
+    jacobians = ca.jacobian(borne, levers), ca.jacobian(borne, wrench)
     return ca.Function("borne", [levers, wrench, p], [borne, *jacobians])
 
 

@@ -14,7 +14,6 @@ from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.configuration import configuration_space, pose_frames
 from psmpc_cli.robot.dynamics import (
-    FORWARD,
     Dynamics,
     InertialParameters,
     TaskSpaceDynamics,
@@ -143,7 +142,7 @@ class RobotModel:
         u = ca.SX.sym("u", self.n)
         w = ca.SX.sym("w", self.nominal.vector.size)
         F = self.dynamics.law(self.space.at_neutral_base(joints), v, u, w)
-        F_by = ca.jacobian(F, ca.vertcat(joints, v, u), FORWARD)
+        F_by = ca.jacobian(F, ca.vertcat(joints, v, u))
         return ca.Function("law_jacobian", [joints, v, u, w], [F_by])
 
     @cached_property

@@ -24,7 +24,7 @@ def test_a_known_payload_is_part_of_the_last_links() -> None:
     np.testing.assert_allclose(
         np.asarray(F).ravel(), model.inverse_dynamics(Q, v, u, load.parameters(model)), rtol=1e-12
     )
-    h = load.momentum(model)(np.r_[Q, v], [])
+    h = load.kind.momentum(model)(np.r_[Q, v], [], load.numbers)
     np.testing.assert_allclose(np.asarray(h).ravel(), model.momentum(Q, v, load.parameters(model)), rtol=1e-12)
 
 

@@ -6,6 +6,7 @@ python benchmarks/performance_table.py windows          solves of single windows
 python benchmarks/performance_table.py freedom          how solve times grow with the robot; some minutes
 python benchmarks/performance_table.py space [REPEAT]   a spatial robot beside the planar one; two minutes
 python benchmarks/performance_table.py forces [REPEAT]  what limits of forces cost; two minutes
+python benchmarks/performance_table.py derivatives [REPEAT]  forces with their derivatives, beside Pinocchio; a minute
 python benchmarks/performance_table.py overhead [NODES] what a sample costs besides its solve
 python benchmarks/performance_table.py parallel         what a second process brings a sweep
 """
@@ -20,18 +21,23 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from itertools import pairwise, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from pages import as_csv, command_line, markdown, run_psmpc, write_long_tables
 
 import psmpc_cli as psmpc
 from psmpc_cli.control import Command
 from psmpc_cli.logs import write as log
+from psmpc_cli.native.functions import BatchFunction, tape_library
+from psmpc_cli.ocp.constraints.forces import ForceStructure, functions
+from psmpc_cli.ocp.loads import LoadKind
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.recorder import header
@@ -40,7 +46,7 @@ from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
-from psmpc_cli.specs.robot import PlanarRobot
+from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot
 from psmpc_cli.studies.bench import (
     HEADINGS,
     NODES,
@@ -293,6 +299,139 @@ def forces(repeat: str = "5") -> Iterator[str]:
     yield from markdown(rows, "run", "median solve [ms]", "over the first", "longest solve, median of the rounds [ms]")
 
 
+JOINTS_OF_ARMS = (1, 7, 17)
+"""Joints of each arm of the robots whose derivatives are timed: that of one is planar and has two."""
+
+HELD = {"mass": 20.0, "inertia": 2.0, "stiffness": (1e5, 1e4)}
+"""A load in two hands [kg, kg m^2, N/m, N m/rad]."""
+
+ROWS = 16
+"""Rows evaluated at once: a block of a tape."""
+
+
+def derivatives(repeat: str = "50") -> Iterator[str]:
+    """Yield the table of what forces with all their derivatives take a row, in turn, medians over the rounds."""
+    tape_library().compile()
+    rows = []
+    for model in (two_armed(joints) for joints in JOINTS_OF_ARMS):
+        hands = tuple(model.spec.arms)
+        calls = dict[str, Callable[[], object]]()
+        counts = dict[str, int]()
+        derived = dict[str, int]()
+        for name, kind in (("free", LoadKind(False, ())), ("held", LoadKind(False, hands))):
+            rows_of_force = functions(model, ForceStructure(tuple(range(model.n)), kind))
+            value, jacobian = rows_of_force.prepare()
+            jacobian.prepare()
+            counts[name] = jacobian.function.n_instructions()
+            derived[name] = casadi_instructions(value.function)
+            arguments = random_rows(model, kind)
+            interpreted = BatchFunction(jacobian.function)
+            calls[name] = partial(jacobian, *arguments, rows=ROWS)
+            calls[f"{name}, interpreted"] = partial(interpreted, *arguments, rows=ROWS)
+        calls["Pinocchio"] = derivatives_in_pinocchio(model)
+        times = medians_in_turn(calls, int(repeat))
+        free, held = times["free"], times["held"]
+        operations = [", ".join(f"{each[name] / 1e3:.1f}" for name in ("free", "held")) for each in (counts, derived)]
+        over_free = (times["free, interpreted"], times["Pinocchio"], held)
+        over_held = (times["held, interpreted"], times["Pinocchio"])
+        ratios = (*(each / free for each in over_free), *(each / held for each in over_held))
+        rows.append((model.n, *operations, f"{1e6 * free / ROWS:.1f}", *(f"{ratio:.2f}" for ratio in ratios)))
+    yield from markdown(
+        rows,
+        "n",
+        "thousand instructions: free, held",
+        "those of CasADi's derivatives",
+        "free, tape [us]",
+        "free in CasADi's interpreter, over tape",
+        "Pinocchio over free tape",
+        "held tape over free tape",
+        "held in CasADi's interpreter, over tape",
+        "Pinocchio over held tape",
+    )
+
+
+def casadi_instructions(value: ca.Function) -> int:
+    """Return how many instructions CasADi's derivatives of a function have, by all arguments but the last."""
+    arguments = value.sx_in()
+    jacobian = ca.jacobian(value(*arguments), ca.vertcat(*arguments[:-1]))
+    return int(ca.Function("derived", arguments, [ca.densify(jacobian)]).n_instructions())
+
+
+def two_armed(joints: int) -> RobotModel:
+    """Return a spatial robot with two arms of so many joints; for a single one the planar robot with two each."""
+    if joints == 1:
+        return RobotModel(sized_task(2, 2).robot)
+    arms = {}
+    for name, side in (("left", 1.0), ("right", -1.0)):
+        links = [
+            {
+                "joint": {
+                    "axis": [0, 0, 1] if k % 2 else [0, 1, 0],
+                    "position": [0, side * 0.5 * (k == 0), 0.3 * (k > 0)],
+                },
+                "mass": 4.0,
+                "centre_of_mass": [0.01, 0.02, 0.15],
+                "inertia": [0.06, 0.05, 0.02, 0.001, 0.002, 0.003],
+            }
+            for k in range(joints)
+        ]
+        arms[name] = {"links": links, "tool": {"position": [0, 0, 0.2]}}
+    base = {"mass": 150.0, "inertia": [25.0, 25.0, 25.0, 0.5, 0.4, 0.3]}
+    return RobotModel(SpatialRobot.model_validate({"name": f"arms_of_{joints}", "base": base, "arms": arms}))
+
+
+def random_rows(model: RobotModel, kind: LoadKind) -> tuple[np.ndarray, ...]:
+    """Return arguments of the rows of forces: states, changes of velocity, lengths, and the load's numbers."""
+    space = model.space
+    rng = np.random.default_rng(0)
+    X = 0.3 * rng.standard_normal((ROWS, 2 * model.n))
+    dv = 0.1 * rng.standard_normal((ROWS, model.n))
+    grasp = [*space.neutral[: space.n_pose], *HELD["stiffness"]]
+    load = [HELD["mass"], *[HELD["inertia"]] * space.n_principal, *grasp * len(kind.grippers)]
+    return X, dv, np.full((ROWS, 1), 0.2), np.array([*model.neutral[space.attitude], *load[: kind.count(model)]])
+
+
+def derivatives_in_pinocchio(model: RobotModel) -> Callable[[], object]:
+    """Return what computes the derivatives of the free robot's inverse dynamics at as many states by Pinocchio."""
+    import pinocchio as pin
+
+    engine = pin.Model()
+    planar = model.dimension == 2
+    kind = pin.JointModelPlanar() if planar else pin.JointModelFreeFlyer()
+    numbers = [engine.addJoint(0, kind, pin.SE3.Identity(), "base")]
+    for k, joint in enumerate(model.spec.joints):
+        at = pin.SE3(pin.exp3(np.array(joint.at.rotation)), np.array(joint.at.position))
+        axis = pin.JointModelRevoluteUnaligned(np.array(joint.axis))
+        numbers.append(engine.addJoint(numbers[joint.at.body], axis, at, f"joint {k}"))
+    for number, body in zip(numbers, model.spec.bodies, strict=True):
+        xx, yy, zz, xy, xz, yz = body.inertia
+        moments = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        engine.appendBodyToJoint(number, pin.Inertia(body.mass, np.array(body.centre), moments), pin.SE3.Identity())
+    data = engine.createData()
+    rng = np.random.default_rng(0)
+    q = [pin.integrate(engine, pin.neutral(engine), 0.3 * rng.standard_normal(model.n)) for _ in range(ROWS)]
+    v, a = 0.3 * rng.standard_normal((2, ROWS, model.n))
+
+    def compute() -> None:
+        for k in range(ROWS):
+            pin.computeRNEADerivatives(engine, data, q[k], v[k], a[k])
+
+    return compute
+
+
+def medians_in_turn(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+    """Return the median time of each call [s], all made in turn, after one that is not timed."""
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for call in calls.values():
+        call()
+    for _ in range(rounds):
+        for name, call in calls.items():
+            began = perf_counter()
+            call()
+            times[name].append(perf_counter() - began)
+    return {name: float(np.median(each)) for name, each in times.items()}
+
+
 FLOATING = {
     "robot": "dual_arm_servicer",
     "mobility": "free-floating",
@@ -517,4 +656,4 @@ def parallel() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    command_line(runs, tasks, windows, freedom, space, overhead, deadlines, parallel, forces)
+    command_line(runs, tasks, windows, freedom, space, overhead, deadlines, parallel, forces, derivatives)

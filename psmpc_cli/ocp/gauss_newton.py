@@ -220,10 +220,10 @@ class VelocityForm:
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             at = self.intervals(s)
             wanted, _ = reference(p, s, tau[s])
-            L = stage.cost(point.X[at], 0.0, wanted[:N], p.weights[s], 0.0, rows=N)[0]
+            L = stage.cost(point.X[at], 0.0, wanted[:N], p.weights[s], 0.0, 0.0, rows=N)[0]
             costs[s] += _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
         if p.terminal:
-            L = stage.cost(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0)[0]
+            L = stage.cost(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0, 0.0)[0]
             terminal = _terminal_cost(p, L)
         return self._residuals(point, p, costs, terminal, self.row_values(point, p), over_intervals)
 
@@ -534,7 +534,7 @@ def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]
                 name="force",
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
                 functions=force_residual(model, stage.force_load),
-                argument=partial(_anchor, stage_functions(model, cost_shape(stage)).anchor, s),
+                argument=partial(_anchor_and_load, stage_functions(model, cost_shape(stage)).anchor, s),
                 bounds=lambda window: (-nothing, nothing),
                 weights=partial(_force_weights, model.n, s),
             )
@@ -556,9 +556,9 @@ def _rate_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
             )
 
 
-def _anchor(at: slice, s: int, p: Parameters[np.ndarray]) -> np.ndarray:
-    """Return the anchor of the chart (n_anchor,), which the numbers of a stage's target have."""
-    return np.asarray(p.targets[s][at])
+def _anchor_and_load(at: slice, s: int, p: Parameters[np.ndarray]) -> np.ndarray:
+    """Return the anchor of the chart (n_anchor,), which the numbers of a stage's target have, and those of its load."""
+    return np.concatenate([p.targets[s][at], p.loads[s]])
 
 
 def _force_weights(n: int, s: int, p: Parameters[np.ndarray]) -> np.ndarray:

@@ -134,6 +134,7 @@ class Shooting:
             "r": reference_at(p, s, i, tau[s]),
             "W": p.weights[s],
             "W_r": p.control_weights[s],
+            "load": p.loads[s],
             "omega": p.omega[s],
             "offset": p.offset[s],
             "scale": p.scale[s],
@@ -205,14 +206,26 @@ def _stage_terms(model: RobotModel, shape: StageShape, discretization: str) -> c
     r = ca.SX.sym("r", functions.numbers)
     W = ca.SX.sym("W", functions.cost.function.size1_in(3))
     W_r = ca.SX.sym("W_r", functions.cost.function.size1_in(4))
+    load = ca.SX.sym("load", functions.cost.function.size1_in(5))
     omega = ca.SX.sym("omega")
     offset = ca.SX.sym("offset")
     scale = ca.SX.sym("scale")
-    L = omega * (functions.cost.function(x, u, r, W, W_r) - offset) / scale
+    L = omega * (functions.cost.function(x, u, r, W, W_r, load) - offset) / scale
     anchor = r[functions.anchor]
     F = functions.step(discretization)(x, u, h, anchor)
     f = model.field(shape.input)(x, u, anchor)
-    arguments = {"x": x, "u": u, "h": h, "r": r, "W": W, "W_r": W_r, "omega": omega, "offset": offset, "scale": scale}
+    arguments = {
+        "x": x,
+        "u": u,
+        "h": h,
+        "r": r,
+        "W": W,
+        "W_r": W_r,
+        "load": load,
+        "omega": omega,
+        "offset": offset,
+        "scale": scale,
+    }
     terms = {
         "F_x": ca.jacobian(F, x),
         "F_u": ca.jacobian(F, u),

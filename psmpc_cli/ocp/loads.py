@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.held_load import described_grasps, held_force
+from psmpc_cli.robot.held_load import described_grasps, held_force, held_force_jacobian
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.object import ObjectBody
 from psmpc_cli.specs.task import TaskSpec
@@ -59,24 +60,76 @@ class LoadKind:
 
     def force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX) -> ca.SX:
         """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7)."""
-        own = model.nominal.vector
-        loads = 2 * len(model.spec.arms)  # masses and inertias in the grippers, the last of the inertial parameters
-        w = ca.vertcat(own[:-loads], numbers[:loads]) if self.carries else own
+        w, grasps, body = self._split(model, numbers)
         if not self.grippers:
             return ca.SX(model.dynamics.law(Q, v, u, w))
-        body, grasps = ca.vertsplit(
-            numbers[loads * self.carries :], [0, 1 + model.space.n_principal, self.count(model) - loads * self.carries]
-        )
         return ca.SX(held_force(model, self.grippers)(Q, v, u, grasps, w, body))
 
-    def own_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX, numbers: ca.SX) -> ca.SX:
-        """Return that force (n,) for accelerations u in a chart, the base's along its own axes."""
-        space = model.space
+    def own_force(self, model: RobotModel, motion: "OwnMotion", numbers: ca.SX) -> ca.SX:
+        """Return that force (n,), the base's along its own axes."""
+        return self.force(model, model.space.at_neutral_base(motion.joints), motion.v, motion.vdot, numbers)
+
+    def own_force_jacobian(self, model: RobotModel, motion: "OwnMotion", numbers: ca.SX, by: ca.SX) -> ca.SX:
+        """Return the derivatives of that force by symbols that the motion is an expression of, (n, symbols).
+
+        They are equal to those that CasADi derives, and shorter: see `held_force_jacobian` and
+        `RobotModel.law_jacobian`.
+        """
+        w, grasps, body = self._split(model, numbers)
+        arguments = [motion.joints, motion.v, motion.vdot]
+        if self.grippers:
+            F_by = held_force_jacobian(model, self.grippers)(*arguments, grasps, w, body)
+        else:
+            F_by = model.law_jacobian(*arguments, w)
+        return ca.SX(ca.sparsify(F_by) @ ca.cse(ca.jacobian(ca.vertcat(*arguments), by)))
+
+    def momentum(self, model: RobotModel) -> ca.Function:
+        """Return x (2n,) in a chart, its anchor, numbers -> momentum (n_twist,) of robot and payload. Paper eq. (4)."""
+
+        def build() -> ca.Function:
+            x = ca.SX.sym("x", 2 * model.n)
+            anchor = ca.SX.sym("anchor", model.space.n_anchor)
+            numbers = ca.SX.sym("numbers", self.count(model))
+            w, _, _ = self._split(model, numbers)
+            Q = model.space.charted_coordinates(x[: model.n], anchor)
+            v = model.space.charted_velocity(x[: model.n], x[model.n :])
+            return ca.Function("momentum", [x, anchor, numbers], ca.cse([model.dynamics.momentum(Q, v, w)]))
+
+        return model.cached((LoadKind.momentum, self), build)
+
+    def _split(self, model: RobotModel, numbers: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return inertial parameters of the robot with the payload, grasps and object, those of nothing held empty."""
+        own = model.nominal.vector
+        loads = 2 * len(model.spec.arms) * self.carries
+        of_body = (1 + model.space.n_principal) * bool(self.grippers)
+        payload, body, grasps = ca.vertsplit(numbers, [0, loads, loads + of_body, self.count(model)])
+        # masses and inertias in the grippers are the last of the inertial parameters
+        return ca.vertcat(own[: own.size - loads], payload), grasps, body
+
+
+@dataclass(frozen=True)
+class OwnMotion:
+    """A motion as the base sees it, on which force along its axes depends: not on where it is or how it is turned.
+
+    Attributes:
+        joints: Coordinates of the joints (joints,).
+        v: Velocity (n,), that of the base along its own axes.
+        vdot: Acceleration (n,), that of the base along its own axes.
+    """
+
+    joints: ca.SX
+    v: ca.SX
+    vdot: ca.SX
+
+    @classmethod
+    def in_chart(cls, space: ConfigurationSpace, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> "OwnMotion":
+        """Return the motion at Q, Qdot and accelerations u (n,) in the chart about an anchor."""
         position = space.charted_coordinates(Q, anchor)
-        v = space.charted_velocity(Q, Qdot)
-        vdot = space.charted_acceleration(Q, Qdot, u)
-        F = self.force(model, position, v, vdot, numbers)
-        return ca.SX(ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(F))))
+        v, vdot = (
+            ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(vector)))
+            for vector in (space.charted_velocity(Q, Qdot), space.charted_acceleration(Q, Qdot, u))
+        )
+        return cls(position[space.joint_coordinates], v, vdot)
 
 
 @dataclass(frozen=True)
@@ -108,23 +161,6 @@ class Load:
     def parameters(self, model: RobotModel) -> InertialParameters:
         """Return the inertial parameters of the robot with the payload."""
         return model.nominal.holding(np.array(self.mass), np.array(self.inertia))
-
-    def momentum(self, model: RobotModel) -> ca.Function:
-        """Return x (2n,) in a chart, its anchor -> momentum (n_twist,) of robot and payload. Paper eq. (4)."""
-
-        def build() -> ca.Function:
-            x = ca.SX.sym("x", 2 * model.n)
-            anchor = ca.SX.sym("anchor", model.space.n_anchor)
-            Q = model.space.charted_coordinates(x[: model.n], anchor)
-            v = model.space.charted_velocity(x[: model.n], x[model.n :])
-            h = model.dynamics.momentum(Q, v, self.parameters(model).vector)
-            return ca.Function("momentum", [x, anchor], ca.cse([h]))
-
-        return model.cached((type(self).momentum, self), build)
-
-    def own_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> ca.SX:
-        """Return the force of the low-level law (n,) for accelerations u in a chart, the base's along its own axes."""
-        return self.kind.own_force(model, Q, Qdot, u, anchor, ca.SX(self.numbers))
 
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:

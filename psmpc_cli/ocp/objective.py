@@ -13,7 +13,7 @@ import numpy as np
 
 from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.end import MEASURES, OPEN, component_counts
-from psmpc_cli.ocp.loads import Load
+from psmpc_cli.ocp.loads import LoadKind, OwnMotion
 from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape
 from psmpc_cli.robot import motion
@@ -37,10 +37,6 @@ LONG = 200
 """Operations from which on a function of a constraint is evaluated as a tape, and its subexpressions are as they come.
 
 In a large one looking for common subexpressions takes seconds and finds a few per cent."""
-
-FORWARD = {"helper_options": {"ad_weight": 0.0, "ad_weight_sp": 0.0}}
-"""Options of a Jacobian by the forward mode alone; of the forces of a held load it is a fifth shorter than the one that
-CasADi chooses, of other rows no longer."""
 
 
 def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], at_many: bool = True) -> BatchFunction:
@@ -231,6 +227,7 @@ class IntervalFunctions:
         argument: a, a symbol.
         rows: The rows at an end as an expression of all.
         ends: Where they stand: at the beginning, 0, the end, 1, or one after the other at both.
+        jacobian: What derives the rows' derivatives by [x; dv; h] (rows, 3n + 1). By default CasADi does.
 
     Attributes:
         is_nearly_redundant: Neighbouring rows nearly say the same.
@@ -238,10 +235,20 @@ class IntervalFunctions:
 
     is_nearly_redundant = True
 
-    def __init__(self, x: ca.SX, dv: ca.SX, h: ca.SX, argument: ca.SX, rows: ca.SX, ends: Sequence[int]) -> None:
+    def __init__(
+        self,
+        x: ca.SX,
+        dv: ca.SX,
+        h: ca.SX,
+        argument: ca.SX,
+        rows: ca.SX,
+        ends: Sequence[int],
+        jacobian: Callable[[], ca.SX] | None = None,
+    ) -> None:
         self._arguments = [x, dv, h, argument]
         self._rows = ca.densify(rows)
         self._ends = ends
+        self._derive = jacobian or (lambda: ca.jacobian(self._rows, ca.vertcat(x, dv, h)))
         self.count = int(rows.numel()) * len(ends)
 
     @cached_property
@@ -252,9 +259,7 @@ class IntervalFunctions:
     @cached_property
     def _jacobian(self) -> BatchFunction:
         """x, dv, h, a -> the derivatives of r by [x; dv; h], row by row."""
-        x, dv, h, _ = self._arguments
-        jacobian = ca.jacobian(self._rows, ca.vertcat(x, dv, h), FORWARD)
-        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(jacobian)])
+        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(self._derive())])
 
     def expression(self, at: IntervalSymbols, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) of an interval."""
@@ -400,6 +405,7 @@ class StageFunctions:
         self._W = ca.SX.sym("W", self.rows)
         self._W_r = ca.SX.sym("W_r", self.inputs)
         self._W_F = ca.SX.sym("W_F", 0 if shape.force_load is None else n)
+        self._load = ca.SX.sym("load", 0 if shape.force_load is None else shape.force_load.count(model))
         self._e = ca.densify(skill.error(model, self._Q, self._target[: self._numbers_of_skill]))
         self._L = weighted_square(self._e, self._W)
 
@@ -420,13 +426,14 @@ class StageFunctions:
 
     @cached_property
     def cost(self) -> BatchFunction:
-        """x, u, target, W, [W_r; W_F] -> Lbar."""
+        """x, u, target, W, [W_r; W_F], numbers of the load -> Lbar."""
         L = self._L + weighted_square(self._u, self._W_r)
         if self.shape.force_load is not None:
             anchor = self._target[self.anchor]
-            F = self.shape.force_load.own_force(self.model, self._Q, self._Qdot, self._u, anchor)
+            motion = OwnMotion.in_chart(self.model.space, self._Q, self._Qdot, self._u, anchor)
+            F = self.shape.force_load.own_force(self.model, motion, self._load)
             L += weighted_square(F, self._W_F)
-        arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F)]
+        arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F), self._load]
         return BatchFunction(ca.Function("Lbar", arguments, ca.cse([L])), native=True)
 
     @cached_property
@@ -557,10 +564,10 @@ class StageFunctions:
         )
 
 
-def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
+def force_residual(model: RobotModel, load: LoadKind) -> IntervalFunctions:
     """Return the rows sqrt(h) F (n,) at the beginning of an interval: their squares are the integrals of F^2.
 
-    With F as `constraints.forces` writes it,
+    Their argument is the anchor of the chart, then the numbers of the load. With F as `constraints.forces` writes it,
 
         sqrt(h) F(Q, v, u) = F(Q, sqrt(h) v, Qdot+ - Qdot) / sqrt(h).
     """
@@ -570,9 +577,17 @@ def force_residual(model: RobotModel, load: Load) -> IntervalFunctions:
         x = ca.SX.sym("x", 2 * n)
         dv = ca.SX.sym("dv", n)
         h = ca.SX.sym("h")
-        anchor = ca.SX.sym("anchor", model.space.n_anchor)
-        F = load.own_force(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
-        return IntervalFunctions(x, dv, h, anchor, F / ca.sqrt(h), ends=(0,))
+        argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model))
+        anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
+        motion = OwnMotion.in_chart(model.space, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+        F = load.own_force(model, motion, numbers)
+
+        def jacobian() -> ca.SX:
+            F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
+            of_scale = ca.jacobian(1 / ca.sqrt(h), ca.vertcat(x, dv, h))
+            return ca.SX(F_by / ca.sqrt(h) + F @ of_scale)
+
+        return IntervalFunctions(x, dv, h, argument, F / ca.sqrt(h), ends=(0,), jacobian=jacobian)
 
     return model.cached((force_residual, load), build)
 
@@ -607,9 +622,10 @@ class StageCosts:
     def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
         """Return the functions of a stage; without its end condition stages of one skill share them."""
         end = replace(stage.end.shape, is_fixed=False) if with_end else OPEN
-        key = (stage.space, stage.input, stage.end.object_names, stage.force_load, end)
+        of_stage = stage_shape(stage)
+        key = (stage.space, stage.input, stage.end.object_names, of_stage.force_load, end)
         if key not in self._functions:
-            shape = replace(stage_shape(stage), end=end, moving=False)
+            shape = replace(of_stage, end=end, moving=False)
             self._functions[key] = stage_functions(self.model, shape)
         return self._functions[key]
 
@@ -629,11 +645,12 @@ class StageCosts:
         W = stage.weights
         W_r = stage.control_weights
         u = self.inputs(stage, X, u)
-        return self._of(stage).cost(X, u, stage.wanted(since), W, W_r, rows=len(X))[0][:, 0]
+        return self._of(stage).cost(X, u, stage.wanted(since), W, W_r, stage.load_numbers, rows=len(X))[0][:, 0]
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
-        return self._of(stage).cost(X, 0.0, stage.wanted(since), stage.weights, 0.0, rows=len(X))[0][:, 0]
+        wanted = stage.wanted(since)
+        return self._of(stage).cost(X, 0.0, wanted, stage.weights, 0.0, stage.load_numbers, rows=len(X))[0][:, 0]
 
     def inputs(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the inputs of a stage at Qddot = u: u (K, n), or the rates of J_C v (K, n_twists)."""

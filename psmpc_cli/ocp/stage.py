@@ -8,7 +8,7 @@ from typing import Self, TypeAlias
 import numpy as np
 
 from psmpc_cli.ocp.end import OPEN, End, EndShape
-from psmpc_cli.ocp.loads import Load
+from psmpc_cli.ocp.loads import Load, LoadKind
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import TargetPart
 from psmpc_cli.robot.configuration import space_of_pose
@@ -144,6 +144,11 @@ class Stage:
     def end_numbers(self) -> np.ndarray:
         """Target, and the bounds of the end condition, as `StageFunctions.met` takes them."""
         return np.concatenate([self.target, self.end.centers, self.end.half_widths])
+
+    @property
+    def load_numbers(self) -> np.ndarray:
+        """Numbers of the load that the cost of force takes; empty where force costs nothing."""
+        return np.zeros(0) if self.force_load is None else self.force_load.numbers
 
     @property
     def poses_of_arms(self) -> dict[str, np.ndarray]:
@@ -297,7 +302,7 @@ class StageShape:
         object_names: What the target's numbers say of the object behind those of the skill: the gripper that holds it,
             and what is bounded; empty: nothing.
         moving: The cost follows a desired trajectory.
-        force_load: What the grippers are known to hold, where force costs; None where it does not.
+        force_load: What kind of load the grippers are known to hold, where force costs; None where it does not.
         weighs_rate: Changes of the acceleration cost.
         constraints: Names and structures of the constraints that have rows in it.
     """
@@ -307,7 +312,7 @@ class StageShape:
     end: EndShape = OPEN
     object_names: tuple[str, ...] = ()
     moving: bool = False
-    force_load: Load | None = None
+    force_load: LoadKind | None = None
     weighs_rate: bool = False
     constraints: tuple[tuple[str, Hashable], ...] = ()
 
@@ -325,7 +330,7 @@ def stage_shape(stage: Stage) -> StageShape:
         end=stage.end.shape,
         object_names=stage.end.object_names,
         moving=stage.reference.moves,
-        force_load=stage.force_load,
+        force_load=None if stage.force_load is None else stage.force_load.kind,
         weighs_rate=len(stage.rate_weights) > 0,
         constraints=tuple(
             (name, constraint.structure) for name, constraint in stage.constraints.items() if constraint.is_known

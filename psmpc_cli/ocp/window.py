@@ -201,6 +201,7 @@ class Parameters(Generic[T]):
         offset, scale: Of each stage, normalization L = (Lbar - offset) / scale. Paper eq. (12).
         weights, control_weights: Of each stage, (rows,) and (inputs,).
         rate_weights: Of each stage, (n,), or (0,) where changes of acceleration cost nothing.
+        loads: Of each stage, the numbers of its load where force costs, else none.
         targets: Of each stage, (rows,): what its end condition is about, and its cost where the target stands still.
         paths: Of each stage, (rows, 2 (N_s + 1)): what its cost follows at its nodes as functions of its duration,
             first the values at duration 0, then the slopes; (rows, 0) where the target stands still.
@@ -220,6 +221,7 @@ class Parameters(Generic[T]):
     weights: tuple[T, ...]
     control_weights: tuple[T, ...]
     rate_weights: tuple[T, ...]
+    loads: tuple[T, ...]
     targets: tuple[T, ...]
     paths: tuple[T, ...]
     constraints: tuple[Mapping[str, T], ...]
@@ -228,8 +230,15 @@ class Parameters(Generic[T]):
         """Return all of them in order; matrices are meant column by column."""
         head = (self.x0, self.horizon, self.before, self.pending, self.terminal, self.omega, self.offset, self.scale)
         of_constraints = (each for by_name in self.constraints for each in by_name.values())
-        weights = (*self.weights, *self.control_weights, *self.rate_weights)
-        return (*head, *weights, *self.targets, *self.paths, *of_constraints)
+        of_stages = (
+            *self.weights,
+            *self.control_weights,
+            *self.rate_weights,
+            *self.loads,
+            *self.targets,
+            *self.paths,
+        )
+        return (*head, *of_stages, *of_constraints)
 
     def mapped(self, of: Callable[[T], U]) -> "Parameters[U]":
         """Return what a function makes of each of them."""
@@ -261,6 +270,7 @@ def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarra
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
         rate_weights=tuple(stage.rate_weights for stage in stages),
+        loads=tuple(stage.load_numbers for stage in stages),
         targets=tuple(stage.standing for stage in stages),
         paths=_paths(window, instants),
         constraints=_of_constraints(window, instants),

@@ -233,6 +233,10 @@ class ConfigurationSpace(ABC):
     def neutral(self) -> Array:
         """Coordinates 0 (nq,), with the attitude of the inertial frame."""
 
+    def at_neutral_base(self, joints: ca.SX) -> ca.SX:
+        """Return coordinates (nq,) with joints (joints,) and the base's frame as the inertial one."""
+        return ca.SX(ca.vertcat(*self.neutral[self.base_coordinates], joints))
+
     def attitudes_at(self, *first: int) -> list[slice]:
         """Return the rows of the unit quaternions in a vector that has poses from these rows on; none in the plane."""
         rows = self.pose_attitude

@@ -14,7 +14,7 @@ In task space the same equations are those of the twists of base and end-effecto
 `TaskSpaceDynamics`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -24,7 +24,18 @@ import numpy as np
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.robot.configuration import configuration_space
-from psmpc_cli.robot.rotations import add, cross, dot, exp, matrix, scaled, turn_matrix
+from psmpc_cli.robot.rotations import (
+    add,
+    cross,
+    dot,
+    exp,
+    matrix,
+    matrix_product,
+    matrix_vector,
+    scaled,
+    transposed,
+    turn_matrix,
+)
 from psmpc_cli.specs.robot import Joint, RobotSpec
 
 EXACT = 1e-15
@@ -118,8 +129,7 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     Q = ca.SX.sym("Q", space.nq)
     v, vdot, F = (ca.SX.sym(name, n) for name in ("v", "vdot", "F"))
     w = ca.SX.sym("w", InertialParameters.nominal(spec).vector.size)
-    tree = _Tree(spec, Q, w)
-    force = tree.force(v, vdot)
+    force = _Tree(spec, Q).force(v, vdot, w)
     inverse = ca.Function("inverse", [Q, v, vdot, w], [force])
     bias = inverse(Q, v, 0, w)
     Hv = inverse(Q, 0, v, w)
@@ -303,53 +313,94 @@ class _Motion:
     acceleration: Vector
 
 
-class _Tree:
-    """The bodies of a robot at Q with inertial parameters w."""
+@dataclass(frozen=True)
+class ToolMotion:
+    """Motion of an end-effector frame, in the inertial frame; its velocity has no part in the equations of motion.
 
-    def __init__(self, spec: RobotSpec, Q: ca.SX, w: ca.SX) -> None:
+    Attributes:
+        rotation: Its rotation matrix, row by row (3, 3).
+        omega: Angular velocity (3,) [rad/s].
+        alpha: Angular acceleration (3,) [rad/s^2].
+        acceleration: Of its origin (3,) [m/s^2].
+    """
+
+    rotation: Matrix
+    omega: Vector
+    alpha: Vector
+    acceleration: Vector
+
+
+def tool_motions(spec: RobotSpec, Q: ca.SX, v: ca.SX, vdot: ca.SX) -> dict[str, ToolMotion]:
+    """Derive the motions of the end-effectors by arm, at Q (nq,), v (n,) and vdot (n,).
+
+    Their expressions are those of the inverse dynamics, which therefore share derivatives with them.
+    """
+    tree = _Tree(spec, Q)
+    motions = tree.motions(v, vdot)
+    rotations = [tree.turned]
+    for joint, (E, _) in zip(tree.joints, tree.places, strict=True):
+        rotations.append(matrix_product(rotations[joint.at.body], E))
+    tools = {}
+    for arm, tool in spec.tools.items():
+        motion = motions[tool.body]
+        R = rotations[tool.body]
+        at_origin = add(motion.acceleration, point_acceleration(motion.omega, motion.alpha, list(tool.position)))
+        tools[arm] = ToolMotion(
+            rotation=matrix_product(R, matrix(exp(tool.rotation))),
+            omega=matrix_vector(R, motion.omega),
+            alpha=matrix_vector(R, motion.alpha),
+            acceleration=matrix_vector(R, at_origin),
+        )
+    return tools
+
+
+class _Tree:
+    """The bodies of a robot at Q."""
+
+    def __init__(self, spec: RobotSpec, Q: ca.SX) -> None:
+        self.spec = spec
         self.space = configuration_space(spec)
         self.turned = self.space.base_rotation(Q)
         joints = ca.vertsplit(Q)[self.space.joint_coordinates]
         self.joints = spec.joints
         self.places = list(map(_joint_place, self.joints, joints))
-        self.lumps = _lumps(spec, w)
 
     def motions(self, v: ca.SX, vdot: ca.SX) -> list[_Motion]:
         """Compute the motion of every body, each in its own frame."""
         base = self.space.base
         _, angular = self.space.twist_to_3d(ca.vertsplit(v[base]))
         pulled, twisted = self.space.twist_to_3d(ca.vertsplit(vdot[base]))
-        motions = [_Motion(angular, twisted, _times(_transposed(self.turned), pulled))]
+        motions = [_Motion(angular, twisted, matrix_vector(transposed(self.turned), pulled))]
         rates = zip(*(ca.vertsplit(derivative)[base.stop :] for derivative in (v, vdot)), strict=True)
         for joint, place, rate in zip(self.joints, self.places, rates, strict=True):
             motions.append(_carried(motions[joint.at.body], joint, *place, *rate))
         return motions
 
-    def force(self, v: ca.SX, vdot: ca.SX) -> ca.SX:
-        """Compute the generalized force (n,)."""
+    def force(self, v: ca.SX, vdot: ca.SX, w: ca.SX) -> ca.SX:
+        """Compute the generalized force (n,) with inertial parameters w."""
         motions = self.motions(v, vdot)
         changes = ca.vertsplit(vdot)[self.space.base.stop :]
         forces = [[0.0] * 3 for _ in motions]
         moments = [[0.0] * 3 for _ in motions]
-        for lump in self.lumps:
+        for lump in _lumps(self.spec, w):
             motion = motions[lump.body]
             i = lump.body
-            centre = add(motion.acceleration, _at(motion.omega, motion.alpha, lump.centre))
+            centre = add(motion.acceleration, point_acceleration(motion.omega, motion.alpha, lump.centre))
             f = scaled(centre, lump.mass)
-            spin = cross(motion.omega, _times(lump.inertia, motion.omega))
+            spin = cross(motion.omega, matrix_vector(lump.inertia, motion.omega))
             forces[i] = add(forces[i], f)
-            moments[i] = add(moments[i], _times(lump.inertia, motion.alpha), spin, cross(lump.centre, f))
+            moments[i] = add(moments[i], matrix_vector(lump.inertia, motion.alpha), spin, cross(lump.centre, f))
         along: list[Any] = []
         for i in range(len(motions) - 1, 0, -1):
             joint = self.joints[i - 1]
             E, r = self.places[i - 1]
             on_link = dot(joint.axis, forces[i] if joint.prismatic else moments[i])
             along.insert(0, on_link + joint.armature * changes[i - 1])
-            f = _times(E, forces[i])
+            f = matrix_vector(E, forces[i])
             carrier = joint.at.body
             forces[carrier] = add(forces[carrier], f)
-            moments[carrier] = add(moments[carrier], _times(E, moments[i]), cross(r, f))
-        return ca.SX(ca.vertcat(*self.space.twist(_times(self.turned, forces[0]), moments[0]), *along))
+            moments[carrier] = add(moments[carrier], matrix_vector(E, moments[i]), cross(r, f))
+        return ca.SX(ca.vertcat(*self.space.twist(matrix_vector(self.turned, forces[0]), moments[0]), *along))
 
 
 def _joint_place(joint: Joint, q: Any) -> tuple[Matrix, Vector]:
@@ -358,17 +409,17 @@ def _joint_place(joint: Joint, q: Any) -> tuple[Matrix, Vector]:
     at = np.array(matrix(exp(joint.at.rotation)))
     at = np.where(np.abs(at - at.round()) < EXACT, at.round(), at).tolist()
     if joint.prismatic:
-        return at, add(position, scaled(_times(at, joint.axis), q))
-    columns = _transposed(turn_matrix(joint.axis, q))
-    return _transposed([_times(at, column) for column in columns]), position
+        return at, add(position, scaled(matrix_vector(at, joint.axis), q))
+    columns = transposed(turn_matrix(joint.axis, q))
+    return transposed([matrix_vector(at, column) for column in columns]), position
 
 
 def _carried(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: Any, change: Any) -> _Motion:
     """Compute the motion of a body from that of its carrier; E and r are those of `_joint_place`."""
-    back = _transposed(E)
-    omega = _times(back, before.omega)
-    alpha = _times(back, before.alpha)
-    acceleration = _times(back, add(before.acceleration, _at(before.omega, before.alpha, r)))
+    back = transposed(E)
+    omega = matrix_vector(back, before.omega)
+    alpha = matrix_vector(back, before.alpha)
+    acceleration = matrix_vector(back, add(before.acceleration, point_acceleration(before.omega, before.alpha, r)))
     turning = cross(omega, scaled(joint.axis, rate))
     if joint.prismatic:
         return _Motion(omega, alpha, add(acceleration, scaled(joint.axis, change), scaled(turning, 2)))
@@ -397,14 +448,6 @@ def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
     return lumps
 
 
-def _at(omega: Vector, alpha: Vector, r: Vector) -> Vector:
+def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:
     """Compute the acceleration of a point at r of a body relative to its origin."""
     return add(cross(alpha, r), cross(omega, cross(omega, r)))
-
-
-def _times(A: Matrix, b: Sequence[Any]) -> Vector:
-    return [dot(row, b) for row in A]
-
-
-def _transposed(A: Matrix) -> Matrix:
-    return [list(row) for row in zip(*A, strict=True)]

@@ -1,6 +1,7 @@
 """The computed torque of a robot that knows its load: an object held by all grippers. docs/grasp_model.md."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -9,10 +10,10 @@ from scipy.linalg import eigh, null_space
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import InertialParameters, solve_spd
+from psmpc_cli.robot.dynamics import InertialParameters, point_acceleration, solve_spd, tool_motions
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.rotations import add, conjugate, cross, product, rotate, scaled
+from psmpc_cli.robot.rotations import add, cross, dot, matrix, matrix_product, matrix_vector, scaled, transposed
 from psmpc_cli.specs.object import GraspSpec
 
 Vector = Sequence[Any]
@@ -119,8 +120,8 @@ def held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
 
     With G and g the differences S_i - S_1 and s_i - s_1 of the other grippers to the first, one below the other,
 
-        u' = u - G' (G G')^-1 (G u + g),
-        F = H u' + c + sum_i S_i' C_i (sum C)^-1 (M (S u' + s) + bias),
+        u' = u - G' lambda,    lambda = (G G')^-1 (G u + g),
+        F = H u' + c + sum_i S_i' f_i,    f_i = C_i (sum C)^-1 (M (S u' + s) + bias),
 
     where S u' + s, the object's acceleration, is that of any gripper. `HeldLoad` says why.
 
@@ -131,28 +132,126 @@ def held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     return model.derived((held_force, tuple(grippers)), lambda: _held_force(model, grippers))
 
 
+def held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+    """Return joints, v, u, grasps, inertial parameters, object -> derivatives of `held_force` (n, joints + 2n).
+
+    They are those by [joints; v; u] with the base at its neutral pose, as `RobotModel.law_jacobian` has those of the
+    robot alone. The closed chain is differentiated as the system that it solves, not as the solution. With
+    F = phi(z, u') and z = [joints; v], and by z alone, lambda and u' held, differentials
+
+        dphi, dP of G' lambda, dE of G u' + g,
+
+    the system u' + G' lambda = u, G u' + g = 0 gives du' = du - dP - G' dlambda and
+
+        dF = dphi + Y (du - dP) - X dE,    X = phi_u' G' (G G')^-1,    Y = phi_u' - X G,
+
+    where Y are the derivatives by u. Griewank, Walther: Evaluating Derivatives (2008), section 15.1. The forward mode
+    through the solution would carry each of the directions through both factorizations, and takes twice the
+    operations.
+
+    Args:
+        model: The robot.
+        grippers: Those that hold the object, which is given as `FreeBody.vector`.
+    """
+    return model.derived((held_force_jacobian, tuple(grippers)), lambda: _held_force_jacobian(model, grippers))
+
+
 def _held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     """Derive what `held_force` returns."""
     body, numbers = FreeBody.symbolic(model.space.n_principal)
-    size = body.space.n_twist
     Q = ca.SX.sym("Q", model.nq)
     v = ca.SX.sym("v", model.n)
     u = ca.SX.sym("u", model.n)
     p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
     w = ca.SX.sym("w", model.nominal.vector.size)
-    moving, stiffness, attitude = _chain(model, body, grippers, Q, v, p)
-    rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
-    u_shared = _shared_acceleration(moving, size, v, u, ca.jtimes(moving, Q, rate))
-    acceleration = ca.jtimes(moving[:size], v, u_shared) + ca.jtimes(moving[:size], Q, rate)
-    M, bias = _load(body, attitude, ca.vertsplit(moving[:size]))
-    wrench = M @ acceleration + bias
-    wrenches = [wrench]
-    if len(grippers) > 1:
-        share = solve_spd(sum(stiffness, ca.SX.zeros(size, size)), wrench)
-        wrenches = [C @ share for C in stiffness]
-    of_load = ca.jtimes(moving, v, ca.vertcat(*wrenches), True)
-    force = model.dynamics.law(Q, v, u_shared, w) + of_load
+    hold = _hold(model, grippers, Q, v, u, p)
+    closed = _closed_chain(hold, u)
+    borne = _borne(body.space, hold.levers, p, _wrench(body, hold, closed.acceleration))
+    force = model.dynamics.law(Q, v, closed.followed, w) + closed.S.T @ borne
     return ca.Function("held", [Q, v, u, p, w, numbers], [ca.cse(ca.densify(force))])
+
+
+def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+    """Derive what `held_force_jacobian` returns."""
+    space = model.space
+    n = model.n
+    size = space.n_twist
+    body, numbers = FreeBody.symbolic(space.n_principal)
+    joints = ca.SX.sym("joints", space.joints)
+    v = ca.SX.sym("v", n)
+    u = ca.SX.sym("u", n)
+    p = ca.SX.sym("p", (space.n_pose + 2) * len(grippers))
+    w = ca.SX.sym("w", model.nominal.vector.size)
+    Q = space.at_neutral_base(joints)
+    acceleration = ca.SX.sym("acceleration", size)
+
+    # by z and u', at the acceleration of the object; as one Jacobian, so that its rows share what they have in common
+    hold = _hold(model, grippers, Q, v, u, p)
+    wrench = _wrench(body, hold, acceleration)
+    law = model.dynamics.law(Q, v, u, w)
+    rows = ca.cse([law, hold.accelerations, wrench, hold.levers])
+    explicit = ca.Function(
+        "explicit",
+        [joints, v, u, acceleration, p, w, numbers],
+        [
+            ca.jacobian(ca.vertcat(*rows), ca.vertcat(joints, v, u)),
+            ca.jacobian(wrench, acceleration),
+            wrench,
+            hold.levers,
+        ],
+    )
+    closed = _closed_chain(hold, u)
+    by_motion, M, wrench, levers = explicit(joints, v, closed.followed, closed.acceleration, p, w, numbers)
+    first_rows = np.cumsum([0, *(each.numel() for each in rows)]).tolist()
+    law_by, accelerations_by, wrench_by, levers_by = ca.vertsplit(ca.sparsify(by_motion), first_rows)
+    accelerations_by = ca.horzcat(accelerations_by[:, :-n], closed.S)
+
+    borne, borne_by_levers, borne_by_wrench = _borne_with_jacobians(space, len(grippers))(levers, wrench, p)
+    S = closed.S
+    by_wrench = S.T @ borne_by_wrench
+    by_acceleration = by_wrench @ M
+    X = law_by[:, -n:] @ closed.projector.T + by_acceleration @ (S[:size, :] @ closed.projector.T)
+    by_first = by_acceleration + sum(ca.horzsplit(X, size), ca.SX.zeros(n, size))
+    F_by = (
+        law_by
+        + by_wrench @ wrench_by
+        + (S.T @ borne_by_levers) @ levers_by
+        + ca.horzcat(by_first, -X) @ accelerations_by
+    )
+    Y = F_by[:, -n:]
+    P_by = _geometric_stiffness(space, S, closed.strain)
+    F_by[:, : space.joints] += _geometric_stiffness(space, S, borne) - Y @ P_by
+    return ca.Function("held_by", [joints, v, u, p, w, numbers], [F_by])
+
+
+def _geometric_stiffness(space: ConfigurationSpace, S: ca.SX, wrenches: ca.SX) -> ca.SX:
+    """Return the derivatives by joints (n, joints) of S'f for wrenches f that are held in the inertial frame.
+
+    With the columns of S as linear and angular velocity (l; w), and those of a gripper in their order from the base
+    outward, joint k turns the axes that come after it, and moves the point that those before it turn:
+
+        dS_c / dq_k = (w_k x l_c; w_k x w_c) for k before c,    (w_c x l_k; 0) otherwise.
+
+    Bruyninckx, De Schutter: Symbolic differentiation of the velocity mapping for a serial kinematic chain (1996).
+
+    Args:
+        space: That of the robot.
+        S: Velocities of the object's centre by v, of one gripper below the other (A size, n).
+        wrenches: One below the other (A size,).
+    """
+    size = space.n_twist
+    stiffness = ca.SX(space.n, space.joints)
+    for of_gripper, wrench in zip(ca.vertsplit(S, size), ca.vertsplit(wrenches, size), strict=True):
+        force, moment = space.twist_to_3d(ca.vertsplit(wrench))
+        columns = [c for c in range(space.n) if of_gripper[:, c].nnz()]
+        twists = {c: space.twist_to_3d(ca.vertsplit(ca.densify(of_gripper[:, c]))) for c in columns}
+        for c, (linear, angular) in twists.items():
+            turned = add(cross(linear, force), cross(angular, moment))
+            moved = cross(force, angular)
+            for k, (linear_k, angular_k) in twists.items():
+                if k >= size:
+                    stiffness[c, k - size] += dot(angular_k, turned) if k < c else dot(linear_k, moved)
+    return ca.sparsify(stiffness)
 
 
 def _followed_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
@@ -163,15 +262,16 @@ def _followed_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     """
 
     def derive() -> ca.Function:
-        shared = _shared(model, grippers)
         n = model.n
         state = ca.SX.sym("state", model.nq + n)
+        u = ca.SX.sym("u", n)
         closed = ca.SX.sym("closed")
         tick = ca.SX.sym("tick")
-        _, _, u, grasps = shared.sx_in()
+        grasps = ca.SX.sym("grasps", (model.space.n_pose + 2) * len(grippers))
         Q = state[: model.nq]
         v = state[model.nq :]
-        followed = ca.if_else(closed, shared(Q, v, u, grasps), u)
+        nearest = _closed_chain(_hold(model, grippers, Q, v, u, grasps), u).followed
+        followed = ca.if_else(closed, nearest, u)
         step = tick * v + tick**2 / 2 * followed
         after = ca.vertcat(*model.space.integrate(ca.vertsplit(Q), ca.vertsplit(step)), v + tick * followed)
         return ca.Function("followed", [state, u, closed, grasps, tick], ca.cse([after, followed]))
@@ -179,41 +279,83 @@ def _followed_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     return model.derived((_followed_tick, tuple(grippers)), derive)
 
 
-def _shared(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
-    """Return Q, v, u, grasps -> u' of `held_force` (n,)."""
-    body, _ = FreeBody.symbolic(model.space.n_principal)
-    Q = ca.SX.sym("Q", model.nq)
-    v = ca.SX.sym("v", model.n)
-    u = ca.SX.sym("u", model.n)
-    p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
-    moving, _, _ = _chain(model, body, grippers, Q, v, p)
-    rate = ca.vertcat(*model.space.rate(ca.vertsplit(Q), ca.vertsplit(v)))
-    u_shared = _shared_acceleration(moving, body.space.n_twist, v, u, ca.jtimes(moving, Q, rate))
-    return ca.Function("shared", [Q, v, u, p], [ca.cse(ca.densify(u_shared))])
+@dataclass(frozen=True)
+class _Hold:
+    """The object as each gripper would move it if it were fixed to it; vectors are in the inertial frame.
 
-
-def _shared_acceleration(moving: ca.SX, size: int, v: ca.SX, u: ca.SX, bias: ca.SX) -> ca.SX:
-    """Return the accelerations u' (n,) nearest to u with which all grippers move the object alike.
-
-    Gripper i would accelerate the object by S_i u + s_i. With G = S_i - S_1 and g = s_i - s_1 of all grippers but the
-    first, one below the other, u' is the projection u - G' (G G')^-1 (G u + g). G G' is regularized, because in space
-    it loses rank where arms are stretched. A single gripper leaves u as it is.
-
-    Args:
-        moving: Velocities S_i v that grippers give the object, one below the other (A size,).
-        size: Components of one: 3 in the plane, 6 in space.
-        v: The robot's velocity, a symbol (n,).
-        u: Wanted accelerations (n,).
-        bias: s_i, one below the other (A size,).
+    Attributes:
+        accelerations: S_i vdot + s_i, of the object's centre of mass and of its turn, one below the other (A size,).
+        levers: From that centre to the grippers, one below the other (3 A,).
+        attitude: Rotation matrix of the object, by the last gripper (3, 3).
+        omega: Its angular velocity, by the first gripper (3,).
     """
-    others = moving.numel() // size - 1
-    if not others:
-        return u
-    apart = moving[size:] - ca.repmat(moving[:size], others, 1)
-    G = ca.jacobian(apart, v)
-    away = G @ u + bias[size:] - ca.repmat(bias[:size], others, 1)
-    regular = G @ G.T + REGULARIZATION * ca.SX.eye(apart.numel())
-    return u - G.T @ solve_spd(regular, away)
+
+    accelerations: ca.SX
+    levers: ca.SX
+    attitude: list[list[Any]]
+    omega: Vector
+
+
+def _hold(model: RobotModel, grippers: Sequence[str], Q: ca.SX, v: ca.SX, vdot: ca.SX, p: ca.SX) -> _Hold:
+    """Derive how grippers move the object in grasps p, of each its pose in the object's frame and both stiffnesses."""
+    space = model.space
+    tools = tool_motions(model.spec, Q, v, vdot)
+    accelerations = list[Any]()
+    levers = list[Any]()
+    attitude: list[list[Any]] = []
+    for gripper, grasp in zip(grippers, ca.vertsplit(p, space.n_pose + 2), strict=True):
+        tool = tools[gripper]
+        inside, turned = space.to_3d(ca.vertsplit(grasp)[:-2])
+        attitude = matrix_product(tool.rotation, transposed(matrix(turned)))
+        lever = matrix_vector(attitude, inside)
+        at_centre = add(tool.acceleration, point_acceleration(tool.omega, tool.alpha, scaled(lever, -1)))
+        accelerations += space.twist(at_centre, tool.alpha)
+        levers += lever
+    return _Hold(ca.vertcat(*accelerations), ca.vertcat(*levers), attitude, tools[grippers[0]].omega)
+
+
+@dataclass(frozen=True)
+class _ClosedChain:
+    """How the robot accelerates with the chain closed, see `held_force`.
+
+    Attributes:
+        S: Velocities of the object by v, of one gripper below the other (A size, n).
+        followed: u' = u - S'strain (n,).
+        acceleration: Of the object, by the first gripper, S_1 u' + s_1 (size,).
+        strain: The multipliers lambda as wrenches of the grippers that add up to 0, one below the other (A size,).
+        projector: (G G')^-1 G ((A - 1) size, n).
+    """
+
+    S: ca.SX
+    followed: ca.SX
+    acceleration: ca.SX
+    strain: ca.SX
+    projector: ca.SX
+
+
+def _closed_chain(hold: _Hold, u: ca.SX) -> _ClosedChain:
+    """Return the accelerations nearest to u, a symbol (n,), with which all grippers move the object alike.
+
+    G G' is regularized, because in space it loses rank where arms are stretched. A single gripper leaves u as it is.
+    """
+    S = ca.jacobian(hold.accelerations, u)
+    size = hold.accelerations.numel() // (hold.levers.numel() // 3)
+    first, *others = ca.vertsplit(ca.horzcat(S, hold.accelerations), size)
+    apart = ca.vertcat(ca.SX(0, u.numel() + 1), *(other - first for other in others))
+    G = ca.sparsify(apart[:, :-1])
+    solved = apart
+    if others:
+        solved = solve_spd(G @ G.T + REGULARIZATION * ca.SX.eye(apart.size1()), apart)
+    of_others = ca.vertsplit(solved[:, -1], size) if others else []
+    strain = ca.vertcat(-sum(of_others, ca.SX.zeros(size)), *of_others)
+    shift = S.T @ strain
+    return _ClosedChain(
+        S=S,
+        followed=u - shift,
+        acceleration=hold.accelerations[:size] - S[:size, :] @ shift,
+        strain=strain,
+        projector=solved[:, :-1],
+    )
 
 
 REGULARIZATION = 1e-9
@@ -226,41 +368,59 @@ SINGULAR = 1e-9
 def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.Function:
     """Return Q, grasps -> S of all grippers (A size, n), inertia of the object."""
     Q = ca.SX.sym("Q", model.nq)
-    v = ca.SX.sym("v", model.n)
+    vdot = ca.SX.sym("vdot", model.n)
     p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
-    moving, _, attitude = _chain(model, body, grippers, Q, v, p)
-    inertia, _ = _load(body, attitude, ca.vertsplit(moving[: body.space.n_twist]))
-    terms = ca.jacobian(moving, v), inertia
+    acceleration = ca.SX.sym("acceleration", body.space.n_twist)
+    hold = _hold(model, grippers, Q, ca.SX.zeros(model.n), vdot, p)
+    inertia = ca.jacobian(_wrench(body, hold, acceleration), acceleration)
+    terms = ca.jacobian(hold.accelerations, vdot), inertia
     return ca.Function("chain", [Q, p], ca.cse([ca.densify(term) for term in terms]))
 
 
-def _chain(
-    model: RobotModel, body: FreeBody, grippers: Sequence[str], Q: ca.SX, v: ca.SX, p: ca.SX
-) -> tuple[ca.SX, list[ca.SX], Vector]:
-    """Return S_i v of all grippers (A size,), the stiffnesses C_i about the object's centre, and its attitude.
+def _wrench(body: FreeBody, hold: _Hold, acceleration: ca.SX) -> ca.SX:
+    """Return the wrench (size,) that an acceleration of the object (size,) needs: M acceleration + bias.
 
-    S_i v is the velocity of the object's centre of mass and its angular velocity, both in the inertial frame, if it is
-    fixed to gripper i at its pose in the object's frame.
+    With attitude R and principal moments I_0 it is (m a, I alpha + omega x I omega), I = R I_0 R', of which the
+    components that count are left.
     """
     space = body.space
-    size = space.n_twist
-    size_of_grasp = space.n_pose + 2
-    xi = model.g(Q)
-    xidot = model.J_C(Q) @ v
-    velocities = list[ca.SX]()
-    stiffness = list[ca.SX]()
-    attitude: Vector = ()
-    for i, gripper in enumerate(grippers):
-        frame = list(model.pose_rows).index(gripper)
-        grasp = ca.vertsplit(p)[size_of_grasp * i : size_of_grasp * (i + 1)]
-        inside, turned = space.to_3d(grasp[:-2])
-        _, at = space.to_3d(ca.vertsplit(xi[model.pose_rows[gripper]]))
-        attitude = product(at, conjugate(turned))
-        linear, angular = space.twist_to_3d(ca.vertsplit(xidot[size * frame : size * (frame + 1)]))
-        lever = scaled(rotate(attitude, inside), -1)
-        stiffness.append(_at_centre(space, scaled(lever, -1), *grasp[-2:]))
-        velocities += space.twist(add(linear, cross(angular, lever)), angular)
-    return ca.vertcat(*velocities), stiffness, attitude
+
+    def spin(angular: Vector) -> list[Any]:
+        turned = matrix_vector(transposed(hold.attitude), angular)
+        return matrix_vector(hold.attitude, [I_0 * rate for I_0, rate in zip(body.moments, turned, strict=True)])
+
+    linear, alpha = space.twist_to_3d(ca.vertsplit(acceleration))
+    moment = add(spin(alpha), cross(hold.omega, spin(hold.omega)))
+    return ca.SX(ca.vertcat(*space.twist(scaled(linear, body.mass), moment)))
+
+
+def _borne(space: ConfigurationSpace, levers: ca.SX, p: ca.SX, wrench: ca.SX) -> ca.SX:
+    """Return the wrenches f_i = C_i (sum C)^-1 wrench of the grippers about the object's centre (A size,).
+
+    Args:
+        space: Of the object's poses.
+        levers: From the object's centre to the grippers (3 A,).
+        p: Grasps, with the stiffnesses k and kappa of each last.
+        wrench: What the object needs (size,).
+    """
+    stiffness = [
+        _at_centre(space, ca.vertsplit(lever), *ca.vertsplit(grasp)[-2:])
+        for lever, grasp in zip(ca.vertsplit(levers, 3), ca.vertsplit(p, space.n_pose + 2), strict=True)
+    ]
+    if len(stiffness) == 1:
+        return wrench
+    deflection = solve_spd(sum(stiffness, ca.SX.zeros(space.n_twist, space.n_twist)), wrench)
+    return ca.SX(ca.vertcat(*(C @ deflection for C in stiffness)))
+
+
+def _borne_with_jacobians(space: ConfigurationSpace, grippers: int) -> ca.Function:
+    """Return levers, wrench, grasps -> `_borne`, its derivatives by levers and by the wrench."""
+    levers = ca.SX.sym("levers", 3 * grippers)
+    wrench = ca.SX.sym("wrench", space.n_twist)
+    p = ca.SX.sym("p", (space.n_pose + 2) * grippers)
+    borne = _borne(space, levers, p, wrench)
+    jacobians = ca.jacobian(borne, levers), ca.jacobian(borne, wrench)
+    return ca.Function("borne", [levers, wrench, p], [borne, *jacobians])
 
 
 def _at_centre(space: ConfigurationSpace, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
@@ -270,22 +430,3 @@ def _at_centre(space: ConfigurationSpace, lever: Vector, k: ca.SX, kappa: ca.SX)
     force = scaled(add(moved, cross(turned, lever)), k)
     wrench = space.twist(force, add(scaled(turned, kappa), cross(lever, force)))
     return ca.SX(ca.jacobian(ca.vertcat(*wrench), displacement))
-
-
-def _load(body: FreeBody, attitude: Vector, velocity: Vector) -> tuple[ca.SX, ca.SX]:
-    """Return the object's inertia M by its velocity in the inertial frame, and its bias omega x I omega as a wrench.
-
-    With attitude R and principal moments I_0: M = diag(m, m, m, R I_0 R'), of which the components that count are left.
-    """
-    space = body.space
-
-    def spin(angular: Vector) -> list[Any]:
-        turned = rotate(conjugate(attitude), angular)
-        return rotate(attitude, [moment * rate for moment, rate in zip(body.moments, turned, strict=True)])
-
-    twist = ca.SX.sym("twist", space.n_twist)
-    linear, angular = space.twist_to_3d(ca.vertsplit(twist))
-    momentum = ca.vertcat(*space.twist(scaled(linear, body.mass), spin(angular)))
-    _, omega = space.twist_to_3d(velocity)
-    bias = ca.vertcat(*space.twist([0.0, 0.0, 0.0], cross(omega, spin(omega))))
-    return ca.SX(ca.jacobian(momentum, twist)), bias

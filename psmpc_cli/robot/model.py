@@ -127,6 +127,24 @@ class RobotModel:
         """The equations of motion, derived when they are first used: poses and what a task asks need none."""
         return self.derived(derive_dynamics, partial(derive_dynamics, self.spec))
 
+    @property
+    def law_jacobian(self) -> ca.Function:
+        """joints, v, u, w -> the derivatives of `Dynamics.law` by [joints; v; u] (n, joints + 2n), base at neutral.
+
+        Force, velocity and acceleration along the base's own axes depend on neither its position nor its attitude:
+        these derivatives are those of all poses, without the operations that turn vectors into the inertial frame.
+        """
+        return self.derived("law_jacobian", self._law_jacobian)
+
+    def _law_jacobian(self) -> ca.Function:
+        joints = ca.SX.sym("joints", self.space.joints)
+        v = ca.SX.sym("v", self.n)
+        u = ca.SX.sym("u", self.n)
+        w = ca.SX.sym("w", self.nominal.vector.size)
+        F = self.dynamics.law(self.space.at_neutral_base(joints), v, u, w)
+        F_by = ca.jacobian(F, ca.vertcat(joints, v, u))
+        return ca.Function("law_jacobian", [joints, v, u, w], [F_by])
+
     @cached_property
     def charted(self) -> ca.Function:
         """Coordinates in a chart (n,), its anchor -> xi (m,)."""

@@ -65,6 +65,21 @@ def matrix(q: Vector) -> list[list[Any]]:
     ]
 
 
+def matrix_vector(A: Sequence[Vector], b: Vector) -> list[Any]:
+    """Compute A b of a matrix row by row."""
+    return [dot(row, b) for row in A]
+
+
+def matrix_product(A: Sequence[Vector], B: Sequence[Vector]) -> list[list[Any]]:
+    """Compute A B of matrices row by row."""
+    return transposed([matrix_vector(A, column) for column in transposed(B)])
+
+
+def transposed(A: Sequence[Vector]) -> list[list[Any]]:
+    """Return the transpose of a matrix row by row."""
+    return [list(column) for column in zip(*A, strict=True)]
+
+
 def turn(axis: Vector, angle: Any) -> list[Any]:
     """Compute the quaternion of a turn by `angle` [rad] about a unit vector (3,)."""
     library = _library(angle)

@@ -275,7 +275,7 @@ class Nlp:
         p = self._p
         S = self.grid.switches
         wanted = reference_at(p, s, node, self._duration(min(s, S), k))
-        Lbar = self._functions[s].cost.function(self._X[:, k], u, wanted, p.weights[s], control_weights)
+        Lbar = self._functions[s].cost.function(self._X[:, k], u, wanted, p.weights[s], control_weights, p.loads[s])
         return (Lbar - p.offset[s]) / p.scale[s]
 
     def _cost(self, s: int, node: int, k: int) -> ca.SX:

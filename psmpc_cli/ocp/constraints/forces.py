@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, rows_over_intervals
-from psmpc_cli.ocp.loads import LoadKind, known_load
+from psmpc_cli.ocp.loads import LoadKind, OwnMotion, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import resolve_limits
@@ -77,10 +77,18 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     dv = ca.SX.sym("dv", n)
     h = ca.SX.sym("h")
     argument = ca.SX.sym("argument", model.space.n_anchor + structure.load.count(model))
-    anchor, load = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
-    F = structure.load.own_force(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor, load)
-    rows = (F / inertia(model))[list(structure.coordinates)]
-    return IntervalFunctions(x, dv, h, argument, rows, ends=(0, 1))
+    anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
+    load = structure.load
+    coordinates = list(structure.coordinates)
+    scale = 1 / inertia(model)[coordinates]
+    motion = OwnMotion.in_chart(model.space, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+    rows = load.own_force(model, motion, numbers)[coordinates] * scale
+
+    def jacobian() -> ca.SX:
+        F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
+        return ca.SX(ca.diag(scale) @ F_by[coordinates, :])
+
+    return IntervalFunctions(x, dv, h, argument, rows, ends=(0, 1), jacobian=jacobian)
 
 
 CONSTRAINT = Constraint(rows_over_intervals("forces", functions), numbers)

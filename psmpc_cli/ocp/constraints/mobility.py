@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
-from psmpc_cli.ocp.loads import Load, known_load
+from psmpc_cli.ocp.loads import Load, LoadKind, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
@@ -33,21 +33,27 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     unknown = np.full(model.space.n_twist * moved_by.moves, np.nan)
     load = known_load(task, model, stage)
     return ConstraintNumbers(
-        structure=load,
+        structure=load.kind,
         argument=unknown,
         low=none,
         high=none,
         at_sample=partial(_measured_momentum, load) if moved_by.moves else None,
+        at_nodes=partial(_with_load, load.numbers) if moved_by.moves and load.kind.carries else None,
     )
 
 
 def _measured_momentum(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray:
     """Return the momentum (n_twist,) of the robot and its load at a sample."""
-    return np.asarray(load.momentum(model)(sample.x, sample.anchor)).ravel()
+    return np.asarray(load.kind.momentum(model)(sample.x, sample.anchor, load.numbers)).ravel()
 
 
-def functions(model: RobotModel, load: Load) -> ConstraintFunctions:
-    """Return x, [anchor; momentum] -> by how much the momentum differs, or the rates of a base that stands still.
+def _with_load(load: np.ndarray, momentum: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return the momentum, which stages share, with the numbers of a stage's load, at each time (N, numbers)."""
+    return np.tile(np.concatenate([momentum, load]), (len(times), 1))
+
+
+def functions(model: RobotModel, load: LoadKind) -> ConstraintFunctions:
+    """Return x, [anchor; momentum; load] -> how much the momentum differs, or the rates of a base that stands still.
 
     A payload is at rest when it is taken and when it is let go, so the momentum of robot and payload stays throughout.
     """
@@ -56,9 +62,10 @@ def functions(model: RobotModel, load: Load) -> ConstraintFunctions:
     if not model.spec.moved_by.moves:
         anchor = ca.SX.sym("anchor", space.n_anchor)
         return ConstraintFunctions(x, anchor, x[model.n :][space.base], solved_for=space.base)
-    argument = ca.SX.sym("argument", space.n_anchor + space.n_twist)
-    h = argument[space.n_anchor :]
-    rows = load.momentum(model)(x, argument[: space.n_anchor]) - h
+    sizes = np.cumsum([0, space.n_anchor, space.n_twist, load.count(model)]).tolist()
+    argument = ca.SX.sym("argument", sizes[-1])
+    anchor, h, numbers = ca.vertsplit(argument, sizes)
+    rows = load.momentum(model)(x, anchor, numbers) - h
     return ConstraintFunctions(x, argument, rows, solved_for=space.base)
 
 

@@ -12,7 +12,7 @@ from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.loads import Load, known_load
-from psmpc_cli.ocp.objective import Intervals
+from psmpc_cli.ocp.objective import Intervals, force_residual
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.plant.mujoco import MujocoPlant
@@ -192,6 +192,33 @@ def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object
     assert other.status is QpStatus.SOLVED
     np.testing.assert_allclose(own.step.tau, other.step.tau, atol=1e-6)
     np.testing.assert_allclose(own.step.X, other.step.X, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["transport_grasp", "servicing"])
+@pytest.mark.parametrize("hands", [0, 2], ids=["payload", "held"])
+def test_what_force_costs_with_a_load(name: str, hands: int) -> None:
+    """sqrt(h) F and its derivatives, of a payload and of a held object, whose numbers are arguments."""
+    task = load_task(name, {"object.grasp.known": True})
+    model = RobotModel(task.robot)
+    held = known_load(task.spec, model, task.spec.held_stages.start).held
+    assert held is not None
+    arms = len(model.spec.arms)
+    load = Load((0.0,) * arms, (0.0,) * arms, held) if hands else Load((2.0, 5.0), (0.1, 0.4))
+    rows = force_residual(model, load.kind)
+    rng = np.random.default_rng(6)
+    x, x_next = 0.3 * rng.standard_normal((2, 2 * model.n))
+    argument = np.r_[model.neutral[model.space.attitude], load.numbers]
+    z = np.r_[x, x_next, 0.2]
+
+    def value(z: np.ndarray) -> np.ndarray:
+        start, end, h = np.split(z, [2 * model.n, 4 * model.n])
+        return rows.values(over_one(start, end, h), argument).ravel()
+
+    (jacobian,) = rows.jacobian(over_one(x, x_next, z[-1:]), argument)
+    assert_close_to_differences(jacobian, jacobian_by_differences(value, z))
+    limits = functions(model, ForceStructure(tuple(range(model.n)), load.kind))
+    hF = limits.values(over_one(x, x_next, z[-1:]), argument)[0, : model.n] * inertia(model)
+    np.testing.assert_allclose(value(z) * np.sqrt(0.2), hF, rtol=1e-10, atol=1e-10 * np.abs(hF).max())
 
 
 @pytest.mark.slow

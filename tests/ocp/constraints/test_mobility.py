@@ -8,8 +8,9 @@ import pytest
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.mobility import functions
-from psmpc_cli.ocp.loads import known_load
+from psmpc_cli.ocp.loads import LoadKind, known_load
 from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.ocp.window import window_shape
 from psmpc_cli.plant import Plant
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -66,7 +67,7 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
     rng = np.random.default_rng(7)
     Q = model.space.path(model.space.neutral, 0.4 * rng.standard_normal((1, model.n)))[-1]
     anchor = np.asarray(Q[model.space.attitude])
-    own = functions(model, known_load(task.spec, model, 0))
+    own = functions(model, known_load(task.spec, model, 0).kind)
     x = 0.3 * rng.standard_normal(2 * model.n)
     h = rng.standard_normal(model.space.n_twist)
     argument = np.r_[anchor, h if mobility == "free-floating" else []]
@@ -82,6 +83,39 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
     if mobility == "free-floating":
         there, v = model.space.chart_at(Q).from_chart(x[None])
         np.testing.assert_allclose(model.momentum(there[0], v[0]), h, atol=1e-10)
+
+
+@pytest.mark.parametrize("payload", [0.0, 3.0])
+def test_momentum_is_that_of_robot_and_payload(fast_arms: Path, payload: float) -> None:
+    """The mass of a payload is a number of the rows: they are the same functions for each."""
+    model = RobotModel(planar_task(fast_arms).robot)
+    kind = LoadKind(carries=True, grippers=())
+    rng = np.random.default_rng(8)
+    x = 0.3 * rng.standard_normal(2 * model.n)
+    h = rng.standard_normal(model.space.n_twist)
+    masses, inertias = np.array([[payload, 2.0], [0.5, 0.1]])
+    found = functions(model, kind).value(x, np.r_[h, masses, inertias])[0].ravel()
+    parameters = model.nominal.holding(masses, inertias)
+    np.testing.assert_allclose(found, model.momentum(*np.split(x, 2), parameters) - h, atol=1e-12)
+
+
+def test_another_payload_rebuilds_nothing(fast_arms: Path) -> None:
+    """The shape of a stage decides its functions: rows of momentum and of forces, and what force costs."""
+    changes = {
+        "object": {"shape": [0.2, 0.2], "pose": [0, 1, 0], "taken_by": "reach"},
+        "limits": {"arms": {"force": [4.0] * 3}},
+        "skills.home.weights.force": 0.02,
+    }
+    shapes = []
+    for mass in (5, 8):
+        payload = {"mass": mass, "inertia": 0.7, "known": True}
+        problem = build_problem(planar_task(fast_arms, {**changes, "uncertainty.payload": payload}))
+        window = window_of(problem, stack(problem.spec.initial, problem.task.robot, "joint"), np.zeros(9))
+        shapes.append(window_shape(window))
+        assert window.stages[1].load_numbers.sum() == pytest.approx(mass + 0.7)
+    assert shapes[0] == shapes[1]
+    assert shapes[0].stages[1].force_load == LoadKind(carries=True, grippers=())
+    assert {name for name, _ in shapes[0].stages[1].constraints} >= {"forces", "mobility"}
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@
     python benchmarks/missions.py gains [STUDY...]     in larger studies, or in these,
     python benchmarks/missions.py equal_effort         with at most some efforts,
     python benchmarks/missions.py deliveries           and how often by what the controller does not know
+    python benchmarks/missions.py lateness             and with late commands
     python benchmarks/missions.py files                writes the long tables to benchmarks/results/missions-*.csv
 
     plane       an object that drifts and spins is caught and brought to its destination: 100 missions
@@ -863,7 +864,6 @@ NOT_KNOWN = {
     "masses": "masses wrong by up to",
     "load": "mass of the object",
     "drift": "motion of the object",
-    "delay": "delay",
 }
 """Studies of what the controller does not know, and what that is."""
 
@@ -879,6 +879,23 @@ def deliveries() -> Iterator[str]:
                 runs = made[f"{controller}; {level}"].values()
                 cells[f"`{controller}`"] = f"{sum(row['succeeded'] for row in runs)} of {len(runs)}"
             rows.append({"not known": f"{title}: {level}", **cells})
+    yield from markdown(rows)
+
+
+def lateness() -> Iterator[str]:
+    """Yield how often missions with late commands succeed, and by how much later they end than those without delay."""
+    rows = []
+    for name, family in {"delay": "captures", "delay_tour": "tours"}.items():
+        made = made_of(name)
+        for level in LEVELS[name]:
+            cells = {}
+            for controller in PLANNED:
+                runs = made[f"{controller}; {level}"]
+                prompt = made[f"{controller}; none"]
+                later = [runs[seed]["time"] - prompt[seed]["time"] for seed in runs if runs[seed]["succeeded"]]
+                median = f", {np.median(later):+.1f}" if later and level != "none" else ""
+                cells[f"`{controller}`"] = f"{len(later)} of {len(runs)}{median}"
+            rows.append({"missions": family, "delay": level, **cells})
     yield from markdown(rows)
 
 
@@ -969,7 +986,7 @@ def figure() -> Iterator[str]:
 
 def main(words: Sequence[str]) -> None:
     """Print the lines of what the command line names."""
-    others = (figure, optimum, headline, by_hand, gains, equal_effort, differences_of, deliveries, files)
+    others = (figure, optimum, headline, by_hand, gains, equal_effort, differences_of, deliveries, lateness, files)
     other = {function.__name__: function for function in others}.get(words[0])
     for line in study(*words) if other is None else other(*words[1:]):
         print(line, flush=True)

@@ -24,7 +24,7 @@
     noise       missions of `plane` by the noise of the measurements: 5 missions
     masses, load, drift  the same by what else the controller does not know
     delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 10 missions
-    delay_tour  tours of the planar robot, the same: 10 tours
+    delay_tour  tours of the planar robot, the same: 5 tours
     timed       missions of `plane` that switch when hard switching did, at given times: 5 missions
     priorities  the task `transport` by the priority of each stage, and by horizon and the priority of Release
 
@@ -488,7 +488,7 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "load": ("plane", PLANNED, range(5)),
     "drift": ("plane", PLANNED, range(5)),
     "delay": ("plane", PLANNED, range(10)),
-    "delay_tour": ("tour", PLANNED, range(10)),
+    "delay_tour": ("tour", PLANNED, range(5)),
     "timed": ("plane", ("psmpc, timed", "hard, timed"), range(5)),
     "priorities": ("transport", ("psmpc",), range(1)),
 }

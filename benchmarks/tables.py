@@ -53,7 +53,8 @@ SECTIONS = {
     for section, models in {
         "robots.md#limits": "PartLimits",
         "robots.md#geometry": "PlacedShape ShapeSpec",
-        "#controller": "ControllerSpec HtmpcSpec LoadPriorSpec",
+        "#controller": "ControllerSpec HtmpcSpec",
+        "#the-prior-of-a-load": "LoadPriorSpec",
         "#solver-and-plant": "SolverSpec PlantSpec",
         "#skills": "SkillSpec SkillWeights",
         "#stages": "StageSpec",

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-LONGEST = 0.5
+LONGEST = 1.0
 """The longest delay that is found out [s]."""
 
 STEP = 0.01

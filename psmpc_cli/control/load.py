@@ -22,7 +22,7 @@ UNEXPLAINED = 0.01, 5e-3
 PARTS = 4
 """Parts of a sample at whose middles the force of the low-level law is evaluated."""
 
-SETTLING = 0.5
+SETTLING = 0.3
 """For how long after grippers close or open momenta are not looked at [s]: grasps give in, and swing."""
 
 BLOCK = 3.0

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from psmpc_cli.control.delay import LONGEST as LONGEST_DELAY
+from psmpc_cli.control.delay import STEP
 from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS, sliding_of
 from psmpc_cli.logs.verdicts import (
     Arrays,
@@ -205,6 +207,7 @@ class Summary:
         compiled: Whether solver and plant ran as compiled code.
         delay: After how long commands were expected to act at the end of the run, and the standard deviation of that
             [s]; None where `controller.delay` is 0, or nothing told of a delay.
+        delay_is_cut_off: The delay that was found out came to the longest one that is tried.
         load: Mass that a load was found to have when it was held last, and the standard deviation of that [kg]; None
             where it is not found out.
         end_condition: Largest error over tolerance where a stage ended; None without one.
@@ -292,6 +295,8 @@ class Summary:
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
         self.delay = _delay(arrays)
+        reached = arrays.get("delay/expected", np.zeros(0)).max(initial=0.0)
+        self.delay_is_cut_off = spec.controller.delay == "auto" and bool(reached >= LONGEST_DELAY - STEP)
         self.load = _load(arrays)
         self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
         self.clearance = summarize_clearance(arrays)

@@ -370,6 +370,8 @@ def warnings_of(summary: Summary) -> Iterator[str]:
     for violation, text in zip(summary.beyond_limits, _limit_violations(summary), strict=True):
         if ("velocity" if violation.where.endswith(" velocity") else "position") in exceeded:
             yield f"a limit was exceeded: {text}"
+    if summary.delay_is_cut_off:
+        yield "commands are later than the controller finds out: give the delay, controller.delay"
     if summary.far_beyond > 0:
         share = with_unit(number(100 * summary.far_beyond, 0.1), "% of the time")
         yield f"{FORCES_FAR_BEYOND} were commanded, {share}"

@@ -27,9 +27,9 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.robot import stack
 from psmpc_cli.specs.task import TaskSpec
 
-NewTargets = Callable[[float], Mapping[str, Any]]
+NewTargets = Callable[[float], Mapping[str, Any] | None]
 """Tells at the time of a sample [s] which targets are others from then on: by the names of their stages, as a task file
-has them; none most of the time."""
+has them; none, or None, most of the time."""
 
 
 def no_new_targets(time: float) -> Mapping[str, Any]:
@@ -141,7 +141,7 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         measured = state if uncertainty is None else uncertainty.measured(sample_number, state)
         object_pose = None if capture is None else capture.measured(sample_number)
         holding = None if capture is None else capture.holding
-        for name, target in experiment.new_targets(now).items():
+        for name, target in (experiment.new_targets(now) or {}).items():
             controller.retarget(name, target, feasibility=False)
         command = controller.step(now, State.of(measured), object_pose, holding)
         if (ending := _ending(experiment, command, state, braking_until, time_after_end)) is not None:

@@ -430,6 +430,9 @@ Rate = Annotated[
     ),
     _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": COORDINATE_PATTERN}),
 ]
+Jerk = Annotated[
+    Rate, ensure(lambda pair: pair[0] < 0 < pair[1], "a number greater than 0: the robot must be able to accelerate")
+]
 Force = Annotated[
     tuple[Number, Number],
     listed("a pair [low, high]", 2),

@@ -238,7 +238,7 @@ class PartLimits(Spec):
     acceleration: tuple[fields.Rate | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s^2, rad/s^2]"
     )
-    jerk: fields.Sparse[tuple[fields.Rate | None, ...] | None] = Field(
+    jerk: fields.Sparse[tuple[fields.Jerk | None, ...] | None] = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s^3, rad/s^3]"
     )
     force: fields.Sparse[tuple[fields.Force | None, ...] | None] = Field(

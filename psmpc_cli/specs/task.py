@@ -981,8 +981,9 @@ def _prior_of_a_load(target_object: ObjectSpec, earlier_fields: Fields, context:
     controller = earlier_fields.get("controller")
     estimated = target_object.grasp is not None and target_object.grasp.is_estimated
     if controller and controller.load_prior and not estimated:
-        wanted = "estimated, or no controller.load_prior"
-        yield ("grasp", "known") if target_object.grasp else (), expected(wanted)
+        wanted = "object.grasp.known: estimated, or no controller.load_prior"
+        found = None if target_object.grasp else "an object without a grasp"
+        yield ("grasp", "known") if target_object.grasp else (), expected(wanted, found, at_key=found is not None)
 
 
 def _names_of_checks(monitors: tuple[MonitorSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:

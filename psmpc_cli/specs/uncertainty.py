@@ -116,8 +116,10 @@ def _in_seconds(delay: object, earlier_fields: Fields, context: Context) -> Rule
     if isinstance(delay, int | float) and not isinstance(delay, bool) and delay > 0:
         sample_time = context.file.value(("controller", "sample_time"))
         length = sample_time if isinstance(sample_time, int | float) else 0.1
-        wanted = f"seconds with their unit: {delay * length:g} s for {counted(round(delay), 'sample', 'samples')}"
-        yield (), expected(f"{wanted}, or {delay:g} s", f"{delay:g} without a unit")
+        in_samples = (
+            f"{delay * length:g} s for {counted(int(delay), 'sample', 'samples')}, or " if delay % 1 == 0 else ""
+        )
+        yield (), expected(f"seconds with their unit: {in_samples}{delay:g} s", f"{delay:g} without a unit")
 
 
 class UncertaintySpec(Spec):

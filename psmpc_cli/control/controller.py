@@ -270,7 +270,7 @@ class ControlLaw:
         inertia = inertias.holding(memory.inertia, is_held, memory.time)
         late = estimate.delay.seconds
         duration = estimate.time - before.time
-        u = estimate.commands.commanded(before.time - late, estimate.time - late)
+        acting = list(estimate.commands.acting(before.time - late, estimate.time - late))
         changes = np.ptp(estimate.commands.commanded(before.time - late - duration, estimate.time - late), axis=0)
         is_known = np.isfinite(estimate.delay.deviation)
         uncertain = (
@@ -285,8 +285,7 @@ class ControlLaw:
             v=(before.velocity + estimate.velocity) / 2,
             vdot=(estimate.velocity - before.velocity) / duration,
         )
-        law = self._law(memory, is_held)
-        return replace(memory, inertia=inertias.measured(inertia, motion, u.mean(axis=0), law, uncertain))
+        return replace(memory, inertia=inertias.measured(inertia, motion, acting, uncertain))
 
     def _law(self, memory: Memory, is_held: bool) -> LowLevelLaw:
         """Return the low-level law with what is known of the robot's masses, of what hands hold, and of the load."""
@@ -613,7 +612,8 @@ class ControlLaw:
             planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
-        estimate, u = self._estimator.command(situation.estimate, planned, changes)
+        law = self._law(memory, decision.sequence.first in self.problem.spec.held_stages)
+        estimate, u = self._estimator.command(situation.estimate, planned, changes, law)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
             if self.problem.model.task_space_condition(Q[0]) > LARGEST_CONDITION:
@@ -636,7 +636,7 @@ class ControlLaw:
             switches=situation.switches,
             disturbance=estimate.disturbance,
             levels=decision.levels,
-            law=self._law(memory, decision.sequence.first in self.problem.spec.held_stages),
+            law=law,
             load=load,
             inertia=memory.inertia,
             problem=self.problem,

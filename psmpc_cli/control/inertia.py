@@ -3,11 +3,13 @@
 docs/uncertainty_model.md, section "Wrong masses".
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
+from psmpc_cli.control.delay import Acting
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
@@ -177,8 +179,7 @@ class InertiaEstimator:
         self,
         estimate: InertiaEstimate,
         motion: MeasuredMotion,
-        u: np.ndarray,
-        law: LowLevelLaw,
+        acting: Sequence[Acting],
         uncertain: np.ndarray | None = None,
     ) -> InertiaEstimate:
         """Return the estimate after a motion between two samples was measured.
@@ -186,14 +187,18 @@ class InertiaEstimator:
         Args:
             estimate: That of the sample before.
             motion: The motion; where it was not measured, or grippers have not settled, it is left out.
-            u: Mean acceleration commanded meanwhile (n,).
-            law: The low-level law that applied it.
-            uncertain: Standard deviation of u (n,); where it is not finite the motion is left out; by default 0.
+            acting: The commands that acted meanwhile.
+            uncertain: Standard deviation of what they commanded (n,), by default 0; where it is not finite the motion is
+                left out.
         """
-        uncertain = np.zeros(len(u)) if uncertain is None else uncertain
+        uncertain = np.zeros(self._model.n) if uncertain is None else uncertain
         if motion.begin < estimate.settled_at or not (motion.is_measured and np.isfinite(uncertain).all()):
             return estimate
-        F = law.force(motion.Q, motion.v, u)
+        F = np.zeros(self._model.n)
+        for command in acting:
+            law = command.law or LowLevelLaw(self._model)
+            F += command.share * law.force(motion.Q, motion.v, command.u)
+        u = np.array([command.u for command in acting])
         share, least = UNEXPLAINED
         unexplained = share * np.sqrt((u**2).mean()) + least
         duration = motion.end - motion.begin

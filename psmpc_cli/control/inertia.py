@@ -134,6 +134,8 @@ class InertiaEstimator:
         total = described.mass.sum()
         held = np.repeat(np.array(HELD) * total, grippers)
         self._scales = np.concatenate([described.mass, described.inertia.T.ravel(), held])
+        self._least = np.zeros(self._of_load.stop)
+        self._least[: 2 * bodies] = LEAST - 1
         moments = described.inertia.shape[1]
         by_share = np.eye(self._of_load.stop)
         rows = [np.arange(bodies), *[bodies + np.arange(bodies)] * moments, np.arange(2 * bodies, len(by_share))]
@@ -152,11 +154,11 @@ class InertiaEstimator:
         """Return the most likely inertial parameters, with what grippers hold where they are loaded."""
         described = self._model.nominal
         bodies, moments = described.inertia.shape
-        held = is_loaded * np.maximum(estimate.shares[self._of_load], 0.0) * self._scales[bodies * (1 + moments) :]
+        held = is_loaded * estimate.shares[self._of_load] * self._scales[bodies * (1 + moments) :]
         held_mass, held_inertia = np.split(held, 2)
         return InertialParameters(
-            mass=described.mass * np.maximum(estimate.mass_factor, LEAST),
-            inertia=described.inertia * np.maximum(estimate.inertia_factor, LEAST)[:, None],
+            mass=described.mass * estimate.mass_factor,
+            inertia=described.inertia * estimate.inertia_factor[:, None],
             offset=described.offset,
             held_mass=held_mass,
             held_inertia=held_inertia,
@@ -188,8 +190,8 @@ class InertiaEstimator:
             estimate: That of the sample before.
             motion: The motion; where it was not measured, or grippers have not settled, it is left out.
             acting: The commands that acted meanwhile.
-            uncertain: Standard deviation of what they commanded (n,), by default 0; where it is not finite the motion is
-                left out.
+            uncertain: Standard deviation of what they commanded (n,), by default 0; where it is not finite the motion
+                is left out.
         """
         uncertain = np.zeros(self._model.n) if uncertain is None else uncertain
         if motion.begin < estimate.settled_at or not (motion.is_measured and np.isfinite(uncertain).all()):
@@ -207,14 +209,18 @@ class InertiaEstimator:
         P = estimate.covariance
         shares = estimate.shares
         for iteration in range(ITERATIONS):
-            vdot, rows = self._accelerations(replace(estimate, shares=shares), motion, F)
-            surplus = motion.vdot[self._moved] - vdot
+            parameters = self.parameters(replace(estimate, shares=shares), is_loaded=estimate.is_loaded)
+            vdot = self._model.forward_dynamics(motion.Q, motion.v, F, parameters)
+            surplus = (motion.vdot - vdot)[self._moved]
+            # With Y at the measured accelerations the first step is exact without noise, however large it is.
+            rows = self._by_shares(motion, motion.vdot if iteration == 0 else vdot, parameters)
             if iteration == 0:
                 square = float(surplus @ np.linalg.solve(rows @ P @ rows.T + noise, surplus)) / len(surplus)
                 noise *= max(1.0, square / GATE**2)
             gain = np.linalg.solve(rows @ P @ rows.T + noise, rows @ P).T
             before = shares
             shares = estimate.shares + gain @ (surplus - rows @ (estimate.shares - shares))
+            shares = np.maximum(shares, self._least)
             if np.abs(shares - before).max() < CONVERGED:
                 break
         # Joseph's form keeps the covariance symmetric and positive
@@ -222,19 +228,14 @@ class InertiaEstimator:
         covariance = remaining @ P @ remaining.T + gain @ noise @ gain.T
         return replace(estimate, shares=shares, covariance=covariance)
 
-    def _accelerations(
-        self, estimate: InertiaEstimate, motion: MeasuredMotion, F: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the accelerations that a force F (n,) leads to by an estimate, and their derivatives by its shares.
+    def _by_shares(self, motion: MeasuredMotion, vdot: np.ndarray, parameters: InertialParameters) -> np.ndarray:
+        """Return derivatives of the accelerations under a given force by the shares, at accelerations vdot (n,).
 
         Of H vdot + C v = F, in which H and C are linear in the parameters: dvdot = -H^-1 Y dw.
         """
-        parameters = self.parameters(estimate, is_loaded=estimate.is_loaded)
-        vdot = self._model.forward_dynamics(motion.Q, motion.v, F, parameters)
         [Y] = self._force_by(motion.Q, motion.v, vdot)
         H = self._model.mass_matrix(motion.Q, parameters)[self._moved, self._moved]
-        by_shares = -np.linalg.solve(H, (Y.T @ self._by_share)[self._moved])
-        return vdot[self._moved], by_shares
+        return -np.linalg.solve(H, (Y.T @ self._by_share)[self._moved])
 
 
 def _force_by_parameters(model: RobotModel) -> ca.Function:

@@ -20,11 +20,16 @@ IMPRECISE = {
     "uncertainty": {"mass": 0.1, "inertia": 0.1, "payload": {"mass": 5, "inertia": 0.67}},
     **LIGHT_LOG,
 }
-TASKS = {"free": "transport", "floating": "float_and_reach", "space": "servicing"}
+TASKS = {
+    "free": ("transport", {}),
+    "floating": ("float_and_reach", {}),
+    "fixed": ("float_and_reach", {"mobility": "fixed"}),
+    "space": ("servicing", {}),
+}
 
 
-def model_of(task: str) -> RobotModel:
-    return build_problem(load_task(task)).model
+def model_of(task: str, changes: dict[str, str] | None = None) -> RobotModel:
+    return build_problem(load_task(task, changes or {})).model
 
 
 def off(model: RobotModel, factor: float = 1.0) -> InertialParameters:
@@ -61,10 +66,10 @@ def moved(
     return estimate
 
 
-@pytest.mark.parametrize("task", [pytest.param(task, id=name) for name, task in TASKS.items()])
-def test_accelerations_are_those_of_the_true_robot_once_it_has_moved(task: str) -> None:
+@pytest.mark.parametrize(("task", "changes"), TASKS.values(), ids=TASKS)
+def test_accelerations_are_those_of_the_true_robot_once_it_has_moved(task: str, changes: dict[str, str]) -> None:
     """Not every mass is found, since some act together, but what a force leads to is."""
-    model = model_of(task)
+    model = model_of(task, changes)
     true = off(model)
     estimator = InertiaEstimator(model, np.zeros(model.n))
     found = estimator.parameters(moved(model, true, estimator, estimator.first, 60), is_loaded=False)

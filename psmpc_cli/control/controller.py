@@ -14,6 +14,7 @@ from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.htmpc import Hierarchy
+from psmpc_cli.control.inertia import InertiaEstimate, InertiaEstimator, MeasuredMotion
 from psmpc_cli.control.interface import Command, Measurement, NewTarget, State
 from psmpc_cli.control.load import LoadEstimate, LoadEstimator, LoadPrior, Motion
 from psmpc_cli.control.placement import Placement, Placer, Signs
@@ -28,6 +29,7 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import JERK, PlacedStage
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
+from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.solvers import Solution, Solver, build_solver
 from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.document import plain, quoted
@@ -53,6 +55,7 @@ class Memory:
         estimate: What is known of the robot; None before the first measurement.
         target_object: What is known of an object that moves.
         load: What is known of its mass and moments; None where they are not to be found out.
+        inertia: What is known of masses and inertias of the robot; None where they are not to be found out.
         motion: Robot and object at the last sample; None where they are not needed.
         signs: Of the quaternions in spatial targets.
         arguments: Those of constraints that samples of the current stage set, by name.
@@ -70,6 +73,7 @@ class Memory:
     estimate: Estimate | None = None
     target_object: ObjectEstimate = NO_OBJECT
     load: LoadEstimate | None = None
+    inertia: InertiaEstimate | None = None
     motion: Motion | None = None
     signs: Signs = field(default_factory=dict)
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
@@ -168,6 +172,7 @@ class ControlLaw:
         self._estimator = Estimator(self._spec, model.space, model.actuated, noise, self._tick)
         self._placer = Placer(problem)
         self._loads = _load_estimator(problem, noise[model.n :]) if spec.finds_load else None
+        self._inertias = InertiaEstimator(model, noise[model.n :]) if spec.finds_masses else None
         self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
 
@@ -183,7 +188,10 @@ class ControlLaw:
     def first(self) -> Memory:
         """What is known before the first sample."""
         load = None if self._loads is None else self._loads.first
-        return Memory(MovingSequence.of(0, 0.0), target_object=object_estimate(self.problem.body), load=load)
+        inertia = None if self._inertias is None else self._inertias.first
+        return Memory(
+            MovingSequence.of(0, 0.0), target_object=object_estimate(self.problem.body), load=load, inertia=inertia
+        )
 
     def decide(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Command]:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
@@ -224,6 +232,8 @@ class ControlLaw:
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x_chart = np.asarray(chart.to_chart(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
+        if self._inertias is not None:
+            memory = self._with_inertia(self._inertias, memory, estimate)
         if self._loads is not None:
             memory = self._with_load(self._loads, memory, estimate, grip is not None)
         if time > measured_at:
@@ -247,6 +257,44 @@ class ControlLaw:
             is_loaded=memory.sequence.first in self.problem.held_stages and self.problem.law.grasps is None,
         )
 
+    def _with_inertia(self, inertias: InertiaEstimator, memory: Memory, estimate: Estimate) -> Memory:
+        """Return the memory with what is known of masses and inertias after a measurement.
+
+        While hands hold what the law knows of, robot and load are a closed chain, and nothing is found out. Where the
+        delay of commands is uncertain, so is what acted whenever they changed.
+        """
+        before = memory.estimate
+        is_held = memory.sequence.first in self.problem.spec.held_stages
+        if before is None or memory.inertia is None or (is_held and self.problem.law.grasps is not None):
+            return memory
+        inertia = inertias.holding(memory.inertia, is_held, memory.time)
+        late = estimate.delay.seconds
+        duration = estimate.time - before.time
+        acting = list(estimate.commands.acting(before.time - late, estimate.time - late))
+        changes = np.ptp(estimate.commands.commanded(before.time - late - duration, estimate.time - late), axis=0)
+        is_known = np.isfinite(estimate.delay.deviation)
+        uncertain = (
+            changes * min(estimate.delay.deviation / duration, 1.0) if is_known else np.full(len(changes), np.inf)
+        )
+        space = self.problem.model.space
+        step = np.array(space.difference(before.state.Q, estimate.state.Q))
+        motion = MeasuredMotion(
+            begin=before.time,
+            end=estimate.time,
+            Q=np.array(space.integrate(before.state.Q, step / 2)),
+            v=(before.velocity + estimate.velocity) / 2,
+            vdot=(estimate.velocity - before.velocity) / duration,
+        )
+        return replace(memory, inertia=inertias.measured(inertia, motion, acting, uncertain))
+
+    def _law(self, memory: Memory, is_held: bool) -> LowLevelLaw:
+        """Return the low-level law with what is known of the robot's masses, of what hands hold, and of the load."""
+        load = None if memory.load is None else memory.load.numbers
+        parameters = None
+        if self._inertias is not None and memory.inertia is not None:
+            parameters = self._inertias.parameters(memory.inertia, is_held)
+        return self.problem.law.counting_with(load, parameters)
+
     def _moved_grippers(self, memory: Memory, now: float) -> bool:
         """Tell whether grippers closed or opened since the sample before, by the plan."""
         sequence = memory.sequence
@@ -265,7 +313,8 @@ class ControlLaw:
                 load = loads.unsettled(load, estimate.time)
             late = estimate.delay.seconds
             u = estimate.commands.commanded(memory.motion.time - late, estimate.time - late)
-            load = loads.measured(load, memory.motion, motion, u, self.problem.law.counting_with(load.numbers))
+            law = self._law(replace(memory, load=load), is_held=False)
+            load = loads.measured(load, memory.motion, motion, u, law)
         return replace(memory, load=load, motion=motion)
 
     @staticmethod
@@ -563,7 +612,8 @@ class ControlLaw:
             planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
-        estimate, u = self._estimator.command(situation.estimate, planned, changes)
+        law = self._law(memory, decision.sequence.first in self.problem.spec.held_stages)
+        estimate, u = self._estimator.command(situation.estimate, planned, changes, law)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
             if self.problem.model.task_space_condition(Q[0]) > LARGEST_CONDITION:
@@ -586,8 +636,9 @@ class ControlLaw:
             switches=situation.switches,
             disturbance=estimate.disturbance,
             levels=decision.levels,
-            law=self.problem.law if load is None else self.problem.law.counting_with(load.numbers),
+            law=law,
             load=load,
+            inertia=memory.inertia,
             problem=self.problem,
             new_targets=memory.new_targets,
             stages=situation.stages,

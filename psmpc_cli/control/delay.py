@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from psmpc_cli.robot.low_level import LowLevelLaw
+
 LONGEST = 1.0
 """The longest delay that is found out [s]."""
 
@@ -64,11 +66,27 @@ class Sent(NamedTuple):
         time: When it was sent [s].
         planned: Accelerations of the plan over its ticks (M, n) [m/s^2, rad/s^2].
         commanded: Those commanded: less the estimated disturbance (M, n).
+        law: The low-level law that applies them, with what it then counts with.
     """
 
     time: float
     planned: np.ndarray
     commanded: np.ndarray
+    law: LowLevelLaw | None = None
+
+
+class Acting(NamedTuple):
+    """What acted of one command between two times.
+
+    Attributes:
+        share: For which share of the time.
+        u: Mean of the accelerations that were commanded (n,) [m/s^2, rad/s^2].
+        law: The law that applied them; None of a robot that waits for its first command.
+    """
+
+    share: float
+    u: np.ndarray
+    law: LowLevelLaw | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +123,16 @@ class SentCommands:
     def commanded(self, begin: float, end: float) -> np.ndarray:
         """Return the commanded accelerations at the ticks between two times at which they were sent [s], (K, n)."""
         return self._between(begin, end, [one.commanded for one in self.sent])
+
+    def acting(self, begin: float, end: float) -> Iterator[Acting]:
+        """Yield what acted of each command at the ticks between two times at which they were sent [s]."""
+        commanded = self.commanded(begin, end)
+        middles = begin + self.tick * (np.arange(len(commanded)) + 0.5)
+        which = np.searchsorted([one.time for one in self.sent], middles, side="right") - 1
+        for number in np.unique(which):
+            ticks = which == number
+            law = self.sent[number].law if number >= 0 else None
+            yield Acting(float(ticks.mean()), commanded[ticks].mean(axis=0), law)
 
     def _between(self, begin: float, end: float, rows: list[np.ndarray]) -> np.ndarray:
         count = round((end - begin) / self.tick)

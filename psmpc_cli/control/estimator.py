@@ -7,6 +7,7 @@ import numpy as np
 from psmpc_cli.control.delay import DelayEstimate, DelayEstimator, Sent, SentCommands
 from psmpc_cli.control.interface import State
 from psmpc_cli.robot.configuration import ConfigurationSpace
+from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.motion import over_ticks, slew_limited
 from psmpc_cli.specs.task import ControllerSpec
 
@@ -218,7 +219,11 @@ class Estimator:
         return np.where(np.isfinite(surplus) & self._actuated, filtered, d)
 
     def command(
-        self, estimate: Estimate, u: np.ndarray, changes: np.ndarray | None = None
+        self,
+        estimate: Estimate,
+        u: np.ndarray,
+        changes: np.ndarray | None = None,
+        law: LowLevelLaw | None = None,
     ) -> tuple[Estimate, np.ndarray]:
         """Return the estimate after a decision, and the accelerations to command (M, n): less the disturbance.
 
@@ -226,6 +231,7 @@ class Estimator:
             estimate: After the measurement of this sample.
             u: Accelerations planned over the ticks of the sample (M, n) [m/s^2, rad/s^2].
             changes: By how much accelerations may change to each tick, down and up (2, M, n); None without such limits.
+            law: The low-level law that is to apply them.
         """
         commanded = u - estimate.disturbance
         if changes is not None:
@@ -237,5 +243,5 @@ class Estimator:
             - (self._delays.reach if self._given_delay is None else self._spec.sample_time)
             - estimate.delay.seconds
         )
-        sent = estimate.commands.after(Sent(estimate.time, u, commanded), oldest)
+        sent = estimate.commands.after(Sent(estimate.time, u, commanded, law), oldest)
         return replace(estimate, commands=sent), commanded

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from psmpc_cli.control.inertia import InertiaEstimate
 from psmpc_cli.control.load import LoadEstimate
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.errors import InputError
@@ -219,6 +220,7 @@ class Command:
         new_targets: Targets that have changed since the sample before.
         route_progress: Share of the length of the current stage's route from which on it counts; NaN without one.
         load: What is known of the load, where it is to be found out; else None.
+        inertia: What is known of masses and inertias of the robot, where they are to be found out; else None.
         twist_rates: Rates of the velocities J_C v of base and end-effectors over the ticks (M, k) [m/s^2, rad/s^2] to
             which u leads: what the law in task space applies, of a stage with `input: task`; None where the law is that
             in joint space.
@@ -245,6 +247,7 @@ class Command:
     closed: np.ndarray
     route_progress: float = np.nan
     load: LoadEstimate | None = None
+    inertia: InertiaEstimate | None = None
     twist_rates: np.ndarray | None = None
     new_targets: tuple[NewTarget, ...] = ()
 

@@ -64,7 +64,7 @@ def _has_object(recorded: Recorded) -> bool:
 
 
 def _is_uncertain(recorded: Recorded) -> bool:
-    return recorded.is_simulated and recorded.task.spec.uncertainty.in_force
+    return recorded.is_simulated and recorded.task.spec.is_uncertain
 
 
 ALWAYS = Condition("in any case", lambda recorded: True)
@@ -95,6 +95,7 @@ PAYLOAD = Condition(
 )
 DISTURBANCE = Condition("with controller.offset_free", lambda recorded: recorded.task.spec.controller.offset_free)
 DELAY = Condition("unless controller.delay is 0", lambda recorded: recorded.task.spec.controller.delay != 0.0)
+MASSES = Condition("with controller.masses: estimated", lambda recorded: recorded.task.spec.finds_masses)
 LOAD = Condition("with object.grasp.known: estimated", lambda recorded: recorded.task.spec.finds_load)
 SPATIAL = Condition("of spatial robots", _is_spatial)
 SLIDING_JOINTS = Condition("of robots with joints that slide", lambda recorded: bool(recorded.task.robot.sliding))

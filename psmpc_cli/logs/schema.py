@@ -24,6 +24,7 @@ from psmpc_cli.logs.conditions import (
     FREE_END,
     LEVELS,
     LOAD,
+    MASSES,
     OBJECT,
     OBJECT_AT_TICKS,
     PAYLOAD,
@@ -402,6 +403,8 @@ _final_coordinates = partial(_column, dims=(Q_COORDINATE,))
 _final_velocities = partial(_column, dims=("coordinate",))
 _of_load = partial(_column, dims=("time",), only=LOAD)
 _moments_of_load = partial(_column, dims=("time", "load/moment"), only=LOAD)
+_of_estimated_body = partial(_column, dims=("time", "masses/body"), only=MASSES)
+_of_arm = partial(_column, dims=("time", "masses/arm"), only=MASSES)
 _of_monitor = partial(_column, dims=("monitors/name",))
 _of_body = partial(_column, dims=("uncertainty/body",), only=UNCERTAIN)
 _offset_of_body = partial(_column, dims=("uncertainty/body", "uncertainty/axis"), only=UNCERTAIN)
@@ -430,6 +433,8 @@ SCHEMA = (
     _scale("object_axis", "1", "component of the object's velocity", only=OBJECT),
     _scale("object/moment", "1", "principal moment of inertia", only=OBJECT),
     _scale("load/moment", "1", "principal moment of inertia of the load", only=LOAD),
+    _scale("masses/body", "1", "body of the robot", only=MASSES),
+    _scale("masses/arm", "1", "arm", only=MASSES),
     _scale("gripper", "1", "arm whose gripper takes the object", only=OBJECT),
     _scale("grasp_axis", "1", "component of a gripper's force and moment", only=OBJECT),
     _scale("grasp/measure", "1", "what a gripper has to be near in, to close", only=OBJECT),
@@ -470,6 +475,28 @@ SCHEMA = (
     _moments_of_load(
         "load/inertia_deviation", "kg m^2", "standard deviations of those", lambda s: s.command.load.deviation[1:]
     ),
+    _of_estimated_body(
+        "masses/mass_factor", "1", "estimated mass over the described one", lambda s: s.command.inertia.mass_factor
+    ),
+    _of_estimated_body(
+        "masses/mass_deviation", "1", "standard deviation of that", lambda s: s.command.inertia.mass_deviation
+    ),
+    _of_estimated_body(
+        "masses/inertia_factor",
+        "1",
+        "estimated inertia over the described one",
+        lambda s: s.command.inertia.inertia_factor,
+    ),
+    _of_estimated_body(
+        "masses/inertia_deviation", "1", "standard deviation of that", lambda s: s.command.inertia.inertia_deviation
+    ),
+    _of_arm(
+        "masses/held_mass",
+        "kg",
+        "mass that the low-level law counts with in the gripper, beside a known load",
+        lambda s: s.command.law.parameters.held_mass,
+    ),
+    _of_arm("masses/held_inertia", "kg m^2", "its inertia, likewise", lambda s: s.command.law.parameters.held_inertia),
     _sampled_velocities("control/u", ACCELERATION_UNITS, "applied acceleration over the first tick"),
     _sampled_velocities(
         "force/F",

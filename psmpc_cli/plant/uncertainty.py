@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks
 from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, stack
 from psmpc_cli.specs.task import TaskSpec
@@ -90,16 +91,20 @@ class Uncertainty:
         stage: int,
         closed: np.ndarray,
         twist_rates: np.ndarray | None = None,
-        load: np.ndarray | None = None,
+        law: LowLevelLaw | None = None,
     ) -> Ticks:
-        """Advance the plant over a sample of a stage from the true state; see `Plant.advance`."""
+        """Advance the plant over a sample of a stage from the true state; see `Plant.advance`.
+
+        The low-level law counts with what `law` does; by default with the described robot and object.
+        """
+        load = None if law is None else law.load
         if self.friction is None:
             return plant.advance(start, state, u, None, closed, twist_rates, load)
         robot = self.true_parameters(stage)
-        law = self._model.nominal
+        believed = self._model.nominal if law is None else law.parameters
         if self.spec.carried.known and self.holds(stage):
-            law = self._with_payload(law)
-        disturbance = Disturbance(robot, law, self._noise(sample), self._push(start))
+            believed = self._with_payload(believed)
+        disturbance = Disturbance(robot, believed, self._noise(sample), self._push(start))
         return plant.advance(start, state, u, disturbance, closed, twist_rates, load)
 
     def true_parameters(self, stage: int) -> InertialParameters:
@@ -145,7 +150,8 @@ class Uncertainty:
 def disturbs(task: TaskSpec) -> bool:
     """Return whether plant and low-level law of a task differ from what the controller knows."""
     spec = task.uncertainty
-    return task.plant.traits.has_forces and (spec.changes_the_plant or spec.measures_with_noise)
+    is_disturbed = spec.changes_the_plant or spec.measures_with_noise or task.finds_masses
+    return task.plant.traits.has_forces and is_disturbed
 
 
 def take_up(model: RobotModel, state: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:

@@ -16,6 +16,7 @@ class LowLevelLaw:
 
     Attributes:
         model: The robot.
+        parameters: Inertial parameters that it counts with for the robot's.
     """
 
     grasps: np.ndarray | None = None
@@ -26,10 +27,23 @@ class LowLevelLaw:
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
+        self.parameters = model.nominal
 
-    def counting_with(self, load: np.ndarray | None) -> "LowLevelLaw":
-        """Return the law with another mass and other moments (numbers,) of what hands hold; None: with its own."""
-        return self
+    def counting_with(
+        self, load: np.ndarray | None = None, parameters: InertialParameters | None = None
+    ) -> "LowLevelLaw":
+        """Return the law with other numbers of what it moves.
+
+        Args:
+            load: Mass and moments (numbers,) of what hands hold, where it knows of that; None: its own.
+            parameters: Inertial parameters of the robot; None: its own.
+        """
+        other = copy(self)
+        if load is not None and self.load is not None:
+            other.load = load
+        if parameters is not None:
+            other.parameters = parameters
+        return other
 
     def force(
         self,
@@ -51,8 +65,9 @@ class LowLevelLaw:
             twist_rates: Commanded rates of the velocities J_C v (k,), by (5) and (6), instead of u where the hands do
                 not hold a known load; None where u counts.
             grasps: Of the object that all hands hold; None while they do not.
-            parameters: Inertial parameters that the law has for the robot's; by default the model's own.
+            parameters: Inertial parameters that the law has for the robot's; by default its own.
         """
+        parameters = parameters or self.parameters
         if twist_rates is not None:
             return self.model.task_space_force(Q, v, twist_rates, parameters)
         return self.model.computed_torque(Q, v, u, parameters)
@@ -77,14 +92,6 @@ class LoadedLaw(LowLevelLaw):
         self.grasps = self._load.grasps
         self.load = body.vector
 
-    def counting_with(self, load: np.ndarray | None) -> "LoadedLaw":
-        """Return the law with another load."""
-        if load is None:
-            return self
-        other = copy(self)
-        other.load = load
-        return other
-
     def force(
         self,
         Q: np.ndarray,
@@ -97,7 +104,7 @@ class LoadedLaw(LowLevelLaw):
         """Compute the force of the closed chain while all hands hold the object."""
         if grasps is None:
             return super().force(Q, v, u, twist_rates, grasps, parameters)
-        return self._load.force(Q, v, u, parameters, grasps, self.load)
+        return self._load.force(Q, v, u, parameters or self.parameters, grasps, self.load)
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return what the closed chain leaves of the commanded accelerations."""

@@ -37,7 +37,7 @@ from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, S
 from psmpc_cli.solvers.sqp import libraries as solver_libraries
 from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.robot import labels
+from psmpc_cli.specs.robot import RobotSpec, labels
 
 logger = logging.getLogger(__name__)
 
@@ -273,6 +273,7 @@ def header(loop: RecordedLoop) -> Header:
             "stage": names,
             "momentum": MOMENTUM[loaded.robot.dimension],
             **({"load/moment": ("xx", "yy", "zz")[-space.n_principal :]} if task.finds_load else {}),
+            **(masses_header(loaded.robot) if task.finds_masses else {}),
             "stages/epsilon": task.onset.series,
             "stages/name": names,
             "stages/priority": priorities_in_force(task.controller, loop.problem.stages),
@@ -284,6 +285,11 @@ def header(loop: RecordedLoop) -> Header:
         },
         has=conditions_of(loop.recorded),
     )
+
+
+def masses_header(robot: RobotSpec) -> dict[str, tuple[str, ...]]:
+    """Return names of bodies and arms whose masses are found out, by path in the log."""
+    return {"masses/body": tuple(body.name for body in robot.bodies), "masses/arm": tuple(robot.arms)}
 
 
 def libraries_of(problem: Problem) -> list[Library]:

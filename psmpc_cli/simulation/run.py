@@ -59,7 +59,7 @@ def build_experiment(loaded: Task) -> Experiment:
     model = problem.model
     compiled = compile_for(problem)
     controller = Controller(problem)
-    uncertainty = Uncertainty(task, model) if task.uncertainty.in_force else None
+    uncertainty = Uncertainty(task, model) if task.is_uncertain else None
     friction = None if uncertainty is None else uncertainty.friction
     capture = build_capture(task, model)
     Q = stack(task.initial, loaded.robot, "joint")
@@ -158,8 +158,8 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
             ticks = plant.advance(now, state, u, None, closed, twist_rates, in_force.law.load)
         else:
             contact = uncertainty.contact(state, previous_stage, stage)
-            load = in_force.law.load
-            ticks = uncertainty.advance(plant, sample_number, now, contact.state, u, stage, closed, twist_rates, load)
+            law = in_force.law
+            ticks = uncertainty.advance(plant, sample_number, now, contact.state, u, stage, closed, twist_rates, law)
         if (
             not np.vdot(ticks.states, ticks.states) + np.vdot(ticks.F, ticks.F) < DIVERGED**2
         ):  # nor where it is not a number

@@ -57,7 +57,7 @@ class Verification:
         self._physics = AdaptiveDynamics(self._model)
         task = self._problem.spec
         levels = "levels/solved" in log
-        uncertain = task.uncertainty.in_force or task.controller.offset_free
+        uncertain = task.is_uncertain or task.controller.offset_free
         states = np.hstack([log.motion.Q_seen, log.motion.v_seen])
         self._states = np.vstack([states, np.full_like(states[:1], np.nan)])  # after a kill the last one is not known
         self.horizons: Peaks = {}

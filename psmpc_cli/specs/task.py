@@ -299,6 +299,11 @@ class ControllerSpec(Choice):
     )
     offset_free: fields.Flag = Field(False, description="estimate a constant disturbance and take it off the control")
     offset_gain: fields.Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
+    masses: Literal["as_described", "estimated"] = Field(
+        "as_described",
+        exclude_if=lambda value: value == "as_described",
+        description="masses and inertias that the low-level law counts with; estimated: found out from the motion",
+    )
     one_stage: Literal["as_published", "free_end"] = Field(
         "as_published",
         exclude_if=lambda value: value == "as_published",
@@ -1108,6 +1113,16 @@ class TaskSpec(Spec):
     def finds_load(self) -> bool:
         """Whether the controller finds out what the grippers hold."""
         return self.body.grasp.is_estimated
+
+    @property
+    def finds_masses(self) -> bool:
+        """Whether the controller finds out masses and inertias of the robot."""
+        return self.controller.masses == "estimated"
+
+    @property
+    def is_uncertain(self) -> bool:
+        """Whether the robot may differ from what the low-level law counts with."""
+        return self.uncertainty.in_force or self.finds_masses
 
     @property
     def carrying_stages(self) -> range:

@@ -166,6 +166,7 @@ class ControlLaw:
         self._one_stage = spec.controller.traits.one_stage
         self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
+        self._held_stages = spec.held_stages
         self._has_rates = any(stage.has_rates for stage in problem.stages)
         self._limits_jerk = any(JERK in stage.constraints for stage in problem.stages)
         model = problem.model
@@ -264,7 +265,7 @@ class ControlLaw:
         delay of commands is uncertain, so is what acted whenever they changed.
         """
         before = memory.estimate
-        is_held = memory.sequence.first in self.problem.spec.held_stages
+        is_held = memory.sequence.first in self._held_stages
         if before is None or memory.inertia is None or (is_held and self.problem.law.grasps is not None):
             return memory
         inertia = inertias.holding(memory.inertia, is_held, memory.time)
@@ -612,7 +613,7 @@ class ControlLaw:
             planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
-        law = self._law(memory, decision.sequence.first in self.problem.spec.held_stages)
+        law = self._law(memory, decision.sequence.first in self._held_stages)
         estimate, u = self._estimator.command(situation.estimate, planned, changes, law)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":

@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, ValidationInfo, model_validator
@@ -564,6 +564,25 @@ def _target(written: Any, earlier_fields: Fields, context: Context) -> RuleError
             yield (key,), expected('an "object" with a mass', "no such object", at_key=True)
 
 
+class _Carrying(NamedTuple):
+    """Where a stage stands among those that take an object, hold it and let it go: indices of stages."""
+
+    taken: int
+    stage: int
+    let_go: int
+
+
+def _carrying(target_object: Mapping[str, Any], earlier_fields: Fields, context: Context) -> _Carrying | None:
+    """Return where a stage stands among those that carry an object; None where a name is not that of a stage."""
+    order = context.stages
+    name = earlier_fields.get("name")
+    taken_by, let_go_by = (target_object.get(key) for key in ("taken_by", "let_go_by"))
+    if not (name in order and taken_by in order):
+        return None
+    let_go = order.index(let_go_by) if let_go_by in order else len(order)
+    return _Carrying(order.index(taken_by), order.index(name), let_go)
+
+
 def _object_end(end: ObjectEndSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give an end condition of the object that bounds nothing, or in a stage that does not hold it all the time."""
     if not end.model_dump(exclude_none=True):
@@ -573,14 +592,10 @@ def _object_end(end: ObjectEndSpec, earlier_fields: Fields, context: Context) ->
         yield (), expected('an "object" with a mass and a destination', "no such object", at_key=True)
         return
     order = context.stages
-    name = earlier_fields.get("name")
-    taken_by, let_go_by = (target_object.get(key) for key in ("taken_by", "let_go_by"))
-    if not (name in order and taken_by in order):
-        return
-    let_go = order.index(let_go_by) if let_go_by in order else len(order)
-    if not order.index(taken_by) < order.index(name) < let_go:
-        wanted = f"it in a stage that holds the object, from the one after {quoted(taken_by)} on"
-        yield (), expected(wanted, f"it in {quoted(name)}", at_key=True)
+    found = _carrying(target_object, earlier_fields, context)
+    if found is not None and not found.taken < found.stage < found.let_go:
+        wanted = f"it in a stage that holds the object, from the one after {quoted(order[found.taken])} on"
+        yield (), expected(wanted, f"it in {quoted(order[found.stage])}", at_key=True)
 
 
 def parts_of_target(target: Mapping[str, Any] | TrajectorySpec) -> Collection[str]:
@@ -674,16 +689,14 @@ def _retry(retry: RetrySpec, earlier_fields: Fields, context: Context) -> RuleEr
         yield (), expected('an "object" with a mass', "no such object", at_key=True)
         return
     order = context.stages
-    name = earlier_fields.get("name")
-    taken_by, let_go_by = (target_object.get(key) for key in ("taken_by", "let_go_by"))
-    if not (name in order and taken_by in order):
+    found = _carrying(target_object, earlier_fields, context)
+    if found is None:
         return
-    let_go = order.index(let_go_by) if let_go_by in order else len(order)
-    if not order.index(taken_by) <= order.index(name) < let_go:
-        wanted = f"it in {quoted(taken_by)}, at whose end the object is taken, or in a stage that holds it"
-        yield (), expected(wanted, f"it in {quoted(name)}", at_key=True)
+    if not found.taken <= found.stage < found.let_go:
+        wanted = f"it in {quoted(order[found.taken])}, at whose end the object is taken, or in a stage that holds it"
+        yield (), expected(wanted, f"it in {quoted(order[found.stage])}", at_key=True)
         return
-    earlier = order[: min(order.index(name), order.index(taken_by) + 1)]
+    earlier = order[: min(found.stage, found.taken + 1)]
     if retry.back_to in order and retry.back_to not in earlier:
         where = f"an earlier stage that does not hold the object: {', '.join(map(quoted, earlier))}"
         wanted = where if earlier else "a stage before the one that takes the object: there is none"

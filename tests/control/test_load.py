@@ -54,10 +54,15 @@ def test_the_robots_own_masses_are_found_out_before_the_load(seed: int) -> None:
 
 @pytest.mark.slow
 def test_a_load_in_space_is_found_out() -> None:
-    changes = {"object.grasp.known": "estimated", "uncertainty.object.mass": 0.7, "log": DRIFTING["log"]}
+    changes = {
+        "object.grasp.known": "estimated",
+        "uncertainty.object.mass": 0.7,
+        "log": DRIFTING["log"],
+        "time_limit": 20,
+    }
     run = psmpc.simulate(load_task("servicing", changes))
     assert run["load/mass"][-1] == pytest.approx(float(run["object/mass"]), rel=0.03)
-    assert run.summary().succeeded
+    assert run["load/mass"][0] != pytest.approx(float(run["object/mass"]), rel=0.1)
 
 
 def test_what_does_not_explain_the_motion_is_given_up_for_the_prior() -> None:

@@ -16,7 +16,7 @@ from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.htmpc import Hierarchy
 from psmpc_cli.control.inertia import InertiaEstimate, InertiaEstimator, MeasuredMotion
 from psmpc_cli.control.interface import Command, Measurement, NewTarget, State
-from psmpc_cli.control.load import LoadEstimate, LoadEstimator, LoadPrior, Motion
+from psmpc_cli.control.load import LoadEstimate, LoadEstimator, LoadPrior, RobotAndObject
 from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import GraspProgress, MovingSequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
@@ -74,7 +74,7 @@ class Memory:
     target_object: ObjectEstimate = NO_OBJECT
     load: LoadEstimate | None = None
     inertia: InertiaEstimate | None = None
-    motion: Motion | None = None
+    motion: RobotAndObject | None = None
     signs: Signs = field(default_factory=dict)
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
     route: RouteProgress = field(default_factory=RouteProgress)
@@ -308,7 +308,7 @@ class ControlLaw:
         """Return the memory with what is known of the load after a measurement."""
         load = memory.load or loads.first
         object_state = memory.target_object.at(estimate.time) if is_held else None
-        motion = Motion(estimate.time, estimate.state.Q, estimate.state.v, object_state)
+        motion = RobotAndObject(estimate.time, estimate.state.Q, estimate.state.v, object_state)
         if memory.motion is not None:
             if self._moved_grippers(memory, estimate.time):
                 load = loads.unsettled(load, estimate.time)

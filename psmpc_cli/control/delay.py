@@ -1,6 +1,6 @@
 """The delay after which commands reach the robot, found out from what was commanded and the velocities measured since.
 
-docs/formulation.md, section "Delay".
+docs/uncertainty_model.md, section "Delays".
 """
 
 from collections.abc import Callable, Iterator

@@ -27,8 +27,11 @@ UNEXPLAINED = 0.02, 5e-3
 GATE = 5.0
 """Accelerations so many sigma from what is expected, root mean square, count with the deviation that explains them."""
 
-ITERATIONS, CONVERGED = 8, 1e-3
-"""Linearizations of an update at most, and the change of the shares below which there is no other."""
+ITERATIONS = 8
+"""Linearizations of an update at most."""
+
+CONVERGED = 1e-3
+"""Change of the shares below which there is no other."""
 
 SETTLING = 0.5
 """For how long after grippers close or open accelerations are not looked at [s]: velocities jump, grasps swing."""

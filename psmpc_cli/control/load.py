@@ -1,6 +1,6 @@
 """What the grippers hold, found out from the momentum of robot and load.
 
-docs/formulation.md, section "An unknown load".
+docs/grasp_model.md, section "A load that is found out".
 """
 
 from dataclasses import dataclass, replace
@@ -32,8 +32,11 @@ FAR = 9.0
 """Mean square of innovations over their variances beyond which the estimate does not explain what is measured: 3
 sigma."""
 
-MEMORY, OUTLIER = 0.1, 25.0
-"""Share of the last innovation in that mean, and what it counts as at most: one alone does not tell."""
+MEMORY = 0.1
+"""Share of the last innovation in that mean."""
+
+OUTLIER = 25.0
+"""What the square of one innovation counts as at most: one alone does not tell."""
 
 LEAST = 0.02
 """Least mass and moments of inertia, as a part of the prior's."""
@@ -83,7 +86,7 @@ class LoadEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class RobotAndObject:
     """Robot and object at a sample.
 
     Attributes:
@@ -173,7 +176,7 @@ class LoadEstimator:
         return replace(estimate, begun=np.inf, settled_at=time + SETTLING)
 
     def measured(
-        self, estimate: LoadEstimate, before: Motion, now: Motion, u: np.ndarray, law: LowLevelLaw
+        self, estimate: LoadEstimate, before: RobotAndObject, now: RobotAndObject, u: np.ndarray, law: LowLevelLaw
     ) -> LoadEstimate:
         """Return the estimate after a measurement.
 
@@ -197,7 +200,7 @@ class LoadEstimator:
             estimate = replace(estimate, impulse=estimate.impulse + self._impulse(before, now, u, law))
         return self._updated(estimate, now)
 
-    def _impulse(self, before: Motion, now: Motion, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
+    def _impulse(self, before: RobotAndObject, now: RobotAndObject, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
         """Return the impulse of the base's force about the inertial origin between two samples [N s, N m s]."""
         space = self._model.space
         duration = (now.time - before.time) / PARTS
@@ -212,7 +215,7 @@ class LoadEstimator:
             impulse += duration * np.array(space.external_wrench(Q, F), dtype=float)
         return impulse
 
-    def _updated(self, estimate: LoadEstimate, now: Motion) -> LoadEstimate:
+    def _updated(self, estimate: LoadEstimate, now: RobotAndObject) -> LoadEstimate:
         """Return the estimate with the equations of a measurement."""
         [P], by_parameters, by_v = self._momentum(now.Q, now.v)
         k = len(P)
@@ -254,7 +257,8 @@ class LoadEstimator:
 def _without(information: np.ndarray, right: np.ndarray, unknowns: slice) -> tuple[np.ndarray, np.ndarray]:
     """Return normal equations in which nothing is known of some unknowns any more; what was known of others stays."""
     of_them = information[unknowns, unknowns]
-    information, right = information.copy(), right.copy()
+    information = information.copy()
+    right = right.copy()
     if of_them.any():
         coupling = np.linalg.solve(of_them, information[unknowns])
         right -= coupling.T @ right[unknowns]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import psmpc_cli as psmpc
-from psmpc_cli.control.load import LoadEstimator, LoadPrior, Motion, _as_body, _without
+from psmpc_cli.control.load import LoadEstimator, LoadPrior, RobotAndObject, _as_body, _without
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.specs.load import load_task
 
@@ -78,7 +78,7 @@ def test_what_does_not_explain_the_motion_is_given_up_for_the_prior() -> None:
     dropped = []
     for k in range(20):
         v = random.uniform(-0.5, 0.5, model.n)
-        now = Motion(0.1 * k, model.neutral, v, (np.array([1.0, 0.0, 0.0]), v[:3]))
+        now = RobotAndObject(0.1 * k, model.neutral, v, (np.array([1.0, 0.0, 0.0]), v[:3]))
         if before is not None:
             estimate = estimator.measured(estimate, before, now, u, problem.law)
         dropped.append(estimate.dropped)
@@ -92,8 +92,8 @@ def test_a_sample_that_is_not_measured_begins_a_new_block() -> None:
     problem = build_problem(load_task("catch_drifting", {"object.grasp.known": "estimated"}))
     model = problem.model
     estimator = LoadEstimator(model, LoadPrior(np.ones(2), np.ones(2)), np.zeros(model.n))
-    rest = [Motion(0.1 * k, model.neutral, np.zeros(model.n), None) for k in range(3)]
-    unknown = Motion(0.2, model.neutral, np.full(model.n, np.nan), None)
+    rest = [RobotAndObject(0.1 * k, model.neutral, np.zeros(model.n), None) for k in range(3)]
+    unknown = RobotAndObject(0.2, model.neutral, np.full(model.n, np.nan), None)
     u = np.zeros((100, model.n))
     estimate = estimator.measured(estimator.first, rest[0], rest[1], u, problem.law)
     assert estimate.begun == 0.1

@@ -128,4 +128,6 @@ def test_the_file_of_a_task_is_followed(tmp_path: Path, file: Path) -> None:
     assert "stages[0].target" in no_arm
     assert [(each.time, each.stage) for each in run.changes_of_targets] == [(pytest.approx(0.6), "go")]
     assert run.summary().completed
-    assert rerun(run).differences == ()  # type: ignore[union-attr]
+    again = rerun(run)
+    assert again is not None
+    assert again.differences == ()

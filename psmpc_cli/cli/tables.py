@@ -551,8 +551,8 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
         target = ("to " if stage.reference.moves else "") + _target(
             part, list(zip(axes, numbers, strict=False)), task.robot.sliding
         )
-        if part == "base" and not (task.robot.moved_by.actuated or stage.relevant_rows[: len(rows)].any()):
-            target = task.robot.mobility
+        if part == "base" and not (stage.moved_by.actuated or stage.relevant_rows[: len(rows)].any()):
+            target = stage.moved_by.name
         asked = [tolerances.get(next(row), "-") for _ in rows]
         within = asked[0] if len(set(asked)) == 1 else ", ".join(asked)
         ends = f"at {spec.at:g} s" * (part == "base") if spec.at is not None else "" if within == "-" else within

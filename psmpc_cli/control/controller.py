@@ -22,7 +22,7 @@ from psmpc_cli.control.sequence import GraspProgress, MovingSequence, Switch, de
 from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
-from psmpc_cli.ocp.end import PlannedEnd
+from psmpc_cli.ocp.end import ROUNDING, PlannedEnd
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
 from psmpc_cli.ocp.problem import Problem, build_problem
@@ -170,7 +170,9 @@ class ControlLaw:
         self._has_rates = any(stage.has_rates for stage in problem.stages)
         self._limits_jerk = any(JERK in stage.constraints for stage in problem.stages)
         model = problem.model
-        self._estimator = Estimator(self._spec, model.space, model.actuated, noise, self._tick)
+        self._driven = [model.driven(stage.moved_by) for stage in problem.stages]
+        actuated = np.any([model.actuated(stage.moved_by) for stage in problem.stages], axis=0)
+        self._estimator = Estimator(self._spec, model.space, actuated, noise, self._tick)
         self._placer = Placer(problem)
         self._loads = _load_estimator(problem, noise[model.n :]) if spec.finds_load else None
         self._inertias = InertiaEstimator(model, noise[model.n :]) if spec.finds_masses else None
@@ -256,6 +258,7 @@ class ControlLaw:
             measurement.state,
             jumps=self._moved_grippers(memory, measurement.time),
             is_loaded=memory.sequence.first in self.problem.held_stages and self.problem.law.grasps is None,
+            actuated=self.problem.model.actuated(self.problem.stages[memory.sequence.first].moved_by),
         )
 
     def _with_inertia(self, inertias: InertiaEstimator, memory: Memory, estimate: Estimate) -> Memory:
@@ -288,13 +291,13 @@ class ControlLaw:
         )
         return replace(memory, inertia=inertias.measured(inertia, motion, acting, uncertain))
 
-    def _law(self, memory: Memory, is_held: bool) -> LowLevelLaw:
-        """Return the low-level law with what is known of the robot's masses, of what hands hold, and of the load."""
+    def _law(self, memory: Memory, stage: int, is_held: bool) -> LowLevelLaw:
+        """Return the low-level law of a stage with what is known of the robot's masses, what hands hold, and load."""
         load = None if memory.load is None else memory.load.numbers
         parameters = None
         if self._inertias is not None and memory.inertia is not None:
             parameters = self._inertias.parameters(memory.inertia, is_held)
-        return self.problem.law.counting_with(load, parameters)
+        return self.problem.law.counting_with(load, parameters, self._driven[stage])
 
     def _moved_grippers(self, memory: Memory, now: float) -> bool:
         """Tell whether grippers closed or opened since the sample before, by the plan."""
@@ -314,7 +317,7 @@ class ControlLaw:
                 load = loads.unsettled(load, estimate.time)
             late = estimate.delay.seconds
             u = estimate.commands.commanded(memory.motion.time - late, estimate.time - late)
-            law = self._law(replace(memory, load=load), is_held=False)
+            law = self._law(replace(memory, load=load), memory.sequence.first, is_held=False)
             load = loads.measured(load, memory.motion, motion, u, law)
         return replace(memory, load=load, motion=motion)
 
@@ -562,7 +565,7 @@ class ControlLaw:
                 horizon=self._spec.horizon,
                 sample_time=self._spec.sample_time,
                 chart=situation.placement.chart,
-                brakes=self.problem.model.actuated,
+                brakes=self.problem.model.actuated(stage.moved_by),
                 applied=situation.applied,
             )
         if situation.is_measured:
@@ -613,7 +616,9 @@ class ControlLaw:
             planned = decision.plan.velocity_rates(edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
-        law = self._law(memory, decision.sequence.first in self._held_stages)
+        stages_of_ticks = _stages_at(decision.sequence, edges[:-1])
+        current = decision.sequence.first
+        law = self._law(memory, current, current in self._held_stages)
         estimate, u = self._estimator.command(situation.estimate, planned, changes, law)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
@@ -644,6 +649,7 @@ class ControlLaw:
             new_targets=memory.new_targets,
             stages=situation.stages,
             closed=closed,
+            driven=np.array([self._driven[stage] for stage in stages_of_ticks]),
             route_progress=memory.route.progress.get(decision.sequence.first, np.nan),
             twist_rates=twist_rates,
         )
@@ -656,12 +662,15 @@ class ControlLaw:
         """
         if not self._limits_jerk:
             return None
-        sequence = decision.sequence
-        number = np.searchsorted(sequence.instants, edges[:-1], side="right")
-        stages = [situation.stages[index].limits for index in sequence.segments]
-        low = np.array([limits.jerk_low for limits in stages])
-        high = np.array([limits.jerk_high for limits in stages])
-        return np.asarray(self._tick * np.array([low[number], high[number]]))
+        limits = [situation.stages[stage].limits for stage in _stages_at(decision.sequence, edges[:-1])]
+        low = np.array([of_tick.jerk_low for of_tick in limits])
+        high = np.array([of_tick.jerk_high for of_tick in limits])
+        return np.asarray(self._tick * np.array([low, high]))
+
+
+def _stages_at(sequence: MovingSequence, ticks: np.ndarray) -> list[int]:
+    """Return the index of the stage in force at the beginning of each tick (M,) [s], by planned switch times."""
+    return [sequence.segments[place] for place in np.searchsorted(sequence.instants, ticks + ROUNDING, side="right")]
 
 
 def _remembered(memory: Memory, situation: Situation, decision: Decision, estimate: Estimate) -> Memory:

@@ -79,7 +79,7 @@ class Estimator:
     Args:
         spec: The controller.
         space: Of the robot.
-        actuated: Which of its velocity coordinates have a force of their own (n,).
+        actuated: Which of its velocity coordinates have a force of their own in any stage (n,).
         noise: Standard deviations of the measured coordinates and velocities, (2n,) [m, rad, m/s, rad/s].
         tick: Length of a tick of the low-level loop [s].
     """
@@ -105,7 +105,13 @@ class Estimator:
         self._delays = DelayEstimator(noise[n:], actuated, tick, spec.sample_time, spec.horizon)
 
     def measured(
-        self, estimate: Estimate | None, time: float, state: State, jumps: bool = False, is_loaded: bool = False
+        self,
+        estimate: Estimate | None,
+        time: float,
+        state: State,
+        jumps: bool = False,
+        is_loaded: bool = False,
+        actuated: np.ndarray | None = None,
     ) -> Estimate:
         """Return the estimate after a measurement.
 
@@ -115,12 +121,16 @@ class Estimator:
             state: Measured then. What is not finite is not measured.
             jumps: Velocities may have jumped since the sample before, since grippers close or open.
             is_loaded: Grippers hold what the low-level law does not know.
+            actuated: Which velocity coordinates have a force of their own now (n,); by default those that ever have.
         """
         if estimate is None:
             return self._begun(time, state)
         estimate = replace(estimate, delay=self._delay(estimate, time, state, jumps, is_loaded))
         covariance = estimate.covariance
-        disturbance = self._disturbance(estimate, time, state.v) if self._spec.offset_free else estimate.disturbance
+        disturbance = estimate.disturbance
+        if self._spec.offset_free:
+            actuated = self._actuated if actuated is None else actuated
+            disturbance = np.where(actuated, self._disturbance(estimate, time, state.v), 0.0)
         velocity = state.v
         if self._filters:
             u = self._acting(estimate, estimate.time, time)
@@ -216,7 +226,7 @@ class Estimator:
         commanded = estimate.commands.commanded(estimate.time - late, time - late)
         surplus = (v - estimate.velocity) / (self._tick * len(commanded)) - commanded.mean(axis=0)
         filtered = d + self._spec.offset_gain * (surplus - d)
-        return np.where(np.isfinite(surplus) & self._actuated, filtered, d)
+        return np.where(np.isfinite(surplus), filtered, d)
 
     def command(
         self,

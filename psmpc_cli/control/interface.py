@@ -215,6 +215,7 @@ class Command:
             plan is that of the level before.
         stages: All stages of the task, with their targets at this sample.
         closed: Whether the grippers are to be closed on the object at each tick (M,).
+        driven: Whether something acts on each coordinate of the base at each tick, 1 or 0 (M, n_twist).
         law: The law that applies it.
         problem: The problem, with the targets in force.
         new_targets: Targets that have changed since the sample before.
@@ -245,6 +246,7 @@ class Command:
     problem: Problem = field(repr=False)
     stages: tuple[PlacedStage, ...] = field(repr=False)
     closed: np.ndarray
+    driven: np.ndarray
     route_progress: float = np.nan
     load: LoadEstimate | None = None
     inertia: InertiaEstimate | None = None
@@ -254,7 +256,7 @@ class Command:
     def __post_init__(self) -> None:
         """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""
         make_read_only(self.state, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
-        make_read_only(self.twist_rates)
+        make_read_only(self.driven, self.twist_rates)
         for solution in (self.solution, *self.levels):
             make_read_only(solution.plan, solution.guess, solution.costs, solution.violations, solution.duals)
 
@@ -315,4 +317,5 @@ class Command:
         tick = int(np.clip(np.floor((time - self.acts_at) / self.tick + 1e-6), 0, len(self.u) - 1))
         twist_rates = None if self.twist_rates is None else self.twist_rates[tick]
         grasps = self.law.grasps if self.closed[tick] else None
-        return self.law.force(state.Q, state.v, self.u[tick], twist_rates, grasps)
+        driven = tuple(self.driven[tick].tolist())
+        return self.law.force(state.Q, state.v, self.u[tick], twist_rates, grasps, driven=driven)

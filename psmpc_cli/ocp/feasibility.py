@@ -206,12 +206,12 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
     """Give where an end condition wants a floating base, though no posture and no momentum of the start lead there.
 
     The common centre of mass moves at p / M, from when the stage can end to when the run does. Only differences along
-    each axis are compared, so that what is given is certain.
+    each axis are compared, so that what is given is certain. After a stage in which the base is pushed nothing is.
     """
     model = forecast.model
     stage = forecast.stage
-    moved_by = task.robot.moved_by
-    if moved_by.actuated or not moved_by.moves or task.spec.uncertainty.changes_the_plant:
+    pushed = any(task.spec.moved_by(index, task.robot).is_pushed for index in range(stage.index + 1))
+    if pushed or not task.robot.moved_by.moves or task.spec.uncertainty.changes_the_plant or task.spec.body.mass:
         return
     d = task.robot.dimension
     Q, v = initial_state(task)

@@ -18,7 +18,7 @@ import numpy as np
 
 from psmpc_cli.ocp.constraints import IntervalRows, interval_rows, node_rows
 from psmpc_cli.ocp.constraints.boxes import shares_of_time
-from psmpc_cli.ocp.objective import Intervals, force_residual, rate_residual, stage_functions
+from psmpc_cli.ocp.objective import ChangeFunctions, Intervals, force_residual, rate_residual, stage_functions
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import cost_shape
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference
@@ -162,7 +162,10 @@ class VelocityForm:
             for rows in self.node_rows
             if rows.functions.solved_for is not None and rows.functions.by_solved_for is not None
         ]
-        self.residuals_are_curved = not model.spec.moved_by.actuated
+        self._chains = [
+            (rows.functions, rows) for rows in self.interval_rows if isinstance(rows.functions, ChangeFunctions)
+        ]
+        self.residuals_are_curved = any(name == "mobility" for stage in shape.stages for name, _ in stage.constraints)
         rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
         self.curved = rows_are_curved or self.residuals_are_curved
 
@@ -320,12 +323,12 @@ class VelocityForm:
         return replace(model, node_rows=node_rows[order], rows_by_x=np.concatenate([model.rows_by_x, rows_by_x])[order])
 
     def with_dependent_rates(self, point: Point, p: Parameters[np.ndarray]) -> Point:
-        """Return a point with the rates solved for that rows at nodes determine; the point itself if there are none.
+        """Return a point with the rates solved for that equations determine; the point itself if there are none.
 
         Rows g linear in rates y, g = G y + ..., are solved by y - G^-1 g. So they hold at every iterate, as after an
-        elimination of y.
+        elimination of y. Of rows over intervals those are solved that say that something does not change.
         """
-        if not self._rows_with_dependent_rates:
+        if not (self._rows_with_dependent_rates or self._chains):
             return point
         n = self.grid.n
         X = point.X.copy()
@@ -334,6 +337,9 @@ class VelocityForm:
             g, jacobian = by_rates(X[nodes], rows.argument(p), rows=len(nodes))
             G = jacobian.reshape(len(nodes), rows.functions.count, -1)
             X[nodes, n + rates.start : n + rates.stop] -= np.linalg.solve(G, g[..., None])[..., 0]
+        for functions, chain in self._chains:  # one stage after the other: each goes on from the velocities before
+            at = slice(chain.intervals[0], chain.intervals[-1] + 2)
+            X[at] = functions.with_dependent_rates(X[at], chain.argument(p))
         return replace(point, X=X)
 
     def interval_jacobian(self, point: Point, p: Parameters[np.ndarray], which: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
-from psmpc_cli.robot.held_load import described_grasps, held_force, held_force_jacobian
+from psmpc_cli.robot.held_load import described_grasps, held_force, held_force_jacobian, held_momentum
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.object import ObjectBody
 from psmpc_cli.specs.task import TaskSpec
@@ -42,15 +42,20 @@ class HeldObject:
 
 @dataclass(frozen=True)
 class LoadKind:
-    """What of a load decides expressions. How heavy it is, and where it is held, are numbers that they take.
+    """What of a load, and of what moves it, decides expressions.
+
+    How heavy it is, and where it is held, are numbers that they take.
 
     Attributes:
         carries: Whether there is a payload.
         grippers: That hold an object with a mass; none without one.
+        driven: On which coordinates of the base something acts, see `RobotModel.driven`; None: as the robot's
+            description says.
     """
 
     carries: bool
     grippers: tuple[str, ...]
+    driven: tuple[float, ...] | None = None
 
     def count(self, model: RobotModel) -> int:
         """Return the number of numbers."""
@@ -59,10 +64,14 @@ class LoadKind:
         return 2 * len(model.spec.arms) * self.carries + of_object
 
     def force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX) -> ca.SX:
-        """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7)."""
+        """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7).
+
+        A base that is not driven reacts. With an object in the grippers it accelerates as u says, which a plan has from
+        the momentum at its nodes.
+        """
         w, grasps, body = self._split(model, numbers)
         if not self.grippers:
-            return ca.SX(model.dynamics.law(Q, v, u, w))
+            return ca.SX(model.law(self.driven)(Q, v, u, w))
         return ca.SX(held_force(model, self.grippers)(Q, v, u, grasps, w, body))
 
     def own_force(self, model: RobotModel, motion: "OwnMotion", numbers: ca.SX) -> ca.SX:
@@ -80,20 +89,23 @@ class LoadKind:
         if self.grippers:
             F_by = held_force_jacobian(model, self.grippers)(*arguments, grasps, w, body)
         else:
-            F_by = model.law_jacobian(*arguments, w)
+            F_by = model.law_jacobian(self.driven)(*arguments, w)
         return ca.SX(ca.sparsify(F_by) @ ca.cse(ca.jacobian(ca.vertcat(*arguments), by)))
 
     def momentum(self, model: RobotModel) -> ca.Function:
-        """Return x (2n,) in a chart, its anchor, numbers -> momentum (n_twist,) of robot and payload. Paper eq. (4)."""
+        """Return x (2n,) in a chart, its anchor, numbers -> momentum (n_twist,) of robot and load. Paper eq. (4)."""
 
         def build() -> ca.Function:
             x = ca.SX.sym("x", 2 * model.n)
             anchor = ca.SX.sym("anchor", model.space.n_anchor)
             numbers = ca.SX.sym("numbers", self.count(model))
-            w, _, _ = self._split(model, numbers)
+            w, grasps, body = self._split(model, numbers)
             Q = model.space.charted_coordinates(x[: model.n], anchor)
             v = model.space.charted_velocity(x[: model.n], x[model.n :])
-            return ca.Function("momentum", [x, anchor, numbers], ca.cse([model.dynamics.momentum(Q, v, w)]))
+            momentum = model.dynamics.momentum(Q, v, w)
+            if self.grippers:
+                momentum += held_momentum(model, self.grippers)(Q, v, grasps, body)
+            return ca.Function("momentum", [x, anchor, numbers], ca.cse([momentum]))
 
         return model.cached((LoadKind.momentum, self), build)
 
@@ -140,16 +152,18 @@ class Load:
         mass: Of the payload at each end-effector, (arms,) [kg].
         inertia: Of the payload about that point, (arms,) [kg m^2].
         held: The object with a mass, or None.
+        driven: On which coordinates of the base something acts in the stage, see `LoadKind`.
     """
 
     mass: tuple[float, ...]
     inertia: tuple[float, ...]
     held: HeldObject | None = None
+    driven: tuple[float, ...] | None = None
 
     @property
     def kind(self) -> LoadKind:
         """What of it decides expressions."""
-        return LoadKind(any(self.mass), () if self.held is None else self.held.grippers)
+        return LoadKind(any(self.mass), () if self.held is None else self.held.grippers, self.driven)
 
     @property
     def numbers(self) -> np.ndarray:
@@ -167,11 +181,13 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     """Return what the grippers are known to hold in a stage of a task."""
     payload = task.uncertainty.carried
     nothing = (0.0,) * len(model.spec.arms)
+    moved_by = task.moved_by(stage, model.spec)
+    driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)
     if stage not in task.held_stages:
-        return Load(nothing, nothing)
+        return Load(nothing, nothing, driven=driven)
     if payload.known:
         share = np.array(payload.shares(tuple(model.spec.arms)))
-        return Load(tuple((share * payload.mass).tolist()), tuple((share * payload.inertia).tolist()))
-    if task.body.grasp.known:
-        return Load(nothing, nothing, HeldObject.of(task.body, model))
-    return Load(nothing, nothing)
+        mass, inertia = (tuple((share * total).tolist()) for total in (payload.mass, payload.inertia))
+        return Load(mass, inertia, driven=driven)
+    held = HeldObject.of(task.body, model) if task.body.grasp.known else None
+    return Load(nothing, nothing, held, driven)

@@ -376,6 +376,68 @@ class RateFunctions:
         return self._value, self._gradient
 
 
+class ChangeFunctions:
+    """Rows over intervals of what changes from the state at their beginning to that at their end, g(x+, a) - g(x, a).
+
+    Args:
+        at_node: The rows g.
+
+    Attributes:
+        is_nearly_redundant: Neighbouring rows nearly say the same.
+    """
+
+    is_nearly_redundant = False
+
+    def __init__(self, at_node: ConstraintFunctions) -> None:
+        self._at_node = at_node
+        self.count = at_node.count
+
+    def expression(self, at: IntervalSymbols, argument: ca.SX) -> ca.SX:
+        """Return the rows (rows,) of an interval."""
+        function = self._at_node.value.function
+        return ca.SX(function(at.x_next, argument) - function(at.x, argument))
+
+    def values(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+        """Return the rows of J intervals (J, rows)."""
+        nodes, ends = _ends_of(at.k)
+        (g,) = self._at_node.value(at.X[nodes], argument, rows=len(nodes))
+        return np.asarray(g[ends[1]] - g[ends[0]])
+
+    def jacobian(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+        """Return their derivatives by both states and the length, (J, rows, 4n + 1)."""
+        nodes, ends = _ends_of(at.k)
+        _, by_x = self._at_node.with_jacobian(at.X[nodes], argument, rows=len(nodes))
+        by_x = by_x.reshape(len(nodes), self.count, -1)
+        return np.concatenate([-by_x[ends[0]], by_x[ends[1]], np.zeros((len(at.k), self.count, 1))], axis=2)
+
+    def with_dependent_rates(self, X: np.ndarray, argument: np.ndarray) -> np.ndarray:
+        """Return states at successive nodes (N + 1, 2n) with the rates that are solved for, so that nothing changes.
+
+        Those at the first node stay.
+        """
+        if self._at_node.solved_for is None or self._at_node.by_solved_for is None:
+            return X
+        g, jacobian = self._at_node.by_solved_for(X, argument, rows=len(X))
+        change = g[1:] - g[0]
+        rates = slice(
+            *(X.shape[1] // 2 + end for end in (self._at_node.solved_for.start, self._at_node.solved_for.stop))
+        )
+        by_rates = jacobian.reshape(len(X), self.count, -1)[1:]
+        X = X.copy()
+        X[1:, rates] -= np.linalg.solve(by_rates, change[..., None])[..., 0]
+        return X
+
+    def prepare(self) -> tuple[BatchFunction, ...]:
+        """Write its functions and return them."""
+        return self._at_node.prepare()
+
+
+def _ends_of(k: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Return the nodes at the ends of some intervals (J,), ascending, and where in them each begins and ends."""
+    nodes = np.union1d(k, k + 1)
+    return nodes, (np.searchsorted(nodes, k), np.searchsorted(nodes, k + 1))
+
+
 class StageFunctions:
     """The functions of the stages of one shape for one robot, each written when it is first used.
 
@@ -553,8 +615,7 @@ class StageFunctions:
         """Build what `sqp` evaluates and return it: of the end condition, where there is one, else of the cost."""
         if self.end_rows:
             return self.met, *self.end.prepare()
-        curvature = () if self.model.spec.moved_by.actuated else (self.residual_curvature,)
-        return self.error, self.cost, self.gauss_newton, *curvature
+        return self.error, self.cost, self.gauss_newton
 
     def step(self, discretization: str) -> ca.Function:
         """Return x (2n,), u, dt, anchor of the chart -> x after dt under a constant u."""

@@ -106,7 +106,8 @@ def _may_pose(task: Task, stages: Sequence[Stage], index: int) -> bool:
         or stage.reference.moves
         or then.reference.moves
         or then.end.shape.is_fixed
-        or task.robot.moved_by.reacts
+        or stage.moved_by.reacts
+        or then.moved_by.reacts
         or index in spec.held_stages
         or spec.stages[index].cones
         or spec.clearance_of(index) is not None

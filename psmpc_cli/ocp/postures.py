@@ -109,7 +109,7 @@ def unforeseen(task: TaskSpec, stages: Sequence[Stage]) -> dict[int, str]:
 def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> Iterator[ArmPosture]:
     """Yield each arm at the target of each stage that says where the arms are: at joint coordinates, or at a pose.
 
-    None of a robot whose base reacts to its arms: where the base is at a target depends on the way there.
+    None of a stage whose base reacts to its arms: where the base is at a target depends on the way there.
 
     Args:
         model: The robot.
@@ -117,7 +117,7 @@ def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.
         stops: Their `configurations`.
     """
     for stage, Q in zip(stages, stops[1:], strict=True):
-        if model.spec.moved_by.reacts:
+        if stage.moved_by.reacts:
             continue
         for arm, pose in zip(model.spec.arms, model.poses(Q)[1:], strict=True):
             if arm not in (*stage.poses_of_arms, *stage.arms_at_joints):

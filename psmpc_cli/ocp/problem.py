@@ -201,15 +201,17 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
     if isinstance(spec.target, TrajectorySpec):
         reference = Trajectory(np.array(spec.target.times), waypoints, tuple(attitudes.values()))
         lasts = spec.target.times[-1]
+    moved_by = task.moved_by(index, robot)
+    actuated = model.actuated(moved_by)
     control = skill.weights.control
     if isinstance(control, float | int):
         control_weights = np.full(model.n_inputs(skill.input), float(control))
     else:
         control_weights = stack(control, robot, skill.input, missing=0.0, of_error=True)
     if skill.input == "joint":
-        control_weights = np.where(model.actuated, control_weights, 0.0)
+        control_weights = np.where(actuated, control_weights, 0.0)
     if skill.weights.weighs_force:
-        control_weights = np.append(control_weights, _actuated_weights(skill.weights.force, robot, model))
+        control_weights = np.append(control_weights, _actuated_weights(skill.weights.force, robot, actuated))
     onset = rows(spec.onset if spec.onset is not None else ("all",), robot, "joint")
     return Stage(
         index=index,
@@ -222,29 +224,30 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
         force_load=known_load(task, model, index) if skill.weights.weighs_force else None,
-        rate_weights=_rate_weights(skill, robot, model),
+        rate_weights=_rate_weights(skill, robot, actuated),
         end=_end(index, task, robot, lasts),
-        limits=resolve_limits(robot, task.limits, skill.limits),
-        onset_rows=tuple(row for row in onset if model.actuated[row]),
+        limits=resolve_limits(robot, task.limits, skill.limits, moved_by=moved_by),
+        moved_by=moved_by,
+        onset_rows=tuple(row for row in onset if actuated[row]),
         parts=skill_in(space).parts(model),
         attitudes=attitudes,
     )
 
 
 def _actuated_weights(
-    given: float | Mapping[str, tuple[float, ...]], robot: RobotSpec, model: RobotModel
+    given: float | Mapping[str, tuple[float, ...]], robot: RobotSpec, actuated: np.ndarray
 ) -> np.ndarray:
     """Return weights by coordinate (n,), given as one number or by part; 0 where nothing acts."""
     if isinstance(given, float | int):
-        weights = np.full(model.n, float(given))
+        weights = np.full(len(actuated), float(given))
     else:
         weights = stack(given, robot, "joint", missing=0.0, of_error=True)
-    return np.where(model.actuated, weights, 0.0)
+    return np.where(actuated, weights, 0.0)
 
 
-def _rate_weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarray:
+def _rate_weights(skill: SkillSpec, robot: RobotSpec, actuated: np.ndarray) -> np.ndarray:
     """Return the weights of the rate of Qddot (n,); (0,) where all are 0."""
-    weights = _actuated_weights(skill.weights.rate, robot, model)
+    weights = _actuated_weights(skill.weights.rate, robot, actuated)
     return weights if weights.any() else np.zeros(0)
 
 

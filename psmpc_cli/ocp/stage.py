@@ -14,7 +14,7 @@ from psmpc_cli.ocp.skills import TargetPart
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.parts import BASE, Space
+from psmpc_cli.specs.parts import BASE, MobilityTraits, Space
 from psmpc_cli.specs.robot import Limits
 
 JERK = "jerk"
@@ -93,6 +93,7 @@ class Stage:
         rate_weights: Diagonal of W_j, of the rate of Qddot, one per coordinate; (0,) where it costs nothing.
         end: How it ends.
         onset_rows: Rows of the control whose norm marks the actual start.
+        moved_by: What moves the base.
         parts: Of its target, by their name.
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
         on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
@@ -111,6 +112,7 @@ class Stage:
     end: End
     limits: Limits
     onset_rows: tuple[int, ...]
+    moved_by: MobilityTraits
     parts: Mapping[str, TargetPart] = field(default_factory=dict)
     attitudes: Mapping[str, int] = field(default_factory=dict)
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)

@@ -96,13 +96,13 @@ def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stop
     """Return the names of the stages whose targets say where all joints are, by inverse kinematics in task space."""
     missing = {posture.stage for posture in arm_postures(model, stages, stops) if posture.joints is None}
     drifts = task.spec.body.motion.moves
-    of_base = 0 if model.spec.moved_by.actuated else model.space.n_twist  # rows that such a target need not ask for
 
     def depends_on_the_way(stage: Stage) -> bool:
-        base_reacts = model.spec.moved_by.reacts and stage.poses_of_arms
+        base_reacts = stage.moved_by.reacts and stage.poses_of_arms
         return bool(base_reacts or (drifts and stage.on_object))
 
     def says_all_joints(stage: Stage) -> bool:
+        of_base = 0 if stage.moved_by.actuated else model.space.n_twist  # rows that such a target need not ask for
         has_all = has_posture(model.spec.arms, stage.space) and stage.relevant_rows[of_base:].all()
         return bool(has_all) and not depends_on_the_way(stage)
 
@@ -120,7 +120,7 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     smallest = dict[tuple[str, str], float]()
     for group in kept_groups(task.spec, model, 0 if stage is None else stage.index).values():
         argument = argument_of(group, model, view)
-        if argument is None or (stage is not None and _has_moved(group, model, view)):
+        if argument is None or (stage is not None and _has_moved(group, stage, view)):
             continue
         taken = np.concatenate([chart.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
         apart = distances_on_arrays(model, group.pairs)(x, taken)[0].ravel()
@@ -130,10 +130,10 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     return smallest
 
 
-def _has_moved(group: Group, model: RobotModel, start: SampleContext) -> bool:
+def _has_moved(group: Group, stage: Stage, start: SampleContext) -> bool:
     """Tell whether an obstacle of a group is elsewhere at a target than at the start, seen from a base that reacts."""
     has_poses = group.pairs.has("object") or group.pairs.has("obstacle")
-    if model.spec.moved_by.reacts and has_poses:
+    if stage.moved_by.reacts and has_poses:
         return True
     state = group.state(start) if group.pairs.has("obstacle") else None
     return state is not None and bool(state[1].any())

@@ -82,7 +82,7 @@ def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
     v = state[nq:]
     u = p[:n]
     vdot = model.space.acceleration_at(Q, v, u, p[n:-1]) if lawful else u
-    F = model.dynamics.law(Q, v, vdot, w) if lawful else p[:n]
+    F = model.law()(Q, v, vdot, w) if lawful else p[:n]
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
     ode = p[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, w))
     options: dict[str, Any] = {

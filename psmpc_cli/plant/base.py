@@ -224,6 +224,7 @@ class Plant(Protocol):
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
         load: np.ndarray | None = None,
+        driven: np.ndarray | None = None,
     ) -> Ticks:
         """Advance from a state (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
 
@@ -231,7 +232,9 @@ class Plant(Protocol):
 
         Without a disturbance nothing disturbs a plant; one is for plants built with friction. Those with an object
         close their grippers, and open them, at the ticks at which they are to be closed (M,). The law counts with a
-        load of this mass and these moments while they are; by default with the object as described.
+        load of this mass and these moments while they are; by default with the object as described. At each tick
+        something acts on the coordinates of the base that are then `driven` (M, n_twist); by default those of the
+        robot's description.
         """
         ...
 
@@ -257,6 +260,7 @@ class TickedPlant(ABC):
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
         load: np.ndarray | None = None,
+        driven: np.ndarray | None = None,
     ) -> Ticks:
         """Advance over len(u) ticks; see `Plant.advance`."""
         space = self.model.space
@@ -285,6 +289,7 @@ class TickedPlant(ABC):
                 twist_rates=None if twist_rates is None else twist_rates[k],
                 grasps=grasps,
                 parameters=disturbance.law,
+                driven=None if driven is None else tuple(driven[k].tolist()),
             )
             F[k] = commanded[k]
             if self.force_limits is not None:

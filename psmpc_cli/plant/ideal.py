@@ -26,12 +26,13 @@ class IdealPlant:
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
         load: np.ndarray | None = None,
+        driven: np.ndarray | None = None,
     ) -> Ticks:
         """Advance the state (nq + n,) over the M ticks of a sample, tick k under exactly the acceleration u[k] (n,).
 
         F is the force that this acceleration needs at the beginning of its tick, by inverse dynamics. Impulse and work
-        are the change of momentum and kinetic energy from the first state to the last. `disturbance` and `closed` have
-        no effect: this plant knows neither disturbances nor grippers.
+        are the change of momentum and kinetic energy from the first state to the last. `disturbance`, `closed` and
+        `driven` have no effect: this plant knows neither disturbances nor grippers, and all of its base is driven.
         Rates of the frames' velocities are turned into accelerations where each tick begins.
         """
         model = self.model

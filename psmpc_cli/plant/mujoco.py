@@ -52,7 +52,7 @@ class MujocoPlant(TickedPlant):
         self.v = np.r_[: space.n_twist * moves, self.engine.jnt_dofadr[joints]]
         self._base = self.engine.body("base").id
         self._moving_coordinates = slice(0 if moves else space.n_pose, None)
-        self._moving_rates = slice(0 if moves else space.n_twist, None)
+        self.moving_rates = slice(0 if moves else space.n_twist, None)
 
     def set_inertial_parameters(self, robot: InertialParameters) -> None:
         """Build the engine for these inertial parameters of the robot and what it holds."""
@@ -96,17 +96,14 @@ class MujocoPlant(TickedPlant):
         friction = self.friction
         work = 0.0
         coordinates = self._moving_coordinates
-        rates = self._moving_rates
+        rates = self.moving_rates
         Q = state[:nq].copy()
         v = state[nq:].copy()
-        if not self.model.spec.moved_by.moves:
-            self.engine.body_pos[self._base], self.engine.body_quat[self._base] = space.to_3d(Q[space.base_coordinates])
         for _ in range(self.substeps):
             Q_before = Q.copy()
             v_before = v.copy()
             acting = friction.net_force(F, v)
-            data.qpos[self.q] = Q[coordinates]
-            data.qvel[self.v] = v[rates]
+            self.put(Q, v)
             data.qfrc_applied[self.v] = acting[rates]
             mujoco.mj_step(self.engine, data)
             Q[coordinates] = data.qpos[self.q]
@@ -115,6 +112,14 @@ class MujocoPlant(TickedPlant):
             step = step - space.magnus_correction(v_before[None], v[None], self.engine.opt.timestep)[0]
             work += float(acting @ step)
         return np.concatenate([Q, v]), work
+
+    def put(self, Q: np.ndarray, v: np.ndarray) -> None:
+        """Set the engine's robot to coordinates Q (nq,) and velocities v (n,), a fixed base where it is mounted."""
+        space = self.model.space
+        if not self.model.spec.moved_by.moves:
+            self.engine.body_pos[self._base], self.engine.body_quat[self._base] = space.to_3d(Q[space.base_coordinates])
+        self.data.qpos[self.q] = Q[self._moving_coordinates]
+        self.data.qvel[self.v] = v[self.moving_rates]
 
 
 def _impulse(space: ConfigurationSpace, states: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
@@ -183,23 +188,25 @@ class MujocoStep:
         law = self._law
         ends = np.cumsum([model.nq, model.n, *law.sizes])
         Q, v, pose, rate, _ = np.split(y, ends)
-        data.qpos[self._robot.q] = Q
-        data.qvel[self._robot.v] = v
+        self._robot.put(Q, v)
         data.qpos[self._q] = pose
         data.qvel[self._v] = rate
         mujoco.mj_fwdPosition(engine, data)
         mujoco.mj_fwdVelocity(engine, data)
         acting = self._robot.friction.net_force(F, v)
         data.qfrc_applied[:] = 0.0
-        data.qfrc_applied[self._robot.v] = acting
+        data.qfrc_applied[self._robot.v] = acting[self._robot.moving_rates]
         power = sum(self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4])
         mujoco.mj_fwdActuation(engine, data)
         mujoco.mj_fwdAcceleration(engine, data)
-        vdot = data.qacc_smooth[self._robot.v]
+        vdot = np.zeros(model.n)
+        vdot[self._robot.moving_rates] = data.qacc_smooth[self._robot.v]
         velocity_rate = data.qacc_smooth[self._v]
         Qdot = model.space.rate(Q, v)
         pose_rate = law.body.space.rate(pose, rate)
         external = model.space.external_wrench(Q, F)
+        if not model.spec.moved_by.moves:
+            external = [np.nan] * model.space.n_twist  # MuJoCo does not return the force of a mount
         return np.array([*Qdot, *vdot, *pose_rate, *velocity_rate, *external, acting @ v + power])
 
     def _press(self, site: int, parameters: np.ndarray) -> float:

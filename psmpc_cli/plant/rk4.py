@@ -8,6 +8,7 @@ from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks, limited_force
 from psmpc_cli.plant.grasp import Capture, GraspLaw, PlantSetup
 from psmpc_cli.robot.configuration import ConfigurationSpace
+from psmpc_cli.robot.dynamics import of_driven
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.held_load import held_force
 from psmpc_cli.robot.kinematics import runge_kutta
@@ -40,8 +41,8 @@ class Rk4Plant:
         self.force_limits = force_limits
         self._native = native
         self._substeps = substeps
-        self._ticks: dict[bool, ca.Function] = {}
-        self._sample: dict[tuple[int, bool], ArrayFunction] = {}
+        self._ticks: dict[tuple[bool, bool], ca.Function] = {}
+        self._sample: dict[tuple[int, bool, bool], ArrayFunction] = {}
         self._tick_by(in_task_space=False)
 
     def advance(
@@ -53,6 +54,7 @@ class Rk4Plant:
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
         load: np.ndarray | None = None,
+        driven: np.ndarray | None = None,
     ) -> Ticks:
         """Simulate the robot over one sample: len(u) ticks of the low-level law, integrated in one compiled call.
 
@@ -63,9 +65,11 @@ class Rk4Plant:
         nx = len(state)
         in_task_space = twist_rates is not None
         inputs = u if twist_rates is None else twist_rates
-        key = ticks, in_task_space
+        if driven is not None:
+            inputs = np.hstack([inputs, driven])
+        key = ticks, in_task_space, driven is not None
         if key not in self._sample:
-            self._sample[key] = ArrayFunction(self._tick_by(in_task_space).mapaccum(ticks))
+            self._sample[key] = ArrayFunction(self._tick_by(in_task_space, driven is not None).mapaccum(ticks))
         what_differs: tuple[np.ndarray, ...] = ()  # from the robot that the low-level law knows
         if self.friction is not None and disturbance is not None:
             parameters = disturbance.robot.vector, disturbance.law.vector, self.friction.vector
@@ -83,14 +87,15 @@ class Rk4Plant:
             commanded=commanded[0] if commanded else None,
         )
 
-    def _tick_by(self, in_task_space: bool) -> ca.Function:
-        """Return one tick under one of the two laws, built on first use."""
-        if in_task_space not in self._ticks:
+    def _tick_by(self, in_task_space: bool, varies: bool = False) -> ca.Function:
+        """Return one tick under one of the two laws, what of the base is driven an input or not, built on first use."""
+        key = in_task_space, varies
+        if key not in self._ticks:
             disturbed = self.friction is not None
             limited = self.force_limits is not None
-            one = tick_function(self.model, self.tick, self._substeps, disturbed, limited, in_task_space)
-            self._ticks[in_task_space] = compiled(one) if self._native else one
-        return self._ticks[in_task_space]
+            one = tick_function(self.model, self.tick, self._substeps, disturbed, limited, *key)
+            self._ticks[key] = compiled(one) if self._native else one
+        return self._ticks[key]
 
 
 class Rk4CapturePlant:
@@ -117,7 +122,7 @@ class Rk4CapturePlant:
         self.force_limits = force_limits
         self._native = native
         self._substeps = substeps
-        self._ticks: dict[tuple[int, bool], ArrayFunction] = {}
+        self._ticks: dict[tuple[int, bool, bool], ArrayFunction] = {}
 
     def advance(
         self,
@@ -128,6 +133,7 @@ class Rk4CapturePlant:
         closed: np.ndarray | None = None,
         twist_rates: np.ndarray | None = None,
         load: np.ndarray | None = None,
+        driven: np.ndarray | None = None,
     ) -> Ticks:
         """Simulate robot and object over one sample; see `Plant.advance`."""
         capture = self.capture
@@ -135,7 +141,8 @@ class Rk4CapturePlant:
         M, n = u.shape
         nx = len(state)
         base = model.parts["base"].stop
-        inputs = u if twist_rates is None else np.hstack([u, twist_rates])
+        inputs = np.hstack([each for each in (u, twist_rates, driven) if each is not None])
+        of_law = twist_rates is not None, driven is not None
         wanted = np.zeros(M, bool) if closed is None else closed
         disturbance = disturbance or Disturbance.none(model.nominal, M, n)
         friction = self.friction or JointFriction.none(n)
@@ -157,7 +164,7 @@ class Rk4CapturePlant:
             z = np.concatenate([states[k], impulse_and_work, capture.state, capture.load.ravel()])
             noise = (disturbance.noise[ticks],) if self.friction is not None else ()
             grasps = np.concatenate([capture.parameters.ravel(), capture.closed])
-            Z, F[ticks], commanded[ticks], wrench = self._over(ticks.stop - k, twist_rates is not None)(
+            Z, F[ticks], commanded[ticks], wrench = self._over(ticks.stop - k, *of_law)(
                 z, inputs[ticks], *noise, disturbance.external_force[ticks], grasps, p, *limits
             )
             robot, sums, of_object, load = np.split(Z, np.cumsum([nx, base + 1, len(capture.state)]), axis=1)
@@ -181,36 +188,49 @@ class Rk4CapturePlant:
             commanded=None if self.force_limits is None else commanded,
         )
 
-    def _over(self, ticks: int, in_task_space: bool) -> ArrayFunction:
+    def _over(self, ticks: int, in_task_space: bool, varies: bool) -> ArrayFunction:
         """Return the function of so many ticks, built on first use."""
-        key = ticks, in_task_space
+        key = ticks, in_task_space, varies
         if key not in self._ticks:
             disturbed = self.friction is not None
             limited = self.force_limits is not None
-            one = capture_tick(self.capture, self._substeps, disturbed, limited, in_task_space)
+            one = capture_tick(self.capture, self._substeps, disturbed, limited, in_task_space, varies)
             self._ticks[key] = ArrayFunction((compiled(one) if self._native else one).mapaccum(ticks))
         return self._ticks[key]
 
 
 def capture_tick(
-    capture: Capture, substeps: int, disturbed: bool, limited: bool, in_task_space: bool = False
+    capture: Capture,
+    substeps: int,
+    disturbed: bool,
+    limited: bool,
+    in_task_space: bool = False,
+    varies: bool = False,
 ) -> ca.Function:
     """Return one tick z, u -> z_next, F, commanded F, wrenches, z = [state; impulse; work; object; filtered loads].
 
-    In task space the rates of the frames' velocities follow u, see `tick_function`. Further arguments: noise (2n,) of a
+    In task space the rates of the frames' velocities follow u, then what of the base is driven if that varies, see
+    `tick_function`. Further arguments: noise (2n,) of a
     disturbed tick; external force (n,); parameters of the bushings, then which of them are closed; the inertial
     parameters of the robot and of the law, a `JointFriction`, the object and what the law knows of it, and the filter
     of the loads; the vector of `ForceLimits` of a limited tick. Wrenches and loads are those at the beginning of the
     tick. The object counts in the law while all grippers hold it, where it is known.
     """
     law = capture.law
-    of_plant = capture.tick, substeps, disturbed, limited, in_task_space
+    of_plant = capture.tick, substeps, disturbed, limited, in_task_space, varies
     key = capture_tick, law.grippers, bool(capture.spec.known), *of_plant
     return law.model.derived(key, lambda: _capture_tick(law, bool(capture.spec.known), *of_plant))
 
 
 def _capture_tick(
-    law: GraspLaw, known: bool, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool
+    law: GraspLaw,
+    known: bool,
+    tick: float,
+    substeps: int,
+    disturbed: bool,
+    limited: bool,
+    in_task_space: bool,
+    varies: bool,
 ) -> ca.Function:
     """Derive what `capture_tick` returns."""
     model = law.model
@@ -221,9 +241,10 @@ def _capture_tick(
     of_body = 1 + len(law.body.inertia)
     flow = _capture_flow(law)
     rates = model.n_twists if in_task_space else 0
+    driven = model.space.n_twist * varies
     sizes = {
         "z": flow.size1_in(0) + LOADS * grippers,
-        "u": n + rates,
+        "u": n + rates + driven,
         "noise": 2 * n,
         "push": n,
         "grasps": (law.parameters + 1) * grippers,
@@ -245,8 +266,8 @@ def _capture_tick(
     measured = ca.vertsplit(_measured(model)(state, noise) if disturbed else state, [0, model.nq, nx])
     by_gripper = ca.horzsplit(ca.reshape(bushings, law.parameters, grippers))
     stiff = ca.vertcat(*(bushing[:-2] for bushing in by_gripper))  # without the dampings
-    inputs = *ca.vertsplit(u, [0, n, n + rates]), stiff, believed, described
-    commanded = _law(law, known, in_task_space)(ca.mmin(closed), *measured, *inputs)
+    inputs = *ca.vertsplit(u, [0, n, n + rates, n + rates + driven]), stiff, believed, described
+    commanded = _law(law, known, in_task_space, varies)(ca.mmin(closed), *measured, *inputs)
     F = _cut(model)(Q, commanded, limits) if limited else commanded
     held_arguments = [F + push, bushings, ca.vertcat(robot, friction, body)]
     attitudes = model.space.attitudes_at(0, flow.size1_in(0) - sum(law.sizes))
@@ -282,15 +303,17 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     pose_rate, velocity_rate = target_object.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
     vdot = model.dynamics.forward(Q, v, acting + force, robot)
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(F))
+    on_robot = F if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot) - force  # by the mount
+    external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(on_robot))
     zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *pose_rate, *velocity_rate)
     return ca.Function("flow", [z, F, g, p], [zdot])
 
 
-def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool) -> ca.Function:
-    """Return the low-level law: all hold, Q, v, u, rates in task space, grasps, inertial parameters, object -> F (n,).
+def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool, varies: bool) -> ca.Function:
+    """Return the low-level law: all hold, Q, v, u and more -> F (n,).
 
-    While all grippers hold an object that is known, the force is that of `held_force`.
+    More are rates in task space, what of the base is driven if that varies, grasps, inertial parameters, object. While
+    all grippers hold an object that is known, the force is that of `held_force`.
     """
     model = of_grasps.model
     space = model.space
@@ -299,16 +322,22 @@ def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool) -> ca.Function:
         "v": model.n,
         "u": model.n,
         "rates": model.n_twists if in_task_space else 0,
+        "driven": space.n_twist * varies,
         "grasps": (space.n_pose + 2) * len(of_grasps.grippers),
         "w": model.nominal.vector.size,
         "body": 1 + space.n_principal,
     }
-    Q, v, u, rates, grasps, w, body = arguments = [ca.SX.sym(name, size) for name, size in sizes.items()]
-    F = model.task_space.law(Q, v, rates, w) if in_task_space else model.dynamics.law(Q, v, u, w)
+    Q, v, u, rates, driven, grasps, w, body = arguments = [ca.SX.sym(name, size) for name, size in sizes.items()]
+    of_base = [driven] if varies else []
+    F = model.task_space.law(Q, v, rates, w) if in_task_space else law_of(model, varies)(Q, v, u, w, *of_base)
     if not known:
         return ca.Function("law", [ca.SX.sym("all_hold"), *arguments], [F])
     free = ca.Function("free", arguments, [F])
-    held = held_force(model, of_grasps.grippers)(Q, v, u, grasps, w, body)
+    if varies:
+        loaded = of_driven(model.spec, held_force(model, of_grasps.grippers), driven)
+    else:
+        loaded = held_force(model, of_grasps.grippers, model.driven())
+    held = loaded(Q, v, u, grasps, w, body, *of_base)
     return ca.Function.if_else("law", ca.Function("loaded", arguments, [held]), free)
 
 
@@ -320,28 +349,43 @@ def _measured(model: RobotModel) -> ca.Function:
     return ca.Function("measured", [state, noise], [ca.vertcat(Q, state[model.nq :] + noise[n:])])
 
 
+def law_of(model: RobotModel, varies: bool) -> ca.Function:
+    """Return the computed torque Q, v, u, w -> F (n,), what of the base is driven its last argument if that varies."""
+    if not varies:
+        return model.law()
+    every = (1.0,) * model.space.n_twist
+    return of_driven(model.spec, model.law(every), ca.SX.sym("driven", model.space.n_twist))
+
+
 def tick_function(
-    model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool = False
+    model: RobotModel,
+    tick: float,
+    substeps: int,
+    disturbed: bool,
+    limited: bool,
+    in_task_space: bool = False,
+    varies: bool = False,
 ) -> ca.Function:
     """Return one tick z, u -> z_next, F with z = [state; impulse (3,) or (6,); work]: the law (7) sets F once.
 
-    In task space the law is `F = J' F_m`, and in the place of u are the rates of the frames' velocities.
+    In task space the law is `F = J' F_m`, and in the place of u are the rates of the frames' velocities. Where it
+    varies what of the base is driven (n_twist,), that follows u.
 
     A disturbed one has the further arguments noise (2n,), external force (n,) and p: the inertial parameters of the
     robot and of the law, then the vector of a `JointFriction`. A limited one has the vector of `ForceLimits` last, and
     returns also the force that the law commanded, before it was cut there.
     """
-    of_plant = tick, substeps, disturbed, limited, in_task_space
+    of_plant = tick, substeps, disturbed, limited, in_task_space, varies
     return model.derived((tick_function, *of_plant), lambda: _tick_function(model, *of_plant))
 
 
 def _tick_function(
-    model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool
+    model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool, varies: bool
 ) -> ca.Function:
     """Derive what `tick_function` returns."""
     n = model.n
     nx = model.nq + model.n
-    law, flow = _law_and_flow(model, disturbed, in_task_space)
+    law, flow = _law_and_flow(model, disturbed, in_task_space, varies)
     sizes = ("z", flow.size1_in(0)), ("u", law.size1_in(1)), ("noise", 2 * n), ("push", n), ("limits", 2 * n)
     z, u, noise, external_force, limits = (ca.MX.sym(*size) for size in sizes)
     p = ca.MX.sym("p", flow.size1_in(2) if disturbed else 0)
@@ -369,7 +413,9 @@ def _cut(model: RobotModel) -> ca.Function:
     return ca.Function("cut", [Q, F, limits], [ca.cse(ca.vertcat(*within))])
 
 
-def _law_and_flow(model: RobotModel, disturbed: bool, in_task_space: bool) -> tuple[ca.Function, ca.Function]:
+def _law_and_flow(
+    model: RobotModel, disturbed: bool, in_task_space: bool, varies: bool
+) -> tuple[ca.Function, ca.Function]:
     """Return the low-level law state, u, noise, p -> F, and the rate of z at z, F, p with the external force in F.
 
     Of an undisturbed plant noise and p are constant, and no arguments. Friction acts between the links: it does work,
@@ -383,15 +429,17 @@ def _law_and_flow(model: RobotModel, disturbed: bool, in_task_space: bool) -> tu
     nominal = np.concatenate([w, w, JointFriction.none(n).vector])
     p = ca.SX.sym("p", nominal.size) if disturbed else ca.SX(nominal)
     robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
-    of_inputs = model.task_space.law if in_task_space else model.dynamics.law
-    sizes = ("x", nq + n), ("u", of_inputs.size1_in(2)), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
+    of_inputs = model.task_space.law if in_task_space else law_of(model, varies)
+    driven = model.space.n_twist * varies
+    sizes = ("x", nq + n), ("u", of_inputs.size1_in(2) + driven), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
     state, u, noise, z, F = (ca.SX.sym(*size) for size in sizes)
     measured_Q = state[:nq]
     measured_v = state[nq:]
     if disturbed:
         measured_Q = _integrated(model.space, measured_Q, noise[:n])
         measured_v = measured_v + noise[n:]
-    commanded = of_inputs(measured_Q, measured_v, u, believed)
+    of_base = [u[u.numel() - driven :]] if varies else []
+    commanded = of_inputs(measured_Q, measured_v, u[: u.numel() - driven], believed, *of_base)
     Q = z[:nq]
     v = z[nq : nq + n]
     acting = F - viscous * v - coulomb * ca.tanh(v / width)

@@ -4,7 +4,7 @@ What is random is drawn from the task's seed, every item from a stream of its ow
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,6 +92,7 @@ class Uncertainty:
         closed: np.ndarray,
         twist_rates: np.ndarray | None = None,
         law: LowLevelLaw | None = None,
+        driven: np.ndarray | None = None,
     ) -> Ticks:
         """Advance the plant over a sample of a stage from the true state; see `Plant.advance`.
 
@@ -99,13 +100,13 @@ class Uncertainty:
         """
         load = None if law is None else law.load
         if self.friction is None:
-            return plant.advance(start, state, u, None, closed, twist_rates, load)
+            return plant.advance(start, state, u, None, closed, twist_rates, load, driven)
         robot = self.true_parameters(stage)
         believed = self._model.nominal if law is None else law.parameters
         if self.spec.carried.known and self.holds(stage):
             believed = self._with_payload(believed)
         disturbance = Disturbance(robot, believed, self._noise(sample), self._push(start))
-        return plant.advance(start, state, u, disturbance, closed, twist_rates, load)
+        return plant.advance(start, state, u, disturbance, closed, twist_rates, load, driven)
 
     def true_parameters(self, stage: int) -> InertialParameters:
         """Return the inertial parameters of the simulated robot and what it holds in a stage."""
@@ -242,7 +243,13 @@ def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
     They are those of robot and task, of which the share is there that the task's uncertainty says. The tighter limits
     of a skill are wishes of the plan; the robot does not know them.
     """
-    declared = resolve_limits(robot, task.limits)
+    in_stages = [task.moved_by(stage, robot) for stage in range(len(task.stages))]
+    anywhere = replace(
+        robot.moved_by,
+        is_pushed=any(moved_by.is_pushed for moved_by in in_stages),
+        is_turned=any(moved_by.is_turned for moved_by in in_stages),
+    )
+    declared = resolve_limits(robot, task.limits, moved_by=anywhere)
     if not (np.isfinite(declared.force_low) | np.isfinite(declared.force_high)).any():
         return None
     share = _by_coordinate(task.uncertainty.force_share, robot, 1.0)

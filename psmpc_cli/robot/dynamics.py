@@ -105,9 +105,8 @@ class Dynamics:
 
     Attributes:
         H: Q, w -> (n, n) [kg, kg m, kg m^2]. Paper eq. (3).
-        inverse: Q, v, vdot, w -> F (n,) [N, N m]. Paper eq. (3).
-        law: Q, v, u, w -> F (n,) [N, N m], the computed torque. Paper eq. (7). A base without thrusters gets no force,
-            and its rows of u have no effect.
+        inverse: Q, v, vdot, w -> F (n,) [N, N m]. Paper eq. (3). It is the computed torque, eq. (7), of a base that is
+            moved at will; for others see `of_driven`.
         forward: Q, v, F, w -> vdot (n,) [m/s^2, rad/s^2]. Paper eq. (3). A fixed base has none, whatever acts on it.
         momentum: Q, v, w -> linear [N s] and angular about the inertial origin [N m s], (3,) or (6,). Paper eq. (4).
             That of the bodies alone: the armature of joints has none, see above.
@@ -116,7 +115,6 @@ class Dynamics:
 
     H: ca.Function
     inverse: ca.Function
-    law: ca.Function
     forward: ca.Function
     momentum: ca.Function
     kinetic_energy: ca.Function
@@ -136,40 +134,61 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
     momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
     motion = {"Q": Q, "v": v}
-    law, acceleration = _by_mobility(spec, H, bias, force, vdot, F)
+    acceleration = _acceleration(spec, H, F - bias)
     return Dynamics(
         H=function("H", {"Q": Q, "w": w}, {"H": ca.densify(H)}),
         inverse=function("inverse", {**motion, "vdot": vdot, "w": w}, {"F": force}),
-        law=function("law", {**motion, "u": vdot, "w": w}, {"F": law}),
         forward=function("forward", {**motion, "F": F, "w": w}, {"vdot": acceleration}),
         momentum=function("momentum", {**motion, "w": w}, {"p": momentum}),
         kinetic_energy=function("kinetic_energy", {**motion, "w": w}, {"T": ca.dot(v, Hv) / 2}),
     )
 
 
-def _by_mobility(spec: RobotSpec, H: ca.SX, bias: ca.SX, force: ca.SX, vdot: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return the force of the computed-torque law for accelerations vdot, and the accelerations under a force F.
+def of_driven(spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM) -> ca.Function:
+    """Return a low-level law for a base that does not accelerate as commanded along all of its coordinates.
 
     With the rows of base and joints, and the bias c, paper eq. (3) is
 
         H_bb vdot_b + H_bj vdot_j + c_b = F_b,    H_jb vdot_b + H_jj vdot_j + c_j = F_j.
 
-    Free-flying: as they stand. Free-floating: F_b = 0, and the base reacts with vdot_b = -H_bb^-1 (H_bj u_j + c_b).
-    Fixed: vdot_b = 0, F_j = H_jj u_j + c_j, and the force of the mount on the base is none of the robot's.
+    Coordinates of the base that are driven accelerate as commanded; on the others, f, no force acts, and they react:
+
+        H_ff vdot_f = -(H_fd u_d + H_fj u_j + c_f),    F_f = 0.
+
+    All are driven of a free-flying base, none of a free-floating one; where wheels turn the base, those of its turn. A
+    fixed base does not accelerate, F_j = H_jj u_j + c_j, and the force of the mount is none of the robot's.
     Umetani, Yoshida: Resolved motion rate control of space manipulators with generalized Jacobian matrix (1989).
+
+    Args:
+        spec: The robot.
+        law: Q, v, u, ... -> F (n,), the force under which the robot accelerates by u; linear in u.
+        driven: 1 of coordinates of the base that are driven, 0 of others (n_twist,); a symbol is the last argument of
+            what is returned.
     """
-    space = configuration_space(spec)
-    base = space.base
-    joints = space.joint_rates
-    none = ca.SX.zeros(space.n_twist)
-    if spec.moved_by.actuated:
-        return force, solve_spd(H, F - bias)
+    base = configuration_space(spec).base
+    Q, v, u, *others = law.sx_in()
+    driven = ca.SX(driven)
+    reaction = ca.SX.sym("reaction", base.stop)
+    F = law(Q, v, ca.vertcat(driven * u[base] + (1 - driven) * reaction, u[base.stop :]), *others)
+    reacts = ca.SX.zeros(base.stop)
     if spec.moved_by.moves:
-        reaction = -solve_spd(H[base, base], H[base, joints] @ vdot[joints] + bias[base])
-        law = ca.substitute(force, vdot[base], reaction)
-        return ca.vertcat(none, law[joints]), solve_spd(H, F - bias)
-    law = ca.substitute(force, vdot[base], none)
-    return ca.vertcat(none, law[joints]), ca.vertcat(none, solve_spd(H[joints, joints], (F - bias)[joints]))
+        free = ca.diag(1 - driven)
+        H_ff = free @ ca.jacobian(F[base], reaction) @ free + ca.diag(driven)
+        reacts = ca.solve(H_ff, -free @ ca.substitute(F[base], reaction, reacts))
+    F = ca.substitute(F, reaction, reacts)
+    arguments = dict(zip(law.name_in(), (Q, v, u, *others), strict=True))
+    if driven.is_valid_input():
+        arguments["driven"] = driven
+    return function("law", arguments, {"F": ca.densify(ca.vertcat(driven * F[base], F[base.stop :]))})
+
+
+def _acceleration(spec: RobotSpec, H: ca.SX, force: ca.SX) -> ca.SX:
+    """Return the accelerations under a force less the bias (n,); a fixed base has none."""
+    space = configuration_space(spec)
+    joints = space.joint_rates
+    if spec.moved_by.moves:
+        return solve_spd(H, force)
+    return ca.SX(ca.vertcat(ca.SX.zeros(space.n_twist), solve_spd(H[joints, joints], force[joints])))
 
 
 @dataclass(frozen=True, eq=False)

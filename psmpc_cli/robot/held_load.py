@@ -10,7 +10,7 @@ from scipy.linalg import eigh, null_space
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import InertialParameters, point_acceleration, solve_spd, tool_motions
+from psmpc_cli.robot.dynamics import InertialParameters, of_driven, point_acceleration, solve_spd, tool_motions
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, cross, dot, matrix, matrix_product, matrix_vector, scaled, transposed
@@ -39,7 +39,7 @@ class HeldLoad:
         self._model = model
         self.grasps = described_grasps(grippers, grasp)
         self._body = body.vector
-        self._force = ArrayFunction(held_force(model, grippers))
+        self._forces: dict[tuple[float, ...], ArrayFunction] = {}
         self._grippers = grippers
         self._followed: dict[int, ArrayFunction] = {}
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
@@ -52,6 +52,7 @@ class HeldLoad:
         law: InertialParameters | None = None,
         grasps: np.ndarray | None = None,
         body: np.ndarray | None = None,
+        driven: tuple[float, ...] | None = None,
     ) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] for an acceleration u (n,).
 
@@ -63,11 +64,16 @@ class HeldLoad:
             grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9); by default
                 as the task has them.
             body: Mass and principal moments of the object; by default as the task has them.
+            driven: On which coordinates of the base something acts, see `RobotModel.driven`; by default as the robot's
+                description says.
         """
+        driven = driven or self._model.driven()
+        if driven not in self._forces:
+            self._forces[driven] = ArrayFunction(held_force(self._model, self._grippers, driven))
         grasps = self.grasps if grasps is None else grasps
         body = self._body if body is None else body
         parameters = (law or self._model.nominal).vector
-        return np.asarray(self._force(Q, v, u, grasps.ravel(), parameters, body)[0][0])
+        return np.asarray(self._forces[driven](Q, v, u, grasps.ravel(), parameters, body)[0][0])
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.
@@ -115,7 +121,7 @@ def described_grasps(grippers: Sequence[str], grasp: GraspSpec) -> np.ndarray:
     return np.array([[*grasp.at[gripper], *grasp.stiffness] for gripper in grippers])
 
 
-def held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+def held_force(model: RobotModel, grippers: Sequence[str], driven: tuple[float, ...] | None = None) -> ca.Function:
     """Return Q, v, u, grasps, inertial parameters of the robot, object -> the force of the low-level law (n,).
 
     With G and g the differences S_i - S_1 and s_i - s_1 of the other grippers to the first, one below the other,
@@ -123,13 +129,49 @@ def held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
         u' = u - G' lambda,    lambda = (G G')^-1 (G u + g),
         F = H u' + c + sum_i S_i' f_i,    f_i = C_i (sum C)^-1 (M (S u' + s) + bias),
 
-    where S u' + s, the object's acceleration, is that of any gripper. `HeldLoad` says why.
+    where S u' + s, the object's acceleration, is that of any gripper. `HeldLoad` says why. F depends on u linearly:
+    coordinates of the base that are not driven react, see `of_driven`.
+
+    Args:
+        model: The robot.
+        grippers: Those that hold the object, which is given as `FreeBody.vector`.
+        driven: On which coordinates of the base something acts, see `RobotModel.driven`; None: on all.
+    """
+    all_driven = (1.0,) * model.space.n_twist
+    driven = driven or all_driven
+
+    def derive() -> ca.Function:
+        if driven == all_driven:
+            return _held_force(model, grippers)
+        return of_driven(model.spec, held_force(model, grippers), ca.DM(driven))
+
+    return model.derived((held_force, tuple(grippers), driven), derive)
+
+
+def held_momentum(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+    """Return Q, v, grasps, object -> its momentum, linear and angular about the inertial origin (n_twist,).
+
+    It moves as if it were fixed to the first of the grippers.
 
     Args:
         model: The robot.
         grippers: Those that hold the object, which is given as `FreeBody.vector`.
     """
-    return model.derived((held_force, tuple(grippers)), lambda: _held_force(model, grippers))
+
+    def derive() -> ca.Function:
+        space = model.space
+        body, numbers = FreeBody.symbolic(space.n_principal)
+        Q = ca.SX.sym("Q", model.nq)
+        v = ca.SX.sym("v", model.n)
+        p = ca.SX.sym("p", (space.n_pose + 2) * len(grippers))
+        hold = _hold(model, grippers[:1], Q, ca.SX.zeros(model.n), v, p[: space.n_pose + 2])
+        gripper, _ = space.to_3d(ca.vertsplit(model.g(Q)[model.pose_rows[grippers[0]]]))
+        centre = add(gripper, scaled(ca.vertsplit(hold.levers), -1))
+        linear, angular = space.twist_to_3d(ca.vertsplit(_wrench(body, hold, hold.accelerations)))
+        momentum = space.twist(linear, add(angular, cross(centre, linear)))
+        return ca.Function("held_momentum", [Q, v, p, numbers], [ca.cse(ca.vertcat(*momentum))])
+
+    return model.derived((held_momentum, tuple(grippers)), derive)
 
 
 def held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
@@ -167,7 +209,7 @@ def _held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     hold = _hold(model, grippers, Q, v, u, p)
     closed = _closed_chain(hold, u)
     borne = _borne(body.space, hold.levers, p, _wrench(body, hold, closed.acceleration))
-    force = model.dynamics.law(Q, v, closed.followed, w) + closed.S.T @ borne
+    force = model.dynamics.inverse(Q, v, closed.followed, w) + closed.S.T @ borne
     return ca.Function("held", [Q, v, u, p, w, numbers], [ca.cse(ca.densify(force))])
 
 
@@ -188,7 +230,7 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
     # by z and u', at the acceleration of the object; as one Jacobian, so that its rows share what they have in common
     hold = _hold(model, grippers, Q, v, u, p)
     wrench = _wrench(body, hold, acceleration)
-    law = model.dynamics.law(Q, v, u, w)
+    law = model.dynamics.inverse(Q, v, u, w)
     rows = ca.cse([law, hold.accelerations, wrench, hold.levers])
     explicit = ca.Function(
         "explicit",

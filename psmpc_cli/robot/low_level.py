@@ -17,6 +17,7 @@ class LowLevelLaw:
     Attributes:
         model: The robot.
         parameters: Inertial parameters that it counts with for the robot's.
+        driven: On which coordinates of the base something acts, see `RobotModel.driven`.
     """
 
     grasps: np.ndarray | None = None
@@ -28,17 +29,23 @@ class LowLevelLaw:
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self.parameters = model.nominal
+        self.driven = model.driven()
 
     def counting_with(
-        self, load: np.ndarray | None = None, parameters: InertialParameters | None = None
+        self,
+        load: np.ndarray | None = None,
+        parameters: InertialParameters | None = None,
+        driven: tuple[float, ...] | None = None,
     ) -> "LowLevelLaw":
         """Return the law with other numbers of what it moves.
 
         Args:
             load: Mass and moments (numbers,) of what hands hold, where it knows of that; None: its own.
             parameters: Inertial parameters of the robot; None: its own.
+            driven: On which coordinates of the base something acts; None: its own.
         """
         other = copy(self)
+        other.driven = driven or self.driven
         if load is not None and self.load is not None:
             other.load = load
         if parameters is not None:
@@ -53,6 +60,7 @@ class LowLevelLaw:
         twist_rates: np.ndarray | None = None,
         grasps: np.ndarray | None = None,
         parameters: InertialParameters | None = None,
+        driven: tuple[float, ...] | None = None,
     ) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] over a tick.
 
@@ -66,11 +74,12 @@ class LowLevelLaw:
                 not hold a known load; None where u counts.
             grasps: Of the object that all hands hold; None while they do not.
             parameters: Inertial parameters that the law has for the robot's; by default its own.
+            driven: On which coordinates of the base something acts in this tick; by default its own.
         """
         parameters = parameters or self.parameters
         if twist_rates is not None:
             return self.model.task_space_force(Q, v, twist_rates, parameters)
-        return self.model.computed_torque(Q, v, u, parameters)
+        return self.model.computed_torque(Q, v, u, parameters, driven or self.driven)
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones, see `HeldLoad.followed`."""
@@ -100,11 +109,12 @@ class LoadedLaw(LowLevelLaw):
         twist_rates: np.ndarray | None = None,
         grasps: np.ndarray | None = None,
         parameters: InertialParameters | None = None,
+        driven: tuple[float, ...] | None = None,
     ) -> np.ndarray:
         """Compute the force of the closed chain while all hands hold the object."""
         if grasps is None:
-            return super().force(Q, v, u, twist_rates, grasps, parameters)
-        return self._load.force(Q, v, u, parameters or self.parameters, grasps, self.load)
+            return super().force(Q, v, u, twist_rates, grasps, parameters, driven)
+        return self._load.force(Q, v, u, parameters or self.parameters, grasps, self.load, driven or self.driven)
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return what the closed chain leaves of the commanded accelerations."""

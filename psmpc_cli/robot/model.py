@@ -20,13 +20,14 @@ from psmpc_cli.robot.dynamics import (
     derive_dynamics,
     derive_task_space_dynamics,
     function,
+    of_driven,
 )
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.load import load_robot as load_robot_spec
-from psmpc_cli.specs.parts import CoordinateUnits
+from psmpc_cli.specs.parts import CoordinateUnits, MobilityTraits
 from psmpc_cli.specs.robot import RobotSpec, labels, units
 
 Array = NDArray[np.float64]
@@ -52,7 +53,6 @@ class RobotModel:
 
     Attributes:
         spec: The robot's description.
-        actuated: Which velocity coordinates have a force of their own, (n,): not those of a base without thrusters.
         n: Number of velocity coordinates.
         nq: Number of coordinates Q.
         m: Number of pose coordinates xi.
@@ -72,8 +72,6 @@ class RobotModel:
         self.space = configuration_space(spec)
         self.dimension = self.space.dimension
         self.n = self.space.n
-        self.actuated = np.ones(self.n, bool)
-        self.actuated[self.space.base] = spec.moved_by.actuated
         self.nq = self.space.nq
         Q = ca.SX.sym("Q", self.nq)
         bodies, xi = self._placed(self.space.base_frame(Q), Q[self.space.joint_coordinates])
@@ -127,21 +125,52 @@ class RobotModel:
         """The equations of motion, derived when they are first used: poses and what a task asks need none."""
         return self.derived(derive_dynamics, partial(derive_dynamics, self.spec))
 
-    @property
-    def law_jacobian(self) -> ca.Function:
-        """joints, v, u, w -> the derivatives of `Dynamics.law` by [joints; v; u] (n, joints + 2n), base at neutral.
+    def driven(self, moved_by: MobilityTraits | None = None) -> tuple[float, ...]:
+        """Return 1 for each velocity coordinate of the base on which something acts, 0 for the others, (n_twist,).
+
+        Args:
+            moved_by: What moves the base; by default what the robot's description says.
+        """
+        moved_by = moved_by or self.spec.moved_by
+        linear = float(moved_by.is_pushed)
+        angular = float(moved_by.is_turned)
+        return (linear,) * self.dimension + (angular,) * (self.space.n_twist - self.dimension)
+
+    def actuated(self, moved_by: MobilityTraits | None = None) -> np.ndarray:
+        """Return which velocity coordinates have a force of their own, (n,): all but those of `driven` that are 0."""
+        return np.array([*self.driven(moved_by), *np.ones(self.space.joints)], bool)
+
+    def law(self, driven: tuple[float, ...] | None = None) -> ca.Function:
+        """Return Q, v, u, w -> F (n,) [N, N m], the computed torque. Paper eq. (7).
+
+        Args:
+            driven: On which coordinates of the base something acts, see `driven`; by default as the robot's description
+                says. The others get no force, and their rows of u have no effect.
+        """
+        driven = driven or self.driven()
+        return self.derived(("law", driven), partial(self._law, driven))
+
+    def _law(self, driven: tuple[float, ...]) -> ca.Function:
+        if not all(driven):
+            return of_driven(self.spec, self.law((1.0,) * len(driven)), ca.DM(driven))
+        Q, v, u, w = self.dynamics.inverse.sx_in()
+        return function("law", {"Q": Q, "v": v, "u": u, "w": w}, {"F": self.dynamics.inverse(Q, v, u, w)})
+
+    def law_jacobian(self, driven: tuple[float, ...] | None = None) -> ca.Function:
+        """Return joints, v, u, w -> the derivatives of `law` by [joints; v; u] (n, joints + 2n), base at neutral.
 
         Force, velocity and acceleration along the base's own axes depend on neither its position nor its attitude:
         these derivatives are those of all poses, without the operations that turn vectors into the inertial frame.
         """
-        return self.derived("law_jacobian", self._law_jacobian)
+        driven = driven or self.driven()
+        return self.derived(("law_jacobian", driven), partial(self._law_jacobian, driven))
 
-    def _law_jacobian(self) -> ca.Function:
+    def _law_jacobian(self, driven: tuple[float, ...]) -> ca.Function:
         joints = ca.SX.sym("joints", self.space.joints)
         v = ca.SX.sym("v", self.n)
         u = ca.SX.sym("u", self.n)
         w = ca.SX.sym("w", self.nominal.vector.size)
-        F = self.dynamics.law(self.space.at_neutral_base(joints), v, u, w)
+        F = self.law(driven)(self.space.at_neutral_base(joints), v, u, w)
         F_by = ca.jacobian(F, ca.vertcat(joints, v, u))
         return ca.Function("law_jacobian", [joints, v, u, w], [F_by])
 
@@ -288,14 +317,26 @@ class RobotModel:
         return self._evaluate("inverse", Q, v, vdot, self._parameter_vector(parameters))
 
     def computed_torque(
-        self, Q: ArrayLike, v: ArrayLike, u: ArrayLike, parameters: InertialParameters | None = None
+        self,
+        Q: ArrayLike,
+        v: ArrayLike,
+        u: ArrayLike,
+        parameters: InertialParameters | None = None,
+        driven: tuple[float, ...] | None = None,
     ) -> Array:
         """Return the generalized force, (n,) [N, N m], that gives actuated coordinates accelerations u (n,). Eq. (7).
 
         Where the base has thrusters it is that of inverse dynamics. Without them the base gets no force, and its rows
         of u have no effect: it reacts to the joints, or stands still.
+
+        Args:
+            Q: Position of the robot (nq,), or (K, nq).
+            v: Velocity (n,).
+            u: Accelerations (n,).
+            parameters: Inertial parameters of the robot; by default its own.
+            driven: On which coordinates of the base something acts, see `driven`; by default as its description says.
         """
-        return self._evaluate("law", Q, v, u, self._parameter_vector(parameters))
+        return self._evaluate(driven or self.driven(), Q, v, u, self._parameter_vector(parameters))
 
     def task_space_force(
         self, Q: ArrayLike, v: ArrayLike, a: ArrayLike, parameters: InertialParameters | None = None
@@ -361,8 +402,10 @@ class RobotModel:
         """
         return self._evaluate("balance", Q, v, self._parameter_vector(parameters))
 
-    def _evaluate(self, name: str, *arguments: ArrayLike) -> Array:
+    def _evaluate(self, name: str | tuple[float, ...], *arguments: ArrayLike) -> Array:
         """Return the result of a CasADi function at coordinates (nq,), or at each of (K, nq).
+
+        Of a law its name is what it drives.
 
         Raises:
             InputError: Arguments are no numbers, or of the wrong size.
@@ -384,7 +427,7 @@ class RobotModel:
         require("parameters", parameters, InertialParameters, "InertialParameters")
         return parameters.vector
 
-    def _on_arrays(self, name: str) -> tuple[BatchFunction, dict[str, int]]:
+    def _on_arrays(self, name: str | tuple[float, ...]) -> tuple[BatchFunction, dict[str, int]]:
         """Return a CasADi function on arrays, and the sizes of its arguments by name, Q first."""
 
         def build() -> tuple[BatchFunction, dict[str, int]]:
@@ -393,8 +436,10 @@ class RobotModel:
 
         return self.derived(("on arrays", name), build)
 
-    def _array_source(self, name: str) -> ca.Function:
+    def _array_source(self, name: str | tuple[float, ...]) -> ca.Function:
         """Return the CasADi function of this name, built on first use: those in task space take seconds."""
+        if isinstance(name, tuple):
+            return self.law(name)
         if name == "g":
             return self.g
         if name in ("J_C", "twists"):
@@ -422,7 +467,7 @@ class RobotModel:
         balance = ca.Function("balance", state, ca.cse([kept]), dynamics.momentum.name_in(), ["balance"])
         inertial = dynamics.H.sx_in()
         H = ca.Function("H", inertial, [ca.vec(dynamics.H(*inertial))], dynamics.H.name_in(), ["H"])
-        functions = H, dynamics.inverse, dynamics.law, dynamics.forward, balance
+        functions = H, dynamics.inverse, dynamics.forward, balance
         return {function.name(): function for function in functions}
 
 

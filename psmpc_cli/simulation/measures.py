@@ -144,7 +144,7 @@ class Meter:
         force, torque, joint_torque, sliding_force = self._norms(np.array([of_sample.F for of_sample in ticks]))
         accelerations = np.array([sample.u for sample in samples])
         linear, angular, joint, sliding = self._norms(accelerations)
-        controls = accelerations * model.actuated  # a base without thrusters has no control
+        controls = accelerations * model.actuated(stage.moved_by)  # a base that nothing moves has no control
         # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
         mean = controls.mean(axis=1)
         sample_time = self._tick * accelerations.shape[1]

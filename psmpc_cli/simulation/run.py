@@ -107,10 +107,10 @@ def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     tick, substeps = ticks_of(task.plant)
     capture = build_capture(task, model)
     is_limited = force_limits_of(task, model.spec) is not None
-    laws = [False, True] if task.acts_in_task_space else [False]
+    laws = [(False, False), (True, False)] if task.acts_in_task_space else [(False, task.changes_mobility(model.spec))]
     if capture is not None:
-        return [capture_tick(capture, substeps, disturbs(task), is_limited, law) for law in laws]
-    return [tick_function(model, tick, substeps, disturbs(task), is_limited, law) for law in laws]
+        return [capture_tick(capture, substeps, disturbs(task), is_limited, *law) for law in laws]
+    return [tick_function(model, tick, substeps, disturbs(task), is_limited, *law) for law in laws]
 
 
 DIVERGED = 1e9
@@ -135,6 +135,7 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     stage = 0
     sample_time = experiment.problem.spec.controller.sample_time
     time_after_end = experiment.problem.spec.time_after_end
+    changes_mobility = experiment.problem.spec.changes_mobility(experiment.problem.model.spec)
     line = _Line(experiment.problem.spec, experiment.problem.model.n)
     while True:
         now = sample_number * sample_time
@@ -150,16 +151,19 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
             return Ending(False, "stopped at the end of a stage", now, command.state, state, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
         line.send(sample_number, command)
-        in_force, u, closed, twist_rates = line.over_sample(sample_number)
+        in_force, u, closed, of_base, twist_rates = line.over_sample(sample_number)
+        driven = of_base if changes_mobility else None
         previous_stage = stage
         stage = in_force.sequence.first
         contact = None
         if uncertainty is None:
-            ticks = plant.advance(now, state, u, None, closed, twist_rates, in_force.law.load)
+            ticks = plant.advance(now, state, u, None, closed, twist_rates, in_force.law.load, driven)
         else:
             contact = uncertainty.contact(state, previous_stage, stage)
             law = in_force.law
-            ticks = uncertainty.advance(plant, sample_number, now, contact.state, u, stage, closed, twist_rates, law)
+            ticks = uncertainty.advance(
+                plant, sample_number, now, contact.state, u, stage, closed, twist_rates, law, driven
+            )
         if (
             not np.vdot(ticks.states, ticks.states) + np.vdot(ticks.F, ticks.F) < DIVERGED**2
         ):  # nor where it is not a number
@@ -177,12 +181,14 @@ class _Applied(NamedTuple):
         in_force: The command that acts when the sample begins; the first one before it has arrived.
         u: Accelerations over the ticks (M, n) [m/s^2, rad/s^2].
         closed: Whether grippers are to be closed (M,).
+        driven: Whether something acts on each coordinate of the base, 1 or 0 (M, n_twist).
         twist_rates: Rates of the velocities J_C v (M, k), see `Command`; None where the law is that in joint space.
     """
 
     in_force: Command
     u: np.ndarray
     closed: np.ndarray
+    driven: np.ndarray
     twist_rates: np.ndarray | None
 
 
@@ -219,9 +225,10 @@ class _Line:
             self._arrived.pop(0)
         arrival, command = self._arrived[0]
         if arrival == now and (len(self._arrived) == 1 or self._arrived[1][0] >= now + self._ticks):
-            return _Applied(command, command.u, command.closed, command.twist_rates)
+            return _Applied(command, command.u, command.closed, command.driven, command.twist_rates)
         u = np.zeros((self._ticks, self._n))
         closed = np.zeros(self._ticks, bool)
+        driven = np.tile(command.driven[0], (self._ticks, 1))
         in_task_space = any(each.twist_rates is not None for _, each in self._arrived)
         twist_rates = np.zeros((self._ticks, command.law.model.n_twists)) if in_task_space else None
         ticks = np.arange(now, now + self._ticks)
@@ -230,9 +237,10 @@ class _Line:
             own = np.minimum(ticks[acts] - begins, self._ticks - 1)
             u[acts] = each.u[own]
             closed[acts] = each.closed[own]
+            driven[acts] = each.driven[own]
             if twist_rates is not None:
                 twist_rates[acts] = _twist_rates(each)[own]
-        return _Applied(command, u, closed, twist_rates)
+        return _Applied(command, u, closed, driven, twist_rates)
 
 
 def _twist_rates(command: Command) -> np.ndarray:

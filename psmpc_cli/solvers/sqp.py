@@ -17,7 +17,7 @@ from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.constraints.boxes import PENALTY
 from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
-from psmpc_cli.ocp.objective import RateFunctions, stage_functions
+from psmpc_cli.ocp.objective import ChangeFunctions, RateFunctions, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
@@ -197,7 +197,7 @@ class SqpSolver(Solver):
             stop_at=self.stop_time(began),
             stop_at_cpu_time=time.process_time() + LONGEST_CALL,
             is_warm=is_warm,
-            restores=not (is_warm or self._model.spec.moved_by.actuated),
+            restores=not (is_warm or all(stage.moved_by.actuated for stage in window.stages)),
         )
         multipliers = np.zeros(0)
         if previous is not None and form.curved and len(previous.duals) == len(form.row_node):
@@ -233,8 +233,12 @@ def libraries(problem: Problem) -> Iterator[Library]:
 
 def _functions(problem: Problem) -> Iterator[BatchFunction]:
     """Yield the functions that the windows of a problem evaluate, whichever stages are in them."""
+    base_reacts = not all(stage.moved_by.actuated for stage in problem.stages)
     for shape in dict.fromkeys(cost_shape(stage_shape(stage)) for stage in problem.stages):
-        yield from stage_functions(problem.model, shape).prepare()
+        of_stage = stage_functions(problem.model, shape)
+        yield from of_stage.prepare()
+        if base_reacts:
+            yield of_stage.residual_curvature
     for stage in problem.stages:
         yield from stage_functions(problem.model, stage_shape(stage)).prepare()
     of_rows = [functions for stage in problem.stages for functions in _functions_of_rows(problem.model, stage)]
@@ -244,7 +248,7 @@ def _functions(problem: Problem) -> Iterator[BatchFunction]:
 
 def _functions_of_rows(
     model: RobotModel, stage: Stage
-) -> list[ConstraintFunctions | IntervalFunctions | RateFunctions]:
+) -> list[ConstraintFunctions | ChangeFunctions | IntervalFunctions | RateFunctions]:
     """Return the functions of the rows that a stage may have, its end's and those that samples set among them."""
     constraints = tuple((name, constraint.structure) for name, constraint in stage.constraints.items())
     shape = replace(stage_shape(stage), constraints=constraints)

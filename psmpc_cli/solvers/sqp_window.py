@@ -112,13 +112,18 @@ def _over_h(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Append the bounds of the rows g - low h >= 0, then of g - high h <= 0, and return low and high, 0 where none.
 
-    Rows that are not over time are bounded by low and high themselves, and have 0 over h.
+    Rows that are not over time are bounded by low and high themselves, and have 0 over h. Where these are equal, the
+    first row is an equation, and the second has no bounds.
     """
     none = np.full(low.size, np.inf)
+    is_equation = np.equal(low, high) & ~np.broadcast_to(is_over_time, low.shape)
     low_over_h = np.where(np.isfinite(low) & is_over_time, low, 0.0)
     high_over_h = np.where(np.isfinite(high) & is_over_time, high, 0.0)
     lows += [(low - low_over_h).ravel(), -none]
-    highs += [none, (high - high_over_h).ravel()]
+    highs += [
+        np.where(is_equation.ravel(), high.ravel(), none),
+        np.where(is_equation, np.inf, high - high_over_h).ravel(),
+    ]
     return low_over_h, high_over_h
 
 

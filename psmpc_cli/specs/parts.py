@@ -122,7 +122,7 @@ SKILL_KINDS: Mapping[str, SkillKindTraits] = {
 QUANTITIES = ("position", "velocity", "acceleration", "jerk", "force")
 """What of a part may have limits."""
 
-Mobility = Literal["free-flying", "free-floating", "fixed"]
+Mobility = Literal["free-flying", "attitude", "free-floating", "fixed"]
 """What moves the base of a robot."""
 
 
@@ -131,25 +131,35 @@ class MobilityTraits:
     """What tells a mobility of the base from the others.
 
     Attributes:
+        name: Its name in files.
         about: What it is, in a few words.
-        actuated: Thrusters push and turn the base at will.
+        is_pushed: A force acts on the base at will.
+        is_turned: A torque acts on the base at will.
         moves: The base moves.
     """
 
+    name: Mobility
     about: str
-    actuated: bool = False
+    is_pushed: bool = False
+    is_turned: bool = False
     moves: bool = True
 
     @property
+    def actuated(self) -> bool:
+        """Whether the base is moved at will: pushed and turned."""
+        return self.is_pushed and self.is_turned
+
+    @property
     def reacts(self) -> bool:
-        """Whether the base moves as the arms move it, so that its place at a target depends on the way there."""
+        """Whether the arms move the base along, so that its place at a target depends on the way there."""
         return self.moves and not self.actuated
 
 
 MOBILITIES: Mapping[Mobility, MobilityTraits] = {
-    "free-flying": MobilityTraits("thrusters push and turn the base", actuated=True),
-    "free-floating": MobilityTraits("nothing acts on the base, which reacts to the arms"),
-    "fixed": MobilityTraits("the base stands still", moves=False),
+    "free-flying": MobilityTraits("free-flying", "thrusters push and turn the base", is_pushed=True, is_turned=True),
+    "attitude": MobilityTraits("attitude", "wheels turn the base, nothing pushes it", is_turned=True),
+    "free-floating": MobilityTraits("free-floating", "nothing acts on the base, which reacts to the arms"),
+    "fixed": MobilityTraits("fixed", "the base stands still", moves=False),
 }
 """The mobilities by their name."""
 
@@ -175,7 +185,8 @@ class Context:
         file: The robot's file, or the task's, as written.
         sizes: The parts of the task's robot and their numbers of coordinates; none if the robot is not valid.
         robot_limits: The robot's limits.
-        mobility: What moves its base; None if what is written is none, which no further rule then judges.
+        mobility: What moves its base, where a skill or a stage does not say it; None if what is written is none, which
+            no further rule then judges.
         sliding: Names of its joint coordinates that are lengths, such as `arm_1.2`.
     """
 
@@ -187,12 +198,31 @@ class Context:
 
     @property
     def moved_by(self) -> MobilityTraits:
-        """What moves the base of the task's robot."""
+        """What moves the base of the task's robot, where a skill or a stage does not say it."""
         return MOBILITIES[self.mobility or FREE_FLYING]
 
+    @cached_property
+    def mobilities(self) -> list[MobilityTraits]:
+        """What moves the base of the task's robot in any stage, as written."""
+        skills = mapping(self.file.value(("skills",))).values()
+        stages = self.file.value(("stages",))
+        entries = [mapping(entry) for entry in (*skills, *(stages if isinstance(stages, list) else ()))]
+        written = {name for entry in entries if isinstance(name := entry.get("mobility"), str)}
+        return [self.moved_by, *(traits for name, traits in MOBILITIES.items() if name in written)]
+
+    @property
+    def is_actuated(self) -> bool:
+        """Whether the base is moved at will in any stage."""
+        return any(traits.actuated for traits in self.mobilities)
+
+    @property
+    def is_always_actuated(self) -> bool:
+        """Whether the base is moved at will in every stage."""
+        return all(traits.actuated for traits in self.mobilities)
+
     def required(self, parts: Collection[str]) -> list[str]:
-        """Return which parts targets and weights must have: a base without thrusters may be left out."""
-        may_lack_the_base = self.mobility is None or not self.moved_by.actuated
+        """Return which parts targets and weights must have: a base that is not moved at will may be left out."""
+        may_lack_the_base = self.mobility is None or not self.is_always_actuated
         return [part for part in parts if part != "base" or not may_lack_the_base]
 
     @cached_property

@@ -259,8 +259,9 @@ def _fit(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
         mobility = str(robot.get("mobility", FREE_FLYING))
     axes = axes_of(sizes, "joint")
     yield from _unknown_parts(written, sizes)
-    without_thrusters = {name for name, traits in MOBILITIES.items() if not traits.actuated}
-    if mobility in without_thrusters and written.get("base", {}).get("force") is not None:
+    free = {name for name, traits in MOBILITIES.items() if not traits.is_turned}
+    turned_elsewhere = any(traits.is_turned for traits in context.mobilities)
+    if mobility in free and not turned_elsewhere and written.get("base", {}).get("force") is not None:
         yield ("base", "force"), expected(f"none: a {mobility} base has no thrusters", at_key=True)
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
@@ -535,8 +536,16 @@ class Limits:
         return np.concatenate([self.position_high, self.velocity_high])
 
 
-def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
-    """Intersect the robot's limits with those in `more`, such as a task's and a skill's."""
+def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits], moved_by: MobilityTraits | None = None) -> Limits:
+    """Intersect the robot's limits with those in `more`, such as a task's and a skill's.
+
+    A base that is not pushed, or not turned, has no limits of force, or torque.
+
+    Args:
+        robot: The robot.
+        more: Limits within its own.
+        moved_by: What moves its base; by default what the robot's description says.
+    """
     bounds: dict[str, Vector] = {}
     for quantity in QUANTITIES:
         layers = [
@@ -550,10 +559,12 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> Limits:
         low, high = np.moveaxis(np.array(layers, dtype=np.float64), -1, 0)
         bounds[f"{quantity}_low"] = low.max(axis=0)
         bounds[f"{quantity}_high"] = high.min(axis=0)
-    if not robot.moved_by.actuated:
-        base = slice(robot.parts["base"])
-        bounds["force_low"][base] = -np.inf
-        bounds["force_high"][base] = np.inf
+    moved_by = moved_by or robot.moved_by
+    free = np.zeros(len(bounds["force_low"]), bool)
+    free[: robot.parts["base"]] = not moved_by.is_turned
+    free[: robot.dimension] = not moved_by.is_pushed
+    bounds["force_low"][free] = -np.inf
+    bounds["force_high"][free] = np.inf
     return Limits(**bounds)
 
 

@@ -39,10 +39,12 @@ from psmpc_cli.specs.geometry import (
 from psmpc_cli.specs.object import NO_BODY, ObjectBody, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     BASE,
+    MOBILITIES,
     SKILL_KINDS,
     AsWritten,
     Context,
     Mobility,
+    MobilityTraits,
     SkillKind,
     Space,
     Wanted,
@@ -441,7 +443,7 @@ def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) ->
         axes = axes_of(context.sizes, space)
         yield from part_faults(weights.parts, axes, context.required(required_parts(axes, space)), one=True)
     axes = axes_of(context.sizes, earlier_fields.get("input", "joint"))
-    if not context.moved_by.actuated:
+    if not any(traits.is_turned for traits in context.mobilities):
         axes = {part: axes[part] for part in axes if part != "base"}  # which has no control
     for at, error in part_faults(weights.control, axes, context.required(axes)):
         yield ("control", *at), error
@@ -451,6 +453,16 @@ def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) ->
     for key, is_weighed in (("force", weights.weighs_force), ("rate", weights.weighs_rate)):
         if is_weighed and earlier_fields.get("input", "joint") == "task":
             yield (key,), expected("none with input task", at_key=True)
+
+
+def _mobility(mobility: Mobility | None, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give a base that a mount holds in some stages alone."""
+    if mobility is None or context.mobility is None:
+        return
+    if MOBILITIES[mobility].moves != context.moved_by.moves:
+        others = [quoted(name) for name, traits in MOBILITIES.items() if traits.moves]
+        wanted = ", ".join(others) if context.moved_by.moves else f"none: the base is {context.mobility} throughout"
+        yield (), expected(wanted)
 
 
 class SkillSpec(Spec):
@@ -468,6 +480,9 @@ class SkillSpec(Spec):
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
     weights: Annotated[SkillWeights, validated_by(_weights)] = Field(description="weights by part, and of the control")
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
+    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility)]] = Field(
+        None, description="what moves the base in stages of this skill, instead of the task's"
+    )
 
 
 class ObjectEndSpec(Spec):
@@ -606,7 +621,7 @@ def parts_of_target(target: Mapping[str, Any] | TrajectorySpec) -> Collection[st
 def _has_control(names_of_joints: tuple[str, ...] | None, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give coordinates of a base without thrusters, which has no control."""
     for i, name in enumerate(names_of_joints or ()):
-        if name.partition(".")[0] == "base" and not context.moved_by.actuated:
+        if name.partition(".")[0] == "base" and not any(traits.is_turned for traits in context.mobilities):
             yield (i,), expected(f"coordinates of arms: a {context.mobility} base has no control")
 
 
@@ -727,6 +742,9 @@ class StageSpec(Spec):
     if_missed: fields.Sparse[Annotated[RetrySpec, validated_by(_retry)] | None] = Field(
         None, description="another try where the object is missed at the stage's end, or lost in it; default none"
     )
+    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility)]] = Field(
+        None, description="what moves the base in this stage, instead of the skill's"
+    )
     clearance: fields.Sparse[ClearanceSpec | None] = Field(
         None, description="how far apart bodies keep in this stage, instead of the task's"
     )
@@ -777,8 +795,8 @@ def _own_names(
 
 def _may_have_routes(routes: RoutesSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give routes of a robot that cannot follow them, or round nothing."""
-    if context.moved_by.reacts:
-        yield (), expected(f"none: a {context.mobility} base moves as the arms move it", at_key=True)
+    if any(traits.reacts for traits in context.mobilities):
+        yield (), expected("none: the base moves as the arms move it, of which routes know nothing", at_key=True)
     stages = earlier_fields.get("stages", ())
     if (
         "clearance" in earlier_fields
@@ -869,8 +887,8 @@ def _plant(plant: PlantSpec, earlier_fields: Fields, context: Context) -> RuleEr
     if not _is_whole(sample * rate):
         found = f"{rate:g} Hz, which makes {sample * rate:.6g} ticks of a sample_time of {sample:g} s"
         yield ("low_level_rate",), expected("a whole number of ticks", found)
-    if not (plant.traits.has_forces or context.moved_by.actuated):
-        yield ("kind",), expected(f"{plant.alternatives}, by which a {context.mobility} base moves")
+    if not (plant.traits.has_forces or context.is_always_actuated):
+        yield ("kind",), expected(f"{plant.alternatives}, by which a base moves that is not free-flying")
     if not (plant.step is None or _is_whole(1 / rate / plant.step)):
         found = f"{plant.step:g} s, which makes {1 / rate / plant.step:.6g} steps of a tick of {1 / rate:g} s"
         yield ("step",), expected("a whole number of steps", found)
@@ -906,8 +924,8 @@ def _not_in_task_space(context: Context) -> RuleErrors:
     """Give why the accelerations of a robot's poses cannot be the control of its windows."""
     at = ("input",)
     rows_of_pose = context.sizes.get("base", 0)  # as many as the base has coordinates
-    if not context.moved_by.actuated:
-        yield at, expected('"joint": task takes bases with thrusters alone', f"a {context.mobility} base")
+    if not context.is_always_actuated:
+        yield at, expected('"joint": task takes bases that are free-flying in every stage')
     in_space = dimension_of(context.sizes) == 3
     for part, joints in context.sizes.items():
         if joints < rows_of_pose or (in_space and joints > rows_of_pose):
@@ -979,7 +997,7 @@ def _shares_of_no_limit(
     """Give shares other than 1 of the force limits of parts whose force neither the robot nor the task limits."""
     layers = (context.robot_limits, limits)
     limited = [part for part in context.sizes if any(limits_of_part(each, part, "force") for each in layers)]
-    if not context.moved_by.actuated:
+    if not any(traits.is_turned for traits in context.mobilities):
         limited = [part for part in limited if part != "base"]
     by_part = given if isinstance(given, Mapping) else {"robot": (given,)}
     for key, shares in by_part.items():
@@ -1021,15 +1039,6 @@ def _fixed_base_rests(velocity: Any, earlier_fields: Fields, context: Context) -
         yield ("base",), expected("zeros, or no base: it is fixed")
 
 
-def _has_thrusters(target_object: ObjectSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give an object with a mass where nothing acts on the base."""
-    if target_object.mass and not context.moved_by.actuated:
-        yield (
-            ("mass",),
-            expected(f"none: only a free-flying robot takes an object with a mass, not a {context.mobility} one"),
-        )
-
-
 class TaskSpec(Spec):
     """A whole experiment."""
 
@@ -1068,10 +1077,9 @@ class TaskSpec(Spec):
         None, description="priorities of all stages from paired comparisons, instead of one at each stage"
     )
     onset: OnsetSpec = Field(OnsetSpec(), description="what counts as the actual start of a stage")
-    object: (
-        Annotated[ObjectSpec, validated_by(complete), validated_by(_has_thrusters), validated_by(_prior_of_a_load)]
-        | None
-    ) = Field(None, description="the target object")
+    object: Annotated[ObjectSpec, validated_by(complete), validated_by(_prior_of_a_load)] | None = Field(
+        None, description="the target object"
+    )
     obstacles: fields.Sparse[
         Annotated[
             tuple[ObstacleSpec, ...], validated_by(partial(_own_names, "obstacles")), validated_by(_obstacle_names)
@@ -1146,6 +1154,15 @@ class TaskSpec(Spec):
     def tries_again(self) -> bool:
         """Whether the sequence returns to an earlier stage where the object is missed or lost in some stage."""
         return any(stage.if_missed is not None for stage in self.stages)
+
+    def moved_by(self, stage: int, robot: RobotSpec) -> MobilityTraits:
+        """Return what moves the base of the task's robot in a stage."""
+        spec = self.stages[stage]
+        return MOBILITIES[spec.mobility or self.skills[spec.skill].mobility or robot.mobility]
+
+    def changes_mobility(self, robot: RobotSpec) -> bool:
+        """Return whether the base is moved otherwise in some stage than the robot's description says."""
+        return any(self.moved_by(stage, robot) != robot.moved_by for stage in range(len(self.stages)))
 
     def retry_after(self, stage: int) -> tuple[int, int]:
         """Return to which stage the sequence returns where the object is missed at the end of a stage, or lost in it.

@@ -168,5 +168,5 @@ def test_while_an_object_is_held_the_base_alone_is_routed() -> None:
 
 
 def test_a_floating_base_has_no_routes() -> None:
-    with pytest.raises(SpecError, match="a free-floating base moves as the arms move it"):
+    with pytest.raises(SpecError, match="the base moves as the arms move it"):
         past_a_post({"mobility": "free-floating", "limits": {}})

@@ -55,9 +55,9 @@ def moved(
     random = np.random.default_rng(samples)
     law = LowLevelLaw(model)
     for k in range(samples):
-        step = random.uniform(-0.5, 0.5, model.n) * model.actuated
+        step = random.uniform(-0.5, 0.5, model.n) * model.actuated()
         Q = np.array(model.space.integrate(model.neutral, step))
-        v = random.uniform(-0.1, 0.1, model.n) * model.actuated
+        v = random.uniform(-0.1, 0.1, model.n) * model.actuated()
         u = random.uniform(-0.2, 0.2, model.n)
         vdot = model.forward_dynamics(Q, v, law.force(Q, v, u), true)
         vdot = vdot + np.sqrt(2) * noise / T * random.standard_normal(model.n)

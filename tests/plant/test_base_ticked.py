@@ -76,6 +76,7 @@ class Resting(LowLevelLaw):
         twist_rates: np.ndarray | None = None,
         grasps: np.ndarray | None = None,
         parameters: InertialParameters | None = None,
+        driven: tuple[float, ...] | None = None,
     ) -> np.ndarray:
         return super().force(Q, v, u, twist_rates, None, parameters) if grasps is None else np.zeros(9)
 

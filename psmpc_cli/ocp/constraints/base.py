@@ -14,9 +14,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from psmpc_cli.ocp.objective import ConstraintFunctions, IntervalFunctions, RateFunctions
+from psmpc_cli.ocp.loads import Load
+from psmpc_cli.ocp.objective import ChangeFunctions, ConstraintFunctions, IntervalFunctions, RateFunctions
 from psmpc_cli.ocp.plan import Grid
-from psmpc_cli.ocp.stage import ConstraintNumbers
+from psmpc_cli.ocp.stage import ArgumentAtSample, ConstraintNumbers, SampleContext
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
@@ -32,6 +33,7 @@ __all__ = [
     "entries",
     "rows_at_nodes",
     "rows_over_intervals",
+    "sampled_load",
 ]
 
 
@@ -84,7 +86,7 @@ class IntervalRows:
         argument: Parameters of a window, numbers or symbols -> a.
         bounds: Window -> low and high (rows,); infinite where there is none.
         weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
-        few_entries: The rows depend on few numbers: all of them are part of every program.
+        permanent: All rows are part of every program: they are equations, or depend on few numbers.
         over_time: The rows are integrals over the interval: their bounds are those of the rows over h.
         rarely_active: The bounds of states say the same of most motions: a program has the rows that a solution without
             them violates. With all of them fatrop does not converge.
@@ -92,18 +94,18 @@ class IntervalRows:
 
     name: str
     intervals: Sequence[int]
-    functions: IntervalFunctions | RateFunctions
+    functions: ChangeFunctions | IntervalFunctions | RateFunctions
     argument: Callable[[Parameters[Any]], Any]
     bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
     weights: Callable[[Parameters[Any]], Any] | None = None
-    few_entries: bool = False
+    permanent: bool = False
     over_time: bool = True
     rarely_active: bool = False
 
     @property
     def is_permanent(self) -> bool:
         """Whether the rows are part of every program, however far from their bounds: residuals of the cost are."""
-        return self.few_entries or self.weights is not None
+        return self.permanent or self.weights is not None
 
 
 RowsOfShape: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]
@@ -181,14 +183,18 @@ def rows_at_nodes(
 
 
 def rows_over_intervals(
-    name: str, functions: Callable[[RobotModel, Any], IntervalFunctions | RateFunctions], few_entries: bool = False
+    name: str,
+    functions: Callable[[RobotModel, Any], ChangeFunctions | IntervalFunctions | RateFunctions],
+    permanent: bool = False,
+    over_time: bool = True,
 ) -> RowsOfShape:
     """Return how a constraint yields its rows over the intervals of the stages that it concerns.
 
     Args:
         name: Of the constraint in the table.
         functions: Robot, structure -> the rows, their argument [anchor of the chart; argument].
-        few_entries: The rows depend on few numbers, see `IntervalRows`.
+        permanent: All rows are part of every program, see `IntervalRows`.
+        over_time: The rows are integrals over the interval.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
@@ -200,7 +206,8 @@ def rows_over_intervals(
                 functions=model.cached((functions, structure), partial(functions, model, structure)),
                 argument=argument_of(held, s),
                 bounds=bounds_of(held, s),
-                few_entries=few_entries,
+                permanent=permanent,
+                over_time=over_time,
             )
 
     return rows
@@ -229,3 +236,15 @@ def _argument(name: str, s: int, p: Parameters[Any]) -> Any:
 def _bounds(name: str, s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     constraint = window.stages[s].constraints[name]
     return constraint.low, constraint.high
+
+
+def sampled_load(task: TaskSpec, load: Load) -> ArgumentAtSample | None:
+    """Return how samples set the numbers of a load whose mass and moments are found out; None of any other."""
+    return partial(_numbers_at_sample, load.numbers) if load.held is not None and task.finds_load else None
+
+
+def _numbers_at_sample(numbers: np.ndarray, model: RobotModel, sample: SampleContext) -> np.ndarray:
+    """Return the numbers of a held object (numbers,) with the mass and moments that it is taken to have at a sample."""
+    if sample.load is None:
+        return numbers
+    return np.concatenate([sample.load, numbers[len(sample.load) :]])

@@ -15,14 +15,13 @@ along its own axes, as thrusters are.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, rows_over_intervals
+from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, rows_over_intervals, sampled_load
 from psmpc_cli.ocp.loads import LoadKind, OwnMotion, known_load
-from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
+from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.robot import resolve_limits
 from psmpc_cli.specs.task import TaskSpec
@@ -44,7 +43,7 @@ class ForceStructure:
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
     """Return which forces are limited in a stage, and their limits; None where none is."""
     skill = task.skills[task.stages[stage].skill]
-    limits = resolve_limits(model.spec, task.limits, skill.limits)
+    limits = resolve_limits(model.spec, task.limits, skill.limits, moved_by=task.moved_by(stage, model.spec))
     limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
     if not limited.any():
         return None
@@ -52,17 +51,10 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     return ConstraintNumbers(
         structure=ForceStructure(tuple(np.flatnonzero(limited).tolist()), load.kind),
         argument=load.numbers,
-        at_sample=partial(_with_load, load.numbers) if load.held is not None and task.finds_load else None,
+        at_sample=sampled_load(task, load),
         low=np.tile((limits.force_low / inertia(model))[limited], 2),
         high=np.tile((limits.force_high / inertia(model))[limited], 2),
     )
-
-
-def _with_load(numbers: np.ndarray, model: RobotModel, sample: SampleContext) -> np.ndarray:
-    """Return the numbers of a held object (numbers,) with the mass and moments that it is taken to have at a sample."""
-    if sample.load is None:
-        return numbers
-    return np.concatenate([sample.load, numbers[len(sample.load) :]])
 
 
 def inertia(model: RobotModel) -> np.ndarray:

@@ -44,4 +44,4 @@ def _row(u_before: ca.SX, u: ca.SX, h_before: ca.SX, h: ca.SX) -> ca.SX:
     return h * (u - u_before) / ((h_before + h) / 2)
 
 
-CONSTRAINT = Constraint(rows_over_intervals(JERK, functions, few_entries=True), numbers)
+CONSTRAINT = Constraint(rows_over_intervals(JERK, functions, permanent=True), numbers)

@@ -1,72 +1,95 @@
-"""A base without thrusters moves as its momentum, or its mount, has it: equations at every node.
+"""A base that is not moved at will moves as momentum, or its mount, has it: equations in the stages in which it does.
 
-Free-floating: the momentum is that of the sample,
+Nothing pushes a free-floating base, and nothing turns it: the momentum of robot and load stays over every interval,
 
-    h(Q, Qdot) = P_b(Q) Qdot_b + P_j(Q) Qdot_j = h,    so    Qdot_b = T Qdot_j + b,    T = -P_b^-1 P_j,  b = P_b^-1 h,
+    h(Q, Qdot) = P_b(Q) Qdot_b + P_j(Q) Qdot_j,    h(Q+, Qdot+) = h(Q, Qdot),
 
-with the generalized Jacobian T of the base and its drift b. Umetani, Yoshida: Resolved motion rate control of space
-manipulators with generalized Jacobian matrix (1989). Fixed: Qdot_b = 0.
+so that Qdot_b = T Qdot_j + b, with the generalized Jacobian T = -P_b^-1 P_j of the base and its drift b = P_b^-1 h.
+Umetani, Yoshida: Resolved motion rate control of space manipulators with generalized Jacobian matrix (1989). Of a base
+that wheels turn the linear momentum stays. Fixed: Qdot_b = 0 at every node.
+
+A stage begins with the velocities that the one before leaves, and so with its momentum: in the first node of a window,
+that of the sample. What the grippers take at the beginning of a stage is as if it moved with them there.
 
 The rows stand beside the double integrator of all coordinates, so windows, plans and meshes are those of every robot;
 what u says of the base follows from them and costs nothing. The rows are linear in Qdot_b, and `sqp` solves them for it
 after every step: left to the line search they do not hold, and it rejects steps (docs/decisions.md).
 """
 
-from functools import partial
+from collections.abc import Iterator
 
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.constraints.base import Constraint, ConstraintFunctions, rows_at_nodes
-from psmpc_cli.ocp.loads import Load, LoadKind, known_load
-from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
+from psmpc_cli.ocp.constraints.base import (
+    Constraint,
+    ConstraintFunctions,
+    IntervalRows,
+    NodeRows,
+    rows_at_nodes,
+    rows_over_intervals,
+    sampled_load,
+)
+from psmpc_cli.ocp.loads import LoadKind, known_load
+from psmpc_cli.ocp.objective import ChangeFunctions
+from psmpc_cli.ocp.stage import ConstraintNumbers
+from psmpc_cli.ocp.window import WindowShape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
 
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
-    """Return the bounds of the rows, and the momentum, which samples set; None for a base with thrusters."""
-    moved_by = model.spec.moved_by
+    """Return what of the momentum stays in a stage; None for a base that is moved at will."""
+    moved_by = task.moved_by(stage, model.spec)
     if moved_by.actuated:
         return None
-    none = np.zeros(model.space.n_twist)
-    unknown = np.full(model.space.n_twist * moved_by.moves, np.nan)
+    if not moved_by.moves:
+        none = np.zeros(model.space.n_twist)
+        return ConstraintNumbers(structure="fixed", argument=np.zeros(0), low=none, high=none)
     load = known_load(task, model, stage)
+    none = np.zeros(len(_kept(model, load.kind)))
     return ConstraintNumbers(
         structure=load.kind,
-        argument=unknown,
+        argument=load.numbers,
         low=none,
         high=none,
-        at_sample=partial(_measured_momentum, load) if moved_by.moves else None,
-        at_nodes=partial(_with_load, load.numbers) if moved_by.moves and load.kind.carries else None,
+        at_sample=sampled_load(task, load),
     )
 
 
-def _measured_momentum(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray:
-    """Return the momentum (n_twist,) of the robot and its load at a sample."""
-    return np.asarray(load.kind.momentum(model)(sample.x, sample.anchor, load.numbers)).ravel()
+def _at_rest(model: RobotModel, structure: str) -> ConstraintFunctions:
+    """Return x, anchor -> the rates of a base that stands still."""
+    space = model.space
+    x = ca.SX.sym("x", 2 * model.n)
+    anchor = ca.SX.sym("anchor", space.n_anchor)
+    return ConstraintFunctions(x, anchor, x[model.n :][space.base], solved_for=space.base)
 
 
-def _with_load(load: np.ndarray, momentum: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the momentum, which stages share, with the numbers of a stage's load, at each time (N, numbers)."""
-    return np.tile(np.concatenate([momentum, load]), (len(times), 1))
+def _kept(model: RobotModel, load: LoadKind) -> list[int]:
+    """Return which components of the momentum stay: those along which nothing acts on the base."""
+    return np.flatnonzero(np.equal(load.driven or model.driven(), 0)).tolist()
 
 
-def functions(model: RobotModel, load: LoadKind) -> ConstraintFunctions:
-    """Return x, [anchor; momentum; load] -> how much the momentum differs, or the rates of a base that stands still.
+def functions(model: RobotModel, load: LoadKind) -> ChangeFunctions:
+    """Return by how much the momentum of robot and load changes over an interval.
 
     A payload is at rest when it is taken and when it is let go, so the momentum of robot and payload stays throughout.
     """
     space = model.space
+    kept = _kept(model, load)
     x = ca.SX.sym("x", 2 * model.n)
-    if not model.spec.moved_by.moves:
-        anchor = ca.SX.sym("anchor", space.n_anchor)
-        return ConstraintFunctions(x, anchor, x[model.n :][space.base], solved_for=space.base)
-    sizes = np.cumsum([0, space.n_anchor, space.n_twist, load.count(model)]).tolist()
-    argument = ca.SX.sym("argument", sizes[-1])
-    anchor, h, numbers = ca.vertsplit(argument, sizes)
-    rows = load.momentum(model)(x, anchor, numbers) - h
-    return ConstraintFunctions(x, argument, rows, solved_for=space.base)
+    argument = ca.SX.sym("argument", space.n_anchor + load.count(model))
+    anchor, of_load = ca.vertsplit(argument, [0, space.n_anchor, argument.numel()])
+    rows = load.momentum(model)(x, anchor, of_load)[kept]
+    return ChangeFunctions(ConstraintFunctions(x, argument, rows, solved_for=slice(kept[0], kept[-1] + 1)))
 
 
-CONSTRAINT = Constraint(rows_at_nodes("mobility", functions), numbers)
+_rows_of_mount = rows_at_nodes("mobility", _at_rest)
+_rows_of_momentum = rows_over_intervals("mobility", functions, permanent=True, over_time=False)
+
+
+def _rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows | IntervalRows]:
+    yield from (_rows_of_momentum if model.spec.moved_by.moves else _rows_of_mount)(model, shape)
+
+
+CONSTRAINT = Constraint(_rows, numbers)

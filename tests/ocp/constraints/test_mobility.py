@@ -8,9 +8,11 @@ import pytest
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.mobility import functions
-from psmpc_cli.ocp.loads import LoadKind, known_load
+from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.loads import LoadKind
+from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.ocp.window import window_shape
+from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.plant import Plant
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -58,31 +60,49 @@ def test_a_window_has_the_optimum_of_the_problem_without_the_base(
         assert solution.objective * problem.stages[1].priority == pytest.approx(J, abs=1e-4)
 
 
-@pytest.mark.parametrize("mobility", ["free-floating", "fixed"])
+@pytest.mark.parametrize("mobility", ["free-floating", "attitude", "fixed"])
 @pytest.mark.parametrize("build", [planar_task, spatial_task])
 def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task], mobility: str) -> None:
-    """At the rates that momentum, or the mount, gives the base the rows are 0; derivatives by central differences."""
+    """With the rates that are solved for the rows are 0; derivatives by central differences."""
     task = build(fast_arms, {"mobility": mobility}) if build is planar_task else build({"mobility": mobility})
-    model = RobotModel(task.robot)
+    problem = build_problem(task)
+    model = problem.model
+    n = model.n
     rng = np.random.default_rng(7)
-    Q = model.space.path(model.space.neutral, 0.4 * rng.standard_normal((1, model.n)))[-1]
-    anchor = np.asarray(Q[model.space.attitude])
-    own = functions(model, known_load(task.spec, model, 0).kind)
-    x = 0.3 * rng.standard_normal(2 * model.n)
-    h = rng.standard_normal(model.space.n_twist)
-    argument = np.r_[anchor, h if mobility == "free-floating" else []]
-    value, jacobian = own.with_jacobian(x, argument)
-    jacobian = jacobian.reshape(model.space.n_twist, -1)
+    Q = stack(problem.spec.initial, problem.task.robot, "joint")
+    form = VelocityForm(model, window_shape(window_of(problem, Q, np.zeros(n))))
+    p = window_numbers(window_of(problem, Q, np.zeros(n)), np.array([1.0]))
+    X = 0.3 * rng.standard_normal((form.grid.K + 1, 2 * n))
+    tau = np.array([1.0])
+    if mobility == "fixed":
+        solved_for = form.with_dependent_rates(Point(X, tau), p).X
+        np.testing.assert_array_equal(solved_for[1:, n:][:, model.space.base], 0)
+        return
+    of_stage, _ = (each for each in form.interval_rows if each.name == "mobility")
+    rows = of_stage.functions
+    free = model.space.dimension if mobility == "attitude" else model.space.n_twist
+    assert rows.count == free
+    argument = np.asarray(of_stage.argument(p))
+
+    def at(X: np.ndarray) -> Intervals:
+        return Intervals(X, np.ones((len(X) - 1, 1)), np.zeros(0), np.array([2]))
+
+    jacobian = rows.jacobian(at(X), argument)[0]
     step = 1e-6
-    for i, e in enumerate(np.eye(len(x))):
-        difference = own.value(x + step * e, argument)[0] - own.value(x - step * e, argument)[0]
-        np.testing.assert_allclose(jacobian[:, i], difference.ravel() / (2 * step), atol=1e-7)
-    G = own.by_solved_for(x, argument)[1].reshape(model.space.n_twist, -1)
-    x[model.n :][model.space.base] -= np.linalg.solve(G, value.ravel())
-    np.testing.assert_allclose(own.value(x, argument)[0], 0, atol=1e-12)
-    if mobility == "free-floating":
-        there, v = model.space.chart_at(Q).from_chart(x[None])
-        np.testing.assert_allclose(model.momentum(there[0], v[0]), h, atol=1e-10)
+    for i in range(4 * n):
+        moved = np.zeros_like(X)
+        moved[2 + i // (2 * n), i % (2 * n)] = step
+        difference = rows.values(at(X + moved), argument) - rows.values(at(X - moved), argument)
+        np.testing.assert_allclose(jacobian[:, i], difference[0] / (2 * step), atol=1e-7)
+    np.testing.assert_array_equal(jacobian[:, -1], 0)
+
+    there = form.with_dependent_rates(Point(X, tau), p).X
+    chart = model.space.chart_at(Q)
+    momentum = model.balance(*chart.from_chart(there))[:, :free]
+    np.testing.assert_allclose(momentum, np.tile(momentum[0], (len(X), 1)), atol=1e-12)
+    unsolved = np.ones(2 * n, bool)
+    unsolved[n : n + free] = False
+    np.testing.assert_array_equal(there[:, unsolved], X[:, unsolved])
 
 
 @pytest.mark.parametrize("payload", [0.0, 3.0])
@@ -91,12 +111,13 @@ def test_momentum_is_that_of_robot_and_payload(fast_arms: Path, payload: float) 
     model = RobotModel(planar_task(fast_arms).robot)
     kind = LoadKind(carries=True, grippers=())
     rng = np.random.default_rng(8)
-    x = 0.3 * rng.standard_normal(2 * model.n)
-    h = rng.standard_normal(model.space.n_twist)
+    X = 0.3 * rng.standard_normal((2, 2 * model.n))
     masses, inertias = np.array([[payload, 2.0], [0.5, 0.1]])
-    found = functions(model, kind).value(x, np.r_[h, masses, inertias])[0].ravel()
+    intervals = Intervals(X, np.ones((1, 1)), np.zeros(0), np.array([0]))
+    (found,) = functions(model, kind).values(intervals, np.r_[masses, inertias])
     parameters = model.nominal.holding(masses, inertias)
-    np.testing.assert_allclose(found, model.momentum(*np.split(x, 2), parameters) - h, atol=1e-12)
+    begin, end = (model.momentum(*np.split(x, 2), parameters) for x in X)
+    np.testing.assert_allclose(found, end - begin, atol=1e-12)
 
 
 def test_another_payload_rebuilds_nothing(fast_arms: Path) -> None:

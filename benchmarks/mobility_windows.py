@@ -1,5 +1,7 @@
 """Holds `solver: sqp` against IPOPT on windows of two stages from random states, for every mobility of the base.
 
+Then for stages of different mobility, one after the other.
+
     python benchmarks/mobility_windows.py table 20
 
 Half of the windows are of a planar dual arm, half of a small spatial free-flyer. Free-floating robots have a momentum,
@@ -10,7 +12,7 @@ of rates are those in the chart about a guess, so only solves of one guess are o
 
 import itertools
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -81,12 +83,22 @@ def compared(problem: Problem, name: str, seed: int) -> Compared:
     return Compared(f"{name} {seed}", sqp, ipopt, again, judge)
 
 
-def windows(mobility: str, count: int) -> Iterator[Compared]:
+MIXED = (
+    ("free-flying", "free-floating"),
+    ("free-floating", "free-flying"),
+    ("attitude", "free-floating"),
+    ("free-floating", "attitude"),
+    ("free-flying", "attitude"),
+)
+"""Mobilities of two stages."""
+
+
+def windows(mobilities: Sequence[str], count: int) -> Iterator[Compared]:
     """Compare windows until either solver has found a plan in half of so many in the plane, then in space."""
     with TemporaryDirectory() as folder:
         robot = fast_arms_in(Path(folder))
         for where, first in (("plane", 0), ("space", count // 2)):
-            problem = problem_of(mobility, robot if where == "plane" else None)
+            problem = problem_of(mobilities[0], robot if where == "plane" else None, mobilities[-1])
             solvable = 0
             for seed in itertools.count(first):
                 window = compared(problem, where, seed)
@@ -99,13 +111,13 @@ def windows(mobility: str, count: int) -> Iterator[Compared]:
 def table(count: str = "20") -> Iterator[str]:
     """Yield the counts of each mobility as rows."""
     rows = []
-    for mobility in MOBILITIES:
-        found = list(windows(mobility, int(count)))
+    for mobilities in (*((mobility,) for mobility in MOBILITIES), *MIXED):
+        found = list(windows(mobilities, int(count)))
         solvable = [each for each in found if each.again is not None]
         both = [each for each in found if each.sqp.outcome.usable and each.ipopt.outcome.usable]
         rows.append(
             (
-                f"`{mobility}`",
+                " then ".join(f"`{mobility}`" for mobility in mobilities),
                 f"{len(found)}",
                 f"{sum(each.sqp.outcome.usable for each in found)}",
                 f"{sum(each.ipopt.outcome.usable for each in found)}",

@@ -108,7 +108,9 @@ class End(ABC):
         rows: Rows of the error with an end condition (18); empty of a stage that ends otherwise.
         tolerance: Of each [m, rad].
         rate_tolerance: Bounds on their rates, (rows,) [m/s, rad/s]; None where they do not count.
-        target_rates: Those that a moving target gives the rows, (rows,) [m/s, rad/s]; empty of one at rest.
+        target_rates: The rates of the rows at which the stage ends, (rows,) [m/s, rad/s]: as the task says, and those
+            of a target that moves; empty where both are 0.
+        own_rates: Of these what the task says, (rows,); empty where that is rest.
         hold: How long the end condition must be met without a break [s].
     """
 
@@ -118,6 +120,7 @@ class End(ABC):
     tolerance: np.ndarray = field(default_factory=lambda: np.zeros(0))
     rate_tolerance: np.ndarray | None = None
     target_rates: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    own_rates: np.ndarray = field(default_factory=lambda: np.zeros(0))
     hold: float = 0.0
 
     @property
@@ -133,7 +136,7 @@ class End(ABC):
 
     @cached_property
     def centers(self) -> np.ndarray:
-        """About what each of them is bounded: 0, or the rate that a moving target gives its error."""
+        """About what each of them is bounded: 0, or the rate at which the stage ends."""
         centers = np.zeros(len(self.half_widths))
         if self.rate_tolerance is not None and len(self.target_rates):
             centers[len(self.rows) : 2 * len(self.rows)] = self.target_rates
@@ -189,7 +192,8 @@ class End(ABC):
 
     def with_target_rates(self, rates: np.ndarray) -> Self:
         """Return the end of a stage whose target moves: all rows of its error at these rates (rows,) [m/s, rad/s]."""
-        return replace(self, target_rates=rates[list(self.rows)])
+        of_target = rates[list(self.rows)]
+        return replace(self, target_rates=of_target + self.own_rates if len(self.own_rates) else of_target)
 
     def recorded(self, record: np.ndarray) -> Self:
         """Return the end with what a record of it says, see `record`."""

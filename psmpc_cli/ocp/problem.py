@@ -155,7 +155,11 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
     is_planned = task.controller.plans_ends and index < len(task.stages) - 1
     if condition is None:
         return AtTime(dwell, is_planned, at=np.inf if spec.at is None else spec.at)
+    rates = condition.rates(robot, space)
+    own_rates = rates if rates.any() else np.zeros(0)
     by_state = ByState(
+        target_rates=own_rates,
+        own_rates=own_rates,
         dwell=dwell,
         is_planned=is_planned,
         rows=rows(condition.coordinates, robot, space),

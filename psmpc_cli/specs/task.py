@@ -505,6 +505,9 @@ class EndCondition(Spec):
     velocity: _Tolerance | None = Field(
         None, description="how much at rest, one number or numbers by part [m/s, rad/s]"
     )
+    moving: fields.Sparse[Mapping[_SkillPart, fields.OneOrMore[fields.Coordinate]] | None] = Field(
+        None, description="rates at the end instead of rest, by part, which `velocity` is about [m/s, rad/s]"
+    )
     object: fields.Sparse[ObjectEndSpec | None] = Field(
         None, description="where the held object must be, and how much at rest"
     )
@@ -517,6 +520,11 @@ class EndCondition(Spec):
     def velocities(self, robot: RobotSpec, space: Space) -> Vector | None:
         """Return the bound on the rate of every row of the error that it selects [m/s, rad/s]; None without one."""
         return None if self.velocity is None else self._of_rows(self.velocity, robot, space)
+
+    def rates(self, robot: RobotSpec, space: Space) -> Vector:
+        """Return the rate of every row of the error that it selects [m/s, rad/s] at which a stage ends; 0 at rest."""
+        chosen = list(rows(self.coordinates, robot, space))
+        return stack(self.moving or {}, robot, space, missing=0.0, of_error=True)[chosen]
 
     def _of_rows(self, numbers: float | Mapping[str, Any], robot: RobotSpec, space: Space) -> Vector:
         chosen = list(rows(self.coordinates, robot, space))
@@ -650,6 +658,14 @@ def _end(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErr
     for key in ("tolerance", "velocity"):
         for at, error in part_faults(getattr(end, key), axes, needed, one=True):
             yield (key, *at), error
+    if end.moving is not None:
+        if end.velocity is None:
+            yield ("moving",), expected('also "velocity": how near the rates are to these', at_key=True)
+        for at, error in part_faults(end.moving, axes, one=True):
+            yield ("moving", *at), error
+        for part in end.moving:
+            if part in axes and not any(key in ("all", part) or stands_for(key, part) for key in keys):
+                yield ("moving", part), expected("a part of which the end condition has coordinates", at_key=True)
 
 
 def _end_units(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
@@ -665,7 +681,7 @@ def _end_units(written: Any, earlier_fields: Fields, context: Context) -> RuleEr
     asked = [
         row for row in every_row if {"all", ".".join(row)} & {*chosen} or any(stands_for(n, row[0]) for n in chosen)
     ]
-    for key in ("tolerance", "velocity"):
+    for key in ("tolerance", "velocity", "moving"):
         numbers = written.get(key)
         if isinstance(numbers, Mapping):
             yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=units))

@@ -98,9 +98,8 @@ def window_of(problem: Problem, Q: np.ndarray, v: np.ndarray) -> Window:
     stages, states = zip(*placed, strict=True)
     controller = problem.spec.controller
     chart = model.space.chart_at(Q)
-    h = model.momentum(Q, v)
     return Window(
-        stages=tuple(stage.with_arguments({"mobility": h}) for stage in stages),
+        stages=stages,
         start=0.0,
         elapsed=0.0,
         x0=states[0],
@@ -124,16 +123,24 @@ def solved(problem: Problem, window: Window, kind: str, guess: Plan | None = Non
     return build_solver(problem, spec).solve(window, guess)
 
 
-def problem_of(mobility: str, robot: Path | None) -> Problem:
+def problem_of(mobility: str, robot: Path | None, then: str | None = None) -> Problem:
     """The problem of a planar robot that takes a known payload, or that in space.
 
     Thrusters need weights and targets of the base.
+
+    Args:
+        mobility: Of the first stage.
+        robot: File of the planar robot.
+        then: Mobility of the second stage, by default the same.
     """
+    of_stages = {"reach": mobility, "home": then or mobility}
     changes: dict[str, Any] = {"mobility": mobility}
-    if mobility == "free-flying":
-        pose: object = [0.1, -0.1, 0.2] if robot else {"position": [0.1, 0, -0.1]}
-        weights = [100, 100, 10] if robot else [100, 100, 100, 10, 10, 10]
-        for name in ("reach", "home"):
+    if mobility != of_stages["home"]:
+        changes["stages.home.mobility"] = then
+    pose: object = [0.1, -0.1, 0.2] if robot else {"position": [0.1, 0, -0.1]}
+    weights = [100, 100, 10] if robot else [100, 100, 100, 10, 10, 10]
+    for name, of_stage in of_stages.items():
+        if of_stage == "free-flying":
             changes[f"skills.{name}.weights.base"] = weights
             changes[f"stages.{name}.target.base"] = pose
     if robot is None:

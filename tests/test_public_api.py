@@ -308,9 +308,9 @@ def test_a_pose_that_is_not_finite_is_predicted(api: Api) -> None:
 
 
 @pytest.mark.slow
-def test_studies_take_paths_as_texts(api: Api) -> None:
+def test_studies_take_paths_as_texts(tmp_path: Path) -> None:
     task = psmpc.load_task("transport", set={"controller.nodes": 8, "plant.kind": "ideal", "time_limit": 0.2})
-    path = str(api.folder / "sweep.h5")
+    path = str(tmp_path / "sweep.h5")
     psmpc.sweep(task, {"seed": [1]}, path, jobs=1)
     assert Path(path).is_file()
 

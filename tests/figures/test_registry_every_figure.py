@@ -45,7 +45,6 @@ ROBOTS = ("planar_dual_arm", "dual_arm_servicer")
 
 CASES: Mapping[str, tuple[str, Callable[[Subjects], Any]]] = {
     "run": ("run", lambda s: s.load()),
-    "run whose object is lost": ("run", lambda s: s.load(early={1: 6.4, 3: 19.0})),
     "run with three stages at once": ("run", lambda s: s.load(early={1: 4.0, 2: 7.0, 3: 19.0})),
     "killed run": ("run", lambda s: s.load(last=8.0)),
     "noisy run": ("run", lambda s: s.load(blur=0.1)),

@@ -10,14 +10,21 @@ left out.
 """
 
 import re
+import shlex
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from difflib import unified_diff
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from gallery import FIGURES, shrink
 from pages import ROOT, run_psmpc
+
+from psmpc_cli.cli.main import main as psmpc
+from psmpc_cli.figures import style
 
 PAGES = (ROOT / "docs" / "tutorial.md", ROOT / "docs" / "own_task.md", ROOT / "README.md")
 
@@ -33,12 +40,35 @@ LATE = "solves came late"
 FIGURE = re.compile(r'\(figures/(tutorial/\w+\.png) "([\w/.-]+)"\)')
 
 
-def follow(page: str, folder: Path) -> str:
+Ran = subprocess.CompletedProcess[str]
+Run = Callable[[str, Path], Ran]
+"""Runs a command line in a folder."""
+
+
+def run_alone(line: str, folder: Path) -> Ran:
+    """Run a command line in a process of its own."""
+    return run_psmpc(line, folder, stderr=subprocess.PIPE)
+
+
+def run_here(line: str, folder: Path) -> Ran:
+    """Run a command line in this process, which has imported everything, with figures of few dots."""
+    out, err = StringIO(), StringIO()
+    style.STYLE["savefig.dpi"] = 20
+    sys.argv = shlex.split(line)
+    try:
+        with chdir(folder), redirect_stdout(out), redirect_stderr(err):
+            psmpc()
+    except SystemExit as left:
+        return subprocess.CompletedProcess(line, int(left.code or 0), out.getvalue(), err.getvalue())
+    raise AssertionError("the command line leaves by SystemExit")
+
+
+def follow(page: str, folder: Path, run: Run) -> str:
     """Follow a page in a folder; return it with what its commands print now."""
-    return BLOCK.sub(lambda block: step(block, folder), page)
+    return BLOCK.sub(lambda block: step(block, folder, run), page)
 
 
-def step(block: re.Match[str], folder: Path) -> str:
+def step(block: re.Match[str], folder: Path, run: Run) -> str:
     """Write the file or run the command of a block; return the block with what was printed."""
     if block["file"] is not None:
         path, text = folder / block["file"], block["text"]
@@ -49,7 +79,7 @@ def step(block: re.Match[str], folder: Path) -> str:
         path.write_text(text, encoding="utf-8")
         return block[0]
     shown = block["text"].splitlines()
-    ran = run_psmpc(block["command"], folder, stderr=subprocess.PIPE)
+    ran = run(block["command"], folder)
     printed = [line for line in (ran.stderr if ran.returncode else ran.stdout).splitlines() if LATE not in line]
     if "..." in shown:
         printed[shown.index("...") :] = ["..."]
@@ -65,7 +95,7 @@ def check() -> int:
     for page in PAGES:
         before = page.read_text(encoding="utf-8")
         with TemporaryDirectory() as name:
-            after = follow(before, Path(name))
+            after = follow(before, Path(name), run_here)
             missing = [source for _, source in FIGURE.findall(after) if not (Path(name) / source).is_file()]
         lines = [re.sub(" +", " ", text).splitlines(keepends=True) for text in (before, after)]
         faults += [*unified_diff(*lines, page.name, "now"), *(f"no figure {source}\n" for source in missing)]
@@ -78,7 +108,7 @@ def main() -> None:
     for page in PAGES:
         with TemporaryDirectory() as name:
             folder = Path(name)
-            text = follow(page.read_text(encoding="utf-8"), folder)
+            text = follow(page.read_text(encoding="utf-8"), folder, run_alone)
             for target, source in FIGURE.findall(text):
                 shrink(folder / source, FIGURES / target)
         page.write_text(text, encoding="utf-8")

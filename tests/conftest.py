@@ -18,7 +18,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, build_experiment
 from psmpc_cli.specs.load import Task, load_task
 
-settings.register_profile("psmpc", deadline=None)  # no test is about time
+settings.register_profile("psmpc", deadline=None, max_examples=40)  # no test is about time
 settings.load_profile("psmpc")
 
 

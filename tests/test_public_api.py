@@ -283,6 +283,24 @@ def test_a_state_is_of_whole_numbers_too_and_keeps_its_numbers() -> None:
     np.testing.assert_array_equal(state.vector, np.zeros(2 * N))
 
 
+def test_what_is_known_prints_in_a_line() -> None:
+    """Of the state, the delay, the load and the robot's own masses, none as matrices."""
+    task = psmpc.load_task(
+        "catch_drifting",
+        {"controller.nodes": 8, "controller.masses": "estimated", "object.grasp.known": "estimated"},
+    )
+    controller = psmpc.Controller(task)
+    command = controller.step(0.0, at_rest(controller))
+    estimate = controller.memory.estimate
+    assert repr(command.load) == (
+        "<LoadEstimate: mass [kg] 20 (deviation 10), moments of inertia [kg m^2] 2.67 (deviation 1.3)>"
+    )
+    assert repr(command.inertia).startswith("<InertiaEstimate of 7 bodies: 1.000 to 1.000 of the described masses")
+    assert repr(estimate).startswith("<Estimate at 0 s: State(Q=[0. 0. 0. ")
+    assert repr(estimate.delay).startswith("<DelayEstimate: ") and "array" not in repr(estimate)
+    assert repr(estimate.commands) == "<SentCommands: 1 from 0 s to 0 s, ticks of 0.001 s>"
+
+
 def test_a_pose_that_is_not_finite_is_predicted(api: Api) -> None:
     for pose in (np.full(3, NAN), [0.0, NAN, 0.0], None):
         controller = psmpc.Controller(api.controllers["object"].problem)
@@ -290,9 +308,9 @@ def test_a_pose_that_is_not_finite_is_predicted(api: Api) -> None:
 
 
 @pytest.mark.slow
-def test_studies_take_paths_as_texts(api: Api) -> None:
+def test_studies_take_paths_as_texts(tmp_path: Path) -> None:
     task = psmpc.load_task("transport", set={"controller.nodes": 8, "plant.kind": "ideal", "time_limit": 0.2})
-    path = str(api.folder / "sweep.h5")
+    path = str(tmp_path / "sweep.h5")
     psmpc.sweep(task, {"seed": [1]}, path, jobs=1)
     assert Path(path).is_file()
 

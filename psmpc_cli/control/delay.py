@@ -106,6 +106,10 @@ class SentCommands:
     tick: float
     sent: tuple[Sent, ...] = ()
 
+    def __repr__(self) -> str:
+        times = f" from {self.sent[0].time:g} s to {self.sent[-1].time:g} s" if self.sent else ""
+        return f"<SentCommands: {len(self.sent)}{times}, ticks of {self.tick:g} s>"
+
     def after(self, command: Sent, oldest: float) -> "SentCommands":
         """Return the commands with another one, without those that no longer count at the time `oldest` [s]."""
         kept = tuple(one for one, next_one in zip(self.sent, self.sent[1:], strict=False) if next_one.time > oldest)
@@ -167,6 +171,9 @@ class DelayEstimate:
     times: tuple[float, ...] = ()
     velocities: tuple[np.ndarray, ...] = ()
     settled_at: float = -np.inf
+
+    def __repr__(self) -> str:
+        return f"<DelayEstimate: {self.seconds:.4g} s, deviation {self.deviation:.2g} s>"
 
 
 class DelayEstimator:

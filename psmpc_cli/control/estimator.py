@@ -44,6 +44,9 @@ class Estimate:
     commands: SentCommands
     delay: DelayEstimate
 
+    def __repr__(self) -> str:
+        return f"<Estimate at {self.time:g} s: {self.state}, {self.delay}>"
+
     @property
     def acts_at(self) -> float:
         """When the next command begins to act [s]."""

@@ -82,6 +82,12 @@ class InertiaEstimate:
     is_loaded: bool = False
     settled_at: float = -np.inf
 
+    def __repr__(self) -> str:
+        masses, inertias = (
+            f"{factors.min():.3f} to {factors.max():.3f}" for factors in (self.mass_factor, self.inertia_factor)
+        )
+        return f"<InertiaEstimate of {self.bodies} bodies: {masses} of the described masses, {inertias} of inertias>"
+
     @property
     def mass_factor(self) -> np.ndarray:
         """Masses of the bodies over the described ones (bodies,)."""

@@ -84,6 +84,13 @@ class LoadEstimate:
     surprise: float = 1.0
     dropped: bool = False
 
+    def __repr__(self) -> str:
+        mass, *moments = (
+            f"{value:.4g} (deviation {of:.2g})" for value, of in zip(self.numbers, self.deviation, strict=True)
+        )
+        dropped = "; dropped" if self.dropped else ""
+        return f"<LoadEstimate: mass [kg] {mass}, moments of inertia [kg m^2] {', '.join(moments)}{dropped}>"
+
 
 @dataclass(frozen=True, eq=False)
 class RobotAndObject:

@@ -51,6 +51,8 @@ class StageSummary:
         actual_start: A start that `early_starts` does not count is the switch time of the stage before.
         duration: Time from the switch time of the stage before to its own [s]; of a stage to which the sequence
             returned, from then on.
+        tries: How often the sequence came to it, 1 where it never returned to an earlier stage; the times are of the
+            last try.
     """
 
     name: str
@@ -61,6 +63,7 @@ class StageSummary:
     switch_time: float
     published_switch: float
     duration: float
+    tries: int
 
 
 @dataclass(frozen=True)
@@ -383,6 +386,7 @@ def _stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[
     begins = _beginnings(arrays)
     actual_start = np.where(passing, begins, arrays["stages/actual_start"])
     duration = switch_time - begins
+    returned_to = arrays["window/first"][list(returns_of(arrays))]
     return tuple(
         StageSummary(
             name=str(name),
@@ -393,6 +397,7 @@ def _stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[
             switch_time=float(switch_time[stage]),
             published_switch=published.switch_time.get(str(name), np.nan),
             duration=float(duration[stage]),
+            tries=1 + int(np.count_nonzero(returned_to <= stage)),
         )
         for stage, name in enumerate(arrays["stages/name"])
     )

@@ -292,7 +292,8 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
 
     A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
     keep, tolerances below the noise, a load that outweighs a robot which does not know of it, grippers that may open
-    while they carry, parts that are nearer than the task keeps them, arms that could be posed for the next stage.
+    while they carry, commands that arrive in bunches, parts that are nearer than the task keeps them, arms that could
+    be posed for the next stage.
     """
     stages = [forecast.stage for forecast in forecasts]
     model = forecasts[0].model
@@ -305,6 +306,7 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_below_noise(task, forecasts),
         *_unknown_load(task, forecasts),
         *_early_release(task),
+        *_bunched_commands(task),
         *_not_routed(task, stages),
         *cone_remarks(task, model, stages),
         *clearance_remarks(task, model, stages, stops),
@@ -378,6 +380,19 @@ def _early_release(task: Task) -> Iterator[Fault]:
         f"{quoted(names[last])} may open the grippers while they carry"
     )
     yield Fault(("stages", last, "priority") if traits.has_priorities else ("controller", "kind"), message)
+
+
+def _bunched_commands(task: Task) -> Iterator[Fault]:
+    """Yield a jitter with which commands often arrive together, or long after the one before."""
+    jitter = task.spec.uncertainty.jitter
+    half = task.spec.controller.sample_time / 2
+    if jitter <= half * (1 + SLACK):
+        return
+    message = (
+        f"found {jitter:g} s, expected at most {half:g} s, half a sample: above, commands arrive in bunches, of which "
+        "the last alone acts, and until then the robot applies an old one for longer than any plan has it"
+    )
+    yield Fault(("uncertainty", "jitter"), message)
 
 
 def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:

@@ -313,11 +313,16 @@ def filled_columns(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> tu
 
 
 def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
-    """Build the table of a run's stages: its headings, and a row for each stage."""
-    headings = ("stage", "priority", "actual start [s]", "published start [s]", "ends [s]", "published end [s]")
+    """Build the table of a run's stages: its headings, and a row for each stage.
+
+    Where stages came again, each row says which try its times are of.
+    """
+    headings = ("stage", "try", "priority", "actual start [s]", "published start [s]", "ends [s]", "published end [s]")
+    tried_again = bool(summary.returned_at)
     rows: list[Row] = [
         (
             stage.name,
+            f"{stage.tries} of {1 + len(summary.returned_at)}" if tried_again else "",
             f"{stage.priority:g}",
             number(stage.actual_start, TIME) + (" (early)" if stage.early else ""),
             number(stage.published_start, 0.1),

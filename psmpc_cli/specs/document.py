@@ -177,16 +177,19 @@ class Document:
 
         Faults of overrides come last and repeat the override instead.
         """
-        lines = []
+        placed = []
         for fault in dict.fromkeys(faults):
             origin = self.origin(fault.path)
             place = fault.place or (fault.at_key and origin.key) or origin.place
+            placed.append((origin.override is not None, place, origin, fault))
+        placed.sort(key=lambda each: each[:2])
+        lines = []
+        for overridden, place, origin, fault in placed[:MOST_FAULTS]:
             what = f"{dotted(fault.path)}: {fault.message}" if fault.path else fault.message
             where = origin.override or f"{self.name}:{place.line}:{place.column}"
-            line = f"{where}: {what}{'' if origin.override else self._source(place)}"
-            lines.append((origin.override is not None, place, line))
-        more = [f"{self.name}: {len(lines) - MOST_FAULTS} more problems"] if len(lines) > MOST_FAULTS else []
-        return "\n".join([line for *_, line in sorted(lines, key=lambda each: each[:2])[:MOST_FAULTS]] + more)
+            lines.append(f"{where}: {what}{'' if overridden else self._source(place)}")
+        more = [f"{self.name}: {len(placed) - MOST_FAULTS} more problems"] if len(placed) > MOST_FAULTS else []
+        return "\n".join(lines + more)
 
     def _source(self, place: Place) -> str:
         """Write the line of a position with a caret below its column; nothing for a line that is not in the text."""
@@ -441,6 +444,11 @@ def counted(number: int, one: str, many: str) -> str:
 
 def suggestion(name: str, valid: Iterable[str]) -> str | None:
     """Return the valid name nearest to `name`, None if none is near."""
+    return _suggestion(name, tuple(valid))
+
+
+@lru_cache(maxsize=256)
+def _suggestion(name: str, valid: tuple[str, ...]) -> str | None:
     by_folded = {candidate.casefold(): candidate for candidate in valid}
     near = get_close_matches(name.casefold(), by_folded, n=1, cutoff=0.6)
     return by_folded[near[0]] if near else None

@@ -93,7 +93,7 @@ class Spec(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", serialize_by_alias=True, json_schema_extra=_untitled)
 
     replaced_keys: ClassVar[Mapping[str, str]] = {}
-    """What to write instead of keys that earlier versions had."""
+    """What to write instead of keys that earlier versions had, or that are named otherwise."""
 
     @model_validator(mode="wrap")
     @classmethod
@@ -143,7 +143,7 @@ def _mapping_with(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomErro
 def _unknown_key(detail: ErrorDetails, model: type[Spec]) -> PydanticCustomError:
     key = str(detail["loc"][0])
     if key in model.replaced_keys:
-        return expected(model.replaced_keys[key], "an old key", at_key=True)
+        return expected(model.replaced_keys[key], "an unknown key", at_key=True)
     return flaw(choice(key, keys_of(model)), "an unknown key", at_key=True)
 
 
@@ -220,7 +220,8 @@ class InlineParts(Spec):
     def _gather_parts(cls, value: object) -> object:
         if not isinstance(value, Mapping) or isinstance(value.get("parts"), Mapping):
             return value
-        others = {key: value[key] for key in keys_of(cls) if key != "parts" and key in value}
+        no_parts = {*keys_of(cls), *cls.replaced_keys} - {"parts"}
+        others = {key: item for key, item in value.items() if key in no_parts}
         return {"parts": {key: item for key, item in value.items() if key not in others}, **others}
 
     @classmethod
@@ -250,23 +251,30 @@ def number_or_angle(value: object) -> float:
     return number(value)
 
 
-def _coordinate(value: object) -> float:
-    """Return a finite number, a length with its unit in m, or an angle with its unit in rad; see `unit_errors`."""
+def _coordinate(value: object, rate: str = "") -> float:
+    """Return a finite number, a length with its unit in m, or an angle with its unit in rad; see `unit_errors`.
+
+    Args:
+        value: The number as it is written.
+        rate: Units of a rate of coordinates, which has no unit of its own where it is written.
+    """
     if isinstance(value, str) and not re.fullmatch(COORDINATE_PATTERN, value):
-        raise expected("a number, an angle such as 30 deg, or a length such as 0.2 m")
+        of_rate = f"a number in {rate}, such as 0.2, 0.2 m or 30 deg"
+        raise expected(of_rate if rate else "a number, an angle such as 30 deg, or a length such as 0.2 m")
     is_length = isinstance(value, str) and value.endswith("m")
     return number(float(str(value).rstrip(" m"))) if is_length else number_or_angle(value)
 
 
-def unit_errors(written: object, unit: str, turns: bool = True) -> RuleErrors:
+def unit_errors(written: object, unit: str, turns: bool = True, rate: str = "") -> RuleErrors:
     """Give a number that is written with the unit of another kind of coordinate, or an angle that needs a unit.
 
     Args:
         written: The number as it is written; what is none has no flaws here.
         unit: Of the coordinate: m, rad, or 1 for parts of a quaternion.
         turns: Whether an angle beyond one turn needs its unit; not of a rate.
+        rate: Unit of the number where it is a rate of the coordinate, such as m/s^2.
     """
-    kind = {"m": "a length", "rad": "an angle"}.get(unit, "a number")
+    kind = f"a number in {rate}" if rate else {"m": "a length", "rad": "an angle"}.get(unit, "a number")
     if isinstance(written, str) and re.fullmatch(COORDINATE_PATTERN, written):
         if unit != ("m" if written.endswith("m") else "rad"):
             example = {"m": ", such as 0.2 or 0.2 m", "rad": ", such as 0.5, 0.5 rad or 30 deg"}.get(unit, " alone")
@@ -352,7 +360,7 @@ def listed(what: str, length: int | None = None) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _mirrored(value: object, read: Callable[[object], float] = _coordinate) -> object:
+def _mirrored(value: object, read: Callable[[object], float]) -> object:
     """Return a number v as the pair (-v, v); a pair as it is."""
     if isinstance(value, list | tuple):
         return value
@@ -421,17 +429,35 @@ Angles3 = Annotated[tuple[Direction, Direction, Direction], listed("3 angles", 3
 Axis = Annotated[Vector3, ensure(lambda axis: abs(math.hypot(*axis) - 1) <= 1e-6, "an axis of length 1")]
 _Bounds = Annotated[tuple[Coordinate, Coordinate], listed("a pair [low, high]", 2)]
 Interval = Annotated[_Bounds, ensure(lambda pair: pair[0] <= pair[1], "the lower bound first, [low, high]")]
-Rate = Annotated[
-    _Bounds,
-    BeforeValidator(_mirrored),
-    ensure(
-        lambda pair: pair[0] <= 0 <= pair[1],
-        "a number of at least 0, or a pair [low, high] around 0: the robot must be able to rest",
-    ),
-    _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": COORDINATE_PATTERN}),
+_velocity = partial(_coordinate, rate="m/s or rad/s")
+_acceleration = partial(_coordinate, rate="m/s^2 or rad/s^2")
+_jerk = partial(_coordinate, rate="m/s^3 or rad/s^3")
+_Velocity = Annotated[float, BeforeValidator(_velocity), _or_unit]
+_Acceleration = Annotated[float, BeforeValidator(_acceleration), _or_unit]
+_Jerk = Annotated[float, BeforeValidator(_jerk), _or_unit]
+_pair = listed("a pair [low, high]", 2)
+_may_rest = ensure(
+    lambda pair: pair[0] <= 0 <= pair[1],
+    "a number of at least 0, or a pair [low, high] around 0: the robot must be able to rest",
+)
+_or_one = _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": COORDINATE_PATTERN})
+Velocity = Annotated[
+    tuple[_Velocity, _Velocity], _pair, BeforeValidator(partial(_mirrored, read=_velocity)), _may_rest, _or_one
+]
+Acceleration = Annotated[
+    tuple[_Acceleration, _Acceleration],
+    _pair,
+    BeforeValidator(partial(_mirrored, read=_acceleration)),
+    _may_rest,
+    _or_one,
 ]
 Jerk = Annotated[
-    Rate, ensure(lambda pair: pair[0] < 0 < pair[1], "a number greater than 0: the robot must be able to accelerate")
+    tuple[_Jerk, _Jerk],
+    _pair,
+    BeforeValidator(partial(_mirrored, read=_jerk)),
+    _may_rest,
+    _or_one,
+    ensure(lambda pair: pair[0] < 0 < pair[1], "a number greater than 0: the robot must be able to accelerate"),
 ]
 Force = Annotated[
     tuple[Number, Number],

@@ -47,6 +47,16 @@ PoseNumbers = Annotated[
 ]
 """A pose: (x, y, angle) [m, rad], or in space position and unit quaternion w, x, y, z."""
 
+
+def _of_some_body(moments: tuple[float, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give principal moments of inertia that no body has: a mass about an axis is near one of the others at least."""
+    if len(moments) == 3 and 2 * max(moments) > sum(moments):
+        yield (), expected("none larger than the sum of the other two", "moments that no body has")
+
+
+Moments = Annotated[fields.OneOrMore[fields.Positive], by_dimension(1, 3), validated_by(_of_some_body)]
+"""Inertia of a body about its centre of mass: one number in the plane, three in space."""
+
 _Extent = Annotated[tuple[fields.Positive, ...], by_dimension(2, 3)]
 _StageName = Annotated[str, one_of(lambda context: context.stages)]
 _Gripper = Annotated[str, one_of(lambda context: mapping(context.file.value(("object", "grasp", "at"))))]
@@ -218,7 +228,7 @@ class ObjectSpec(Spec):
         None, description="the stage at whose beginning it is let go; default it is held to the end"
     )
     mass: fields.Sparse[fields.Positive | None] = Field(None, description="mass; without one it is drawn alone [kg]")
-    inertia: fields.Sparse[Annotated[fields.OneOrMore[fields.Positive], by_dimension(1, 3)] | None] = Field(
+    inertia: fields.Sparse[Moments | None] = Field(
         None, description="inertia about its centre of mass, in space about its axes [kg m^2]"
     )
     motion: fields.Sparse[MotionSpec | None] = Field(
@@ -318,13 +328,10 @@ def complete(target_object: ObjectSpec, earlier_fields: Fields, context: Context
 
 
 def _of_a_body(given: Mapping[str, Any], earlier_fields: Fields) -> RuleErrors:
-    """Give what an object with a mass lacks, and moments of inertia that no body has."""
+    """Give what an object with a mass lacks."""
     missing = " and ".join(quoted(key) for key in ("inertia", "grasp") if key not in given)
     if missing:
         yield ("mass",), expected(f"also {missing}", "a mass alone", at_key=True)
     plant = earlier_fields.get("plant")
     if plant and not plant.traits.has_forces:
         yield ("mass",), expected(plant.alternatives, f"a mass with plant {plant.kind}", at_key=True)
-    moments = given.get("inertia", ())
-    if len(moments) == 3 and 2 * max(moments) > sum(moments):
-        yield ("inertia",), expected("none larger than the sum of the other two", "moments that no body has")

@@ -342,11 +342,12 @@ class AsWritten:
 
     Attributes:
         sliding: Names of the joint coordinates that are lengths.
-        turns: Whether angles beyond one turn need their unit, as in positions.
+        quantity: What they are, one of `QUANTITIES`; `error` where they are differences of positions. Angles beyond one
+            turn need their unit in positions alone.
     """
 
     sliding: Collection[str]
-    turns: bool = False
+    quantity: str
 
 
 def part_faults(
@@ -388,7 +389,7 @@ def in_joint_space(required: bool = False, one: bool = False, positions: bool = 
 
     def rule(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
         axes = axes_of(context.sizes, "joint", of_error=not positions)
-        units = AsWritten(context.sliding, turns=positions)
+        units = AsWritten(context.sliding, "position" if positions else "velocity")
         yield from part_faults(written, axes, axes if required else (), one, units)
 
     return validated_by(rule, as_written=True)
@@ -439,8 +440,10 @@ def length_errors(
 def unit_misfits(at: Location, value: Any, coordinates: Sequence[tuple[str, str]], written: AsWritten) -> RuleErrors:
     """Give what is wrong with the unit of a number that stands for coordinates, each a part and an axis; once."""
     for part, axis in coordinates:
-        unit = units_of(part, axis, written.sliding).position
-        errors = [(at, error) for _, error in unit_errors(value, unit, written.turns)]
+        units = units_of(part, axis, written.sliding)
+        rate = "" if written.quantity in ("position", "error") else getattr(units, written.quantity)
+        turns = written.quantity == "position"
+        errors = [(at, error) for _, error in unit_errors(value, units.position, turns, rate)]
         yield from errors
         if errors:
             return

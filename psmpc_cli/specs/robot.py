@@ -232,10 +232,10 @@ class PartLimits(Spec):
     position: tuple[fields.Interval | None, ...] | None = Field(
         None, description="one [low, high] a coordinate [m, rad]"
     )
-    velocity: tuple[fields.Rate | None, ...] | None = Field(
+    velocity: tuple[fields.Velocity | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s, rad/s]"
     )
-    acceleration: tuple[fields.Rate | None, ...] | None = Field(
+    acceleration: tuple[fields.Acceleration | None, ...] | None = Field(
         None, description="one [low, high] a coordinate, or one number for both ways [m/s^2, rad/s^2]"
     )
     jerk: fields.Sparse[tuple[fields.Jerk | None, ...] | None] = Field(
@@ -266,9 +266,7 @@ def _fit(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
     for quantity in QUANTITIES:
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
-            yield from length_errors(
-                (key, quantity), bounds, key, axes, given, written=AsWritten(sliding, turns=quantity == "position")
-            )
+            yield from length_errors((key, quantity), bounds, key, axes, given, written=AsWritten(sliding, quantity))
             if key == "base" and quantity == "position" and sizes.get(key) == 6:
                 limited = (i for i, pair in enumerate(bounds) if i >= 3 and pair is not None)
                 yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)

@@ -36,7 +36,7 @@ from psmpc_cli.specs.geometry import (
     names_of_parts,
     pair_name,
 )
-from psmpc_cli.specs.object import NO_BODY, ObjectBody, ObjectSpec, OnObject, complete, is_on_object
+from psmpc_cli.specs.object import NO_BODY, Moments, ObjectBody, ObjectSpec, OnObject, complete, is_on_object
 from psmpc_cli.specs.parts import (
     BASE,
     MOBILITIES,
@@ -49,7 +49,6 @@ from psmpc_cli.specs.parts import (
     Space,
     Wanted,
     axes_of,
-    by_dimension,
     dimension_of,
     in_joint_space,
     names,
@@ -147,7 +146,7 @@ class LoadPriorSpec(Spec):
     """What the controller takes for the load before it has found out more, with `object.grasp.known: estimated`."""
 
     mass: fields.Positive | None = Field(None, description="mass; default the object's [kg]")
-    inertia: Annotated[fields.OneOrMore[fields.Positive], by_dimension(1, 3)] | None = Field(
+    inertia: Moments | None = Field(
         None, description="inertia about its centre of mass, in space about its axes; default the object's [kg m^2]"
     )
     deviation: fields.Positive = Field(0.5, le=10, description="standard deviation of each of them, as a part of it")
@@ -409,6 +408,10 @@ class SkillWeights(InlineParts):
     In YAML the parts, `control`, `force` and `rate` stand side by side.
     """
 
+    replaced_keys: ClassVar[Mapping[str, str]] = {
+        "jerk": "rate: the weights of the rate at which the control changes, which is the jerk"
+    }
+
     parts: Mapping[_SkillPart, fields.OneOrMore[fields.NotNegative]] = {}
     control: _Control = Field(1.0, description="weights of the control, one number or numbers by part")
     force: fields.Sparse[_Control] = Field(
@@ -579,7 +582,7 @@ def _target(written: Any, earlier_fields: Fields, context: Context) -> RuleError
         return
     axes = axes_of(context.sizes, space, of_error=False)
     required = context.required(required_parts(axes, space))
-    yield from part_faults(written, axes, required, written=AsWritten(context.sliding, turns=True))
+    yield from part_faults(written, axes, required, written=AsWritten(context.sliding, "position"))
     for key in (key for key, aim in written.items() if is_on_object(aim)):
         if key == "arms" or (key in axes and axes[key] != axes["base"]):
             yield (key,), expected("numbers: only the base, and an arm of a skill in task space, have a pose there")
@@ -674,7 +677,7 @@ def _end_units(written: Any, earlier_fields: Fields, context: Context) -> RuleEr
     if not (context.sizes and space and isinstance(written, Mapping)):
         return
     axes = axes_of(context.sizes, space)
-    units = AsWritten(context.sliding)
+    units = AsWritten(context.sliding, "error")
     names_of_rows = written.get("coordinates", ())
     chosen = [names_of_rows] if isinstance(names_of_rows, str) else names_of_rows
     every_row = [(part, axis) for part in axes for axis in axes[part]]

@@ -191,7 +191,7 @@ def test_a_damaged_file_is_read_or_rejected(folder: Path, reader: Reader, seed: 
     assert reader.read(path) in ("read", "rejected", "crashed")
 
 
-@pytest.mark.parametrize("batch", range(6))
+@pytest.mark.parametrize("batch", range(4))
 def test_a_file_that_was_edited_is_read_or_rejected(
     folder: Path, command: Psmpc, batch: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,10 +20,10 @@ SAMPLE = 0.1 + 1e-9
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Results:
-    """Seven ratios from 1e-6 to 1e6 on a coarse mesh."""
+    """Five ratios from 1e-6 to 1e6 on a coarse mesh."""
     path = tmp_path_factory.mktemp("weights") / "sweep.h5"
     task = load_sweep_task(DEFAULT_TASK, ("controller.nodes=25",), ())
-    return run_study(weight_study(task, (0, 1), parse_sampling("7", (1e-3, 1e3))), path, 2)
+    return run_study(weight_study(task, (0, 1), parse_sampling("5", (1e-3, 1e3))), path, 2)
 
 
 def test_no_cell_and_no_solve_fails_at_any_ratio(sweep: Results) -> None:

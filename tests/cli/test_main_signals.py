@@ -98,6 +98,19 @@ STUDIES = {
 """A study of four runs, and one of nine cells in five runs."""
 
 
+@pytest.fixture
+def undisturbed(psmpc: Psmpc, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Results]:
+    """The results of a study that nothing ended; each is made once."""
+
+    def results(study: str) -> Results:
+        path = tmp_path_factory.getbasetemp() / f"undisturbed-{study}.h5"
+        if not path.exists():
+            assert psmpc(*STUDIES[study], "--no-figures", "-o", str(path), "--jobs", "1").code == 0
+        return read_results(path, kind_of(path))
+
+    return results
+
+
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked for there")
 @pytest.mark.parametrize(
     ("study", "runs", "line"),
@@ -105,7 +118,7 @@ STUDIES = {
     ids=["monte-carlo", "sweep that begins", "sweep"],
 )
 def test_a_killed_study_leaves_no_process_and_keeps_every_run_that_has_ended_to_be_completed(
-    start: Start, psmpc: Psmpc, study: str, runs: int, line: str
+    start: Start, psmpc: Psmpc, undisturbed: Callable[[str], Results], study: str, runs: int, line: str
 ) -> None:
     """Processes that are left would hold the standard output for ever."""
     words = (*STUDIES[study], "--no-figures")
@@ -124,8 +137,7 @@ def test_a_killed_study_leaves_no_process_and_keeps_every_run_that_has_ended_to_
     resumed = psmpc(*words, "-o", "killed.h5", "--jobs", "1", "--resume")
     assert resumed.code == 0
     assert resumed.stderr.startswith(f"0 of {runs - computed} runs")
-    assert psmpc(*words, "-o", "undisturbed.h5", "--jobs", "1").code == 0
-    one, other = results_of("killed.h5"), results_of("undisturbed.h5")
+    one, other = results_of("killed.h5"), undisturbed(study)
     assert one.quantities.keys() == other.quantities.keys()
     times = {f"{of}{measured}" for of in ("", "reference_") for measured in MEASURED_TIMES}
     for name in one.quantities.keys() - times:
@@ -158,7 +170,7 @@ RUN, SWEEP_ALONE = ("simulate",), ("sweep-weights", "2x2", "--jobs", "1")
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="which signals a process catches is read there")
 @pytest.mark.parametrize(
     ("command", "delay"),
-    [*((RUN, delay) for delay in (0.0, 0.9, 1.4, 2.0)), *((SWEEP_ALONE, delay) for delay in (0.3, 1.4))],
+    [*((RUN, delay) for delay in (0.0, 0.9, 2.0)), (SWEEP_ALONE, 1.4)],
     ids=lambda value: value if isinstance(value, float) else value[0],
 )
 def test_ctrl_c_at_any_moment_gives_one_message_and_loses_nothing(

@@ -78,11 +78,9 @@ def test_long_work_is_one_line_of_a_terminal_and_few_lines_elsewhere(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["plot", "report"])
-def test_drawing_shows_how_far_it_has_come(psmpc: Psmpc, part: Path, command: str) -> None:
-    sent = plain_text(on_terminal(command, str(part), stream="stderr"))
+def test_drawing_shows_how_far_it_has_come(part: Path) -> None:
+    sent = plain_text(on_terminal("plot", str(part), stream="stderr"))
     assert re.search(r"drawing: 1 of \d figures, about \d+ s left", sent)
-    assert psmpc(command, "part.h5", "--force").code == 0
 
 
 def test_quiet_prints_nothing(simulate: Psmpc) -> None:

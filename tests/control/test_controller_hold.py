@@ -32,7 +32,7 @@ def test_every_stage_of_a_run_is_held_before_it_ends(experiment_of: Build, kind:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("solver", "kind"),
-    [("sqp", "psmpc"), ("sqp", "smpc"), ("sqp", "hard"), ("sqp", "htmpc"), ("fatrop", "psmpc")],
+    [("sqp", "psmpc"), ("sqp", "hard"), ("sqp", "htmpc"), ("fatrop", "psmpc")],
 )
 def test_the_inspection_succeeds(experiment_of: Build, solver: str, kind: str) -> None:
     nodes = "auto" if (solver, kind) == ("sqp", "psmpc") else "12"

@@ -119,7 +119,7 @@ def test_a_film_has_obstacles_of_every_shape(load: Load, keeping_clear: dict[str
     assert found == ["SPHERE", "CAPSULE", "BOX", "BOX"]
     assert [int(model.body(f"obstacle.{number}").mocapid[0]) for number in range(4)] == [1, 2, 3, 4]
     if mujoco_draws():
-        (film,) = draw("run", load(last=10.0, **keeping_clear), tmp_path / "film", only=(), films=["render"])
+        (film,) = draw("run", load(last=4.0, **keeping_clear), tmp_path / "film", only=(), films=["render"])
         first, *_, last = (np.abs(frame - (207, 196, 188)).sum(axis=2) < 60 for frame in frames_of(film))
         assert (first & ~last).any() and (last & ~first).any()  # the ball moves
 

@@ -41,20 +41,17 @@ class Subjects:
         return synthetic_monte_carlo(self.path, **given)
 
 
-ROBOTS = ("planar_dual_arm", "dual_arm_servicer", "free_flyer_arm")
+ROBOTS = ("planar_dual_arm", "dual_arm_servicer")
 
 CASES: Mapping[str, tuple[str, Callable[[Subjects], Any]]] = {
     "run": ("run", lambda s: s.load()),
-    "run whose object is lost": ("run", lambda s: s.load(early={1: 6.4, 3: 19.0})),
     "run with three stages at once": ("run", lambda s: s.load(early={1: 4.0, 2: 7.0, 3: 19.0})),
     "killed run": ("run", lambda s: s.load(last=8.0)),
-    "run of one sample": ("run", lambda s: s.load(last=0.2)),
     "noisy run": ("run", lambda s: s.load(blur=0.1)),
     "run of many stages": ("run", lambda s: s.load(**s.many_stages)),
     "run of one arm": ("run", lambda s: s.load(**s.one_arm)),
     "run that keeps clear": ("run", lambda s: s.load(**s.keeping_clear)),
     "run that begins to keep clear": ("run", lambda s: s.load(last=0.2, **s.keeping_clear)),
-    "comparison of two": ("comparison", lambda s: {name: s.runs[name] for name in ("smpc", "hard")}),
     "comparison": ("comparison", lambda s: s.runs),
     "sweep": ("sweep", lambda s: s.sweep("7x7")),
     "sweep with holes": ("sweep", lambda s: s.sweep("7x7", waiting=(5, 6, 13), failed=(0, 24, 30))),
@@ -63,16 +60,13 @@ CASES: Mapping[str, tuple[str, Callable[[Subjects], Any]]] = {
     "sweep that is not square": ("sweep", lambda s: s.sweep("2x9")),
     "ratios": ("sweep", lambda s: s.sweep("13", waiting=(1,), failed=(6,))),
     "draws": ("sweep", lambda s: s.sweep("random:20", waiting=(1, 3), failed=(6,))),
-    "one draw": ("sweep", lambda s: s.sweep("random:1")),
     "fronts": ("pareto", lambda s: made_up()),
     "narrow fronts": ("pareto", lambda s: made_up(narrow=True, method="weighted")),
     "fronts with gaps": ("pareto", lambda s: unsolved(made_up(method="constrained"), 4)),
     "fronts in space": ("pareto", lambda s: made_up(later=3, method="constrained")),
-    "Monte Carlo": ("monte-carlo", lambda s: s.monte_carlo()),
     "many of Monte Carlo": ("monte-carlo", lambda s: s.monte_carlo(runs=200, late=(3, 90), dropped=(50, 51))),
     "failures": ("monte-carlo", lambda s: s.monte_carlo(waiting=(0, 11), crashed=(2,), late=(5,), dropped=(7,))),
     "one crash": ("monte-carlo", lambda s: s.monte_carlo(runs=1, crashed=(0,))),
-    "all late": ("monte-carlo", lambda s: s.monte_carlo(runs=4, late=(0, 1, 2, 3))),
     "scenario": ("scenario", lambda s: s.task),
     **{name: ("robot", lambda s, name=name: load_robot(name)) for name in ROBOTS},
     "robot without arms": (

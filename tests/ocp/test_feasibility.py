@@ -57,6 +57,14 @@ def noisy(*changes: str) -> list[tuple[str, str]]:
     return [(dotted(remark.path), remark.message) for remark in other_remarks(task)]
 
 
+def test_a_jitter_of_more_than_half_a_sample_is_remarked() -> None:
+    assert other_remarks(transport("uncertainty.jitter=0.05")) == []
+    (remark,) = other_remarks(transport("uncertainty.jitter=0.08"))
+    assert dotted(remark.path) == "uncertainty.jitter"
+    assert remark.message.startswith("found 0.08 s, expected at most 0.05 s, half a sample: ")
+    assert "commands arrive in bunches" in remark.message
+
+
 def test_a_tolerance_below_three_sigma_of_its_measurement_is_remarked() -> None:
     """An arm's angle is the sum of the base's and three joints' of 1 mrad each: 3 sqrt(4) = 6 mrad."""
     by_stage = dict(noisy())

@@ -64,7 +64,7 @@ def told() -> list[str]:
 
 @pytest.fixture(scope="module")
 def ablations(small: Task, told: list[str]) -> Mapping[str, Ablation]:
-    found = run_ablations(small, jobs=1, watch=lambda progress: told.append(progress.last), points=8)
+    found = run_ablations(small, jobs=1, watch=lambda progress: told.append(progress.last), points=5)
     return {ablation.name: ablation for ablation in found}
 
 

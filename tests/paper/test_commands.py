@@ -17,6 +17,9 @@ from psmpc_cli.paper.reproduce import METHODS
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..cli.command import Psmpc, command_line
+from ..cli.conftest import coarse_figures
+
+__all__ = ["coarse_figures"]
 
 pytestmark = pytest.mark.slow
 

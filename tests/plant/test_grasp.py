@@ -280,7 +280,7 @@ def test_loads_are_the_parts_of_the_wrench_that_a_gripper_puts_on_the_object(mak
         assert loads.full()[:, i] == pytest.approx(raw, abs=1e-9)
 
 
-DRAWN = 40
+DRAWN = 25
 """Grasps without gears, and as many with them."""
 
 

@@ -31,7 +31,7 @@ from ..short_runs import CUT, there_and_back
 from ..synthetic_logs import Story, story_among_obstacles, write_story
 from .browser import opened_browser
 
-SIZES = ((360, 740), (800, 1000), (1400, 860))
+SIZES = ((360, 740), (1400, 860))
 
 
 @pytest.fixture(scope="module")

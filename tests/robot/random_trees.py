@@ -133,7 +133,7 @@ def _functions(model: RobotModel) -> tuple[Tape, ca.Function]:
     Q = space.at_neutral_base(joints)
     F = model.dynamics.inverse(Q, v, vdot, w)
     first_columns = np.cumsum([0, space.joints, model.n, model.n]).tolist()
-    by_motion = ca.horzsplit(model.law_jacobian(*arguments), first_columns)
+    by_motion = ca.horzsplit(model.law_jacobian()(*arguments), first_columns)
     own = [model.dynamics.H(Q, w), F, *by_motion]
     forward = {"helper_options": {"ad_weight": 0.0, "ad_weight_sp": 0.0}}
     jacobians = [ca.densify(ca.jacobian(F, each, forward)) for each in (joints, v, vdot)]

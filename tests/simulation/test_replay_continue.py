@@ -43,10 +43,11 @@ def test_an_interrupted_run_is_completed(tmp_path: Path, changes: tuple[str, ...
 @pytest.mark.slow
 def test_a_capture_that_was_interrupted_before_its_grippers_closed_is_completed(tmp_path: Path) -> None:
     def stop(sample: Sample) -> None:
-        if sample.number == 60:
+        if sample.number == 5:
             raise KeyboardInterrupt
 
-    task = load_task("transport_grasp", ["controller.nodes=8", "log.shares=false", "time_limit=16"])
+    near = "initial={base: [-1.9, 1.9, 28 deg], arm_1: [45 deg, 30 deg, 60 deg], arm_2: [-45 deg, -30 deg, -60 deg]}"
+    task = load_task("transport_grasp", ["controller.nodes=8", "log.shares=false", "time_limit=4", near])
     comparison = continue_run(simulate(task, tmp_path / "part.h5", stop))
     assert comparison is not None and comparison.differences == ()
     assert np.isfinite(read_run(tmp_path / "part.h5")["grasp/closed_at"]).all()

@@ -29,7 +29,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.mark.slow
 def test_a_mission_is_the_same_with_and_without_a_compiler() -> None:
     """Its end conditions on poses are curved, which both methods for programs count in."""
-    changes = ("controller.nodes=25", "solver.kind=sqp", "log.shares=false")
+    changes = ("controller.nodes=25", "solver.kind=sqp", "log.shares=false", "time_limit=14")
     runs = [simulate(load_task("transport", [*changes, f"solver.compiled={each}"])) for each in ("true", "false")]
     fast, slow = runs
     assert [bool(run.attributes["compiled"]) for run in runs] == [True, False]

@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.control import Controller, State
 from psmpc_cli.figures.coordinates import plot_errors, plot_states
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.report.texts import describe_mission, measure_rows
+from psmpc_cli.report.texts import describe_mission, measure_rows, stage_rows
 from psmpc_cli.report.view import view
 from psmpc_cli.simulation.recorder import Recorder
 from psmpc_cli.simulation.replay import continue_run, replay, rerun
@@ -64,6 +64,9 @@ def test_the_sequence_returns_and_the_object_is_taken(again: Run) -> None:
     assert summary.returned_at == (0.1,)
     assert {verdict.name: verdict.held for verdict in summary.monitors}["object taken"]
     assert dict(measure_rows(summary))["grasp tried again"] == "1 time: at 0.1 s"
+    assert [stage.tries for stage in summary.stages] == [2] * 4
+    headings, rows = stage_rows(summary)
+    assert {row[headings.index("try")] for row in rows} == {"2 of 2"}
 
 
 def test_stages_that_come_again_have_several_spans_and_the_times_of_the_last(again: Run) -> None:
@@ -127,6 +130,7 @@ def test_a_lost_object_ends_the_mission_or_is_taken_again() -> None:
     first = run["window/first"][np.searchsorted(run.time, returned_at - 1e-9) :]
     assert first[0] == 1
     assert run.summary().reason.endswith("in the last of 2 tries")
+    assert [stage.tries for stage in run.summary().stages] == [1, 2, 2, 2]
     assert not run["grasp/closed"][int(np.flatnonzero(run["events/returned"])[0])].any()
 
 

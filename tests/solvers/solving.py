@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
+from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
-from psmpc_cli.solvers import Outcome, Solution, Solver
+from psmpc_cli.solvers import Outcome, Solution, Solver, build_solver
 from psmpc_cli.specs.task import SolverSpec
 
 from .recorded import RecordedSolve, recorded
@@ -26,6 +28,12 @@ MIDDLE = {1: 161, 2: 122, 3: 97}
 def middle_window_over(count: int) -> RecordedSolve:
     """Return a solve of the transport mission whose window holds so many stages."""
     return recorded("transport")[MIDDLE[count]]
+
+
+@cache
+def solver_for(problem: Problem, spec: SolverSpec) -> Solver:
+    """Return the solver of a problem; the same one every time, since it builds its functions at its first window."""
+    return build_solver(problem, spec)
 
 
 def again(solver: Solver, solve: RecordedSolve, warm: bool = True, within: float = np.inf) -> Solution:

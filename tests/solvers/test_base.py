@@ -16,7 +16,18 @@ from psmpc_cli.specs.task import SolverSpec
 
 from ..ocp.transport_windows import ending, moving
 from .recorded import RecordedSolve, windows_over
-from .solving import ADJOINT, CONVERGED, FATROP, IPOPT, ONE, again, changed, far_away, middle_window_over
+from .solving import (
+    ADJOINT,
+    CONVERGED,
+    FATROP,
+    IPOPT,
+    ONE,
+    again,
+    changed,
+    far_away,
+    middle_window_over,
+    solver_for,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -49,10 +60,10 @@ def assert_same_optimum(one: Solution, other: Solution) -> None:
 @pytest.mark.parametrize("stages", [1, 2, 3])
 def test_all_back_ends_reach_the_same_optimum(problem: Problem, judge: NlpSolver, stages: int) -> None:
     solved = middle_window_over(stages)
-    optimum = again(build_solver(problem, FATROP), solved)
+    optimum = again(solver_for(problem, FATROP), solved)
     for spec in (CONVERGED, IPOPT, ADJOINT):
         for warm in (False, True):
-            found = again(build_solver(problem, spec), solved, warm)
+            found = again(solver_for(problem, spec), solved, warm)
             assert_same_optimum(found, optimum)
             assert judge.violation(found.window, found.plan) < 1e-7
 
@@ -80,10 +91,10 @@ def test_windows_of_other_stages_have_the_same_optimum_too(
     problem: Problem, two_stages: RecordedSolve, change: Change, of: int
 ) -> None:
     solved = changed(two_stages, change, of)
-    solver = build_solver(problem, CONVERGED)
-    found, other = again(solver, solved, False), again(build_solver(problem, FATROP), solved, False)
+    solver = solver_for(problem, CONVERGED)
+    found, other = again(solver, solved, False), again(solver_for(problem, FATROP), solved, False)
     assert_same_optimum(found, other)
-    assert_same_optimum(again(build_solver(problem, ADJOINT), solved, False), other)
+    assert_same_optimum(again(solver_for(problem, ADJOINT), solved, False), other)
     assert abs(found.objective - again(solver, two_stages).objective) > 1e-6
 
 
@@ -93,7 +104,7 @@ def test_terminal_cost_offset_and_euler_are_solved_too(
 ) -> None:
     changes = {"terminal_cost": 0.5, "offset": np.full(2, 0.1), "discretization": "euler"}
     solved = replace(two_stages, window=replace(two_stages.window, **changes))
-    found, other = (again(build_solver(problem, each), solved, False) for each in (spec, IPOPT))
+    found, other = (again(solver_for(problem, each), solved, False) for each in (spec, IPOPT))
     assert_same_optimum(found, other)
     assert found.terminal == pytest.approx(other.terminal, rel=1e-4)
     omega, waited = found.window.omega / found.window.omega.max(), found.plan.instants.sum() - found.window.start
@@ -106,7 +117,7 @@ def test_task_input_reaches_one_optimum_by_both_nlp_back_ends(problem: Problem) 
         return replace(stage, input="task")
 
     solved = changed(middle_window_over(1), by_poses, 0)
-    one, other = (again(build_solver(problem, spec), solved, False) for spec in (FATROP, IPOPT))
+    one, other = (again(solver_for(problem, spec), solved, False) for spec in (FATROP, IPOPT))
     assert_same_optimum(one, other)
 
 
@@ -114,7 +125,7 @@ def test_task_input_reaches_one_optimum_by_both_nlp_back_ends(problem: Problem) 
 def test_durations_are_kept_near_the_guess(problem: Problem, two_stages: RecordedSolve, spec: SolverSpec) -> None:
     guess = replace(two_stages.guess, instants=two_stages.guess.instants + 0.3)
     for within in (0.0, 0.05):
-        found = build_solver(problem, spec).solve(two_stages.window, guess, None, within)
+        found = solver_for(problem, spec).solve(two_stages.window, guess, None, within)
         assert found.outcome.usable
         assert found.plan.instants == pytest.approx(guess.instants - within, abs=1e-6)  # the optimum is earlier
 
@@ -127,7 +138,7 @@ def test_durations_are_kept_near_the_guess(problem: Problem, two_stages: Recorde
 def test_a_window_that_cannot_be_solved_says_so_with_advice(
     problem: Problem, two_stages: RecordedSolve, spec: SolverSpec
 ) -> None:
-    found = again(build_solver(problem, spec), changed(two_stages, far_away, 0), False)
+    found = again(solver_for(problem, spec), changed(two_stages, far_away, 0), False)
     assert not found.outcome.usable
     assert ":" in found.outcome.value
     if spec.kind == "sqp":
@@ -138,7 +149,7 @@ def test_a_window_that_cannot_be_solved_says_so_with_advice(
 def test_too_few_iterations_are_reported_as_such(problem: Problem, two_stages: RecordedSolve, kind: str) -> None:
     guess = replace(two_stages.guess, X=two_stages.guess.X + 0.05, instants=two_stages.guess.instants + 0.3)
     spec = SolverSpec.model_validate({"kind": kind, "max_iterations": 1})
-    found = build_solver(problem, spec).solve(two_stages.window, guess)
+    found = solver_for(problem, spec).solve(two_stages.window, guess)
     assert found.outcome is Outcome.ITERATION_LIMIT
     assert "max_iterations" in found.outcome.value
 
@@ -146,11 +157,11 @@ def test_too_few_iterations_are_reported_as_such(problem: Problem, two_stages: R
 def test_sqp_stops_at_a_deadline_after_the_iteration_that_passes_it(
     problem: Problem, judge: NlpSolver, two_stages: RecordedSolve
 ) -> None:
-    stopped = again(build_solver(problem, SolverSpec(kind="sqp", iterations=50, deadline=1e-9)), two_stages)
+    stopped = again(solver_for(problem, SolverSpec(kind="sqp", iterations=50, deadline=1e-9)), two_stages)
     assert (stopped.iterations, stopped.outcome) == (1, Outcome.FEASIBLE)
     X = two_stages.guess.X + np.r_[np.zeros((1, 18)), np.full((len(two_stages.guess.X) - 1, 18), 0.05)]
     guess = replace(two_stages.guess, X=X, instants=two_stages.guess.instants + 0.3)
-    late = build_solver(problem, SolverSpec(kind="sqp", deadline=1e-9)).solve(two_stages.window, guess)
+    late = solver_for(problem, SolverSpec(kind="sqp", deadline=1e-9)).solve(two_stages.window, guess)
     assert late.outcome is Outcome.DEADLINE
     assert judge.violation(late.window, late.plan) > FEASIBLE
 
@@ -160,7 +171,7 @@ def test_ipopt_stops_at_a_deadline_too(
     problem: Problem, judge: NlpSolver, two_stages: RecordedSolve, optimum: SolverSpec
 ) -> None:
     hurried = optimum.model_copy(update={"deadline": 1e-6})
-    stopped, free = (again(build_solver(problem, spec), two_stages, False) for spec in (hurried, optimum))
+    stopped, free = (again(solver_for(problem, spec), two_stages, False) for spec in (hurried, optimum))
     assert stopped.iterations < free.iterations
     within = judge.violation(stopped.window, stopped.plan) <= FEASIBLE
     assert stopped.outcome is (Outcome.FEASIBLE if within else Outcome.DEADLINE)
@@ -169,7 +180,7 @@ def test_ipopt_stops_at_a_deadline_too(
 def test_a_solution_of_other_stages_or_a_failed_one_starts_nothing(problem: Problem) -> None:
     one = middle_window_over(1)
     two = middle_window_over(2)
-    solver = build_solver(problem, ONE)
+    solver = solver_for(problem, ONE)
     same = again(solver, two)
     assert solver.solve(two.window, two.guess, same).warm
     for previous in (again(solver, one), replace(same, outcome=Outcome.INFEASIBLE)):
@@ -182,9 +193,9 @@ def test_ipopt_bounds_the_cost_of_the_last_stage(problem: Problem) -> None:
     The bound raises the other cost by 1e-8, which only a tolerance of 1e-10 resolves.
     """
     solved = windows_over(2)[0]
-    optimum = again(build_solver(problem, CONVERGED), solved)
+    optimum = again(solver_for(problem, CONVERGED), solved)
     held = replace(solved.guess, instants=optimum.plan.instants)
-    solver = build_solver(problem, SolverSpec(kind="ipopt", tolerance=1e-10, max_iterations=500))
+    solver = solver_for(problem, SolverSpec(kind="ipopt", tolerance=1e-10, max_iterations=500))
     window = replace(solved.window, omega=np.array([1.0, 1e-2]))
     free = solver.solve(window, held, None, 0.0)
     window = replace(window, omega=np.array([1.0, 0.0]), cost_bound=0.9999 * float(free.costs[-1]))
@@ -194,7 +205,7 @@ def test_ipopt_bounds_the_cost_of_the_last_stage(problem: Problem) -> None:
     assert bounded.costs[0] >= free.costs[0]
     assert bounded.bound_multiplier == pytest.approx(1e-2, rel=0.1)
     with pytest.raises(InputError, match="fatrop, expected ipopt"):
-        build_solver(problem, FATROP).solve(window, held)
+        solver_for(problem, FATROP).solve(window, held)
 
 
 @pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt", "adjoint"])
@@ -209,7 +220,7 @@ def test_a_report_has_a_line_an_iteration_and_changes_nothing(
     assert numbers[0] == 0
     assert numbers[-1] == found.iterations
     assert not capfd.readouterr().out
-    np.testing.assert_array_equal(found.plan.X, again(build_solver(problem, spec), two_stages).plan.X)
+    np.testing.assert_array_equal(found.plan.X, again(solver_for(problem, spec), two_stages).plan.X)
 
 
 class Made(Solver):
@@ -239,7 +250,7 @@ def test_a_plan_that_is_not_finite_is_no_solution_and_a_mistake_is_raised(
 ) -> None:
     window = two_stages.window
     guess = two_stages.guess
-    solution = again(build_solver(problem, ONE), two_stages)
+    solution = again(solver_for(problem, ONE), two_stages)
     assert Made(solution).solve(window, guess) is solution
     spoilt = replace(solution, plan=replace(solution.plan, u=np.full_like(solution.plan.u, np.nan)))
     assert Made(spoilt).solve(window, guess).outcome is Outcome.FAILED
@@ -267,14 +278,14 @@ def beyond(request: pytest.FixtureRequest) -> RecordedSolve:
 def test_soft_limits_give_way_to_the_measured_state_alike_in_all_back_ends(
     problem: Problem, judge: NlpSolver, beyond: RecordedSolve
 ) -> None:
-    optimum = again(build_solver(problem, FATROP), beyond, False)
+    optimum = again(solver_for(problem, FATROP), beyond, False)
     hard = replace(beyond, window=replace(beyond.window, soft=False))
     for spec in (CONVERGED, IPOPT, ADJOINT):
-        found = again(build_solver(problem, spec), beyond, False)
+        found = again(solver_for(problem, spec), beyond, False)
         assert found.outcome is optimum.outcome is Outcome.OPTIMAL
         assert found.objective == pytest.approx(optimum.objective, rel=1e-4)
         assert found.violations == pytest.approx(optimum.violations, abs=1e-5)
         assert (found.violations <= initial_violations(beyond.window.x0, beyond.window.stages) + 1e-6).all()
         assert judge.violation(found.window, found.plan) < 1e-6
-    stopped = again(build_solver(problem, CONVERGED), hard, False)
+    stopped = again(solver_for(problem, CONVERGED), hard, False)
     assert len(stopped.violations) == 0

@@ -78,8 +78,9 @@ def assert_sqp_reaches_the_optimum_of_ipopt(problem: Problem, solves: Mapping[in
 
 @pytest.mark.slow
 def test_windows_of_a_planar_mission_have_the_optimum_of_ipopt(planar: Problem) -> None:
-    solves = recorded("transport")
-    assert len(solves) > 20
+    """Every third one: a window differs little from the next."""
+    solves = dict(list(recorded("transport").items())[::3])
+    assert {len(solve.window.stages) for solve in solves.values()} == {1, 2, 3}
     assert_sqp_reaches_the_optimum_of_ipopt(planar, solves)
 
 

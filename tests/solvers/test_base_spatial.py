@@ -9,13 +9,13 @@ import pytest
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.reference import Trajectory
 from psmpc_cli.ocp.stage import Stage
-from psmpc_cli.solvers import Outcome, build_solver
+from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.task import SolverSpec
 
 from ..free_flyer import reaching
 from ..ocp.transport_windows import ending
 from .recorded import RecordedSolve, recorded
-from .solving import changed
+from .solving import changed, solver_for
 
 SQP, FATROP, IPOPT, ADJOINT = (
     SolverSpec(kind=kind, tolerance=1e-9, iterations=100) for kind in ("sqp", "fatrop", "ipopt", "adjoint")
@@ -30,9 +30,9 @@ def problem() -> Problem:
 
 def assert_same_optimum(problem: Problem, one: RecordedSolve, stages: int) -> None:
     assert len(one.window.stages) == stages
-    ipopt = build_solver(problem, IPOPT).solve(one.window, one.guess)
+    ipopt = solver_for(problem, IPOPT).solve(one.window, one.guess)
     for spec in (SQP, FATROP, ADJOINT):
-        found = build_solver(problem, spec).solve(one.window, one.guess)
+        found = solver_for(problem, spec).solve(one.window, one.guess)
         assert found.outcome is ipopt.outcome is Outcome.OPTIMAL
         assert found.objective == pytest.approx(ipopt.objective, rel=1e-6)
         assert np.abs(found.plan.instants - ipopt.plan.instants).max(initial=0.0) < 1e-5
@@ -40,7 +40,7 @@ def assert_same_optimum(problem: Problem, one: RecordedSolve, stages: int) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("sample", "stages"), [(0, 1), (5, 2), (20, 2), (35, 2), (45, 1), (72, 1)])
+@pytest.mark.parametrize(("sample", "stages"), [(0, 1), (5, 2), (20, 2), (45, 1)])
 def test_windows_of_a_mission(problem: Problem, sample: int, stages: int) -> None:
     assert_same_optimum(problem, recorded("free flyer")[sample], stages)
 

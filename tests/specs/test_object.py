@@ -37,6 +37,17 @@ def test_objects_with_a_mass_that_make_no_sense(changes: list[str], path: str, w
     assert str(error.value).count(": found") == 1
 
 
+@pytest.mark.parametrize("key", ["object.inertia", "controller.load_prior"])
+def test_moments_of_inertia_are_those_that_a_body_can_have(key: str) -> None:
+    """Of the object, and of what the controller takes it for."""
+    moments = [1, 1, 3] if key == "object.inertia" else {"mass": 5, "inertia": [1, 1, 3]}
+    wanted = "found moments that no body has, expected none larger than the sum of the other two"
+    with pytest.raises(SpecError, match=wanted) as error:
+        load_task("catch_tumbling", {"object.grasp.known": "estimated", key: moments})
+    assert str(error.value).count(": found") == 1
+    assert f"{'object' if key == 'object.inertia' else key}.inertia: found" in str(error.value)
+
+
 def test_a_stage_that_ends_by_the_object_needs_a_destination() -> None:
     changes = ["stages.transport.ends_when.object={velocity: 0.1}", "object.destination=null"]
     with pytest.raises(SpecError, match="with a mass and a destination"):

@@ -181,13 +181,15 @@ def filled(value: Any, of: Any, at: Any) -> Any:
 
 @pytest.mark.parametrize("place", [*PLACES])
 def test_units_are_those_of_the_coordinate(tmp_path: Path, place: str) -> None:
-    """Wherever numbers of coordinates stand: lengths of joints that slide, angles of those that turn."""
+    """Wherever numbers of coordinates stand: lengths of joints that slide, angles of those that turn, rates of both."""
     (tmp_path / "slider.yaml").write_text(SLIDING_ARM)
     path, value = PLACES[place]
     task = sliding_task(str(tmp_path / "slider.yaml"))
     for of, at in ((0.2, 0.3), ("0.2 rad", "0.3 m"), ("1 deg", "0.3 m")):
         load_task(task, set={path: filled(value, of, at)})
-    for of, at, wanted in (("0.2 m", 0.3, "an angle"), (0.2, "0.3 rad", "a length"), (0.2, "1 deg", "a length")):
+    rates = place in ("rate", "limit of every arm")
+    angle, length = ("a number in rad/s,", "a number in m/s,") if rates else ("an angle", "a length")
+    for of, at, wanted in (("0.2 m", 0.3, angle), (0.2, "0.3 rad", length), (0.2, "1 deg", length)):
         with pytest.raises(SpecError, match=f"expected {wanted}"):
             load_task(task, set={path: filled(value, of, at)})
 

@@ -89,11 +89,11 @@ def test_processes_that_end_while_they_return_much_block_nothing(killed_after: f
         if item == 1 and killed_after and not note.exists():
             note.touch()
             Timer(killed_after, os.kill, (os.getpid(), signal.SIGKILL)).start()
-        return bytes(300_000_000)
+        return bytes(100_000_000)
 
     with closing(compute(call, {item: item for item in range(4)}, 2)) as results:
         for _, result in results:
-            assert len(result) == 300_000_000
+            assert len(result) == 100_000_000
             if not killed_after:
                 break  # the others are ended while they return theirs
 

@@ -216,10 +216,11 @@ def validate_robot(document: Document, mobility: Mobility | None = None) -> tupl
         wanted = f"expected a number greater than 0: a {robot.mobility} base moves, only a fixed one may have none"
         faults = tuple(Fault(path, f"found {document.found(path)}, {wanted}") for path in lacking)
     if robot.thrusters and (missing := missing_directions(robot)):
-        wanted = (
-            "expected some that push and turn it in every direction: other directions, or positions beside the origin"
+        wanted = "expected thrusters that push and turn it in every direction: others, or in other places"
+        faults = (
+            *faults,
+            Fault(("thrusters",), f"found some that cannot give the base {', '.join(missing)} alone; {wanted}"),
         )
-        faults = (*faults, Fault(("thrusters",), f"found none that give the base {', '.join(missing)}; {wanted}"))
     return None if faults else robot, faults
 
 

@@ -13,7 +13,7 @@ from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.plant.thrusters import ThrusterFiring, firing_of
 from psmpc_cli.plant.uncertainty import force_limits_of
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.thrusters import Thrusters, thrusters_of
+from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.load import load_robot, load_task
 from psmpc_cli.specs.robot import PlanarThruster
 
@@ -40,8 +40,7 @@ def u() -> Array:
 
 
 def firing(model: RobotModel, period: int = M, pulsed: bool = True) -> ThrusterFiring:
-    thrusters = thrusters_of(model.spec)
-    assert thrusters is not None
+    thrusters = Thrusters.of(model.spec.thrusters)
     thrusters = replace(thrusters, shortest_pulse=np.minimum(thrusters.shortest_pulse, period * TICK / 2))
     return ThrusterFiring(thrusters, period, TICK, pulsed)
 
@@ -136,16 +135,26 @@ def test_without_pulses_thrusts_are_constant_over_a_period(
 
 
 @PLANTS
-def test_nothing_fires_where_nothing_is_wanted(platform: RobotModel, u: Array, plant: type) -> None:
-    """At rest nothing is wanted, and what was owed is dropped, in the middle of a period too."""
-    built = plant(platform, TICK, force_limits=WITHIN, firing=firing(platform, 250))
-    rest = np.zeros(18)
-    (moving,) = samples(built, rest, u[:M])
-    assert moving.thrusters is not None and moving.thrusters.owed.any()
-    resting = built.advance(0.1, rest, np.zeros((M, 9)))
+def test_thrusters_are_off_while_nothing_pushes_the_base(platform: RobotModel, x: Array, u: Array, plant: type) -> None:
+    """From the middle of a period on; wheels that then turn the base are not cut to what thrusters give."""
+    limits = ForceLimits(np.full(9, -np.inf), np.full(9, np.inf))
+    built = plant(platform, TICK, force_limits=limits, firing=firing(platform, 80))
+    driven = np.ones((M, 3))
+    driven[50:90] = 0, 0, 1
+    u = u[:M] + np.r_[0, 0, 2.0, np.zeros(6)]
+    ticks = built.advance(0.0, x, u, driven=driven)
+    fired = ticks.thrusters
+    assert not fired.thrusts[50:90].any()
+    assert fired.thrusts[:50].any() and fired.thrusts[90:].any()
+    own = on_base(platform, ticks, ticks.F)
+    np.testing.assert_allclose(own[50:90, :2], 0.0, atol=1e-9)
+    assert own[50:90, 2].min() > 9.6
+    np.testing.assert_array_equal(ticks.F[50:90], ticks.commanded[50:90])
+    W = Thrusters.of(platform.spec.thrusters).wrenches
+    np.testing.assert_allclose(own[:50], fired.thrusts[:50] @ W.T, atol=1e-9)
+    resting = built.advance(0.1, ticks.states[-1], u, driven=np.zeros((M, 3)))
     assert not resting.thrusters.thrusts.any()
     assert not resting.thrusters.owed.any()
-    np.testing.assert_array_equal(resting.F, 0.0)
 
 
 def test_firings_are_counted_where_they_begin() -> None:
@@ -156,7 +165,7 @@ def test_firings_are_counted_where_they_begin() -> None:
     for push in (20.0, 20.0, 10.0, 0.0, 20.0):
         wanted = np.array([push, 0, 0])
         fires.begin(wanted)
-        fires.fired(np.tile(wanted, (10, 1)))
+        fires.pass_ticks(np.tile(wanted, (10, 1)), is_pushed=True)
         counts.append(fires.end_sample().firings[:2].tolist())
     assert counts == [[1, 1], [0, 0], [1, 1], [0, 0], [1, 1]]
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.robot.thrusters import Thrusters, thrusters_of
+from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.load import load_robot
 from psmpc_cli.specs.robot import PlanarThruster, SpatialThruster, Thruster
 
@@ -92,13 +92,6 @@ def test_too_many_facets_are_refused() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(InputError, match=r"found 14 in 14 directions.*make thrusters parallel, or leave them out"):
         _ = Thrusters.of([one(rng, 6) for _ in range(14)]).half_spaces
-
-
-def test_a_base_that_floats_or_stands_has_none() -> None:
-    robot = load_robot("thruster_platform")
-    assert thrusters_of(robot) is not None
-    assert thrusters_of(robot.model_copy(update={"mobility": "free-floating"})) is None
-    assert thrusters_of(load_robot("planar_dual_arm")) is None
 
 
 def least_cost(thrusters: Thrusters, wrench: np.ndarray, cost: np.ndarray) -> float:

@@ -22,7 +22,7 @@ from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.thrusters import thrusters_of
+from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.solvers.quadratic import PiqpQp, QpStatus, RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds
@@ -291,9 +291,7 @@ THRUST = {
 def beyond_the_polytope(problem: Problem, plan: Plan) -> np.ndarray:
     """How far the wrenches at both ends of the intervals of a plan are beyond each half-space, of the largest value."""
     model = problem.model
-    thrusters = thrusters_of(model.spec)
-    assert thrusters is not None
-    faces = thrusters.half_spaces
+    faces = Thrusters.of(model.spec.thrusters).half_spaces
     Q, v = plan.chart.from_chart(plan.X)
     wrenches = [
         own_axes(model, Q[k + end], model.inverse_dynamics(Q[k + end], v[k + end], plan.u[k]))[model.space.base]

@@ -82,6 +82,18 @@ def test_thrusters_that_are_not_used_are_not_logged(change: dict[str, object]) -
     assert run.summary().thrusters is None
 
 
+def test_thrusters_are_off_in_a_stage_that_floats() -> None:
+    """From the tick of the switch on, in the middle of a sample; the balances hold."""
+    stages = {"stages[0].ends_when": None, "stages[0].at": 0.55, "stages[1].mobility": "free-floating", "stages[1].priority": 1}
+    run = simulate(load_task("thrust_and_reach", {**SHORT, "time_limit": 1.0, **stages}))
+    thrust = run["ticks/thrust"]
+    assert thrust[:550].any()
+    assert not thrust[551:].any()
+    np.testing.assert_allclose(run["ticks/F"][551:, :3], 0.0, atol=1e-9)
+    assert not run["thrusters/owed"][-1].any()
+    assert run.summary().momentum_error < 1e-9
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("plant", ["rk4", "mujoco"])
 def test_pulses_end_a_mission_as_soon_as_their_means(plant: str) -> None:

@@ -350,7 +350,7 @@ class Thruster(Spec):
     smallest_force: fields.Positive | None = Field(
         None,
         exclude_if=lambda value: value is None,
-        description="smallest force of one that can be throttled [N]; by default `force`: it is on or off",
+        description="smallest force of one that can be throttled, others are on or off [N]; by default `force`",
     )
     shortest_pulse: fields.Sparse[fields.Seconds] = Field(0.0, description="shortest time for which it fires [s]")
     specific_impulse: fields.Positive | None = Field(
@@ -369,7 +369,9 @@ class Thruster(Spec):
 
 
 THRUST_POSITION = "where its force acts on the base, in the base frame [m]"
-THRUST_DIRECTION = "of its force on the base, in the base frame, of any length; the plume leaves the other way"
+THRUST_DIRECTION = (
+    "direction of its force on the base, in the base frame, of any length; the plume leaves the other way"
+)
 
 
 class PlanarThruster(Thruster):

@@ -84,7 +84,12 @@ def test_thrusters_that_are_not_used_are_not_logged(change: dict[str, object]) -
 
 def test_thrusters_are_off_in_a_stage_that_floats() -> None:
     """From the tick of the switch on, in the middle of a sample; the balances hold."""
-    stages = {"stages[0].ends_when": None, "stages[0].at": 0.55, "stages[1].mobility": "free-floating", "stages[1].priority": 1}
+    stages = {
+        "stages[0].ends_when": None,
+        "stages[0].at": 0.55,
+        "stages[1].mobility": "free-floating",
+        "stages[1].priority": 1,
+    }
     run = simulate(load_task("thrust_and_reach", {**SHORT, "time_limit": 1.0, **stages}))
     thrust = run["ticks/thrust"]
     assert thrust[:550].any()

@@ -409,6 +409,9 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if limits := [(coordinate, force) for coordinate, *_, force in _limits(task.robot, spec.limits) if force]:
         echo()
         print_table(("coordinate", "limit of force, of robot and task"), limits, left=2)
+    if spec.fires(task.robot):
+        echo()
+        echo(_thrusters(task.robot))
     if rows := [*_obstacles(spec), *_clearance(task)]:
         echo()
         print_table(("clearance", ""), rows)
@@ -523,8 +526,8 @@ def _thrusters(robot: RobotSpec) -> str:
     axes = ERROR_AXES[robot.dimension]
     units = [units_of("base", axis, ()).force for axis in axes]
     of_axes = (f"{axis} {-a:.4g} to {b:.4g} {unit}" for axis, a, b, unit in zip(axes, -low, high, units, strict=True))
-    unused = "" if robot.moved_by.is_pushed else f", not used where the base is {robot.mobility}"
-    return f"{counted(len(robot.thrusters), 'thruster', 'thrusters')}{unused}: {', '.join(of_axes)}"
+    unused = "" if robot.moved_by.is_pushed else f", off where the base is {robot.mobility}"
+    return f"{counted(len(robot.thrusters), 'thruster', 'thrusters')}{unused}, at most: {', '.join(of_axes)}"
 
 
 def _listed(numbers: Sequence[float]) -> str:

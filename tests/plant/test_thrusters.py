@@ -15,7 +15,7 @@ from psmpc_cli.plant.uncertainty import force_limits_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.load import load_robot, load_task
-from psmpc_cli.specs.robot import PlanarThruster
+from psmpc_cli.specs.robot import PlanarThruster, SpatialThruster
 
 from .drawn_grasps import drawn_grasp
 
@@ -223,3 +223,42 @@ def test_thrusters_fire_while_the_robot_holds_an_object(tmp_path: Path, kind: st
     W = Thrusters.of(thrusters).wrenches
     np.testing.assert_allclose(on_base(model, ticks, ticks.F), ticks.thrusters.thrusts @ W.T, atol=1e-11)
     assert ticks.thrusters.impulses.sum() > 0.3
+
+
+def pairs_along(axis: int) -> list[SpatialThruster]:
+    """Four thrusters that push along an axis, both ways, in pairs that turn the base about the axis after the next."""
+    made = []
+    for way in (1, -1):
+        for side in (0.16, -0.16):
+            position, direction = np.zeros(3), np.zeros(3)
+            position[(axis + 1) % 3] = side
+            position[axis] = -0.16 * way
+            direction[axis] = way
+            made.append(SpatialThruster(position=position.tolist(), direction=direction.tolist(), force=0.3))
+    return made
+
+
+def test_a_spatial_base_is_pushed_about_its_own_axes() -> None:
+    """In both plants alike, with an attitude; six pairs of facets."""
+    thrusters = tuple(each for axis in range(3) for each in pairs_along(axis))
+    robot = load_robot("free_flyer_arm")
+    model = RobotModel(robot.model_copy(update={"thrusters": thrusters}))
+    of_base = Thrusters.of(thrusters)
+    assert len(of_base.half_spaces.normals) == 6
+    np.testing.assert_allclose(of_base.extent[1], 3 * [0.6] + 3 * [0.096])
+    rng = np.random.default_rng(4)
+    Q = np.array(model.space.integrate(model.neutral, 0.7 * rng.standard_normal(model.n)))
+    x = np.r_[Q, 0.1 * rng.standard_normal(model.n)]
+    u = np.tile(0.02 * rng.standard_normal(model.n), (3 * M, 1))
+    limits = ForceLimits(np.full(model.n, -np.inf), np.full(model.n, np.inf))
+    made = []
+    for plant in (Rk4Plant, MujocoPlant):
+        built = plant(model, TICK, force_limits=limits, firing=ThrusterFiring(of_base, 50, TICK))
+        made.append(samples(built, x, u))
+    for first, second in zip(*made, strict=True):
+        assert first.thrusters is not None and second.thrusters is not None
+        np.testing.assert_allclose(first.states, second.states, atol=1e-7)
+        np.testing.assert_array_equal(first.thrusters.thrusts, second.thrusters.thrusts)
+        wrenches = first.thrusters.thrusts @ of_base.wrenches.T
+        np.testing.assert_allclose(on_base(model, first, first.F), wrenches, atol=1e-12)
+        assert (np.abs(first.thrusters.owed) < 2e-3).all()

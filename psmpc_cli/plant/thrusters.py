@@ -1,6 +1,7 @@
 """How thrusters fire: the wrench that the low-level law wants on the base, in pulses, once a period.
 
-At the beginning of a period the law says which wrench the mean acceleration over the period takes. What is wanted is
+At the beginning of a period the law says which wrench the mean acceleration over the period takes; where the period
+goes on after the sample, the mean over what is left of the sample, since no more is commanded yet. What is wanted is
 its impulse and what is owed from before: what pulses gave too little or too much because they last whole ticks and no
 shorter than the shortest, and what the law's wrench was besides. A part that no thrusts can give is refused, and not
 owed. So the impulse of the pulses follows that of the law, and differs from it by no more than some shortest pulses.

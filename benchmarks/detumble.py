@@ -6,7 +6,8 @@ its repository vyas-shubham/asr-trajopt-trajstab. A chaser of 100 kg with an arm
 that turns at 5 deg/s; thrust, torque and joint torques are limited and paid for, the duration is free. Motion is in the
 plane of the chaser's z and x axes, our x and y.
 
-    python benchmarks/detumble.py table    the table of docs/detumble.md
+    python benchmarks/detumble.py table        the first table of docs/detumble.md
+    python benchmarks/detumble.py thrusters    the second: with eight thrusters that give less than the optimum takes
 """
 
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import casadi as ca
 import numpy as np
 import yaml
 from pages import command_line, markdown
@@ -55,6 +57,25 @@ AT_REST = {"base": 1e-6, "arm": 1e-3}
 
 END_COST = np.array([4e8] * 3 + [4e4] * 3)
 """Of the squares of the velocities at the end."""
+
+THRUSTERS = [
+    {"position": position, "direction": direction, "force": 0.15}
+    for position, direction in (
+        ([-1, 1], [1, 0]),
+        ([-1, -1], [1, 0]),
+        ([1, 1], [-1, 0]),
+        ([1, -1], [-1, 0]),
+        ([1, -1], [0, 1]),
+        ([-1, -1], [0, 1]),
+        ([1, 1], [0, -1]),
+        ([-1, 1], [0, -1]),
+    )
+]
+"""Two in each direction at the corners of the chaser: 0.3 N and 0.6 N m at most, and less of both together. Without
+limits that bind, the optimum has up to 0.85 N m."""
+
+STEPS = 100
+"""Of the published discretization."""
 
 OPTIMUM = {"J": 8.50682, "duration": 4.0891, "base torque": 2.85977, "base force": 0.19044, "joint torques": 1.24684}
 """By IPOPT, with the published discretization: backward Euler, 100 steps, forces at the ends of the steps."""
@@ -148,5 +169,89 @@ def table() -> Iterator[str]:
     yield from markdown(rows)
 
 
+def thrusters() -> Iterator[str]:
+    """Yield the rows of the problem with thrusters instead of limits of force and torque on the base."""
+    optimum = independent_optimum()
+    rows = [{"": "independent optimum, thrusts as inputs"} | {name: f"{x:.3f}" for name, x in optimum.items()}]
+    of_arm = {part: limits for part, limits in ROBOT["limits"].items() if part != "base"}
+    with TemporaryDirectory() as folder:
+        robot = Path(folder) / "chaser.yaml"
+        robot.write_text(yaml.safe_dump({**ROBOT, "limits": of_arm, "thrusters": THRUSTERS}))
+        for nodes in (50, 100):
+            problem = build_problem(load_task(task_of(str(robot), nodes)))
+            solution = solve(problem, nodes)
+            for end, where in enumerate(("beginnings", "ends")):
+                found = costs(problem.model, solution.plan, nodes, end)
+                name = f"psmpc, {nodes} intervals, forces at their {where}"
+                rows.append({"": name} | {name: f"{x:.3f}" for name, x in found.items()})
+    yield from markdown(rows)
+
+
+def independent_optimum() -> dict[str, float]:
+    """Return the optimum with thrusts as inputs, by IPOPT, from equations of motion and wrenches of its own.
+
+    The published discretization: backward Euler, M(q+) (v+ - v) / h + c(q+, v+) = forces, equal steps h of 0.01 to 0.2
+    s. At the end the base is at rest, the joints are within 1e-3 rad/s, and the squares of their velocities cost. The
+    published problem also has no acceleration in its first step, for which these thrusters are too weak.
+    """
+    inertial_force = _equations_of_motion()
+    q, v = (ca.SX.sym(name, 6, STEPS + 1) for name in "qv")
+    thrust, torque, h = ca.SX.sym("thrust", len(THRUSTERS), STEPS), ca.SX.sym("torque", 3, STEPS), ca.SX.sym("h")
+    equations = [q[:, 0] - np.r_[0, 0, 0, POSTURE], v[:, 0] - np.r_[BASE_RATES, JOINT_RATES]]
+    parts = [ca.SX(0), ca.SX(0), ca.SX(0)]
+    for k in range(STEPS):
+        push = ca.SX.zeros(3)  # along the axes of the base, torque last
+        for number, thruster in enumerate(THRUSTERS):
+            (x, y), (to_x, to_y) = thruster["position"], thruster["direction"]
+            push += thrust[number, k] * ca.vertcat(to_x, to_y, x * to_y - y * to_x)
+        cos, sin = ca.cos(q[2, k + 1]), ca.sin(q[2, k + 1])
+        on_base = ca.vertcat(cos * push[0] - sin * push[1], sin * push[0] + cos * push[1], push[2])
+        change = (v[:, k + 1] - v[:, k]) / h
+        equations += [
+            q[:, k + 1] - q[:, k] - h * v[:, k + 1],
+            h * (inertial_force(q[:, k + 1], v[:, k + 1], change) - ca.vertcat(on_base, torque[:, k])),
+        ]
+        weighed = h * push[2] ** 2, h * 10 * ca.sumsqr(push[:2]), h * ca.sumsqr(torque[:, k])
+        parts = [part + of_step for part, of_step in zip(parts, weighed, strict=True)]
+    at_end = ca.dot(v[3:, -1] ** 2, END_COST[3:])
+    J = STEPS * h + sum(parts) + at_end
+    unknowns = ca.vertcat(ca.vec(q), ca.vec(v), ca.vec(thrust), ca.vec(torque), h)
+    free, within = np.full(6 * (STEPS + 1), np.inf), np.full(6 * (STEPS + 1), np.inf)
+    within[-6:] = np.r_[np.zeros(3), np.full(3, 1e-3)]
+    strongest = np.tile([thruster["force"] for thruster in THRUSTERS], STEPS)
+    upper = np.concatenate([free, within, strongest, np.full(3 * STEPS, 0.5), [0.2]])
+    lower = np.concatenate([-free, -within, 0 * strongest, np.full(3 * STEPS, -0.5), [0.01]])
+    slowing = np.outer(1 - np.arange(STEPS + 1) / STEPS, np.r_[BASE_RATES, JOINT_RATES])
+    moving = np.r_[0, 0, 0, POSTURE] + 0.08 * (np.cumsum(slowing, axis=0) - slowing[0])
+    guess = np.concatenate([moving.ravel(), slowing.ravel(), strongest / 2, np.zeros(3 * STEPS), [0.08]])
+    quiet = {"ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-8, "max_iter": 1000}, "print_time": False}
+    solver = ca.nlpsol("optimum", "ipopt", {"x": unknowns, "f": J, "g": ca.vertcat(*equations)}, quiet)
+    solution = solver(x0=guess, lbx=lower, ubx=upper, lbg=0, ubg=0)
+    if not solver.stats()["success"]:
+        raise RuntimeError(f"IPOPT: {solver.stats()['return_status']}")
+    values = ca.Function("values", [unknowns], [J, STEPS * h, *parts])(solution["x"])
+    return dict(zip(OPTIMUM, map(float, values), strict=True))
+
+
+def _equations_of_motion() -> ca.Function:
+    """Return q, v, rate of v -> the force (6,) that they take: Lagrange's equations of the kinetic energy."""
+    q, v, rate = (ca.SX.sym(name, 6) for name in ("q", "v", "rate"))
+    bodies = [(ROBOT["base"]["mass"], ROBOT["base"]["inertia"], q[:2], q[2])]
+    (arm,) = ROBOT["arms"].values()
+    angle = q[2]
+    at = q[:2] + arm["mount"]["position"][0] * ca.vertcat(ca.cos(angle), ca.sin(angle))
+    for number, link in enumerate(arm["links"]):
+        angle += q[3 + number]
+        along = ca.vertcat(ca.cos(angle), ca.sin(angle))
+        bodies.append((link["mass"], link["inertia"], at + link["a"] * along, angle))
+        at += (link["a"] + link["b"]) * along
+    energy = ca.SX(0)
+    for mass, inertia, centre, turn in bodies:
+        energy += (mass * ca.sumsqr(ca.jtimes(centre, q, v)) + inertia * ca.jtimes(turn, q, v) ** 2) / 2
+    momentum = ca.gradient(energy, v)
+    force = ca.jtimes(momentum, v, rate) + ca.jtimes(momentum, q, v) - ca.gradient(energy, q)
+    return ca.Function("inertial_force", [q, v, rate], [force])
+
+
 if __name__ == "__main__":
-    command_line(table)
+    command_line(table, thrusters)

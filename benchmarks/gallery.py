@@ -121,6 +121,11 @@ SECTIONS: Mapping[str, Sequence[Shown]] = {
             "psmpc simulate float_and_reach --no-figures -o float.h5 && psmpc plot float.h5 --only snapshots",
             RUN,
         ),
+        Shown(
+            "Thrusters that are on or off",
+            "psmpc simulate thrust_and_reach --no-figures -o thrust.h5 && psmpc plot thrust.h5 --only thrusters",
+            RUN,
+        ),
     ),
     "Spatial servicer with two arms of seven joints": (
         Shown("The robot", "psmpc check dual_arm_servicer --figure robot/robot.png", "robot"),

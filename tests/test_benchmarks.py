@@ -39,3 +39,17 @@ def test_a_published_problem_with_force_limits_has_the_published_cost(monkeypatc
     rows = [line.split("|")[2] for line in detumble["table"]() if "intervals" in line]
     assert len(rows) == 8
     assert [float(cost) for cost in rows] == pytest.approx(8 * [8.507], rel=0.02)
+
+
+@pytest.mark.slow
+def test_the_same_problem_with_thrusters_has_the_optimum_in_thrusts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """IPOPT with thrusts as inputs; they bind, so that it takes half as long again."""
+    monkeypatch.syspath_prepend(FOLDER)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    detumble = runpy.run_path(str(FOLDER / "detumble.py"), run_name="imported")
+    own, *rows = [line.split("|")[2:4] for line in detumble["thrusters"]() if "optimum" in line or "intervals" in line]
+    optimum, duration = map(float, own)
+    assert duration > 1.4 * detumble["OPTIMUM"]["duration"]
+    assert len(rows) == 4
+    assert [float(cost) for cost, _ in rows] == pytest.approx(4 * [optimum], rel=0.02)
+    assert [float(time) for _, time in rows] == pytest.approx(4 * [duration], rel=0.03)

@@ -38,6 +38,7 @@ from psmpc_cli.report.texts import (
 )
 from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
 from psmpc_cli.simulation.replay import unequal_conditions
 from psmpc_cli.simulation.run import build_experiment, converging
@@ -46,7 +47,7 @@ from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.geometry import ShapeSpec, pair_name
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import GRASP_LOADS, ObjectSpec
-from psmpc_cli.specs.parts import ANGLE, LENGTH, QUANTITIES, TARGET_AXES, axes_of, units_of
+from psmpc_cli.specs.parts import ANGLE, ERROR_AXES, LENGTH, QUANTITIES, TARGET_AXES, axes_of, units_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits, units
 from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec, TrajectorySpec
@@ -408,6 +409,9 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if limits := [(coordinate, force) for coordinate, *_, force in _limits(task.robot, spec.limits) if force]:
         echo()
         print_table(("coordinate", "limit of force, of robot and task"), limits, left=2)
+    if spec.fires(task.robot):
+        echo()
+        echo(_thrusters(task.robot))
     if rows := [*_obstacles(spec), *_clearance(task)]:
         echo()
         print_table(("clearance", ""), rows)
@@ -509,9 +513,21 @@ def print_robot(robot: RobotSpec) -> None:
     print_table(("coordinate", *QUANTITIES), _limits(robot), left=1 + len(QUANTITIES))
     echo()
     echo(f"shape: {_geometry(robot)}")
+    if robot.thrusters:
+        echo(_thrusters(robot))
     if isinstance(robot, SpatialRobot) and robot.assumed:
         echo("assumed:")
         echo("\n".join(f"  {note}" for note in robot.assumed))
+
+
+def _thrusters(robot: RobotSpec) -> str:
+    """Write what the thrusters of a robot give at most along each axis of the base, and whether they are used."""
+    low, high = Thrusters.of(robot.thrusters).extent
+    axes = ERROR_AXES[robot.dimension]
+    units = [units_of("base", axis, ()).force for axis in axes]
+    of_axes = (f"{axis} {-a:.4g} to {b:.4g} {unit}" for axis, a, b, unit in zip(axes, -low, high, units, strict=True))
+    unused = "" if robot.moved_by.is_pushed else f", off where the base is {robot.mobility}"
+    return f"{counted(len(robot.thrusters), 'thruster', 'thrusters')}{unused}, at most: {', '.join(of_axes)}"
 
 
 def _listed(numbers: Sequence[float]) -> str:

@@ -148,7 +148,9 @@ def _tightest_force(run: Run) -> str:
 
 
 def limits_base_force(run: Run) -> bool:
-    """Tell whether a stage has a limit of the force on the base."""
+    """Tell whether a stage has a limit of the force on the base, or thrusters have one."""
+    if run.task.spec.fires(run.problem.model.spec):
+        return True
     linear = slice(run.problem.model.dimension)
     bounds = [(stage.limits.force_low[linear], stage.limits.force_high[linear]) for stage in run.problem.stages]
     return bool(np.isfinite(bounds).any())

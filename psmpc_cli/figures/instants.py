@@ -36,6 +36,9 @@ NEAREST_PAIRS = 6
 MARGINS_SHOWN = 10.0
 """Distances up to so many margins are always in view."""
 
+BAR_HEIGHT = 0.8
+"""Height of the bar of a thruster that fires throughout a sample, of its row."""
+
 
 def plans_switches(run: Run) -> bool:
     """Tell whether a run ever planned when a stage ends."""
@@ -207,6 +210,25 @@ def plot_grasps(run: Run) -> Figure:
             axes.axhline(strength, label=f"_strength, {strength:g} {unit}", **style.LEVEL)
         far = f"strength {strength:g} {unit}, out of view" if np.isfinite(strength) and not is_near else ""
         label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})", style.notes(far, style.better("down")))
+    return style.finish(figure)
+
+
+def plot_thrusters(run: Run) -> Figure:
+    """Plot when thrusters fire: a row for each, a bar for each sample, as high as its impulse over the largest."""
+    robot = run.problem.model.spec
+    sample_time = run.task.spec.controller.sample_time
+    share = run["thrusters/impulse"] / (sample_time * np.array([thruster.force for thruster in robot.thrusters]))
+    count = share.shape[1]
+    color = style.line_look(0)["color"]
+    figure, grid = timeline(run, 1, 0.3 + 0.2 * count)
+    axes = grid[0, 0]
+    for i in range(count):
+        foot = i + 1 + BAR_HEIGHT / 2  # rows count downwards
+        axes.bar(run.time, -BAR_HEIGHT * share[:, i], sample_time, bottom=foot, align="edge", color=color)
+    axes.set_ylim(count + 0.7, 0.3)
+    axes.set_yticks(range(1, count + 1))
+    axes.set_ylabel("Thruster")
+    axes.set_title("full bar: it fires throughout the sample")
     return style.finish(figure)
 
 

@@ -81,6 +81,11 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
             "Filtered loads on each grasp while it is closed, with what it holds.",
             is_of=lambda run: "grasp/closed_at" in run and bool(np.isfinite(run["grasp/closed_at"]).any()),
         ),
+        "thrusters": FigureKind(
+            instants.plot_thrusters,
+            "Impulse of each thruster over every sample, of the largest that it can give.",
+            is_of=lambda run: "thrusters/impulse" in run,
+        ),
         "clearance": FigureKind(
             instants.plot_clearance,
             "Smallest distances of the nearest parts, with the margin that the task keeps.",

@@ -49,6 +49,11 @@ def _has_force_limits(recorded: Recorded) -> bool:
     return force_limits_of(recorded.task.spec, recorded.task.robot) is not None
 
 
+def _has_thrusters(recorded: Recorded) -> bool:
+    spec = recorded.task.spec
+    return recorded.is_simulated and spec.plant.traits.has_forces and spec.fires(recorded.task.robot)
+
+
 def _has_free_end(recorded: Recorded) -> bool:
     controller = recorded.task.spec.controller
     return controller.traits.one_stage and controller.plans_ends
@@ -74,6 +79,11 @@ FORCE_LIMITS = Condition("where the robot or the task limits forces", _has_force
 COMMANDED_AT_TICKS = Condition(
     "with log: {ticks: true} where the robot or the task limits forces",
     lambda recorded: _has_ticks(recorded) and _has_force_limits(recorded),
+)
+THRUSTERS = Condition("where the robot has thrusters", _has_thrusters)
+THRUSTERS_AT_TICKS = Condition(
+    "with log: {ticks: true} where the robot has thrusters",
+    lambda recorded: _has_ticks(recorded) and _has_thrusters(recorded),
 )
 CLEARANCE = Condition(
     "where the task keeps clear", lambda recorded: recorded.task.spec.keeps_clear and recorded.knows_ticks

@@ -34,6 +34,8 @@ from psmpc_cli.logs.conditions import (
     SPATIAL,
     TARGETS_CHANGE,
     TASK_INPUT,
+    THRUSTERS,
+    THRUSTERS_AT_TICKS,
     TICKS,
     TRIES,
     TRUE_STATE,
@@ -390,6 +392,8 @@ BASE_AXES = ", the base's along the axes of the inertial frame (its limits are a
 _sampled_velocities = partial(_column, dims=("time", "coordinate"))
 _sampled_momentum = partial(_column, dims=("time", "momentum"))
 _sampled_limited = partial(_column, only=FORCE_LIMITS)
+_by_thruster = partial(_column, dims=("time", "thruster"), only=THRUSTERS)
+_impulse_of_thrusters = partial(_column, dims=("time", "momentum"), only=THRUSTERS)
 _sampled_clearance = partial(_column, dims=("time", "clearance/pair"), only=CLEARANCE)
 _sampled_disturbance = partial(_column, dims=("time", "coordinate"), only=DISTURBANCE)
 _ticks_coordinates = partial(_column, dims=("ticks/tick", Q_COORDINATE), only=TICKS)
@@ -427,6 +431,7 @@ SCHEMA = (
     _scale("monitors/name", "1", "name of the monitor"),
     _scale("uncertainty/body", "1", "body", only=UNCERTAIN),
     _scale("uncertainty/axis", "1", "axis of the body", only=UNCERTAIN),
+    _scale("thruster", "1", "thruster, by its number in the robot's file", only=THRUSTERS),
     _scale("clearance/pair", "1", "two parts that keep clear of each other", only=CLEARANCE),
     _scale("clearance/point", "1", "coordinate of the nearest points of two parts", only=CLEARANCE),
     _scale("object_coordinate", "1", "coordinate of the object's pose", only=OBJECT),
@@ -517,6 +522,29 @@ SCHEMA = (
         "1",
         "share of the ticks until the next sample at which a force is cut at its limit",
         dims=("time",),
+    ),
+    _by_thruster(
+        "thrusters/impulse", "N s", "impulse of each thruster until the next sample", "ticks.thrusters.impulses"
+    ),
+    _by_thruster(
+        "thrusters/firings",
+        "1",
+        "how often each thruster begins to fire until the next sample",
+        "ticks.thrusters.firings",
+        dtype="i4",
+    ),
+    _impulse_of_thrusters(
+        "thrusters/owed",
+        "N s, N m s",
+        "impulse that the law wanted of the thrusters until the next sample and that they have not given yet, along "
+        "the base's own axes, about its origin",
+        "ticks.thrusters.owed",
+    ),
+    _impulse_of_thrusters(
+        "thrusters/refused",
+        "N s, N m s",
+        "impulse that it wanted and that no thrusts can give, likewise",
+        "ticks.thrusters.refused",
     ),
     _sampled_clearance(
         "clearance/distance",
@@ -671,6 +699,14 @@ SCHEMA = (
         "generalized force that the law commands, before it is cut at its limits" + BASE_AXES,
         "pending.commanded",
         only=COMMANDED_AT_TICKS,
+    ),
+    _column(
+        "ticks/thrust",
+        "N",
+        "thrust of each thruster from the tick on",
+        "ticks.thrusters.thrusts",
+        dims=("ticks/tick", "thruster"),
+        only=THRUSTERS_AT_TICKS,
     ),
     _tick_of_object(
         "object_coordinate",

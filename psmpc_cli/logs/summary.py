@@ -22,6 +22,7 @@ from psmpc_cli.logs.verdicts import (
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
+from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.parts import CoordinateUnits
 from psmpc_cli.specs.robot import Limits
 from psmpc_cli.specs.task import PublishedRun, TaskSpec
@@ -161,6 +162,25 @@ class CaptureSummary:
         return f"CaptureSummary({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
 
 
+@dataclass(frozen=True)
+class ThrusterSummary:
+    """What thrusters did over a run.
+
+    Attributes:
+        impulse: Sum of their impulses [N s].
+        firings: How often they began to fire, all together.
+        propellant: Mass of what they used [kg]; NaN where a specific impulse is not known.
+        owed: The largest impulse that they had not given at a sample: of force [N s] and of torque [N m s].
+        refused: Sums over the run of the impulses that no thrusts can give, likewise.
+    """
+
+    impulse: float
+    firings: int
+    propellant: float
+    owed: tuple[float, float]
+    refused: tuple[float, float]
+
+
 class Summary:
     """The results of a run.
 
@@ -193,7 +213,8 @@ class Summary:
         saturated: Share of the time in which a force was cut at its limit [1]; NaN where forces have no limits.
         far_beyond: Share of the samples in which a force was commanded beyond `FAR_BEYOND` of its limit [1]; NaN where
             forces have no limits.
-        limits_dynamics: Some stage has a limit of forces or accelerations.
+        limits_dynamics: Some stage has a limit of forces or accelerations, or the base has thrusters.
+        thrusters: What thrusters did; None where none fire.
         variation_base_position, variation_base_angle, variation_joints, variation_sliding: Total variation of the
             control at the samples, sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2], of
             joints that turn [rad/s^2] and of those that slide [m/s^2].
@@ -266,6 +287,8 @@ class Summary:
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
         self.far_beyond = float(np.mean((utilization > FAR_BEYOND).any(axis=1))) if len(saturated) else np.nan
         self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
+        self.limits_dynamics |= spec.fires(problem.model.spec)
+        self.thrusters = _thrusters(arrays, problem)
         varied = variation(
             np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates, sliding_of(attributes)
         )
@@ -318,6 +341,26 @@ def _load(arrays: Arrays) -> tuple[float, float] | None:
     if not len(held):
         return None
     return float(arrays["load/mass"][held[-1]]), float(arrays["load/mass_deviation"][held[-1]])
+
+
+def _thrusters(arrays: Arrays, problem: Problem) -> ThrusterSummary | None:
+    """Summarize what thrusters did; None where none fire."""
+    if "thrusters/impulse" not in arrays:
+        return None
+    impulses = arrays["thrusters/impulse"].sum(axis=0)
+    linear = slice(problem.model.dimension)
+    angular = slice(problem.model.dimension, None)
+    owed, refused = (
+        [np.linalg.norm(arrays[f"thrusters/{name}"][:, part], axis=1) for part in (linear, angular)]
+        for name in ("owed", "refused")
+    )
+    return ThrusterSummary(
+        impulse=float(impulses.sum()),
+        firings=int(arrays["thrusters/firings"].sum()),
+        propellant=Thrusters.of(problem.model.spec.thrusters).propellant(impulses),
+        owed=(float(owed[0].max(initial=0.0)), float(owed[1].max(initial=0.0))),
+        refused=(float(refused[0].sum()), float(refused[1].sum())),
+    )
 
 
 def _delay(arrays: Arrays) -> tuple[float, float] | None:

@@ -9,6 +9,7 @@ from pkgutil import resolve_name
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks
 from psmpc_cli.plant.grasp import Capture, PlantSetup
+from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import PlantSpec
 
@@ -32,6 +33,7 @@ def build_plant(
     friction: JointFriction | None = None,
     capture: Capture | None = None,
     force_limits: ForceLimits | None = None,
+    firing: ThrusterFiring | None = None,
 ) -> Plant:
     """Build the plant of a task.
 
@@ -42,12 +44,14 @@ def build_plant(
         friction: Friction of a disturbed plant; None for an undisturbed one.
         capture: An object with a mass and its grasps.
         force_limits: At which the force of the low-level law is cut; None where nothing limits it.
+        firing: How thrusters fire that give the force on the base; None where its force is the law's. They need limits.
 
     Raises:
         InputError: A package that the plant needs is not installed.
     """
     tick, substeps = ticks_of(spec)
-    plant: Plant = require_plant(spec)(PlantSetup(model, tick, substeps, native, friction, capture, force_limits))
+    setup = PlantSetup(model, tick, substeps, native, friction, capture, force_limits, firing)
+    plant: Plant = require_plant(spec)(setup)
     return plant
 
 

@@ -3,11 +3,12 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
 
+from psmpc_cli.plant.thrusters import ThrusterFiring, ThrusterTicks
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
@@ -67,6 +68,7 @@ class Ticks:
         target_object: What an object with a mass did; None without one.
         commanded: Generalized force that the law commanded, before the plant cut it at its limits (M, n) [N, N m];
             None of a plant without limits, where it is F.
+        thrusters: What thrusters did; None where none fire.
     """
 
     time: np.ndarray
@@ -75,6 +77,7 @@ class Ticks:
     impulse_and_work: np.ndarray = field(default_factory=lambda: np.array(np.nan))
     target_object: ObjectTicks | None = None
     commanded: np.ndarray | None = None
+    thrusters: ThrusterTicks | None = None
 
     def __repr__(self) -> str:
         ticks, n = self.F.shape
@@ -140,12 +143,38 @@ class ForceLimits:
         on_base = F[: space.dimension]
         least = self._least[: space.dimension].min()
         others = slice(space.dimension, None)
-        return bool(on_base @ on_base <= least**2 and (np.abs(F[others]) <= self._least[others]).all())
+        return bool(least >= 0 and on_base @ on_base <= least**2 and (np.abs(F[others]) <= self._least[others]).all())
 
     @cached_property
     def _least(self) -> np.ndarray:
         """The nearer of both limits of each coordinate, (n,)."""
         return np.asarray(np.minimum(-self.low, self.high))
+
+    def on_base(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
+        """Return what is within the limits of the wrench on the base of generalized forces F (K, n), along its axes.
+
+        Args:
+            space: Coordinates of the robot.
+            Q: Where it is (K, nq).
+            F: The forces [N, N m].
+
+        Returns:
+            (K, 3) or (K, 6) [N, N m].
+        """
+        base = space.base
+        in_base_axes = np.column_stack(space.along_base_axes(Q.T, F.T)[base])
+        return np.asarray(np.clip(in_base_axes, self.low[base], self.high[base]))
+
+    def holding_base(self, wrenches: np.ndarray) -> np.ndarray:
+        """Return the vectors (K, 2n) of these limits with which the base has exactly certain wrenches along its axes.
+
+        Args:
+            wrenches: The wrenches (K, 3) or (K, 6) [N, N m].
+        """
+        count, d = wrenches.shape
+        low, high = np.tile(self.low, (count, 1)), np.tile(self.high, (count, 1))
+        low[:, :d] = high[:, :d] = wrenches
+        return np.hstack([low, high])
 
     def utilization(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:
         """Return generalized forces F (..., n) over the limits that they are against where the robot is at Q (..., nq).
@@ -245,11 +274,18 @@ class TickedPlant(ABC):
     What plants differ in are the methods below `advance`.
     """
 
-    def __init__(self, law: LowLevelLaw, tick: float, force_limits: ForceLimits | None) -> None:
+    def __init__(
+        self,
+        law: LowLevelLaw,
+        tick: float,
+        force_limits: ForceLimits | None,
+        firing: ThrusterFiring | None = None,
+    ) -> None:
         self.law = law
         self.model = law.model
         self.tick = tick
         self.force_limits = force_limits
+        self.firing = firing
 
     def advance(
         self,
@@ -282,18 +318,30 @@ class TickedPlant(ABC):
             if is_noisy:
                 Q = np.array(space.integrate(Q, disturbance.noise[k, :n]))
                 v = v + disturbance.noise[k, n:]
-            commanded[k] = law.force(
+            following = partial(
+                law.force,
                 Q,
                 v,
-                u[k],
-                twist_rates=None if twist_rates is None else twist_rates[k],
                 grasps=grasps,
                 parameters=disturbance.law,
                 driven=None if driven is None else tuple(driven[k].tolist()),
             )
+            commanded[k] = following(u[k], twist_rates=None if twist_rates is None else twist_rates[k])
             F[k] = commanded[k]
-            if self.force_limits is not None:
-                F[k] = self.force_limits.limited(space, states[k, :nq], commanded[k])
+            limits = self.force_limits
+            if limits is not None and self.firing is not None:
+                span = self.firing.span(driven, k, M)
+                if span.begins:
+                    rates = None if twist_rates is None else twist_rates[span.ticks].mean(axis=0)
+                    wanted = following(u[span.ticks].mean(axis=0), twist_rates=rates)
+                    self.firing.begin(limits.on_base(space, states[k : k + 1, :nq], wanted[None])[0])
+                of_base = limits.on_base(space, states[k : k + 1, :nq], commanded[k : k + 1])
+                if span.is_pushed:
+                    (held,) = limits.holding_base(self.firing.wrenches(1))
+                    limits = ForceLimits(*np.split(held, 2))
+                self.firing.pass_ticks(of_base, span.is_pushed)
+            if limits is not None:
+                F[k] = limits.limited(space, states[k, :nq], commanded[k])
             states[k + 1], of_tick = self.step(states[k], F[k] + disturbance.external_force[k], disturbance.robot)
             impulse_and_work += of_tick
         return Ticks(
@@ -303,6 +351,7 @@ class TickedPlant(ABC):
             impulse_and_work=self.impulse_and_work(impulse_and_work, states, F + disturbance.external_force),
             target_object=self.end_sample(),
             commanded=None if self.force_limits is None else commanded,
+            thrusters=None if self.firing is None else self.firing.end_sample(),
         )
 
     @abstractmethod

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from psmpc_cli.errors import InputError
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import ForceLimits, GraspEvent, JointFriction, ObjectTicks, TickedPlant
+from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.plant.uncertainty import stream
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -461,9 +462,11 @@ class CapturePlant(TickedPlant):
         capture: The object and its grasps.
     """
 
-    def __init__(self, capture: Capture, step: Step, force_limits: ForceLimits | None) -> None:
+    def __init__(
+        self, capture: Capture, step: Step, force_limits: ForceLimits | None, firing: ThrusterFiring | None = None
+    ) -> None:
         law = low_level_law(capture.law.model, capture.described, capture.spec)
-        super().__init__(law, capture.tick, force_limits)
+        super().__init__(law, capture.tick, force_limits, firing)
         self.capture = capture
         self._step = step
 
@@ -499,6 +502,7 @@ class PlantSetup:
         friction: Friction of a disturbed plant; None for an undisturbed one.
         capture: An object with a mass and its grasps; None without.
         force_limits: At which the force of the low-level law is cut; None where nothing limits it.
+        firing: How thrusters fire that give the force on the base; None where its force is the law's. They need limits.
     """
 
     model: RobotModel
@@ -508,3 +512,4 @@ class PlantSetup:
     friction: JointFriction | None
     capture: Capture | None
     force_limits: ForceLimits | None
+    firing: ThrusterFiring | None = None

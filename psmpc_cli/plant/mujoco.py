@@ -8,6 +8,7 @@ import numpy as np
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import ForceLimits, JointFriction, Plant, TickedPlant
 from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
+from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
@@ -36,8 +37,9 @@ class MujocoPlant(TickedPlant):
         friction: JointFriction | None = None,
         force_limits: ForceLimits | None = None,
         target_object: FreeBody | None = None,
+        firing: ThrusterFiring | None = None,
     ) -> None:
-        super().__init__(LowLevelLaw(model), tick, force_limits)
+        super().__init__(LowLevelLaw(model), tick, force_limits, firing)
         self.substeps = substeps
         self.friction = friction or JointFriction.none(model.n)
         self._target_object = target_object
@@ -232,6 +234,8 @@ def build(setup: PlantSetup) -> Plant:
     """Build the plant, of robot and object together where there is something to capture."""
     capture = setup.capture
     if capture is None:
-        return MujocoPlant(setup.model, setup.tick, setup.substeps, setup.friction, setup.force_limits)
+        return MujocoPlant(
+            setup.model, setup.tick, setup.substeps, setup.friction, setup.force_limits, firing=setup.firing
+        )
     step = MujocoStep(capture.law, capture.body, setup.tick, setup.substeps, setup.friction)
-    return CapturePlant(capture, step, setup.force_limits)
+    return CapturePlant(capture, step, setup.force_limits, setup.firing)

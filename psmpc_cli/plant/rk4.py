@@ -1,5 +1,7 @@
 """The full rigid-body dynamics under the computed-torque law (7): force held over a tick, Runge-Kutta between ticks."""
 
+from collections.abc import Callable
+
 import casadi as ca
 import numpy as np
 
@@ -7,6 +9,7 @@ from psmpc_cli.native.compiled import compiled
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks, limited_force
 from psmpc_cli.plant.grasp import Capture, GraspLaw, PlantSetup
+from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import of_driven
 from psmpc_cli.robot.free_body import FreeBody
@@ -23,7 +26,8 @@ class Rk4Plant:
 
     With friction it is a disturbed plant: all that differs from what the controller knows is an argument of one
     function, so every draw, with and without a payload, runs the same code. Without one these arguments are constants.
-    Force limits are an argument where there are any.
+    Force limits are an argument where there are any. With thrusters the ticks of a period of pulses are one call, with
+    the limits of the force on the base at what they give.
     """
 
     def __init__(
@@ -34,11 +38,13 @@ class Rk4Plant:
         native: bool = False,
         friction: JointFriction | None = None,
         force_limits: ForceLimits | None = None,
+        firing: ThrusterFiring | None = None,
     ) -> None:
         self.model = model
         self.tick = tick
         self.friction = friction
         self.force_limits = force_limits
+        self.firing = firing
         self._native = native
         self._substeps = substeps
         self._ticks: dict[tuple[bool, bool], ca.Function] = {}
@@ -56,10 +62,10 @@ class Rk4Plant:
         load: np.ndarray | None = None,
         driven: np.ndarray | None = None,
     ) -> Ticks:
-        """Simulate the robot over one sample: len(u) ticks of the low-level law, integrated in one compiled call.
+        """Simulate the robot over one sample: len(u) ticks of the low-level law.
 
-        The integrated state is z = [state; external impulse; work]; the last two begin at 0 in each sample. See
-        `Plant.advance` for the arguments.
+        Without thrusters they are integrated in one compiled call. The integrated state is z = [state; external
+        impulse; work]; the last two begin at 0 in each sample. See `Plant.advance` for the arguments.
         """
         ticks = len(u)
         nx = len(state)
@@ -67,25 +73,79 @@ class Rk4Plant:
         inputs = u if twist_rates is None else twist_rates
         if driven is not None:
             inputs = np.hstack([inputs, driven])
-        key = ticks, in_task_space, driven is not None
-        if key not in self._sample:
-            self._sample[key] = ArrayFunction(self._tick_by(in_task_space, driven is not None).mapaccum(ticks))
-        what_differs: tuple[np.ndarray, ...] = ()  # from the robot that the low-level law knows
+        by_tick: tuple[np.ndarray, ...] = ()  # what differs from the robot that the low-level law knows
+        parameters: tuple[np.ndarray, ...] = ()
         if self.friction is not None and disturbance is not None:
-            parameters = disturbance.robot.vector, disturbance.law.vector, self.friction.vector
-            what_differs = disturbance.noise, disturbance.external_force, np.concatenate(parameters)
-        limits = () if self.force_limits is None else (self.force_limits.vector,)
-        no_impulse_or_work = np.zeros(self.model.parts["base"].stop + 1)
-        Z, F, *commanded = self._sample[key](
-            np.concatenate([state, no_impulse_or_work]), inputs, *what_differs, *limits
-        )
+            by_tick = disturbance.noise, disturbance.external_force
+            parameters = (np.concatenate([disturbance.robot.vector, disturbance.law.vector, self.friction.vector]),)
+
+        def over(first: int, inputs: np.ndarray, z: np.ndarray, limits: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+            chosen = slice(first, first + len(inputs))
+            what_differs = *(values[chosen] for values in by_tick), *parameters
+            return self._over(len(inputs), in_task_space, driven is not None)(z, inputs, *what_differs, *limits)
+
+        z = np.concatenate([state, np.zeros(self.model.parts["base"].stop + 1)])  # no impulse or work yet
+        commanded = None
+        if self.force_limits is None:
+            Z, F = over(0, inputs, z, ())
+        elif self.firing is None:
+            Z, F, commanded = over(0, inputs, z, (self.force_limits.vector,))
+        else:
+            Z, F, commanded = self._while_firing(self.firing, self.force_limits, inputs, driven, z, over)
         return Ticks(
             time=start + self.tick * np.arange(ticks + 1),
             states=np.concatenate([state[None], Z[:, :nx]]),
             F=F,
             impulse_and_work=Z[-1, nx:],
-            commanded=commanded[0] if commanded else None,
+            commanded=commanded,
+            thrusters=None if self.firing is None else self.firing.end_sample(),
         )
+
+    def _while_firing(
+        self,
+        firing: ThrusterFiring,
+        force_limits: ForceLimits,
+        inputs: np.ndarray,
+        driven: np.ndarray | None,
+        z: np.ndarray,
+        over: Callable[[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...]], list[np.ndarray]],
+    ) -> list[np.ndarray]:
+        """Return what `over` does of all ticks, under what thrusters give in each period of pulses.
+
+        Args:
+            firing: The thrusters.
+            force_limits: Limits of the force.
+            inputs: What the law follows at the ticks of the sample.
+            driven: Whether something acts on each coordinate of the base, see `Plant.advance`.
+            z: Integrated state at its beginning.
+            over: First tick, inputs of ticks, integrated state, limits -> integrated states, forces applied and
+                commanded, a row a tick each.
+        """
+        parts = []
+        k = 0
+        while k < len(inputs):
+            span = firing.span(driven, k, len(inputs))
+            if span.begins:
+                mean = inputs[span.ticks].mean(axis=0)
+                _, _, wanted = over(k, mean[None], z, (force_limits.vector,))
+                firing.begin(force_limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
+            limits = force_limits.vector
+            if span.is_pushed:
+                limits = force_limits.holding_base(firing.wrenches(span.count))
+            Z, F, commanded = over(k, inputs[span.ticks], z, (limits,))
+            before = np.vstack([z, Z[:-1]])[:, : self.model.nq]
+            firing.pass_ticks(force_limits.on_base(self.model.space, before, commanded), span.is_pushed)
+            parts.append((Z, F, commanded))
+            z = Z[-1]
+            k += span.count
+        return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
+
+    def _over(self, ticks: int, in_task_space: bool, varies: bool) -> ArrayFunction:
+        """Return the function of so many ticks, built on first use."""
+        key = ticks, in_task_space, varies
+        if key not in self._sample:
+            self._sample[key] = ArrayFunction(self._tick_by(in_task_space, varies).mapaccum(ticks))
+        return self._sample[key]
 
     def _tick_by(self, in_task_space: bool, varies: bool = False) -> ca.Function:
         """Return one tick under one of the two laws, what of the base is driven an input or not, built on first use."""
@@ -114,12 +174,14 @@ class Rk4CapturePlant:
         native: bool,
         friction: JointFriction | None,
         force_limits: ForceLimits | None,
+        firing: ThrusterFiring | None = None,
     ) -> None:
         self.capture = capture
         self.model = capture.law.model
         self.tick = capture.tick
         self.friction = friction
         self.force_limits = force_limits
+        self.firing = firing
         self._native = native
         self._substeps = substeps
         self._ticks: dict[tuple[int, bool, bool], ArrayFunction] = {}
@@ -162,10 +224,26 @@ class Rk4CapturePlant:
             others = np.flatnonzero(wanted[k:] != wanted[k])
             ticks = slice(k, k + int(others[0]) if others.size else M)
             z = np.concatenate([states[k], impulse_and_work, capture.state, capture.load.ravel()])
-            noise = (disturbance.noise[ticks],) if self.friction is not None else ()
+            noise: tuple[np.ndarray, ...] = (disturbance.noise[ticks],) if self.friction is not None else ()
             grasps = np.concatenate([capture.parameters.ravel(), capture.closed])
+            held: tuple[np.ndarray, ...] = limits
+            span = None
+            if self.firing is not None and self.force_limits is not None:
+                span = self.firing.span(driven, k, ticks.stop)
+                Q = states[k : k + 1, : model.nq]
+                if span.begins:
+                    mean = inputs[span.ticks].mean(axis=0)
+                    noise_now = tuple(values[:1] for values in noise)
+                    _, _, commanded[k : k + 1], _ = self._over(1, *of_law)(
+                        z, mean, *noise_now, disturbance.external_force[k], grasps, p, *limits
+                    )
+                    self.firing.begin(self.force_limits.on_base(model.space, Q, commanded[k : k + 1])[0])
+                ticks = span.ticks
+                noise = tuple(values[: span.count] for values in noise)
+                if span.is_pushed:
+                    held = (self.force_limits.holding_base(self.firing.wrenches(span.count)),)
             Z, F[ticks], commanded[ticks], wrench = self._over(ticks.stop - k, *of_law)(
-                z, inputs[ticks], *noise, disturbance.external_force[ticks], grasps, p, *limits
+                z, inputs[ticks], *noise, disturbance.external_force[ticks], grasps, p, *held
             )
             robot, sums, of_object, load = np.split(Z, np.cumsum([nx, base + 1, len(capture.state)]), axis=1)
             count = capture.record(
@@ -176,6 +254,11 @@ class Rk4CapturePlant:
             )
             if count:
                 states[k + 1 : k + 1 + count] = robot[:count]
+                if self.firing is not None and self.force_limits is not None and span is not None:
+                    passed = slice(k, k + count)
+                    Q = states[passed, : model.nq]
+                    of_base = self.force_limits.on_base(model.space, Q, commanded[passed])
+                    self.firing.pass_ticks(of_base, span.is_pushed)
                 impulse_and_work = sums[count - 1]
                 capture.state = of_object[count - 1]
                 k += count
@@ -186,6 +269,7 @@ class Rk4CapturePlant:
             impulse_and_work=impulse_and_work,
             target_object=capture.ticks(),
             commanded=None if self.force_limits is None else commanded,
+            thrusters=None if self.firing is None else self.firing.end_sample(),
         )
 
     def _over(self, ticks: int, in_task_space: bool, varies: bool) -> ArrayFunction:
@@ -478,5 +562,13 @@ def build(setup: PlantSetup) -> Plant:
     """Build the plant, of robot and object together where there is something to capture."""
     capture = setup.capture
     if capture is None:
-        return Rk4Plant(setup.model, setup.tick, setup.substeps, setup.native, setup.friction, setup.force_limits)
-    return Rk4CapturePlant(capture, setup.substeps, setup.native, setup.friction, setup.force_limits)
+        return Rk4Plant(
+            setup.model,
+            setup.tick,
+            setup.substeps,
+            setup.native,
+            setup.friction,
+            setup.force_limits,
+            setup.firing,
+        )
+    return Rk4CapturePlant(capture, setup.substeps, setup.native, setup.friction, setup.force_limits, setup.firing)

@@ -14,6 +14,7 @@ from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant,
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, stack
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.uncertainty import NoiseSpec, UncertaintySpec, standard_deviations
@@ -240,8 +241,9 @@ def friction_of(spec: UncertaintySpec, robot: RobotSpec) -> JointFriction:
 def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
     """Return the limits at which a plant cuts forces; None where there are none.
 
-    They are those of robot and task, of which the share is there that the task's uncertainty says. The tighter limits
-    of a skill are wishes of the plan; the robot does not know them.
+    They are those of robot and task, and the largest components of what thrusters give. Of these the share is there
+    that the task's uncertainty says. The tighter limits of a skill are wishes of the plan; the robot does not know
+    them.
     """
     in_stages = [task.moved_by(stage, robot) for stage in range(len(task.stages))]
     anywhere = replace(
@@ -250,10 +252,18 @@ def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
         is_turned=any(moved_by.is_turned for moved_by in in_stages),
     )
     declared = resolve_limits(robot, task.limits, moved_by=anywhere)
-    if not (np.isfinite(declared.force_low) | np.isfinite(declared.force_high)).any():
+    low, high = declared.force_low, declared.force_high
+    if task.fires(robot):
+        least, most = Thrusters.of(robot.thrusters).extent
+        has_wheels = any(moved_by.is_turned and not moved_by.is_pushed for moved_by in in_stages)
+        given = slice(robot.dimension if has_wheels else len(least))
+        low, high = low.copy(), high.copy()
+        low[given] = np.maximum(low[given], least[given])
+        high[given] = np.minimum(high[given], most[given])
+    if not (np.isfinite(low) | np.isfinite(high)).any():
         return None
     share = _by_coordinate(task.uncertainty.force_share, robot, 1.0)
-    return ForceLimits(share * declared.force_low, share * declared.force_high)
+    return ForceLimits(share * low, share * high)
 
 
 def _check_step(task: TaskSpec, inertia: np.ndarray, friction: JointFriction) -> None:

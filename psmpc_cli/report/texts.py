@@ -154,6 +154,23 @@ def _condition(summary: Summary) -> str:
     return "" if largest is None else f"{number(largest.value)} at {number(largest.time, 0.1)} s"
 
 
+def _thrusters(summary: Summary) -> str:
+    """Write how often thrusters fired, their impulse and the propellant that they used."""
+    fired = summary.thrusters
+    if fired is None:
+        return ""
+    propellant = "" if math.isnan(fired.propellant) else f", {number(1e3 * fired.propellant)} g of propellant"
+    return f"{number(fired.impulse)} N s in {counted(fired.firings, 'firing', 'firings')}{propellant}"
+
+
+def _impulse_of_thrusters(summary: Summary, kind: str) -> str:
+    """Write what thrusters `owed` or `refused` of the impulse that was wanted of them."""
+    if summary.thrusters is None:
+        return ""
+    force, torque = getattr(summary.thrusters, kind)
+    return f"{number(force)} N s, {number(torque)} N m s"
+
+
 def _returns(returned_at: Sequence[float]) -> str:
     """Write how often and when the sequence returned to an earlier stage to try again."""
     if not returned_at:
@@ -295,6 +312,9 @@ MEASURES: tuple[Measure, ...] = (
     Measure("largest accelerations", lambda run: _peaks(run, *ACCELERATIONS)),
     Measure("base thrusters, force", lambda run: run.base_force or math.nan, "N s"),
     Measure("base thrusters, torque", lambda run: run.base_torque or math.nan, "N m s"),
+    Measure("thrusters, impulse", _thrusters, shown=BOTH),
+    Measure("largest impulse wanted and not yet given", lambda run: _impulse_of_thrusters(run, "owed")),
+    Measure("impulse wanted that no thrusts can give", lambda run: _impulse_of_thrusters(run, "refused")),
     Measure("variation of u, base position", lambda run: run.variation_base_position, "m/s^2"),
     Measure("variation of u, base angle", lambda run: run.variation_base_angle, "rad/s^2"),
     Measure("variation of u, joints", lambda run: run.variation_joints, "rad/s^2"),

@@ -19,7 +19,7 @@ from psmpc_cli.control.interface import Command, make_read_only
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import InputError, RunError
-from psmpc_cli.logs.conditions import TRUE_STATE, Recorded
+from psmpc_cli.logs.conditions import THRUSTERS, TRUE_STATE, Recorded
 from psmpc_cli.logs.run import Run, read_run, run_in
 from psmpc_cli.logs.schema import KEEP_GOING, MOMENTUM, NEW_TARGETS, Q_COORDINATE, SLIDING, Sample, conditions_of
 from psmpc_cli.logs.verdicts import verdicts
@@ -281,10 +281,16 @@ def header(loop: RecordedLoop) -> Header:
             "monitors/unit": tuple(task.judged.values()),
             **({} if capture is None else capture.header),
             **(clearance_header(loop.problem) if task.keeps_clear else {}),
+            **(thrusters_header(loaded.robot) if THRUSTERS.holds(loop.recorded) else {}),
             **({} if uncertainty is None else uncertainty.drawn),
         },
         has=conditions_of(loop.recorded),
     )
+
+
+def thrusters_header(robot: RobotSpec) -> dict[str, tuple[str, ...]]:
+    """Return the names of the thrusters of a robot, by path in the log."""
+    return {"thruster": tuple(f"thruster_{number}" for number, _ in enumerate(robot.thrusters, start=1))}
 
 
 def masses_header(robot: RobotSpec) -> dict[str, tuple[str, ...]]:

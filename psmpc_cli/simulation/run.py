@@ -18,6 +18,7 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function
+from psmpc_cli.plant.thrusters import firing_of
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of, stream
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, Meter
@@ -67,7 +68,15 @@ def build_experiment(loaded: Task) -> Experiment:
         problem=problem,
         controller=controller,
         counterfactuals=Counterfactuals(controller),
-        plant=build_plant(task.plant, model, compiled, friction, capture, force_limits_of(task, model.spec)),
+        plant=build_plant(
+            spec=task.plant,
+            model=model,
+            native=compiled,
+            friction=friction,
+            capture=capture,
+            force_limits=force_limits_of(task, model.spec),
+            firing=firing_of(task, model),
+        ),
         uncertainty=uncertainty,
         capture=capture,
         initial_state=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],

@@ -32,7 +32,7 @@ from psmpc_cli.specs.fields import faults_of, keys_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
 from psmpc_cli.specs.parts import MOBILITIES, Context, Mobility
 from psmpc_cli.specs.priorities import priorities_of
-from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot
+from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot, missing_directions
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
 from psmpc_cli.specs.urdf import Urdf, is_xml, kind_of_xml, read_urdf, spatial_robot
 
@@ -215,6 +215,12 @@ def validate_robot(document: Document, mobility: Mobility | None = None) -> tupl
         lacking = [("base", key) for key in ("mass", "inertia") if not np.any(getattr(robot.base, key))]
         wanted = f"expected a number greater than 0: a {robot.mobility} base moves, only a fixed one may have none"
         faults = tuple(Fault(path, f"found {document.found(path)}, {wanted}") for path in lacking)
+    if robot.thrusters and (missing := missing_directions(robot)):
+        wanted = "expected thrusters that push and turn it in every direction: others, or in other places"
+        faults = (
+            *faults,
+            Fault(("thrusters",), f"found some that cannot give the base {', '.join(missing)} alone; {wanted}"),
+        )
     return None if faults else robot, faults
 
 

@@ -339,6 +339,83 @@ def _not_reserved(name: str) -> str:
     return name
 
 
+class Thruster(Spec):
+    """A thruster on the base."""
+
+    position: tuple[float, ...]
+    direction: tuple[float, ...]
+    force: fields.Positive = Field(description="largest force [N]")
+    smallest_force: fields.Positive | None = Field(
+        None,
+        exclude_if=lambda value: value is None,
+        description="smallest force of one that can be throttled, others are on or off [N]; by default `force`",
+    )
+    shortest_pulse: fields.Sparse[fields.Seconds] = Field(0.0, description="shortest time for which it fires [s]")
+    specific_impulse: fields.Positive | None = Field(
+        None,
+        exclude_if=lambda value: value is None,
+        description="specific impulse, from which the mass of the propellant follows [s]",
+    )
+
+    @property
+    def wrench(self) -> tuple[float, ...]:
+        """Force and torque about the base's origin for a thrust of 1 N, along the base's axes (3,) or (6,) [1, m]."""
+        along = np.array(self.direction) / np.linalg.norm(self.direction)
+        if len(along) == 2:
+            return (*along.tolist(), float(self.position[0] * along[1] - self.position[1] * along[0]))
+        return (*along.tolist(), *np.cross(self.position, along).tolist())
+
+
+THRUST_POSITION = "where its force acts on the base, in the base frame [m]"
+THRUST_DIRECTION = (
+    "direction of its force on the base, in the base frame, of any length; the plume leaves the other way"
+)
+
+
+class PlanarThruster(Thruster):
+    """A thruster on the base of a planar robot."""
+
+    position: fields.Vector2 = Field(description=THRUST_POSITION)
+    direction: fields.Vector2 = Field(description=THRUST_DIRECTION)
+
+
+class SpatialThruster(Thruster):
+    """A thruster on the base of a spatial robot."""
+
+    position: fields.Vector3 = Field(description=THRUST_POSITION)
+    direction: fields.Vector3 = Field(description=THRUST_DIRECTION)
+
+
+def _can_fire(thrusters: tuple[Thruster, ...], earlier_fields: Fields, context: Any) -> RuleErrors:
+    """Give thrusters without a direction, and those whose smallest force is above the largest."""
+    for i, thruster in enumerate(thrusters):
+        if not any(thruster.direction):
+            yield (i, "direction"), expected("a direction, at least one number other than 0")
+        if (thruster.smallest_force or 0.0) > thruster.force:
+            yield (i, "smallest_force"), expected(f"at most its force, {thruster.force:g} N")
+
+
+THRUSTERS = "thrusters on the base, which limit the wrench that a free-flying base can have"
+PULSE_PERIOD = "time in which each thruster fires at most one pulse [s]; by default the controller's sample time"
+
+PlanarThrusters = Annotated[tuple[PlanarThruster, ...], validated_by(_can_fire, always=True)]
+SpatialThrusters = Annotated[tuple[SpatialThruster, ...], validated_by(_can_fire, always=True)]
+
+
+def _has_room(period: float | None, earlier_fields: Fields, context: Any) -> RuleErrors:
+    """Give a period of pulses that none fits into, and one of a robot without thrusters."""
+    thrusters: tuple[Thruster, ...] = earlier_fields.get("thrusters", ())
+    if period is None or "thrusters" not in earlier_fields:
+        return
+    if not thrusters:
+        yield (), expected("none: the robot has no thrusters", at_key=True)
+    longest = max((thruster.shortest_pulse for thruster in thrusters), default=0.0)
+    if period < longest or period == 0.0:
+        yield (), expected(f"at least the longest shortest_pulse, {longest:g} s" if longest else "a time above 0")
+
+
+PulsePeriod = Annotated[fields.Seconds | None, validated_by(_has_room, always=True)]
+
 ARMATURE = "rotor inertia that each joint feels, of arms (every arm) or an arm by name [kg m^2, kg]"
 
 ArmKey = Annotated[fields.Name, AfterValidator(_not_reserved)]
@@ -356,6 +433,8 @@ class RobotSpec(Spec):
     limits: LimitsByPart = Field({}, description="limits of base, arms (every arm) or an arm by name")
     armature: fields.Sparse[ArmatureByArm] = Field({}, description=ARMATURE)
     geometry: fields.Sparse[ShapesByBody] = Field({}, description=GEOMETRY)
+    thrusters: fields.Sparse[tuple[Thruster, ...]] = Field((), description=THRUSTERS)
+    pulse_period: PulsePeriod = Field(None, exclude_if=lambda value: value is None, description=PULSE_PERIOD)
     mobility: Mobility = Field(FREE_FLYING, exclude_if=lambda value: value == FREE_FLYING, description=MOBILITY)
     base: Base | SpatialBase
 
@@ -425,6 +504,7 @@ class PlanarRobot(RobotSpec):
 
     base: Base = Field(description="the base body")
     arms: Mapping[ArmKey, Arm] = Field(min_length=1, description="the arms by name, in the order of Q")
+    thrusters: fields.Sparse[PlanarThrusters] = Field((), description=THRUSTERS)
 
     dimension: ClassVar[int] = 2
 
@@ -449,6 +529,7 @@ class SpatialRobot(RobotSpec):
     arms: Annotated[Mapping[ArmKey, SpatialArm], validated_by(_mounted)] = Field(
         {}, description="the arms by name, in the order of Q"
     )
+    thrusters: fields.Sparse[SpatialThrusters] = Field((), description=THRUSTERS)
 
     dimension: ClassVar[int] = 3
 
@@ -489,7 +570,23 @@ class UrdfRobot(Spec):
     geometry: Mapping[str, tuple[PlacedShape, ...]] = Field(
         {}, description="shapes of the bodies, instead of the collision shapes that the URDF has of them"
     )
+    thrusters: SpatialThrusters = Field((), description=THRUSTERS)
+    pulse_period: PulsePeriod = Field(None, description=PULSE_PERIOD)
     mobility: Mobility = Field(FREE_FLYING, description=MOBILITY)
+
+
+def missing_directions(robot: RobotSpec) -> list[str]:
+    """Return the directions in which the thrusters of a robot cannot push or turn its base: `+x`, `-theta`.
+
+    Thrusts are not negative, so all wrenches are possible if and only if the thrusters' wrenches span the space with
+    positive factors, which they do if they give both directions of every axis.
+    """
+    from scipy.optimize import nnls
+
+    wrenches = np.array([thruster.wrench for thruster in robot.thrusters]).T
+    axes = ERROR_AXES[robot.dimension]
+    wanted = {f"{sign:+d}"[0] + axis: sign * np.eye(len(axes))[i] for i, axis in enumerate(axes) for sign in (1, -1)}
+    return [name for name, wrench in wanted.items() if nnls(wrenches, wrench)[1] > 1e-9]
 
 
 @dataclass(frozen=True, eq=False)

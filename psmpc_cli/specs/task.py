@@ -400,6 +400,11 @@ class PlantSpec(Choice):
     step: Annotated[fields.Positive, Field(ge=1e-6)] | None = Field(
         None, description="step of the integrator [s]; default one tick of the loop"
     )
+    thrusters: Literal["pulsed", "continuous"] = Field(
+        "pulsed",
+        exclude_if=lambda value: value == "pulsed",
+        description="whether thrusters fire in pulses, or give the mean over each period of pulses throughout",
+    )
 
 
 class SkillWeights(InlineParts):
@@ -1182,6 +1187,10 @@ class TaskSpec(Spec):
     def changes_mobility(self, robot: RobotSpec) -> bool:
         """Return whether the base is moved otherwise in some stage than the robot's description says."""
         return any(self.moved_by(stage, robot) != robot.moved_by for stage in range(len(self.stages)))
+
+    def fires(self, robot: RobotSpec) -> bool:
+        """Return whether the base of the task's robot is pushed by thrusters in some stage."""
+        return bool(robot.thrusters) and any(self.moved_by(stage, robot).is_pushed for stage in range(len(self.stages)))
 
     def retry_after(self, stage: int) -> tuple[int, int]:
         """Return to which stage the sequence returns where the object is missed at the end of a stage, or lost in it.

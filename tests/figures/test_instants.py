@@ -8,7 +8,15 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.patches import StepPatch
 
-from psmpc_cli.figures.instants import cost_shares, plot_clearance, plot_instants, plot_shares, plot_solve_time
+from psmpc_cli.figures.instants import (
+    BAR_HEIGHT,
+    cost_shares,
+    plot_clearance,
+    plot_instants,
+    plot_shares,
+    plot_solve_time,
+    plot_thrusters,
+)
 from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.library import find
@@ -134,3 +142,17 @@ def test_a_margin_is_drawn_where_a_stage_keeps_it(load: Load, keeping_clear: dic
     assert margin.get_label() == "_margin, 10 mm, 30 mm"
     during = run["window/first"] == 1
     np.testing.assert_allclose(points(margin)[:-1, 1], np.where(during, 10.0, 30.0))
+
+
+def test_thrusters_have_a_row_each_and_a_bar_for_each_sample() -> None:
+    """As high as the impulse over the largest one; rows count downwards."""
+    changes = {"time_limit": 0.5, "controller": {"horizon": 4, "nodes": 20}}
+    run = simulate(load_task("thrust_and_reach", changes))
+    figure = plot_thrusters(run)
+    axes = figure.axes[-1]
+    bars = [each for container in axes.containers for each in container]
+    assert len(axes.containers) == 8
+    assert len(bars) == 8 * len(run.time)
+    heights = np.array([abs(bar.get_height()) for bar in bars]).reshape(8, -1)
+    np.testing.assert_allclose(heights.T / BAR_HEIGHT, run["thrusters/impulse"] / (10 * 0.1))
+    assert axes.yaxis_inverted()

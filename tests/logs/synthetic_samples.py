@@ -34,7 +34,15 @@ HEADER = Header(
 
 LEAN = replace(HEADER, has=frozenset({conditions.ALWAYS}))
 
-NOT_RECORDED = (conditions.LOAD, conditions.MASSES, conditions.OBJECT, conditions.OBJECT_AT_TICKS, conditions.CLEARANCE)
+NOT_RECORDED = (
+    conditions.LOAD,
+    conditions.MASSES,
+    conditions.OBJECT,
+    conditions.OBJECT_AT_TICKS,
+    conditions.CLEARANCE,
+    conditions.THRUSTERS,
+    conditions.THRUSTERS_AT_TICKS,
+)
 """Conditions of datasets that no sample here has."""
 
 EVENTS = ("appended", "postponed", "solve_failed", "braking")

@@ -43,6 +43,18 @@ def recorded(task: str, *changes: str, knows_ticks: bool = True, is_simulated: b
             },
         ),
         ("fly_and_point", (), {conditions.SPATIAL, conditions.FORCE_LIMITS}),
+        ("thrust_and_reach", (), {conditions.THRUSTERS, conditions.FORCE_LIMITS}),
+        (
+            "thrust_and_reach",
+            (TICKS,),
+            {
+                conditions.THRUSTERS,
+                conditions.THRUSTERS_AT_TICKS,
+                conditions.FORCE_LIMITS,
+                conditions.COMMANDED_AT_TICKS,
+                conditions.TICKS,
+            },
+        ),
     ],
 )
 def test_a_task_has_its_conditions(task: str, changes: tuple[str, ...], more: set[Condition]) -> None:

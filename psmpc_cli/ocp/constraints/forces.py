@@ -12,6 +12,10 @@ of the velocities, so h F is the force in a time that runs slower by sqrt(h):
 They are divided by the diagonal of H, so that they are changes of velocities like the others of a program: left in
 N s those of a heavy robot ask the interior-point method for digits that it does not have. The force of the base is
 along its own axes, as thrusters are.
+
+What thrusters can give is bounded by pairs of planes, low <= N F_base <= high (robot/thrusters.py). Each is one more
+row, h N F_base, scaled so that the factors of F_i / H_ii are a unit vector. A limit of one component is the case of a
+plane across one axis.
 """
 
 from dataclasses import dataclass
@@ -23,6 +27,7 @@ from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, rows_o
 from psmpc_cli.ocp.loads import LoadKind, OwnMotion, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.thrusters import HalfSpaces, Thrusters, no_half_spaces
 from psmpc_cli.specs.robot import resolve_limits
 from psmpc_cli.specs.task import TaskSpec
 
@@ -34,26 +39,40 @@ class ForceStructure:
     Attributes:
         coordinates: The limited ones.
         load: What kind of load the grippers are known to hold; its masses and grasps are the argument of the rows.
+        combinations: Factors of the base's components of further rows, those of thrusters.
     """
 
     coordinates: tuple[int, ...]
     load: LoadKind
+    combinations: tuple[tuple[float, ...], ...] = ()
 
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
-    """Return which forces are limited in a stage, and their limits; None where none is."""
+    """Return which forces are limited in a stage, and their limits; None where none is.
+
+    Raises:
+        InputError: The robot's thrusters would take too many rows.
+    """
     skill = task.skills[task.stages[stage].skill]
-    limits = resolve_limits(model.spec, task.limits, skill.limits, moved_by=task.moved_by(stage, model.spec))
+    moved_by = task.moved_by(stage, model.spec)
+    limits = resolve_limits(model.spec, task.limits, skill.limits, moved_by=moved_by)
     limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
-    if not limited.any():
+    of_thrusters = attainable(model) if moved_by.is_pushed else no_half_spaces(model.space.n_twist)
+    if not limited.any() and not len(of_thrusters.normals):
         return None
     load = known_load(task, model, stage)
+    low = np.r_[(limits.force_low / inertia(model))[limited], of_thrusters.low]
+    high = np.r_[(limits.force_high / inertia(model))[limited], of_thrusters.high]
     return ConstraintNumbers(
-        structure=ForceStructure(tuple(np.flatnonzero(limited).tolist()), load.kind),
+        structure=ForceStructure(
+            coordinates=tuple(np.flatnonzero(limited).tolist()),
+            load=load.kind,
+            combinations=tuple(map(tuple, of_thrusters.normals.tolist())),
+        ),
         argument=load.numbers,
         at_sample=sampled_load(task, load),
-        low=np.tile((limits.force_low / inertia(model))[limited], 2),
-        high=np.tile((limits.force_high / inertia(model))[limited], 2),
+        low=np.tile(low, 2),
+        high=np.tile(high, 2),
     )
 
 
@@ -62,8 +81,24 @@ def inertia(model: RobotModel) -> np.ndarray:
     return np.diag(model.mass_matrix(model.neutral))
 
 
+def attainable(model: RobotModel) -> HalfSpaces:
+    """Return what thrusters can give as bounds of rows N F_base, scaled; without thrusters there are none."""
+
+    def build() -> HalfSpaces:
+        if not model.spec.thrusters:
+            return no_half_spaces(model.space.n_twist)
+        faces = Thrusters.of(model.spec.thrusters).half_spaces
+        length = np.linalg.norm(faces.normals * inertia(model)[model.space.base], axis=1)
+        return HalfSpaces(faces.normals / length[:, None], faces.low / length, faces.high / length)
+
+    return model.cached(attainable, build)
+
+
 def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions:
-    """Return the rows h F / H_ii of the limited coordinates, at the beginning and at the end of an interval."""
+    """Return the rows at the beginning and at the end of an interval.
+
+    They are h F / H_ii of the limited coordinates, then h N F_base of the combinations N.
+    """
     n = model.n
     x = ca.SX.sym("x", 2 * n)
     dv = ca.SX.sym("dv", n)
@@ -73,12 +108,15 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     load = structure.load
     coordinates = list(structure.coordinates)
     scale = 1 / inertia(model)[coordinates]
+    normals = np.array(structure.combinations).reshape(-1, model.space.n_twist)
+    combinations = ca.sparsify(ca.DM(normals))
     motion = OwnMotion.in_chart(model.space, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
-    rows = load.own_force(model, motion, numbers)[coordinates] * scale
+    F = load.own_force(model, motion, numbers)
+    rows = ca.vertcat(F[coordinates] * scale, combinations @ F[model.space.base])
 
     def jacobian() -> ca.SX:
         F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
-        return ca.SX(ca.diag(scale) @ F_by[coordinates, :])
+        return ca.SX(ca.vertcat(ca.diag(scale) @ F_by[coordinates, :], combinations @ F_by[model.space.base, :]))
 
     return IntervalFunctions(x, dv, h, argument, rows, ends=(0, 1), jacobian=jacobian)
 

@@ -6,20 +6,23 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 
 from psmpc_cli.control import Controller, State
-from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia
+from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia, numbers
 from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
 from psmpc_cli.ocp.loads import Load, known_load
 from psmpc_cli.ocp.objective import Intervals, force_residual
-from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.ocp.plan import Plan
+from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.solvers.quadratic import PiqpQp, QpStatus, RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds
@@ -258,3 +261,94 @@ def test_forces_that_are_commanded_keep_to_the_limits(fast_arms: Path, plant: ty
         time = float(ticks.time[-1])
     assert controller.done
     assert 0.99 * torque < largest < 1.03 * torque
+
+
+def weak_thrusters(robot: Path, folder: Path) -> Path:
+    """Write a robot with six oblique thrusters, whose wrenches have no facet across an axis."""
+    described = yaml.safe_load(robot.read_text())
+    angles = np.radians([10, 130, 250])
+    described["thrusters"] = [
+        {
+            "position": [0.3 * float(np.cos(angle)), 0.3 * float(np.sin(angle))],
+            "direction": [float(np.cos(angle + way)), float(np.sin(angle + way))],
+            "force": force,
+        }
+        for angle in angles
+        for way, force in ((1.9, 2.0), (-1.9, 1.5))
+    ]
+    path = folder / "thrusters.yaml"
+    path.write_text(yaml.safe_dump(described))
+    return path
+
+
+THRUST = {
+    "mobility": "free-flying",
+    **{f"skills.{name}.weights.base": [100, 100, 10] for name in ("reach", "home")},
+    **{f"stages.{name}.target.base": [0.06, -0.04, 0.2] for name in ("reach", "home")},
+}
+
+
+def beyond_the_polytope(problem: Problem, plan: Plan) -> np.ndarray:
+    """How far the wrenches at both ends of the intervals of a plan are beyond each half-space, of the largest value."""
+    model = problem.model
+    faces = Thrusters.of(model.spec.thrusters).half_spaces
+    Q, v = plan.chart.from_chart(plan.X)
+    wrenches = [
+        own_axes(model, Q[k + end], model.inverse_dynamics(Q[k + end], v[k + end], plan.u[k]))[model.space.base]
+        for k in range(len(plan.u))
+        for end in (0, 1)
+    ]
+    values = np.array(wrenches) @ faces.normals.T
+    return np.asarray(np.maximum(values / faces.high, values / faces.low).max(axis=0) - 1)
+
+
+@pytest.mark.parametrize(
+    "kinds", [["sqp"], pytest.param(["sqp", "ipopt", "fatrop"], marks=pytest.mark.slow)], ids=["sqp", "all"]
+)
+def test_plans_keep_to_what_thrusters_can_give(fast_arms: Path, tmp_path: Path, kinds: list[str]) -> None:
+    """At both ends of every interval, at some facets to the limit; all solvers find the same optimum."""
+    problem = build_problem(planar_task(weak_thrusters(fast_arms, tmp_path), THRUST))
+    Q = stack(problem.spec.initial, problem.task.robot, "joint")
+    window = window_of(problem, Q, np.zeros(problem.model.n))
+    own = solved(problem, window, "sqp")
+    assert own.outcome is Outcome.OPTIMAL
+    beyond = beyond_the_polytope(problem, own.plan)
+    assert beyond.max() < 1e-5
+    assert (beyond > -1e-4).sum() >= 2
+    for kind in kinds[1:]:
+        other = solved(problem, window, kind, own.plan)
+        assert other.outcome is Outcome.OPTIMAL
+        # fatrop stays off active bounds: as far with limits of single components
+        assert own.objective == pytest.approx(other.objective, rel=2e-4 if kind == "fatrop" else 1e-5)
+        assert own.plan.instants == pytest.approx(other.plan.instants, abs=2e-3)
+    free = build_problem(planar_task(fast_arms, THRUST))
+    unlimited = solved(free, window_of(free, Q, np.zeros(problem.model.n)), "sqp")
+    assert own.objective > 1.001 * unlimited.objective
+    assert beyond_the_polytope(problem, unlimited.plan).max() > 0.1
+
+
+def test_limits_and_thrusters_both_count(fast_arms: Path, tmp_path: Path) -> None:
+    """A limit of a component of the base besides its thrusters, with those of joints: the rows in their order."""
+    limits = {"limits": {"base": {"force": [1.0, 50, 50]}, "arms": {"force": [3.0] * 3}}}
+    problem = build_problem(planar_task(weak_thrusters(fast_arms, tmp_path), {**THRUST, **limits}))
+    model = problem.model
+    found = numbers(problem.spec, model, 0)
+    assert found is not None
+    assert len(found.low) == 2 * (9 + len(found.structure.combinations))
+    rows = functions(model, found.structure)
+    rng = np.random.default_rng(8)
+    x = np.r_[rng.standard_normal(model.n), 0.1 * rng.standard_normal(model.n)]
+    x_next = x + np.r_[np.zeros(model.n), 0.01 * rng.standard_normal(model.n)]
+    h = np.array([0.04])
+    (values,) = rows.values(over_one(x, x_next, h), found.argument)
+    for end, of_end in zip((x, x_next), np.split(values, 2), strict=True):
+        u = (x_next - x)[model.n :] / h
+        F = own_axes(model, end[: model.n], model.inverse_dynamics(end[: model.n], end[model.n :], u))
+        np.testing.assert_allclose(of_end[:9], h * F / inertia(model), rtol=1e-9)
+        np.testing.assert_allclose(of_end[9:], h * np.array(found.structure.combinations) @ F[:3], rtol=1e-9)
+    Q = stack(problem.spec.initial, problem.task.robot, "joint")
+    plan = solved(problem, window_of(problem, Q, np.zeros(model.n)), "sqp").plan
+    assert beyond_the_polytope(problem, plan).max() < 1e-5
+    Q, v = plan.chart.from_chart(plan.X)
+    F = [own_axes(model, Q[k], model.inverse_dynamics(Q[k], v[k], u)) for k, u in enumerate(plan.u)]
+    assert np.abs(np.array(F)[:, 0]).max() == pytest.approx(1.0, rel=1e-4)

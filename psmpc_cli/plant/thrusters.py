@@ -1,0 +1,183 @@
+"""How thrusters fire: the wrench that the low-level law wants on the base, in pulses, once a period.
+
+At the beginning of a period the law says which wrench the mean acceleration over the period takes; where the period
+goes on after the sample, the mean over what is left of the sample, since no more is commanded yet. What is wanted is
+its impulse and what is owed from before: what pulses gave too little or too much because they last whole ticks and no
+shorter than the shortest, and what the law's wrench was besides. A part that no thrusts can give is refused, and not
+owed. So the impulse of the pulses follows that of the law, and differs from it by no more than some shortest pulses.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.thrusters import Thrusters
+from psmpc_cli.specs.task import TaskSpec
+
+
+@dataclass(frozen=True, eq=False)
+class ThrusterTicks:
+    """What the T thrusters of a base did over one sample; impulses are of wrenches along the base's own axes.
+
+    Attributes:
+        thrusts: Over each tick (M, T) [N].
+        impulses: Of each thruster (T,) [N s].
+        firings: How often each began to fire (T,).
+        owed: Impulse wanted by the law until the end of the sample, and neither given nor refused (3,) or (6,) [N s,
+            N m s].
+        refused: Impulse wanted over periods that began in the sample and that no thrusts can give, likewise.
+    """
+
+    thrusts: np.ndarray
+    impulses: np.ndarray
+    firings: np.ndarray
+    owed: np.ndarray
+    refused: np.ndarray
+
+
+@dataclass(frozen=True)
+class Span:
+    """Ticks of a sample over which the same holds of the thrusters.
+
+    Attributes:
+        first: The first tick.
+        last: The one after the last.
+        is_pushed: Whether thrusters push the base.
+        begins: Whether a period of pulses begins at the first.
+    """
+
+    first: int
+    last: int
+    is_pushed: bool
+    begins: bool
+
+    @property
+    def ticks(self) -> slice:
+        """The ticks."""
+        return slice(self.first, self.last)
+
+    @property
+    def count(self) -> int:
+        """Number of ticks."""
+        return self.last - self.first
+
+
+class ThrusterFiring:
+    """What the thrusters of one run fire, tick by tick; wrenches are about the base's origin, along its own axes.
+
+    Attributes:
+        thrusters: The thrusters.
+        period: Number of ticks in which each fires at most one pulse.
+    """
+
+    def __init__(self, thrusters: Thrusters, period: int, tick: float, pulsed: bool = True) -> None:
+        """Set up thrusters that are not firing.
+
+        Args:
+            thrusters: The thrusters.
+            period: Number of ticks in which each fires at most one pulse.
+            tick: Length of a tick [s].
+            pulsed: Whether they fire in pulses, or give the mean over the period throughout.
+        """
+        self.thrusters = thrusters
+        self.period = period
+        self._tick = tick
+        self._pulsed = pulsed
+        self._owed = np.zeros(len(thrusters.wrenches))
+        self._refused = np.zeros_like(self._owed)
+        self._thrusts = np.zeros((0, thrusters.count))  # over the ticks that are left of the period
+        self._fires = np.zeros(thrusters.count, bool)  # at the last tick
+        self._rows: list[np.ndarray] = []  # thrusts over the ticks of the sample
+
+    @property
+    def ticks_left(self) -> int:
+        """Number of ticks until another period begins."""
+        return len(self._thrusts)
+
+    def span(self, driven: np.ndarray | None, first: int, last: int) -> "Span":
+        """Return the ticks of a sample from one on in which the same holds of the thrusters.
+
+        Args:
+            driven: Whether something acts on each coordinate of the base at the ticks (M, d); None: on all of them.
+            first: The tick.
+            last: The one after the last that is asked for.
+        """
+        if driven is None:
+            return Span(first, min(first + (self.ticks_left or self.period), last), True, not self.ticks_left)
+        pushed = driven[first:last, 0] > 0
+        others = np.flatnonzero(pushed != pushed[0])
+        end = first + int(others[0]) if others.size else last
+        if not pushed[0]:
+            return Span(first, end, False, False)
+        return Span(first, min(first + (self.ticks_left or self.period), end), True, not self.ticks_left)
+
+    def begin(self, wanted: np.ndarray) -> None:
+        """Begin a period.
+
+        Args:
+            wanted: Mean wrench that the law wants on the base over the period (d,) [N, N m].
+        """
+        length = self.period * self._tick
+        allocation = self.thrusters.allocate(wanted + self._owed / length)
+        self._refused += allocation.residual * length
+        self._owed -= allocation.residual * length
+        if self._pulsed:
+            self._thrusts = self.thrusters.pulses(allocation.thrusts, self.period, self._tick)
+        else:
+            self._thrusts = np.tile(allocation.thrusts, (self.period, 1))
+
+    def wrenches(self, ticks: int) -> np.ndarray:
+        """Return what they give over so many ticks of this period (ticks, d) [N, N m]."""
+        return np.asarray(self._thrusts[:ticks] @ self.thrusters.wrenches.T)
+
+    def pass_ticks(self, wanted: np.ndarray, is_pushed: bool) -> None:
+        """Take in that ticks have passed; where nothing pushes the base thrusters are off, and nothing is owed.
+
+        Args:
+            wanted: Wrenches that the law wanted on the base over them (ticks, d) [N, N m].
+            is_pushed: Whether thrusters push the base.
+        """
+        ticks = len(wanted)
+        if is_pushed:
+            self._owed += self._tick * (wanted - self.wrenches(ticks)).sum(axis=0)
+            self._rows.append(self._thrusts[:ticks])
+            self._thrusts = self._thrusts[ticks:]
+        else:
+            self._owed[:] = 0.0
+            self._rows.append(np.zeros((ticks, self.thrusters.count)))
+            self._thrusts = self._thrusts[:0]
+
+    def end_sample(self) -> ThrusterTicks:
+        """Return what was fired over the sample that ends, and begin the next one."""
+        thrusts = np.concatenate(self._rows)
+        fires = np.vstack([self._fires, thrusts > 0])
+        sample = ThrusterTicks(
+            thrusts=thrusts,
+            impulses=self._tick * thrusts.sum(axis=0),
+            firings=(np.diff(fires.astype(int), axis=0) > 0).sum(axis=0),
+            owed=self._owed.copy(),
+            refused=self._refused.copy(),
+        )
+        self._rows = []
+        self._fires = fires[-1]
+        self._refused[:] = 0.0
+        return sample
+
+
+def firing_of(task: TaskSpec, model: RobotModel) -> ThrusterFiring | None:
+    """Return how the thrusters of a task's robot fire; None where nothing fires.
+
+    The period of pulses is the robot's own. By default it is the sample time, since the acceleration that the law
+    follows is another at each sample, or as many samples as the longest shortest pulse takes. It is a whole number of
+    ticks, rounded up.
+    """
+    if not (task.fires(model.spec) and task.plant.traits.has_forces):
+        return None
+    thrusters = Thrusters.of(model.spec.thrusters)
+    tick = 1 / task.plant.low_level_rate
+    sample = task.controller.sample_time
+    period = model.spec.pulse_period
+    if period is None:
+        period = sample * max(1.0, np.ceil(thrusters.shortest_pulse.max() / sample - 1e-9))
+    return ThrusterFiring(thrusters, int(np.ceil(period / tick - 1e-6)), tick, task.plant.thrusters == "pulsed")

@@ -1,0 +1,227 @@
+"""Runs whose stages have bases that different things move: momentum, forces and velocities across their switches."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from psmpc_cli.logs.run import Run
+from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.load import load_task
+
+BESIDE = {"arm_1": ["20 deg", "60 deg", "40 deg"], "arm_2": ["-20 deg", "-60 deg", "-40 deg"]}
+FOLDED = {"arm_1": ["60 deg", "2.2 deg", "72.8 deg"], "arm_2": ["-60 deg", "-2.2 deg", "-72.8 deg"]}
+AT_OBJECT = {"arm_1": {"object": "arm_1"}, "arm_2": {"object": "arm_2"}}
+
+
+@cache
+def taken_while_floating(mobility: str, plant: str, step: float | None = None) -> Run:
+    """A planar robot beside an object: it settles, takes it and folds its arms while nothing pushes it, then flies."""
+    on_arms = {"arm_1": [10, 10, 1], "arm_2": [10, 10, 1], "control": 4}
+    of_joints = {"arm_1": [100, 100, 10], "arm_2": [100, 100, 10], "control": 4}
+    stages = [
+        {
+            "name": "settle",
+            "skill": "fly",
+            "target": {"base": [0, 0, 0], **BESIDE},
+            "ends_when": {"coordinates": ["base"], "tolerance": 0.01, "velocity": 2e-3},
+        },
+        {
+            "name": "take",
+            "skill": "grasp",
+            "priority": 10,
+            "target": AT_OBJECT,
+            "ends_when": {"coordinates": ["arms"], "tolerance": 2e-3, "velocity": 0.01},
+        },
+        {
+            "name": "fold",
+            "skill": "fold",
+            "priority": 10,
+            "target": FOLDED,
+            "ends_when": {"coordinates": ["arms"], "tolerance": 0.05},
+        },
+        {
+            "name": "fly",
+            "skill": "fly",
+            "target": {"base": [0, -0.1, 0], **FOLDED},
+            "ends_when": {"coordinates": ["base"], "tolerance": 0.01, "velocity": 0.01},
+        },
+    ]
+    task = {
+        "robot": "planar_dual_arm",
+        "initial": {"base": [0, -0.03, 0], **BESIDE},
+        "controller": {"nodes": 12},
+        "plant": {"kind": plant, "low_level_rate": 500, **({} if step is None else {"step": step})},
+        "time_limit": 30,
+        "skills": {
+            "fly": {"space": "joint", "weights": {"base": [100, 100, 10], **of_joints}},
+            "grasp": {"space": "task", "mobility": mobility, "weights": on_arms},
+            "fold": {"space": "joint", "mobility": mobility, "weights": of_joints},
+        },
+        "stages": stages,
+        "limits": {"base": {"acceleration": [0.2, 0.2, 0.5]}, "arms": {"acceleration": [0.5, 0.5, 0.5]}},
+        "object": {
+            "shape": [1.2, 0.4],
+            "pose": [0, 0.978, 0],
+            "mass": 20,
+            "inertia": 2.67,
+            "taken_by": "take",
+            "grasp": {
+                "at": {"arm_1": [0.6415, 0, "135 deg"], "arm_2": [-0.6415, 0, "-135 deg"]},
+                "envelope": {"position": 0.01, "angle": "2 deg", "velocity": 0.05, "angular_velocity": "10 deg"},
+                "stiffness": [1000, 100],
+                "strength": {"pull": 60, "filter": 0.2},
+                "known": True,
+            },
+        },
+        "log": {"ticks": True, "shares": False},
+    }
+    return simulate(load_task(mounted(task) if mobility == "fixed" else task))
+
+
+def mounted(task: dict[str, Any]) -> dict[str, Any]:
+    """Return the task for a base that a mount holds, beside the object from the start."""
+    changed = {**task, "mobility": "fixed", "initial": {"base": [0, 0, 0], **BESIDE}}
+    changed["limits"] = {"arms": task["limits"]["arms"]}
+    changed["skills"] = {
+        name: {"space": skill["space"], "weights": {k: w for k, w in skill["weights"].items() if k != "base"}}
+        for name, skill in task["skills"].items()
+    }
+    settle, take, fold, fly = task["stages"]
+    ends = {"coordinates": ["arms"], "tolerance": 0.05, "velocity": 0.05}
+    changed["stages"] = [
+        {**settle, "target": BESIDE, "ends_when": ends},
+        take,
+        fold,
+        {**fly, "target": FOLDED, "ends_when": ends},
+    ]
+    return changed
+
+
+@cache
+def turned_by_wheels() -> Run:
+    """A free-flyer in space flies with thrusters, turns by torque alone, and floats while its arm moves."""
+    base = {"position": [0.05, 0, 0], "attitude": {"rpy": [0, 0, "10 deg"]}}
+    stages = [
+        {
+            "name": "fly",
+            "skill": "fly",
+            "target": {"base": base, "arm": [0, 0.5, -0.5]},
+            "ends_when": {"coordinates": ["base"], "tolerance": 0.02},
+        },
+        {
+            "name": "turn",
+            "skill": "fly",
+            "mobility": "attitude",
+            "target": {"base": {**base, "attitude": {"rpy": [0, 0, "25 deg"]}}, "arm": [0, 0.8, -0.2]},
+            "ends_when": {"coordinates": ["base.rx", "base.ry", "base.rz"], "tolerance": 0.02},
+        },
+        {
+            "name": "reach",
+            "skill": "reach",
+            "target": {"arm": [0.3, 0.3, -0.8]},
+            "ends_when": {"coordinates": ["arm"], "tolerance": 0.02},
+        },
+    ]
+    weights = {"base": [100, 100, 100, 10, 10, 10], "arm": [10, 10, 10], "control": 1}
+    task = {
+        "robot": "free_flyer_arm",
+        "initial": {"base": {"position": [0, 0, 0]}, "arm": [0, 0.5, -0.5]},
+        "controller": {"nodes": 10},
+        "plant": {"kind": "rk4", "low_level_rate": 500},
+        "skills": {
+            "fly": {"space": "joint", "weights": weights},
+            "reach": {"space": "joint", "mobility": "free-floating", "weights": {"arm": [10, 10, 10], "control": 1}},
+        },
+        "stages": stages,
+        "log": {"ticks": True, "shares": False},
+        "time_limit": 30,
+    }
+    return simulate(load_task(task))
+
+
+def ticks_within(run: Run, stage: int) -> np.ndarray:
+    """Tell which ticks of a run are in a stage, none of a switch among them."""
+    begins, ends = run.stages["switch_time"][[stage - 1, stage]]
+    times = run["ticks/time"]
+    return np.asarray((times > begins + 0.005) & (times < ends - 0.005))
+
+
+def samples_within(run: Run, stage: int) -> np.ndarray:
+    """Tell which samples of a run begin and end in a stage, after grippers have come to rest."""
+    begins, ends = run.stages["switch_time"][[stage - 1, stage]]
+    return np.asarray((run.time >= begins) & (run.time + 0.1 <= ends))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["rk4", "mujoco"])
+@pytest.mark.parametrize(("mobility", "kept"), [("free-floating", 3), ("attitude", 2)])
+def test_momentum_is_kept_where_nothing_pushes(mobility: str, kept: int, plant: str) -> None:
+    """With empty hands, and with the object in them, whose grasps give: what nothing pushes, or turns, has no force."""
+    run = taken_while_floating(mobility, plant)
+    assert run.summary().succeeded
+    n = run.problem.model.n
+    for stage in (1, 2):
+        ticks = ticks_within(run, stage)
+        assert ticks.sum() > 300
+        assert (run["ticks/F"][ticks][:, :kept] == 0).all()
+        assert np.abs(run["ticks/F"][ticks]).max() > 0.1
+    free = ticks_within(run, 1)
+    momentum = run.problem.model.balance(run["ticks/Q"][free], run["ticks/Qdot"][free])[:, :kept]
+    assert np.ptp(momentum, axis=0).max() < 1e-9
+    held = samples_within(run, 2)
+    assert np.ptp(run["balance/momentum"][held], axis=0).max() < 1e-7
+    assert np.abs(run["deviation/Q"][samples_within(run, 1)][:, : n - 6]).max() < 1e-3
+    assert np.abs(run["deviation/Q"][held][:, : n - 6]).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_what_nothing_pushes_or_turns_keeps_its_momentum_in_space() -> None:
+    """Linear momentum while a torque turns the base, all of it while nothing does."""
+    run = turned_by_wheels()
+    assert run.summary().succeeded
+    for stage, kept in ((1, 3), (2, 6)):
+        ticks = ticks_within(run, stage)
+        assert ticks.sum() > 200
+        assert (run["ticks/F"][ticks][:, :kept] == 0).all()
+        momentum = run.problem.model.balance(run["ticks/Q"][ticks], run["ticks/Qdot"][ticks])[:, :6]
+        assert np.ptp(momentum[:, :kept], axis=0).max() < 1e-9
+        assert np.abs(run["deviation/Q"][samples_within(run, stage)][:, :6]).max() < 1e-3
+        if kept == 3:
+            assert np.ptp(momentum[:, 3:], axis=0).max() > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["rk4", "mujoco"])
+def test_a_fixed_base_takes_an_object(plant: str) -> None:
+    """The mount bears what hands and object do to the base; MuJoCo does not say its force."""
+    run = taken_while_floating("fixed", plant)
+    assert run.summary().succeeded
+    assert (run["ticks/Q"][:, :3] == 0).all()
+    assert np.ptp(run["balance/energy"]) < 1e-7
+    if plant == "rk4":
+        assert np.ptp(run["balance/momentum"], axis=0).max() < 1e-7
+
+
+@pytest.mark.slow
+def test_velocities_do_not_jump_where_thrusters_are_switched() -> None:
+    """Beside grippers that close: from tick to tick they change by what limits of acceleration allow."""
+    run = taken_while_floating("free-floating", "rk4")
+    change = np.abs(np.diff(run["ticks/Qdot"], axis=0))
+    closing = run.stages["switch_time"][1]
+    before = run["ticks/time"][1:] < closing - 0.005
+    tick = 1 / 500
+    assert change[before][:, 3:].max() <= 0.5 * tick * 1.01
+    assert change[before][:, :3].max() <= 0.5 * tick * 1.01
+
+
+@pytest.mark.slow
+def test_the_error_of_the_momentum_falls_with_the_fourth_power_of_the_step() -> None:
+    """Robot and held object, under the same commands."""
+    errors = []
+    for step in (2e-3, 1e-3):
+        run = taken_while_floating("free-floating", "rk4", step)
+        held = samples_within(run, 2)
+        errors.append(np.ptp(run["balance/momentum"][held], axis=0).max())
+    assert errors[1] < errors[0] / 8 or errors[0] < 1e-12

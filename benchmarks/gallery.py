@@ -126,6 +126,11 @@ SECTIONS: Mapping[str, Sequence[Shown]] = {
             "psmpc simulate thrust_and_reach --no-figures -o thrust.h5 && psmpc plot thrust.h5 --only thrusters",
             RUN,
         ),
+        Shown(
+            "Reaction wheels",
+            "psmpc simulate turn_and_look --no-figures -o turn.h5 && psmpc plot turn.h5 --only wheels",
+            RUN,
+        ),
     ),
     "Spatial servicer with two arms of seven joints": (
         Shown("The robot", "psmpc check dual_arm_servicer --figure robot/robot.png", "robot"),

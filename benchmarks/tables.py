@@ -72,6 +72,7 @@ SECTIONS = {
         "#published-and-log": "PublishedRun LogSpec",
         "#bodies": "Base Arm Mount Link Tool",
         "#spatial-robots": "SpatialBase SpatialArm SpatialLink SpatialJoint SpatialTool",
+        "#wheels": "Wheel SpatialWheel",
         "#thrusters": "PlanarThruster SpatialThruster",
         "#your-own-urdf": "Tip",
     }.items()

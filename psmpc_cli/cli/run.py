@@ -257,9 +257,9 @@ def plot(
     """Draw the figures of a log, or of the results of any study.
 
     Figures of a log: snapshots, instants, states, velocities, controls, forces, errors, shares, solve_time, grasps (of
-    an object), thrusters, clearance (of a task that keeps clear). Of a comparison: overlay, states, instants, shares,
-    snapshots. Of a Pareto study: front, front_3d. Of a sweep: surface, heat_map (of random draws: draws), starts,
-    sensitivity. Of a Monte Carlo study: success, runs.
+    an object), thrusters, wheels, clearance (of a task that keeps clear). Of a comparison: overlay, states, instants,
+    shares, snapshots. Of a Pareto study: front, front_3d. Of a sweep: surface, heat_map (of random draws: draws),
+    starts, sensitivity. Of a Monte Carlo study: success, runs.
     """
     from psmpc_cli.cli.contents import read_contents
     from psmpc_cli.figures.animation import mp4_possible

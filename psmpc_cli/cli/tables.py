@@ -39,6 +39,7 @@ from psmpc_cli.report.texts import (
 from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.thrusters import Thrusters
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.gradient_audit import AD_TOLERANCE, DIFFERENCE_TOLERANCE, audit_gradients
 from psmpc_cli.simulation.replay import unequal_conditions
 from psmpc_cli.simulation.run import build_experiment, converging
@@ -58,6 +59,9 @@ from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
 Row = Sequence[str]
+
+NO_SHARE = 1e-9
+"""Share of a torque below which a wheel has none of it [1]."""
 
 ALL_WITH_VERBOSE = " (-v prints all that was measured)"
 """What a short output says of the rest."""
@@ -515,9 +519,29 @@ def print_robot(robot: RobotSpec) -> None:
     echo(f"shape: {_geometry(robot)}")
     if robot.thrusters:
         echo(_thrusters(robot))
+    if robot.wheels:
+        echo(_wheels(robot))
     if isinstance(robot, SpatialRobot) and robot.assumed:
         echo("assumed:")
         echo("\n".join(f"  {note}" for note in robot.assumed))
+
+
+def _wheels(robot: RobotSpec) -> str:
+    """Write what the reaction wheels of a robot can give and store about each axis of the base, about it alone."""
+    wheels = Wheels.of(robot)
+    axes = ERROR_AXES[robot.dimension][robot.dimension :]
+    of_axes = []
+    for axis, direction in zip(axes, np.eye(len(axes)), strict=True):
+        shares = wheels.allocation @ direction
+        if not np.allclose(wheels.axes @ shares, direction):
+            of_axes.append(f"{axis} alone nothing")
+            continue
+        bears = np.abs(shares) > NO_SHARE
+        torque, momentum = (
+            (most / np.abs(shares).clip(NO_SHARE))[bears].min() for most in (wheels.torque, wheels.momentum)
+        )
+        of_axes.append(f"{axis} {torque:.3g} N m, {momentum:.3g} N m s")
+    return f"{counted(wheels.count, 'reaction wheel', 'reaction wheels')}: about {'; '.join(of_axes)}"
 
 
 def _thrusters(robot: RobotSpec) -> str:

@@ -20,6 +20,7 @@ from psmpc_cli.control.load import LoadEstimate, LoadEstimator, LoadPrior, Robot
 from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import GraspProgress, MovingSequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
+from psmpc_cli.control.wheels import WheelEstimate, WheelEstimator
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.end import ROUNDING, PlannedEnd
@@ -62,6 +63,7 @@ class Memory:
         route: How far the robot has come on its routes.
         grasp: What grippers have reported, and what came of earlier tries.
         new_targets: Targets of stages that have changed since the last sample.
+        wheels: What wheels store; None of a robot without any, and before the first sample.
     """
 
     sequence: MovingSequence
@@ -80,6 +82,7 @@ class Memory:
     route: RouteProgress = field(default_factory=RouteProgress)
     grasp: GraspProgress = field(default_factory=GraspProgress)
     new_targets: tuple[NewTarget, ...] = ()
+    wheels: WheelEstimate | None = None
 
     def __repr__(self) -> str:
         return f"<Memory of {self.time:g} s: stages {self.sequence.first} to {self.sequence.last} in the window>"
@@ -176,6 +179,7 @@ class ControlLaw:
         self._placer = Placer(problem)
         self._loads = _load_estimator(problem, noise[model.n :]) if spec.finds_load else None
         self._inertias = InertiaEstimator(model, noise[model.n :]) if spec.finds_masses else None
+        self._wheels = WheelEstimator(problem) if model.spec.wheels else None
         self._guide = Guide(problem) if problem.spec.routes is not None else None
         self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
 
@@ -235,6 +239,8 @@ class ControlLaw:
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x_chart = np.asarray(chart.to_chart(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
+        if self._wheels is not None:
+            memory = self._with_wheels(self._wheels, memory, measurement, estimate)
         if self._inertias is not None:
             memory = self._with_inertia(self._inertias, memory, estimate)
         if self._loads is not None:
@@ -249,6 +255,20 @@ class ControlLaw:
         is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
         situation = Situation(time, estimate, target_object, x_chart, is_measured, placement)
         return replace(memory, signs=placement.signs), situation
+
+    def _with_wheels(
+        self, wheels: WheelEstimator, memory: Memory, measurement: Measurement, estimate: Estimate
+    ) -> Memory:
+        """Return the memory with what wheels store.
+
+        Where the robot was not measured what is known stays: angular momentum stays, too.
+        """
+        state = estimate.state
+        if not isfinite(state.vector @ state.vector):
+            return memory
+        stage = memory.sequence.first
+        measured = wheels.measured(memory.wheels, stage, measurement.time, state.Q, state.v, measurement.state.wheels)
+        return replace(memory, wheels=measured)
 
     def _estimated(self, memory: Memory, measurement: Measurement) -> Estimate:
         """Return what is known of the robot after a measurement."""
@@ -297,6 +317,9 @@ class ControlLaw:
         parameters = None
         if self._inertias is not None and memory.inertia is not None:
             parameters = self._inertias.parameters(memory.inertia, is_held)
+        if self._wheels is not None and memory.wheels is not None:
+            stored = np.array(self._wheels.wheels.along_base(memory.wheels.momentum.tolist()))
+            parameters = (parameters or self.problem.law.parameters).storing(stored)
         return self.problem.law.counting_with(load, parameters, self._driven[stage])
 
     def _moved_grippers(self, memory: Memory, now: float) -> bool:
@@ -453,6 +476,7 @@ class ControlLaw:
             target_object=situation.target_object,
             load=None if memory.load is None else memory.load.numbers,
             before=memory.arguments,
+            wheels=memory.wheels,
         )
         memory = replace(memory, arguments=arguments)
         placement = placement.with_arguments(arguments)
@@ -652,6 +676,7 @@ class ControlLaw:
             driven=np.array([self._driven[stage] for stage in stages_of_ticks]),
             route_progress=memory.route.progress.get(decision.sequence.first, np.nan),
             twist_rates=twist_rates,
+            wheels=np.zeros(0) if memory.wheels is None else memory.wheels.momentum,
         )
         return estimate, command
 

@@ -165,10 +165,10 @@ class InertiaEstimator:
         bodies, moments = described.inertia.shape
         held = is_loaded * estimate.shares[self._of_load] * self._scales[bodies * (1 + moments) :]
         held_mass, held_inertia = np.split(held, 2)
-        return InertialParameters(
+        return replace(
+            described,
             mass=described.mass * estimate.mass_factor,
             inertia=described.inertia * estimate.inertia_factor[:, None],
-            offset=described.offset,
             held_mass=held_mass,
             held_inertia=held_inertia,
         )
@@ -206,8 +206,10 @@ class InertiaEstimator:
         if motion.begin < estimate.settled_at or not (motion.is_measured and np.isfinite(uncertain).all()):
             return estimate
         F = np.zeros(self._model.n)
+        stored = self._model.nominal.stored
         for command in acting:
             law = command.law or LowLevelLaw(self._model)
+            stored = law.parameters.stored
             F += command.share * law.force(motion.Q, motion.v, command.u)
         u = np.array([command.u for command in acting])
         share, least = UNEXPLAINED
@@ -219,6 +221,7 @@ class InertiaEstimator:
         shares = estimate.shares
         for iteration in range(ITERATIONS):
             parameters = self.parameters(replace(estimate, shares=shares), is_loaded=estimate.is_loaded)
+            parameters = parameters.storing(stored)
             vdot = self._model.forward_dynamics(motion.Q, motion.v, F, parameters)
             surplus = (motion.vdot - vdot)[self._moved]
             # With Y at the measured accelerations the first step is exact without noise, however large it is.
@@ -255,16 +258,17 @@ def _force_by_parameters(model: RobotModel) -> ca.Function:
         v = ca.SX.sym("v", model.n)
         vdot = ca.SX.sym("vdot", model.n)
         described = model.nominal
-        mass, inertia, offset, held = (
+        mass, inertia, offset, stored, held = (
             ca.SX.sym(name, size)
             for name, size in (
                 ("mass", described.mass.size),
                 ("inertia", described.inertia.size),
                 ("offset", described.offset.size),
+                ("stored", described.stored.size),
                 ("held", 2 * described.held_mass.size),
             )
         )
-        w = ca.vertcat(mass, inertia, offset, held)
+        w = ca.vertcat(mass, inertia, offset, stored, held)
         F = model.dynamics.inverse(Q, v, vdot, w)
         Y = ca.jacobian(F, ca.vertcat(mass, inertia, held))
         [of_described] = ca.substitute([Y], [w], [ca.DM(described.vector)])

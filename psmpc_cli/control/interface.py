@@ -18,6 +18,7 @@ from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel, shape_of
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.arguments import rejected
 from psmpc_cli.specs.document import LARGEST
@@ -33,31 +34,36 @@ LATE = 0.01
 class State:
     """State of the robot: Q (nq,) [m, rad] and its velocity v (n,) [m/s, rad/s], as `RobotModel` has them.
 
+    Of a robot with W reaction wheels also what they store, `wheels` (W,) [N m s]: J (Omega + a . omega) of a wheel with
+    inertia J that spins at Omega about its axis a on a base that turns at omega. By default it is what follows from the
+    sample before (docs/mobility_model.md).
+
     It has copies of the arrays that it is given. Numbers that are not finite say that nothing was measured.
 
     Raises:
-        InputError: Q or v is no vector of numbers.
+        InputError: Q, v or wheels is no vector of numbers.
     """
 
     Q: np.ndarray
     v: np.ndarray
+    wheels: np.ndarray | None = None
 
     def __repr__(self) -> str:
         Q, v = (np.array2string(array, max_line_width=10_000, precision=4, threshold=100) for array in (self.Q, self.v))
         return f"State(Q={Q}, v={v})"
 
     def __post_init__(self) -> None:
-        for name in ("Q", "v"):
+        for name in ("Q", "v", *(["wheels"] if self.wheels is not None else [])):
             value = getattr(self, name)
             if len(shape_of(value) or ()) != 1:
                 raise rejected(f"State.{name}", value, "a vector of numbers")
             object.__setattr__(self, name, np.array(value, dtype=float))
 
     @classmethod
-    def of(cls, state: np.ndarray) -> "State":
-        """Build the state from [Q; v] (nq + n,)."""
+    def of(cls, state: np.ndarray, wheels: np.ndarray | None = None) -> "State":
+        """Build the state from [Q; v] (nq + n,), and what wheels store (W,)."""
         n = len(state) // 2
-        return cls(state[: len(state) - n], state[len(state) - n :])
+        return cls(state[: len(state) - n], state[len(state) - n :], wheels)
 
     @property
     def vector(self) -> np.ndarray:
@@ -152,6 +158,10 @@ def check_state(state: State, model: RobotModel) -> None:
     if state.Q.shape != (model.nq,) or state.v.shape != (model.n,):
         sizes = f"Q {state.Q.shape} and v {state.v.shape}"
         raise InputError(f"state: found {sizes}, expected Q ({model.nq},) and v ({model.n},) of {model.spec.name}")
+    count = len(model.spec.wheels)
+    if state.wheels is not None and state.wheels.shape != (count,):
+        wanted = f"({count},), one of each wheel of {model.spec.name}" if count else f"none: {model.spec.name} has none"
+        raise InputError(f"state: found wheels {state.wheels.shape}, expected {wanted}")
     _check_quaternion("state", state.Q[model.space.attitude])
 
 
@@ -225,6 +235,7 @@ class Command:
         twist_rates: Rates of the velocities J_C v of base and end-effectors over the ticks (M, k) [m/s^2, rad/s^2] to
             which u leads: what the law in task space applies, of a stage with `input: task`; None where the law is that
             in joint space.
+        wheels: What wheels are taken to store at the time of the measurement (W,) [N m s]; (0,) without any.
     """
 
     time: float
@@ -252,11 +263,12 @@ class Command:
     inertia: InertiaEstimate | None = None
     twist_rates: np.ndarray | None = None
     new_targets: tuple[NewTarget, ...] = ()
+    wheels: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""
         make_read_only(self.state, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
-        make_read_only(self.driven, self.twist_rates)
+        make_read_only(self.driven, self.twist_rates, self.wheels)
         for solution in (self.solution, *self.levels):
             make_read_only(solution.plan, solution.guess, solution.costs, solution.violations, solution.duals)
 
@@ -302,6 +314,10 @@ class Command:
         That of the base is along the axes of the inertial frame, as Qdot is, in space its moment about the base's axes;
         limits of the base's force are along its own axes, into which `model.space.along_base_axes(Q, F)` turns it.
 
+        Of a robot with wheels it has the gyroscopic moment of what they store, `state.wheels`, or else what they stored
+        at the sample. Where they turn the base its moment is for their motors, see `motor_torques`; thrusters that push
+        the base give it, and the balance of what unloads wheels.
+
         While grippers are to be closed on an object of `known` grasps it counts as held by all of them. Of a stage with
         `input: task` the law is that in task space otherwise.
 
@@ -314,8 +330,45 @@ class Command:
         """
         check_time(time)
         check_state(state, self.law.model)
-        tick = int(np.clip(np.floor((time - self.acts_at) / self.tick + 1e-6), 0, len(self.u) - 1))
+        tick = self._tick_at(time)
         twist_rates = None if self.twist_rates is None else self.twist_rates[tick]
         grasps = self.law.grasps if self.closed[tick] else None
         driven = tuple(self.driven[tick].tolist())
-        return self.law.force(state.Q, state.v, self.u[tick], twist_rates, grasps, driven=driven)
+        parameters = None
+        if len(self.wheels):
+            stored = Wheels.of(self.law.model.spec).along_base(self._momenta(state).tolist())
+            parameters = self.law.parameters.storing(np.array(stored))
+        return self.law.force(state.Q, state.v, self.u[tick], twist_rates, grasps, parameters, driven)
+
+    def motor_torques(self, time: float, state: State) -> np.ndarray:
+        """Compute the torques of the motors of wheels over a tick (W,) [N m], within what each can give.
+
+        Where wheels turn the base they give the moment of `force`, with the least torques. Where thrusters push it they
+        unload the wheels, and thrusters give the balance, A tau, besides. Else they are 0. A torque accelerates its
+        wheel, and the base feels the opposite.
+
+        Args:
+            time: When the tick is expected to begin [s], see `edges`.
+            state: Measured then.
+
+        Raises:
+            InputError: The time is not finite, the state is not one of the robot, or the robot has no wheels.
+        """
+        model = self.law.model
+        if not model.spec.wheels:
+            raise InputError(f"motor_torques: found {model.spec.name}, expected a robot with wheels")
+        wheels = Wheels.of(model.spec)
+        F = self.force(time, state)
+        driven = tuple(self.driven[self._tick_at(time)].tolist())
+        h = self._momenta(state)
+        F, unloading = wheels.unloaded(F, h, driven, self.tick)
+        _, torques = wheels.turned(F, h, driven, self.tick, unloading)
+        return torques
+
+    def _tick_at(self, time: float) -> int:
+        """Return the number of the tick at a time [s]."""
+        return int(np.clip(np.floor((time - self.acts_at) / self.tick + 1e-6), 0, len(self.u) - 1))
+
+    def _momenta(self, state: State) -> np.ndarray:
+        """Return what wheels store in a state (W,), by default what they stored at the sample."""
+        return self.wheels if state.wheels is None else np.where(np.isfinite(state.wheels), state.wheels, self.wheels)

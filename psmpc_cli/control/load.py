@@ -208,7 +208,10 @@ class LoadEstimator:
         return self._updated(estimate, now)
 
     def _impulse(self, before: RobotAndObject, now: RobotAndObject, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
-        """Return the impulse of the base's force about the inertial origin between two samples [N s, N m s]."""
+        """Return the impulse of the base's force about the inertial origin between two samples [N s, N m s].
+
+        That is without the part of it that makes up for the gyroscopic moment of wheels.
+        """
         space = self._model.space
         duration = (now.time - before.time) / PARTS
         grasps = law.grasps if now.object_state is not None else None
@@ -219,6 +222,12 @@ class LoadEstimator:
             Q = np.array(space.integrate(before.Q, share * step))
             v = (1 - share) * before.v + share * now.v
             F = law.force(Q, v, mean.mean(axis=0), grasps=grasps)
+            if law.parameters.stored.any():
+                F = (
+                    F
+                    - self._model.bias(Q, v, self._model.nominal.storing(law.parameters.stored))
+                    + self._model.bias(Q, v)
+                )
             impulse += duration * np.array(space.external_wrench(Q, F), dtype=float)
         return impulse
 

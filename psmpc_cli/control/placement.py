@@ -1,12 +1,13 @@
 """What a sample sets of the task's stages: the chart of the attitude, and where targets are in it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate
+from psmpc_cli.control.wheels import WheelEstimate, WheelEstimator
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, SampleContext
@@ -56,6 +57,7 @@ class Placer:
         self._problem = problem
         self._stages = tuple(stage.unplaced_copy() for stage in problem.stages)
         self._horizon = problem.spec.controller.horizon
+        self._wheels = WheelEstimator(problem)
         self.follows_object = any(stage.on_object for stage in problem.stages)
 
     def place(
@@ -114,6 +116,7 @@ class Placer:
         target_object: ObjectEstimate,
         load: np.ndarray | None,
         before: Mapping[str, np.ndarray],
+        wheels: WheelEstimate | None = None,
     ) -> dict[str, np.ndarray]:
         """Return sampled constraint arguments by name; the first stage in the sequence that has one sets it.
 
@@ -126,6 +129,7 @@ class Placer:
             target_object: What is known of the object.
             load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; None where the task says them.
             before: The arguments at the sample before.
+            wheels: What wheels store when the state was measured; None of a robot without any.
         """
         arguments = dict[str, np.ndarray]()
         sampled = [(stage, stage.sampled_constraints) for stage in self._stages[sequence.first :]]
@@ -139,13 +143,42 @@ class Placer:
             object_state=target_object.at(time),
             load=load,
         )
+        stored: Mapping[int, np.ndarray] = {}
+        if wheels is not None:
+            view = replace(view, unseen=self._wheels.unseen(wheels))
+            stored = self._stored(wheels, sequence, plan)
         for stage, constraints in sampled:
             for name in constraints.keys() - arguments.keys():
-                at_stage = replace(view, is_current=stage.index == sequence.first, before=before.get(name))
+                at_stage = replace(
+                    view,
+                    is_current=stage.index == sequence.first,
+                    before=before.get(name),
+                    stored=stored.get(stage.index),
+                )
                 argument = _argument(constraints[name], self._problem.model, at_stage)
                 if argument is not None:
                     arguments[name] = argument
         return arguments
+
+    def _stored(self, wheels: WheelEstimate, sequence: MovingSequence, plan: Plan | None) -> dict[int, np.ndarray]:
+        """Return what is known of wheels in the current stage and those after it, by index of the stage.
+
+        Of a stage that has not begun the plan in force says in which state it does: where its switch is planned, or at
+        the end of the plan.
+        """
+        begins = dict(zip(range(sequence.first + 1, len(self._stages)), sequence.instants, strict=False))
+
+        def states() -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+            yield sequence.first, wheels.Q, wheels.v
+            for stage in self._stages[sequence.first + 1 :]:
+                if plan is None:
+                    yield stage.index, wheels.Q, wheels.v
+                    continue
+                X = plan.states_at(np.array([begins.get(stage.index, plan.end)]))
+                Q, v = plan.chart.from_chart(X)
+                yield stage.index, Q[0], v[0]
+
+        return self._wheels.in_stages(wheels, states())
 
     def _with_held_object(
         self,

@@ -15,6 +15,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.figures.coordinates import LIMIT_DISTANCE
 from psmpc_cli.figures.timeline import label_row, leave_out, runs_of, timeline
 from psmpc_cli.logs.run import Run
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.object import GRASP_LOADS
 
 HATCHES = ("", "//////", "......")
@@ -229,6 +230,29 @@ def plot_thrusters(run: Run) -> Figure:
     axes.set_yticks(range(1, count + 1))
     axes.set_ylabel("Thruster")
     axes.set_title("full bar: it fires throughout the sample")
+    return style.finish(figure)
+
+
+def plot_wheels(run: Run) -> Figure:
+    """Plot what each wheel stores [N m s], and the torque of its motor [N m], with their limits."""
+    wheels = Wheels.of(run.problem.model.spec)
+    figure, grid = timeline(run, 2, 1.4, beside=[str(name) for name in run["wheel"]])
+    rows = (
+        ("momentum", "Angular momentum", "N m s", wheels.momentum),
+        ("torque", "Motor torque", "N m", wheels.torque),
+    )
+    for (axes,), (quantity, label, unit, limits) in zip(grid, rows, strict=True):
+        values = run[f"wheels/{quantity}"]
+        far = []
+        for i, name in enumerate(run["wheel"]):
+            axes.plot(run.time, values[:, i], label=str(name), **style.line_look(i))
+        for limit in np.unique(limits):
+            if limit > LIMIT_DISTANCE * np.nanmax(np.abs(values), initial=0.0):
+                far.append(f"limit {limit:g} {unit}, out of view")
+                continue
+            for bound in (-limit, limit):
+                axes.axhline(bound, label=f"_limits, {limit:g} {unit} both ways", **style.LEVEL)
+        label_row([axes], f"{label}\n({unit})", style.notes(*far))
     return style.finish(figure)
 
 

@@ -86,6 +86,11 @@ FIGURES: Mapping[str, Mapping[str, FigureKind]] = {
             "Impulse of each thruster over every sample, of the largest that it can give.",
             is_of=lambda run: "thrusters/impulse" in run,
         ),
+        "wheels": FigureKind(
+            instants.plot_wheels,
+            "Angular momentum of each reaction wheel, and the torque of its motor, with their limits.",
+            is_of=lambda run: "wheels/momentum" in run,
+        ),
         "clearance": FigureKind(
             instants.plot_clearance,
             "Smallest distances of the nearest parts, with the margin that the task keeps.",

@@ -54,6 +54,11 @@ def _has_thrusters(recorded: Recorded) -> bool:
     return recorded.is_simulated and spec.plant.traits.has_forces and spec.fires(recorded.task.robot)
 
 
+def _has_wheels(recorded: Recorded) -> bool:
+    turns = recorded.task.spec.plant.traits.has_forces or not recorded.is_simulated
+    return turns and bool(recorded.task.robot.wheels)
+
+
 def _has_free_end(recorded: Recorded) -> bool:
     controller = recorded.task.spec.controller
     return controller.traits.one_stage and controller.plans_ends
@@ -84,6 +89,11 @@ THRUSTERS = Condition("where the robot has thrusters", _has_thrusters)
 THRUSTERS_AT_TICKS = Condition(
     "with log: {ticks: true} where the robot has thrusters",
     lambda recorded: _has_ticks(recorded) and _has_thrusters(recorded),
+)
+WHEELS = Condition("where the robot has reaction wheels", _has_wheels)
+WHEELS_AT_TICKS = Condition(
+    "with log: {ticks: true} where the robot has reaction wheels",
+    lambda recorded: _has_ticks(recorded) and _has_wheels(recorded),
 )
 CLEARANCE = Condition(
     "where the task keeps clear", lambda recorded: recorded.task.spec.keeps_clear and recorded.knows_ticks

@@ -40,6 +40,8 @@ from psmpc_cli.logs.conditions import (
     TRIES,
     TRUE_STATE,
     UNCERTAIN,
+    WHEELS,
+    WHEELS_AT_TICKS,
     Condition,
     Recorded,
 )
@@ -392,6 +394,8 @@ BASE_AXES = ", the base's along the axes of the inertial frame (its limits are a
 _sampled_velocities = partial(_column, dims=("time", "coordinate"))
 _sampled_momentum = partial(_column, dims=("time", "momentum"))
 _sampled_limited = partial(_column, only=FORCE_LIMITS)
+_by_wheel = partial(_column, dims=("time", "wheel"), only=WHEELS)
+_tick_of_wheels = partial(_column, dims=("ticks/tick", "wheel"), only=WHEELS_AT_TICKS)
 _by_thruster = partial(_column, dims=("time", "thruster"), only=THRUSTERS)
 _impulse_of_thrusters = partial(_column, dims=("time", "momentum"), only=THRUSTERS)
 _sampled_clearance = partial(_column, dims=("time", "clearance/pair"), only=CLEARANCE)
@@ -429,6 +433,7 @@ SCHEMA = (
     _scale("momentum", "1", "component of momentum"),
     _scale("stages/epsilon", ACCELERATION_UNITS, "threshold on a stage's presence that marks its actual start", "f8"),
     _scale("monitors/name", "1", "name of the monitor"),
+    _scale("wheel", "1", "reaction wheel, by its number in the robot's file", only=WHEELS),
     _scale("uncertainty/body", "1", "body", only=UNCERTAIN),
     _scale("uncertainty/axis", "1", "axis of the body", only=UNCERTAIN),
     _scale("thruster", "1", "thruster, by its number in the robot's file", only=THRUSTERS),
@@ -546,6 +551,10 @@ SCHEMA = (
         "impulse that it wanted and that no thrusts can give, likewise",
         "ticks.thrusters.refused",
     ),
+    _by_wheel(
+        "wheels/momentum", "N m s", "angular momentum that each wheel stores, with the base's turn about its axis"
+    ),
+    _by_wheel("wheels/torque", "N m", "torque of its motor that is furthest from 0 until the next sample"),
     _sampled_clearance(
         "clearance/distance",
         "m",
@@ -632,7 +641,7 @@ SCHEMA = (
     _sampled("effort/control", EFFORT_UNITS, "T_s |dv / T_s|^2, dv the integral of u over the sample"),
     _sampled("effort/squared_acceleration", EFFORT_UNITS, "integral of |u|^2 until the next sample"),
     _sampled("effort/base_force", "N s", "integral of the norm of the base force"),
-    _sampled("effort/base_torque", "N m s", "integral of the norm of the base torque"),
+    _sampled("effort/base_torque", "N m s", "integral of the norm of the base torque, without that of wheels"),
     *(_sampled(f"peak/{name}", unit, f"{meaning} until the next sample") for name, (unit, meaning) in PEAKS.items()),
     *(
         _sampled(f"peak/{name}", unit, f"{meaning} until the next sample", only=SLIDING_JOINTS)
@@ -708,6 +717,13 @@ SCHEMA = (
         dims=("ticks/tick", "thruster"),
         only=THRUSTERS_AT_TICKS,
     ),
+    _tick_of_wheels(
+        "ticks/wheel_momentum",
+        "N m s",
+        "angular momentum that each wheel stores at every tick",
+        lambda s: s.ticks.wheels.momentum[:-1],
+    ),
+    _tick_of_wheels("ticks/motor_torque", "N m", "torque of its motor from the tick on", "ticks.wheels.torque"),
     _tick_of_object(
         "object_coordinate",
         "object_pose",

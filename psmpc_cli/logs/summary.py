@@ -23,6 +23,7 @@ from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.thrusters import Thrusters
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.parts import CoordinateUnits
 from psmpc_cli.specs.robot import Limits
 from psmpc_cli.specs.task import PublishedRun, TaskSpec
@@ -181,6 +182,20 @@ class ThrusterSummary:
     refused: tuple[float, float]
 
 
+@dataclass(frozen=True)
+class WheelSummary:
+    """What reaction wheels did over a run.
+
+    Attributes:
+        momentum: The angular momentum at a sample that was the largest part of what its wheel may store [1], which
+            wheel it is of, and when.
+        torque: The motor torque that was the largest part of what its motor can give [1], likewise.
+    """
+
+    momentum: Largest | None
+    torque: Largest | None
+
+
 class Summary:
     """The results of a run.
 
@@ -214,6 +229,7 @@ class Summary:
         far_beyond: Share of the samples in which a force was commanded beyond `FAR_BEYOND` of its limit [1]; NaN where
             forces have no limits.
         limits_dynamics: Some stage has a limit of forces or accelerations, or the base has thrusters.
+        wheels: What reaction wheels did; None of a robot without any.
         thrusters: What thrusters did; None where none fire.
         variation_base_position, variation_base_angle, variation_joints, variation_sliding: Total variation of the
             control at the samples, sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2], of
@@ -286,6 +302,7 @@ class Summary:
         self.tightest_force = largest(utilization, coordinates, time)
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
         self.far_beyond = float(np.mean((utilization > FAR_BEYOND).any(axis=1))) if len(saturated) else np.nan
+        self.wheels = _wheels(arrays, problem, time)
         self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
         self.limits_dynamics |= spec.fires(problem.model.spec)
         self.thrusters = _thrusters(arrays, problem)
@@ -361,6 +378,19 @@ def _thrusters(arrays: Arrays, problem: Problem) -> ThrusterSummary | None:
         owed=(float(owed[0].max(initial=0.0)), float(owed[1].max(initial=0.0))),
         refused=(float(refused[0].sum()), float(refused[1].sum())),
     )
+
+
+def _wheels(arrays: Arrays, problem: Problem, time: np.ndarray) -> WheelSummary | None:
+    """Summarize what reaction wheels did; None of a robot without any."""
+    if "wheels/momentum" not in arrays:
+        return None
+    wheels = Wheels.of(problem.model.spec)
+    names = tuple(arrays["wheel"])
+    stored, torque = (
+        largest(np.abs(arrays[f"wheels/{name}"]) / most, names, time)
+        for name, most in (("momentum", wheels.momentum), ("torque", wheels.torque))
+    )
+    return WheelSummary(stored, torque)
 
 
 def _delay(arrays: Arrays) -> tuple[float, float] | None:

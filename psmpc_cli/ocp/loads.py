@@ -2,19 +2,38 @@
 
 A payload is lumped into the last links. An object with a mass, in grasps that are `known`, is held by the grippers as
 the task describes them.
+
+With it goes what reaction wheels store, a moment of momentum that the base carries. While motors are off it stays in
+the base, h_w. While they turn the base and nothing thrusts, the angular momentum of everything about the inertial
+origin, L, stays, and what wheels store follows from the state by
+
+    L = l(Q, v) + R h_w,
+
+with l that of robot and load, R the base's attitude.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import InertialParameters
+from psmpc_cli.robot.dynamics import InertialParameters, n_stored, with_stored
 from psmpc_cli.robot.held_load import described_grasps, held_force, held_force_jacobian, held_momentum
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import matrix_vector, transposed
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.object import ObjectBody
+from psmpc_cli.specs.parts import MobilityTraits
 from psmpc_cli.specs.task import TaskSpec
+
+NOTHING = ""
+"""Nothing is known of wheels, or they have no effect."""
+
+STAYS = "stays in the base"
+"""Motors of wheels are off, or change little."""
+
+FOLLOWS = "follows from the angular momentum"
+"""Wheels turn the base, and nothing thrusts."""
 
 
 @dataclass(frozen=True)
@@ -44,24 +63,47 @@ class HeldObject:
 class LoadKind:
     """What of a load, and of what moves it, decides expressions.
 
-    How heavy it is, and where it is held, are numbers that they take.
+    How heavy it is, and where it is held, are numbers that they take; how much wheels store is the last of them.
 
     Attributes:
         carries: Whether there is a payload.
         grippers: That hold an object with a mass; none without one.
         driven: On which coordinates of the base something acts, see `RobotModel.driven`; None: as the robot's
             description says.
+        stores: What the last numbers say of wheels: `STAYS`, h_w; `FOLLOWS`, L; `NOTHING`: they count as empty.
     """
 
     carries: bool
     grippers: tuple[str, ...]
     driven: tuple[float, ...] | None = None
+    stores: str = NOTHING
 
     def count(self, model: RobotModel) -> int:
         """Return the number of numbers."""
         space = model.space
         of_object = 1 + space.n_principal + (space.n_pose + 2) * len(self.grippers) if self.grippers else 0
-        return 2 * len(model.spec.arms) * self.carries + of_object
+        of_wheels = n_stored(model.spec) if self.stores else 0
+        return 2 * len(model.spec.arms) * self.carries + of_object + of_wheels
+
+    def stored(self, model: RobotModel) -> ca.Function:
+        """Return x (2n,) in a chart, its anchor, numbers -> what wheels store, along the base's axes (1,) or (3,)."""
+
+        def build() -> ca.Function:
+            space = model.space
+            x = ca.SX.sym("x", 2 * model.n)
+            anchor = ca.SX.sym("anchor", space.n_anchor)
+            numbers = ca.SX.sym("numbers", self.count(model))
+            own = numbers[numbers.numel() - n_stored(model.spec) :]
+            stored = own
+            if self.stores == FOLLOWS:
+                left = own - self.momentum(model)(x, anchor, numbers)[space.rotation]
+                R = space.base_rotation(space.charted_coordinates(x[: model.n], anchor))
+                _, angular = space.twist_to_3d([*[0.0] * space.dimension, *ca.vertsplit(left)])
+                along_base = space.twist([0.0] * 3, matrix_vector(transposed(R), angular))
+                stored = ca.vertcat(*along_base[space.rotation])
+            return ca.Function("stored", [x, anchor, numbers], ca.cse([stored]))
+
+        return model.cached((LoadKind.stored, self), build)
 
     def force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX) -> ca.SX:
         """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7).
@@ -69,14 +111,19 @@ class LoadKind:
         A base that is not driven reacts. With an object in the grippers it accelerates as u says, which a plan has from
         the momentum at its nodes.
         """
-        w, grasps, body = self._split(model, numbers)
+        return self._force(model, Q, v, u, numbers, ca.SX.zeros(n_stored(model.spec)))
+
+    def _force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX, stored: ca.SX) -> ca.SX:
+        """Return that force (n,) with wheels that store so much."""
+        w, grasps, body = self._split(model, numbers, stored)
         if not self.grippers:
             return ca.SX(model.law(self.driven)(Q, v, u, w))
         return ca.SX(held_force(model, self.grippers)(Q, v, u, grasps, w, body))
 
     def own_force(self, model: RobotModel, motion: "OwnMotion", numbers: ca.SX) -> ca.SX:
-        """Return that force (n,), the base's along its own axes."""
-        return self.force(model, model.space.at_neutral_base(motion.joints), motion.v, motion.vdot, numbers)
+        """Return that force (n,), the base's along its own axes, with the gyroscopic moment of wheels in it."""
+        Q = model.space.at_neutral_base(motion.joints)
+        return self._force(model, Q, motion.v, motion.vdot, numbers, motion.stored)
 
     def own_force_jacobian(self, model: RobotModel, motion: "OwnMotion", numbers: ca.SX, by: ca.SX) -> ca.SX:
         """Return the derivatives of that force by symbols that the motion is an expression of, (n, symbols).
@@ -84,22 +131,27 @@ class LoadKind:
         They are equal to those that CasADi derives, and shorter: see `held_force_jacobian` and
         `RobotModel.law_jacobian`.
         """
-        w, grasps, body = self._split(model, numbers)
+        w, grasps, body = self._split(model, numbers, motion.stored)
         arguments = [motion.joints, motion.v, motion.vdot]
         if self.grippers:
             F_by = held_force_jacobian(model, self.grippers)(*arguments, grasps, w, body)
         else:
             F_by = model.law_jacobian(self.driven)(*arguments, w)
-        return ca.SX(ca.sparsify(F_by) @ ca.cse(ca.jacobian(ca.vertcat(*arguments), by)))
+        return ca.SX(ca.sparsify(F_by) @ ca.cse(ca.jacobian(ca.vertcat(*arguments, motion.stored), by)))
 
     def momentum(self, model: RobotModel) -> ca.Function:
-        """Return x (2n,) in a chart, its anchor, numbers -> momentum (n_twist,) of robot and load. Paper eq. (4)."""
+        """Return x (2n,) in a chart, its anchor, numbers -> momentum (n_twist,) of robot and load. Paper eq. (4).
+
+        That of wheels is in it where it stays in the base.
+        """
 
         def build() -> ca.Function:
             x = ca.SX.sym("x", 2 * model.n)
             anchor = ca.SX.sym("anchor", model.space.n_anchor)
             numbers = ca.SX.sym("numbers", self.count(model))
-            w, grasps, body = self._split(model, numbers)
+            of_wheels = n_stored(model.spec)
+            stored = numbers[numbers.numel() - of_wheels :] if self.stores == STAYS else ca.SX.zeros(of_wheels)
+            w, grasps, body = self._split(model, numbers, stored)
             Q = model.space.charted_coordinates(x[: model.n], anchor)
             v = model.space.charted_velocity(x[: model.n], x[model.n :])
             momentum = model.dynamics.momentum(Q, v, w)
@@ -109,14 +161,20 @@ class LoadKind:
 
         return model.cached((LoadKind.momentum, self), build)
 
-    def _split(self, model: RobotModel, numbers: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return inertial parameters of the robot with the payload, grasps and object, those of nothing held empty."""
+    def _split(self, model: RobotModel, numbers: ca.SX, stored: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return inertial parameters of the robot with the payload, grasps and object, those of nothing held empty.
+
+        Wheels of the robot store so much, (0,) without any.
+        """
         own = model.nominal.vector
         loads = 2 * len(model.spec.arms) * self.carries
         of_body = (1 + model.space.n_principal) * bool(self.grippers)
-        payload, body, grasps = ca.vertsplit(numbers, [0, loads, loads + of_body, self.count(model)])
+        count = self.count(model)
+        ends = [0, loads, loads + of_body, count - (n_stored(model.spec) if self.stores else 0), count]
+        payload, body, grasps, _ = ca.vertsplit(numbers, ends)
         # masses and inertias in the grippers are the last of the inertial parameters
-        return ca.vertcat(own[: own.size - loads], payload), grasps, body
+        w = ca.vertcat(own[: own.size - loads], payload)
+        return with_stored(model.spec, w, stored) if model.spec.wheels else w, grasps, body
 
 
 @dataclass(frozen=True)
@@ -127,21 +185,37 @@ class OwnMotion:
         joints: Coordinates of the joints (joints,).
         v: Velocity (n,), that of the base along its own axes.
         vdot: Acceleration (n,), that of the base along its own axes.
+        stored: What wheels store, along the same axes (1,) or (3,); (0,) without any.
     """
 
     joints: ca.SX
     v: ca.SX
     vdot: ca.SX
+    stored: ca.SX
 
     @classmethod
-    def in_chart(cls, space: ConfigurationSpace, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX) -> "OwnMotion":
-        """Return the motion at Q, Qdot and accelerations u (n,) in the chart about an anchor."""
+    def in_chart(
+        cls,
+        model: RobotModel,
+        Q: ca.SX,
+        Qdot: ca.SX,
+        u: ca.SX,
+        anchor: ca.SX,
+        stored: ca.SX | None = None,
+    ) -> "OwnMotion":
+        """Return the motion at Q, Qdot and accelerations u (n,) in the chart about an anchor.
+
+        Wheels store nothing by default.
+        """
+        space = model.space
         position = space.charted_coordinates(Q, anchor)
         v, vdot = (
             ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(vector)))
             for vector in (space.charted_velocity(Q, Qdot), space.charted_acceleration(Q, Qdot, u))
         )
-        return cls(position[space.joint_coordinates], v, vdot)
+        if stored is None:
+            stored = ca.SX.zeros(n_stored(model.spec))
+        return cls(position[space.joint_coordinates], v, vdot, stored)
 
 
 @dataclass(frozen=True)
@@ -153,24 +227,34 @@ class Load:
         inertia: Of the payload about that point, (arms,) [kg m^2].
         held: The object with a mass, or None.
         driven: On which coordinates of the base something acts in the stage, see `LoadKind`.
+        stores: What is known of wheels in the stage, see `LoadKind`.
+        stored: How much that is, (1,) or (3,) [N m s]; empty where nothing is.
     """
 
     mass: tuple[float, ...]
     inertia: tuple[float, ...]
     held: HeldObject | None = None
     driven: tuple[float, ...] | None = None
+    stores: str = NOTHING
+    stored: tuple[float, ...] = ()
 
     @property
     def kind(self) -> LoadKind:
         """What of it decides expressions."""
-        return LoadKind(any(self.mass), () if self.held is None else self.held.grippers, self.driven)
+        grippers = () if self.held is None else self.held.grippers
+        return LoadKind(any(self.mass), grippers, self.driven, self.stores)
 
     @property
     def numbers(self) -> np.ndarray:
         """The numbers that expressions of its kind take."""
         payload = (*self.mass, *self.inertia) if self.kind.carries else ()
         of_object = () if self.held is None else (self.held.mass, *self.held.inertia, *np.ravel(self.held.grasps))
-        return np.array([*payload, *of_object])
+        return np.array([*payload, *of_object, *self.stored])
+
+    @property
+    def without_wheels(self) -> "Load":
+        """The load with wheels that count as empty."""
+        return replace(self, stores=NOTHING, stored=())
 
     def parameters(self, model: RobotModel) -> InertialParameters:
         """Return the inertial parameters of the robot with the payload."""
@@ -183,11 +267,23 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     nothing = (0.0,) * len(model.spec.arms)
     moved_by = task.moved_by(stage, model.spec)
     driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)
+    stores = _stores(model, moved_by)
+    stored = tuple(Wheels.of(model.spec).at_first) if stores else ()
+    free = Load(nothing, nothing, driven=driven, stores=stores, stored=stored)
     if stage not in task.held_stages:
-        return Load(nothing, nothing, driven=driven)
+        return free
     if payload.known:
         share = np.array(payload.shares(tuple(model.spec.arms)))
         mass, inertia = (tuple((share * total).tolist()) for total in (payload.mass, payload.inertia))
-        return Load(mass, inertia, driven=driven)
+        return replace(free, mass=mass, inertia=inertia)
     held = HeldObject.of(task.body, model) if task.body.grasp.known else None
-    return Load(nothing, nothing, held, driven)
+    return replace(free, held=held)
+
+
+def _stores(model: RobotModel, moved_by: MobilityTraits) -> str:
+    """Return what is known of a robot's wheels in a stage; in the plane what stays in the base has no effect."""
+    if not model.spec.wheels:
+        return NOTHING
+    if moved_by.is_turned and not moved_by.is_pushed:
+        return FOLLOWS
+    return STAYS if n_stored(model.spec) > 1 else NOTHING

@@ -58,6 +58,7 @@ class ConstraintFunctions:
             there are none. `sqp` solves them at every iterate, and neglects their curvature.
         is_convex: They are bounded below and convex, as distances to convex bodies are: their curvature, which can only
             make programs non-convex, does not count. Such rows are many and long, and few of them count at a time.
+        at_nodes: They stand at many nodes, and not only at the end of a stage.
     """
 
     def __init__(
@@ -67,10 +68,11 @@ class ConstraintFunctions:
         rows: ca.SX,
         solved_for: slice | None = None,
         is_convex: bool = False,
+        at_nodes: bool = False,
     ) -> None:
         self.solved_for = solved_for
         self._is_convex = is_convex
-        self._at_many = solved_for is not None or is_convex  # nodes; other rows hold at the end of a stage
+        self._at_many = at_nodes or solved_for is not None or is_convex  # other rows hold at the end of a stage
         self._x = x
         self._argument = argument
         self._rows = ca.densify(rows)
@@ -492,7 +494,7 @@ class StageFunctions:
         L = self._L + weighted_square(self._u, self._W_r)
         if self.shape.force_load is not None:
             anchor = self._target[self.anchor]
-            motion = OwnMotion.in_chart(self.model.space, self._Q, self._Qdot, self._u, anchor)
+            motion = OwnMotion.in_chart(self.model, self._Q, self._Qdot, self._u, anchor)
             F = self.shape.force_load.own_force(self.model, motion, self._load)
             L += weighted_square(F, self._W_F)
         arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F), self._load]
@@ -640,7 +642,7 @@ def force_residual(model: RobotModel, load: LoadKind) -> IntervalFunctions:
         h = ca.SX.sym("h")
         argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model))
         anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
-        motion = OwnMotion.in_chart(model.space, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+        motion = OwnMotion.in_chart(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
         F = load.own_force(model, motion, numbers)
 
         def jacobian() -> ca.SX:

@@ -227,7 +227,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         reference=reference,
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
-        force_load=known_load(task, model, index) if skill.weights.weighs_force else None,
+        force_load=known_load(task, model, index).without_wheels if skill.weights.weighs_force else None,
         rate_weights=_rate_weights(skill, robot, actuated),
         end=_end(index, task, robot, lasts),
         limits=resolve_limits(robot, task.limits, skill.limits, moved_by=moved_by),

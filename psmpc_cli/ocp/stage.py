@@ -35,6 +35,8 @@ class SampleContext:
         prediction: Times [s] and states (M, 2n) of the plan in force from now on; None before the first plan.
         object_state: Estimated pose and velocity of the object; None without one with a mass.
         load: Mass [kg] and principal moments [kg m^2] that the load is taken to have; None where the task says them.
+        stored: What is known of wheels in the stage, as `LoadKind.stores` says; None of a robot without any.
+        unseen: The part of the momenta of wheels that adds up to nothing (W,); None without any.
         is_current: The stage has begun.
         before: The argument at the sample before, or None.
     """
@@ -45,6 +47,8 @@ class SampleContext:
     prediction: tuple[np.ndarray, np.ndarray] | None = None
     object_state: tuple[np.ndarray, np.ndarray] | None = None
     load: np.ndarray | None = None
+    stored: np.ndarray | None = None
+    unseen: np.ndarray | None = None
     is_current: bool = True
     before: np.ndarray | None = None
 

@@ -10,6 +10,7 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks
 from psmpc_cli.plant.grasp import Capture, PlantSetup
 from psmpc_cli.plant.thrusters import ThrusterFiring
+from psmpc_cli.plant.wheels import WheelDrive, WheelTicks
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import PlantSpec
 
@@ -20,6 +21,8 @@ __all__ = [
     "Plant",
     "PlantSetup",
     "Ticks",
+    "WheelDrive",
+    "WheelTicks",
     "build_plant",
     "require_plant",
     "ticks_of",
@@ -34,6 +37,7 @@ def build_plant(
     capture: Capture | None = None,
     force_limits: ForceLimits | None = None,
     firing: ThrusterFiring | None = None,
+    drive: WheelDrive | None = None,
 ) -> Plant:
     """Build the plant of a task.
 
@@ -45,12 +49,13 @@ def build_plant(
         capture: An object with a mass and its grasps.
         force_limits: At which the force of the low-level law is cut; None where nothing limits it.
         firing: How thrusters fire that give the force on the base; None where its force is the law's. They need limits.
+        drive: How reaction wheels are driven; None of a robot without any.
 
     Raises:
         InputError: A package that the plant needs is not installed.
     """
     tick, substeps = ticks_of(spec)
-    setup = PlantSetup(model, tick, substeps, native, friction, capture, force_limits, firing)
+    setup = PlantSetup(model, tick, substeps, native, friction, capture, force_limits, firing, drive)
     plant: Plant = require_plant(spec)(setup)
     return plant
 

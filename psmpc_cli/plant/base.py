@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from psmpc_cli.plant.thrusters import ThrusterFiring, ThrusterTicks
+from psmpc_cli.plant.wheels import WheelDrive, WheelTicks
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
@@ -61,7 +62,8 @@ class Ticks:
     Attributes:
         time: (M + 1,) [s], the first is the sample's start.
         states: States [Q; v] at those times (M + 1, nq + n).
-        F: Generalized force applied over each tick, within the limits of the plant (M, n) [N, N m].
+        F: Generalized force applied over each tick, within the limits of the plant (M, n) [N, N m]; on the base that
+            of thrusters and of the motors of wheels.
         impulse_and_work: Integral of the external wrench over the sample, linear [N s] and angular about the inertial
             origin [N m s], then of F' v of all forces, those between grippers and object included [J], (4,) or (7,).
             NaN where it is not known.
@@ -69,6 +71,7 @@ class Ticks:
         commanded: Generalized force that the law commanded, before the plant cut it at its limits (M, n) [N, N m];
             None of a plant without limits, where it is F.
         thrusters: What thrusters did; None where none fire.
+        wheels: What reaction wheels did; None of a robot without any.
     """
 
     time: np.ndarray
@@ -78,6 +81,7 @@ class Ticks:
     target_object: ObjectTicks | None = None
     commanded: np.ndarray | None = None
     thrusters: ThrusterTicks | None = None
+    wheels: WheelTicks | None = None
 
     def __repr__(self) -> str:
         ticks, n = self.F.shape
@@ -280,12 +284,14 @@ class TickedPlant(ABC):
         tick: float,
         force_limits: ForceLimits | None,
         firing: ThrusterFiring | None = None,
+        drive: WheelDrive | None = None,
     ) -> None:
         self.law = law
         self.model = law.model
         self.tick = tick
         self.force_limits = force_limits
         self.firing = firing
+        self.drive = drive
 
     def advance(
         self,
@@ -306,6 +312,8 @@ class TickedPlant(ABC):
         states = np.vstack([state, np.empty((M, nq + n))])
         commanded = np.empty((M, n))
         F = np.empty((M, n))
+        external_force = np.empty((M, n))
+        drive = self.drive
         impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
         disturbance = disturbance or Disturbance.none(self.model.nominal, M, n)
         is_noisy = bool(disturbance.noise.any())
@@ -318,15 +326,18 @@ class TickedPlant(ABC):
             if is_noisy:
                 Q = np.array(space.integrate(Q, disturbance.noise[k, :n]))
                 v = v + disturbance.noise[k, n:]
+            of_base = law.driven if driven is None else tuple(driven[k].tolist())
             following = partial(
                 law.force,
                 Q,
                 v,
                 grasps=grasps,
-                parameters=disturbance.law,
-                driven=None if driven is None else tuple(driven[k].tolist()),
+                parameters=disturbance.law if drive is None else disturbance.law.storing(drive.stored),
+                driven=of_base,
             )
             commanded[k] = following(u[k], twist_rates=None if twist_rates is None else twist_rates[k])
+            if drive is not None:
+                commanded[k] = drive.commanded(commanded[k], of_base)
             F[k] = commanded[k]
             limits = self.force_limits
             if limits is not None and self.firing is not None:
@@ -334,29 +345,41 @@ class TickedPlant(ABC):
                 if span.begins:
                     rates = None if twist_rates is None else twist_rates[span.ticks].mean(axis=0)
                     wanted = following(u[span.ticks].mean(axis=0), twist_rates=rates)
+                    if drive is not None:
+                        wanted = drive.commanded(wanted, of_base)
                     self.firing.begin(limits.on_base(space, states[k : k + 1, :nq], wanted[None])[0])
-                of_base = limits.on_base(space, states[k : k + 1, :nq], commanded[k : k + 1])
+                on_base = limits.on_base(space, states[k : k + 1, :nq], commanded[k : k + 1])
                 if span.is_pushed:
                     (held,) = limits.holding_base(self.firing.wrenches(1))
                     limits = ForceLimits(*np.split(held, 2))
-                self.firing.pass_ticks(of_base, span.is_pushed)
+                self.firing.pass_ticks(on_base, span.is_pushed)
             if limits is not None:
                 F[k] = limits.limited(space, states[k, :nq], commanded[k])
+            if drive is not None:
+                F[k] = drive.begin_tick(F[k], of_base)
+            external_force[k] = F[k] if drive is None else drive.of_thrusters(F[k])
+            external_force[k] += disturbance.external_force[k]
             states[k + 1], of_tick = self.step(states[k], F[k] + disturbance.external_force[k], disturbance.robot)
             impulse_and_work += of_tick
+            if drive is not None:
+                drive.end_tick()
         return Ticks(
             time=time,
             states=states,
             F=F,
-            impulse_and_work=self.impulse_and_work(impulse_and_work, states, F + disturbance.external_force),
+            impulse_and_work=self.impulse_and_work(impulse_and_work, states, external_force),
             target_object=self.end_sample(),
             commanded=None if self.force_limits is None else commanded,
             thrusters=None if self.firing is None else self.firing.end_sample(),
+            wheels=None if drive is None else drive.end_sample(),
         )
 
     @abstractmethod
     def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
         """Return the state (nq + n,) after a tick under a held external force F (n,), its impulse and its work.
+
+        A robot with wheels also feels the gyroscopic moment of what they store, by its `drive`, whose motors give a
+        part of F.
 
         Args:
             state: State [Q; v].

@@ -19,6 +19,7 @@ from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import ForceLimits, GraspEvent, JointFriction, ObjectTicks, TickedPlant
 from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.plant.uncertainty import stream
+from psmpc_cli.plant.wheels import WheelDrive
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody, body_of, velocity_of
@@ -463,10 +464,15 @@ class CapturePlant(TickedPlant):
     """
 
     def __init__(
-        self, capture: Capture, step: Step, force_limits: ForceLimits | None, firing: ThrusterFiring | None = None
+        self,
+        capture: Capture,
+        step: Step,
+        force_limits: ForceLimits | None,
+        firing: ThrusterFiring | None = None,
+        drive: WheelDrive | None = None,
     ) -> None:
         law = low_level_law(capture.law.model, capture.described, capture.spec)
-        super().__init__(law, capture.tick, force_limits, firing)
+        super().__init__(law, capture.tick, force_limits, firing, drive)
         self.capture = capture
         self._step = step
 
@@ -503,6 +509,7 @@ class PlantSetup:
         capture: An object with a mass and its grasps; None without.
         force_limits: At which the force of the low-level law is cut; None where nothing limits it.
         firing: How thrusters fire that give the force on the base; None where its force is the law's. They need limits.
+        drive: How reaction wheels are driven; None of a robot without any.
     """
 
     model: RobotModel
@@ -513,3 +520,4 @@ class PlantSetup:
     capture: Capture | None
     force_limits: ForceLimits | None
     firing: ThrusterFiring | None = None
+    drive: WheelDrive | None = None

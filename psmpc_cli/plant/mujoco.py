@@ -9,13 +9,14 @@ from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import ForceLimits, JointFriction, Plant, TickedPlant
 from psmpc_cli.plant.grasp import CapturePlant, GraspLaw, PlantSetup
 from psmpc_cli.plant.thrusters import ThrusterFiring
+from psmpc_cli.plant.wheels import WheelDrive
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.mujoco_model import OBJECT, mujoco_spec
+from psmpc_cli.robot.mujoco_model import OBJECT, mujoco_spec, set_wheel_inertias, wheel_names
 
 logger = logging.getLogger(__name__)
 
@@ -38,8 +39,9 @@ class MujocoPlant(TickedPlant):
         force_limits: ForceLimits | None = None,
         target_object: FreeBody | None = None,
         firing: ThrusterFiring | None = None,
+        drive: WheelDrive | None = None,
     ) -> None:
-        super().__init__(LowLevelLaw(model), tick, force_limits, firing)
+        super().__init__(LowLevelLaw(model), tick, force_limits, firing, drive)
         self.substeps = substeps
         self.friction = friction or JointFriction.none(model.n)
         self._target_object = target_object
@@ -52,6 +54,9 @@ class MujocoPlant(TickedPlant):
         joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
         self.q = np.r_[: space.n_pose * moves, self.engine.jnt_qposadr[joints]]
         self.v = np.r_[: space.n_twist * moves, self.engine.jnt_dofadr[joints]]
+        wheels = [self.engine.joint(name).id for name in wheel_names(model.spec)]
+        self.wheel_q = self.engine.jnt_qposadr[wheels]
+        self.wheel_v = self.engine.jnt_dofadr[wheels]
         self._base = self.engine.body("base").id
         self._moving_coordinates = slice(0 if moves else space.n_pose, None)
         self.moving_rates = slice(0 if moves else space.n_twist, None)
@@ -66,6 +71,7 @@ class MujocoPlant(TickedPlant):
         spec.option.timestep = self.tick / self.substeps
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged state must be visible
         self.engine = spec.compile()
+        set_wheel_inertias(self.engine, self.model.spec)
         self.data = mujoco.MjData(self.engine)
 
     def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
@@ -101,6 +107,12 @@ class MujocoPlant(TickedPlant):
         rates = self.moving_rates
         Q = state[:nq].copy()
         v = state[nq:].copy()
+        drive = self.drive
+        if drive is not None:
+            F = drive.of_thrusters(F)  # the motors turn the wheels against the base
+            self.put_wheels(drive, drive.momentum, v)
+            data.qpos[self.wheel_q] = 0.0
+            data.qfrc_applied[self.wheel_v] = drive.torque
         for _ in range(self.substeps):
             Q_before = Q.copy()
             v_before = v.copy()
@@ -113,6 +125,8 @@ class MujocoPlant(TickedPlant):
             step = np.array(space.difference(Q_before, Q))
             step = step - space.magnus_correction(v_before[None], v[None], self.engine.opt.timestep)[0]
             work += float(acting @ step)
+        if drive is not None:
+            work += float(drive.torque @ data.qpos[self.wheel_q])
         return np.concatenate([Q, v]), work
 
     def put(self, Q: np.ndarray, v: np.ndarray) -> None:
@@ -122,6 +136,10 @@ class MujocoPlant(TickedPlant):
             self.engine.body_pos[self._base], self.engine.body_quat[self._base] = space.to_3d(Q[space.base_coordinates])
         self.data.qpos[self.q] = Q[self._moving_coordinates]
         self.data.qvel[self.v] = v[self.moving_rates]
+
+    def put_wheels(self, drive: WheelDrive, h: np.ndarray, v: np.ndarray) -> None:
+        """Have the engine's wheels store momenta h (W,) where the robot has velocities v (n,)."""
+        self.data.qvel[self.wheel_v] = drive.wheels.spins(h, v)
 
 
 def _impulse(space: ConfigurationSpace, states: np.ndarray, F: np.ndarray, tick: float) -> np.ndarray:
@@ -146,13 +164,20 @@ class MujocoStep:
     """
 
     def __init__(
-        self, law: GraspLaw, body: FreeBody, tick: float, substeps: int, friction: JointFriction | None
+        self,
+        law: GraspLaw,
+        body: FreeBody,
+        tick: float,
+        substeps: int,
+        friction: JointFriction | None,
+        drive: WheelDrive | None = None,
     ) -> None:
         self._law = law
         self._model = law.model
         self._tick = tick
         self._substeps = substeps
-        self._robot = MujocoPlant(law.model, tick, substeps, friction, target_object=body)
+        self._drive = drive
+        self._robot = MujocoPlant(law.model, tick, substeps, friction, target_object=body, drive=drive)
         self._bushing = ArrayFunction(law.bushing)
         engine = self._robot.engine
         self._sites = [engine.site(gripper).id for gripper in law.grippers]
@@ -175,22 +200,33 @@ class MujocoStep:
         nx = len(state)
         attitudes = self._model.space.attitudes_at(0, nx)
         no = len(target_object)
-        y = np.concatenate([state, target_object, np.zeros(self._model.parts["base"].stop + 1)])
+        h_wheels = np.zeros(0)
+        if self._drive is not None:
+            F = self._drive.of_thrusters(F)
+            h_wheels = self._drive.momentum
+        sums = np.zeros(self._model.parts["base"].stop + 1)
+        y = np.concatenate([state, target_object, sums, h_wheels])
         for _ in range(self._substeps):
             y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
             for rows in attitudes:
                 y[rows] /= np.linalg.norm(y[rows])
-        return y[:nx], y[nx : nx + no], y[nx + no :]
+        return y[:nx], y[nx : nx + no], y[nx + no : nx + no + len(sums)]
 
     def _rate(self, y: np.ndarray, F: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """Return the rate of y = [Q; v; pose; velocity of the object; impulse; work] under the external force F."""
+        """Return the rate of y = [Q; v; pose; velocity of the object; impulse; work; momenta of wheels] under F."""
         model = self._model
         engine = self._robot.engine
         data = self._robot.data
         law = self._law
-        ends = np.cumsum([model.nq, model.n, *law.sizes])
-        Q, v, pose, rate, _ = np.split(y, ends)
+        ends = np.cumsum([model.nq, model.n, *law.sizes, model.parts["base"].stop + 1])
+        Q, v, pose, rate, _, h_wheels = np.split(y, ends)
         self._robot.put(Q, v)
+        torque = np.zeros(0)
+        power_of_wheels = 0.0
+        if self._drive is not None:
+            torque = self._drive.torque
+            self._robot.put_wheels(self._drive, h_wheels, v)
+            power_of_wheels = float(torque @ data.qvel[self._robot.wheel_v])
         data.qpos[self._q] = pose
         data.qvel[self._v] = rate
         mujoco.mj_fwdPosition(engine, data)
@@ -198,6 +234,7 @@ class MujocoStep:
         acting = self._robot.friction.net_force(F, v)
         data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self._robot.v] = acting[self._robot.moving_rates]
+        data.qfrc_applied[self._robot.wheel_v] = torque
         power = sum(self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4])
         mujoco.mj_fwdActuation(engine, data)
         mujoco.mj_fwdAcceleration(engine, data)
@@ -209,7 +246,9 @@ class MujocoStep:
         external = model.space.external_wrench(Q, F)
         if not model.spec.moved_by.moves:
             external = [np.nan] * model.space.n_twist  # MuJoCo does not return the force of a mount
-        return np.array([*Qdot, *vdot, *pose_rate, *velocity_rate, *external, acting @ v + power])
+        return np.array(
+            [*Qdot, *vdot, *pose_rate, *velocity_rate, *external, acting @ v + power + power_of_wheels, *torque]
+        )
 
     def _press(self, site: int, parameters: np.ndarray) -> float:
         """Apply the bushing at a gripper to both bodies; return its power [W]."""
@@ -235,7 +274,13 @@ def build(setup: PlantSetup) -> Plant:
     capture = setup.capture
     if capture is None:
         return MujocoPlant(
-            setup.model, setup.tick, setup.substeps, setup.friction, setup.force_limits, firing=setup.firing
+            setup.model,
+            setup.tick,
+            setup.substeps,
+            setup.friction,
+            setup.force_limits,
+            firing=setup.firing,
+            drive=setup.drive,
         )
-    step = MujocoStep(capture.law, capture.body, setup.tick, setup.substeps, setup.friction)
-    return CapturePlant(capture, step, setup.force_limits, setup.firing)
+    step = MujocoStep(capture.law, capture.body, setup.tick, setup.substeps, setup.friction, setup.drive)
+    return CapturePlant(capture, step, setup.force_limits, setup.firing, setup.drive)

@@ -10,12 +10,14 @@ from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks, limited_force
 from psmpc_cli.plant.grasp import Capture, GraspLaw, PlantSetup
 from psmpc_cli.plant.thrusters import ThrusterFiring
+from psmpc_cli.plant.wheels import WheelDrive
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import of_driven
+from psmpc_cli.robot.dynamics import of_driven, with_stored
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.held_load import held_force
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.wheels import Wheels, by_expressions
 from psmpc_cli.specs.object import GRASP_LOADS
 
 LOADS = len(GRASP_LOADS)
@@ -39,12 +41,14 @@ class Rk4Plant:
         friction: JointFriction | None = None,
         force_limits: ForceLimits | None = None,
         firing: ThrusterFiring | None = None,
+        drive: WheelDrive | None = None,
     ) -> None:
         self.model = model
         self.tick = tick
         self.friction = friction
         self.force_limits = force_limits
         self.firing = firing
+        self.drive = drive
         self._native = native
         self._substeps = substeps
         self._ticks: dict[tuple[bool, bool], ca.Function] = {}
@@ -65,7 +69,8 @@ class Rk4Plant:
         """Simulate the robot over one sample: len(u) ticks of the low-level law.
 
         Without thrusters they are integrated in one compiled call. The integrated state is z = [state; external
-        impulse; work]; the last two begin at 0 in each sample. See `Plant.advance` for the arguments.
+        impulse; work; momenta of wheels]; impulse and work begin at 0 in each sample. See `Plant.advance` for the
+        arguments.
         """
         ticks = len(u)
         nx = len(state)
@@ -84,21 +89,23 @@ class Rk4Plant:
             what_differs = *(values[chosen] for values in by_tick), *parameters
             return self._over(len(inputs), in_task_space, driven is not None)(z, inputs, *what_differs, *limits)
 
-        z = np.concatenate([state, np.zeros(self.model.parts["base"].stop + 1)])  # no impulse or work yet
-        commanded = None
+        sums = self.model.parts["base"].stop + 1
+        z = np.concatenate([state, np.zeros(sums), _momenta(self.model, self.drive)])
         if self.force_limits is None:
-            Z, F = over(0, inputs, z, ())
+            Z, F, *more = over(0, inputs, z, ())
         elif self.firing is None:
-            Z, F, commanded = over(0, inputs, z, (self.force_limits.vector,))
+            Z, F, *more = over(0, inputs, z, (self.force_limits.vector,))
         else:
-            Z, F, commanded = self._while_firing(self.firing, self.force_limits, inputs, driven, z, over)
+            Z, F, *more = self._while_firing(self.firing, self.force_limits, inputs, driven, z, over)
+        robot, impulse_and_work, momenta = np.split(Z, [nx, nx + sums], axis=1)
         return Ticks(
             time=start + self.tick * np.arange(ticks + 1),
-            states=np.concatenate([state[None], Z[:, :nx]]),
+            states=np.concatenate([state[None], robot]),
             F=F,
-            impulse_and_work=Z[-1, nx:],
-            commanded=commanded,
+            impulse_and_work=impulse_and_work[-1],
+            commanded=None if self.force_limits is None else more[0],
             thrusters=None if self.firing is None else self.firing.end_sample(),
+            wheels=None if self.drive is None else _recorded(self.drive, momenta, more[-1]).end_sample(),
         )
 
     def _while_firing(
@@ -127,15 +134,15 @@ class Rk4Plant:
             span = firing.span(driven, k, len(inputs))
             if span.begins:
                 mean = inputs[span.ticks].mean(axis=0)
-                _, _, wanted = over(k, mean[None], z, (force_limits.vector,))
+                _, _, wanted, *_ = over(k, mean[None], z, (force_limits.vector,))
                 firing.begin(force_limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
             limits = force_limits.vector
             if span.is_pushed:
                 limits = force_limits.holding_base(firing.wrenches(span.count))
-            Z, F, commanded = over(k, inputs[span.ticks], z, (limits,))
+            Z, F, commanded, *torque = over(k, inputs[span.ticks], z, (limits,))
             before = np.vstack([z, Z[:-1]])[:, : self.model.nq]
             firing.pass_ticks(force_limits.on_base(self.model.space, before, commanded), span.is_pushed)
-            parts.append((Z, F, commanded))
+            parts.append((Z, F, commanded, *torque))
             z = Z[-1]
             k += span.count
         return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
@@ -175,6 +182,7 @@ class Rk4CapturePlant:
         friction: JointFriction | None,
         force_limits: ForceLimits | None,
         firing: ThrusterFiring | None = None,
+        drive: WheelDrive | None = None,
     ) -> None:
         self.capture = capture
         self.model = capture.law.model
@@ -182,6 +190,7 @@ class Rk4CapturePlant:
         self.friction = friction
         self.force_limits = force_limits
         self.firing = firing
+        self.drive = drive
         self._native = native
         self._substeps = substeps
         self._ticks: dict[tuple[int, bool, bool], ArrayFunction] = {}
@@ -223,7 +232,8 @@ class Rk4CapturePlant:
             capture.want(times[k], states[k], bool(wanted[k]))
             others = np.flatnonzero(wanted[k:] != wanted[k])
             ticks = slice(k, k + int(others[0]) if others.size else M)
-            z = np.concatenate([states[k], impulse_and_work, capture.state, capture.load.ravel()])
+            h = _momenta(model, self.drive)
+            z = np.concatenate([states[k], impulse_and_work, h, capture.state, capture.load.ravel()])
             noise: tuple[np.ndarray, ...] = (disturbance.noise[ticks],) if self.friction is not None else ()
             grasps = np.concatenate([capture.parameters.ravel(), capture.closed])
             held: tuple[np.ndarray, ...] = limits
@@ -234,7 +244,7 @@ class Rk4CapturePlant:
                 if span.begins:
                     mean = inputs[span.ticks].mean(axis=0)
                     noise_now = tuple(values[:1] for values in noise)
-                    _, _, commanded[k : k + 1], _ = self._over(1, *of_law)(
+                    _, _, commanded[k : k + 1], *_ = self._over(1, *of_law)(
                         z, mean, *noise_now, disturbance.external_force[k], grasps, p, *limits
                     )
                     self.firing.begin(self.force_limits.on_base(model.space, Q, commanded[k : k + 1])[0])
@@ -242,10 +252,11 @@ class Rk4CapturePlant:
                 noise = tuple(values[: span.count] for values in noise)
                 if span.is_pushed:
                     held = (self.force_limits.holding_base(self.firing.wrenches(span.count)),)
-            Z, F[ticks], commanded[ticks], wrench = self._over(ticks.stop - k, *of_law)(
+            Z, F[ticks], commanded[ticks], wrench, *torque = self._over(ticks.stop - k, *of_law)(
                 z, inputs[ticks], *noise, disturbance.external_force[ticks], grasps, p, *held
             )
-            robot, sums, of_object, load = np.split(Z, np.cumsum([nx, base + 1, len(capture.state)]), axis=1)
+            sizes = [nx, base + 1, len(h), len(capture.state)]
+            robot, sums, momenta, of_object, load = np.split(Z, np.cumsum(sizes), axis=1)
             count = capture.record(
                 times[ticks],
                 np.vstack([capture.state, of_object[:-1]]),
@@ -259,6 +270,8 @@ class Rk4CapturePlant:
                     Q = states[passed, : model.nq]
                     of_base = self.force_limits.on_base(model.space, Q, commanded[passed])
                     self.firing.pass_ticks(of_base, span.is_pushed)
+                if self.drive is not None:
+                    _recorded(self.drive, momenta[:count], torque[0][:count])
                 impulse_and_work = sums[count - 1]
                 capture.state = of_object[count - 1]
                 k += count
@@ -270,6 +283,7 @@ class Rk4CapturePlant:
             target_object=capture.ticks(),
             commanded=None if self.force_limits is None else commanded,
             thrusters=None if self.firing is None else self.firing.end_sample(),
+            wheels=None if self.drive is None else self.drive.end_sample(),
         )
 
     def _over(self, ticks: int, in_task_space: bool, varies: bool) -> ArrayFunction:
@@ -291,14 +305,14 @@ def capture_tick(
     in_task_space: bool = False,
     varies: bool = False,
 ) -> ca.Function:
-    """Return one tick z, u -> z_next, F, commanded F, wrenches, z = [state; impulse; work; object; filtered loads].
+    """Return one tick z, u -> z_next, F, commanded F, wrenches, torques of wheels.
 
-    In task space the rates of the frames' velocities follow u, then what of the base is driven if that varies, see
-    `tick_function`. Further arguments: noise (2n,) of a
-    disturbed tick; external force (n,); parameters of the bushings, then which of them are closed; the inertial
-    parameters of the robot and of the law, a `JointFriction`, the object and what the law knows of it, and the filter
-    of the loads; the vector of `ForceLimits` of a limited tick. Wrenches and loads are those at the beginning of the
-    tick. The object counts in the law while all grippers hold it, where it is known.
+    z = [state; impulse; work; momenta of wheels; object; filtered loads]. In task space the rates of the frames'
+    velocities follow u, then what of the base is driven if that varies, see `tick_function`. Further arguments: noise
+    (2n,) of a disturbed tick; external force (n,); parameters of the bushings, then which of them are closed; the
+    inertial parameters of the robot and of the law, a `JointFriction`, the object and what the law knows of it, and the
+    filter of the loads; the vector of `ForceLimits` of a limited tick. Wrenches and loads are those at the beginning of
+    the tick. The object counts in the law while all grippers hold it, where it is known.
     """
     law = capture.law
     of_plant = capture.tick, substeps, disturbed, limited, in_task_space, varies
@@ -337,7 +351,11 @@ def _capture_tick(
     }
     z, u, noise, push, grasps, p, limits = (ca.MX.sym(name, size) for name, size in sizes.items())
     moving, filtered = ca.vertsplit(z, [0, flow.size1_in(0), sizes["z"]])
-    state, _, target_object = ca.vertsplit(moving, [0, nx, flow.size1_in(0) - sum(law.sizes), flow.size1_in(0)])
+    wheels = Wheels.of(model.spec)
+    of_object = flow.size1_in(0) - sum(law.sizes)
+    state, _, momenta, target_object = ca.vertsplit(
+        moving, [0, nx, of_object - wheels.count, of_object, flow.size1_in(0)]
+    )
     bushings, closed = ca.vertsplit(grasps, [0, law.parameters * grippers, sizes["grasps"]])
     robot, believed, friction, body, described, follows = ca.vertsplit(
         p, np.cumsum([0, w, w, 2 * n + 1, of_body, of_body, 1]).tolist()
@@ -350,21 +368,26 @@ def _capture_tick(
     measured = ca.vertsplit(_measured(model)(state, noise) if disturbed else state, [0, model.nq, nx])
     by_gripper = ca.horzsplit(ca.reshape(bushings, law.parameters, grippers))
     stiff = ca.vertcat(*(bushing[:-2] for bushing in by_gripper))  # without the dampings
+    if wheels.count:
+        believed = with_stored(model.spec, believed, ca.DM(wheels.axes) @ momenta)
     inputs = *ca.vertsplit(u, [0, n, n + rates, n + rates + driven]), stiff, believed, described
     commanded = _law(law, known, in_task_space, varies)(ca.mmin(closed), *measured, *inputs)
-    F = _cut(model)(Q, commanded, limits) if limited else commanded
-    held_arguments = [F + push, bushings, ca.vertcat(robot, friction, body)]
+    of_base = u[n + rates :] if varies else ca.DM(model.driven())
+    commanded, F, external, torque = _with_wheels(model, wheels, tick, limited)(Q, commanded, limits, momenta, of_base)
+    acting = ca.vertcat(external + push, torque)
+    held_arguments = [acting, bushings, ca.vertcat(robot, friction, body)]
     attitudes = model.space.attitudes_at(0, flow.size1_in(0) - sum(law.sizes))
     after = _runge_kutta(flow, moving, held_arguments, tick, substeps, attitudes)
     arguments = [z, u, *([noise] if disturbed else []), push, grasps, p, *([limits] if limited else [])]
-    return ca.Function("capture", arguments, [ca.vertcat(after, load), F, commanded, ca.vec(wrenches)])
+    results = [ca.vertcat(after, load), F, commanded, ca.vec(wrenches), *([torque] if wheels.count else [])]
+    return ca.Function("capture", arguments, results)
 
 
 def _capture_flow(law: GraspLaw) -> ca.Function:
-    """Return the rates of z = [state; impulse; work; object], bushings, p under an external force F.
+    """Return the rates of z = [state; impulse; work; momenta of wheels; object], bushings, p under an external force.
 
-    p are the inertial parameters of the robot, viscous and Coulomb friction and its width, mass and inertia of the
-    object.
+    The force F is followed by the torques of wheels, see `_gyrostat`. p are the inertial parameters of the robot,
+    viscous and Coulomb friction and its width, mass and inertia of the object.
     """
     model = law.model
     n = law.model.n
@@ -373,7 +396,12 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     w = model.nominal.vector.size
     no = sum(law.sizes)
     moments = len(law.body.inertia)
-    sizes = ("z", nq + n + base + 1 + no), ("F", n), ("g", law.parameters * len(law.grippers))
+    wheels = Wheels.of(model.spec)
+    sizes = (
+        ("z", nq + n + base + 1 + wheels.count + no),
+        ("F", n + wheels.count),
+        ("g", law.parameters * len(law.grippers)),
+    )
     z, F, g = (ca.SX.sym(*size) for size in sizes)
     p = ca.SX.sym("p", w + 2 * n + 1 + 1 + moments)
     robot, viscous, coulomb, width, body = ca.vertsplit(p, np.cumsum([0, w, n, n, 1, 1 + moments]).tolist())
@@ -381,15 +409,20 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     v = z[nq : nq + n]
     pose = z[z.numel() - no : z.numel() - law.sizes[1]]
     rate = z[z.numel() - law.sizes[1] :]
+    momenta = z[z.numel() - no - wheels.count : z.numel() - no]
     force, wrench, power, _, _ = law.forces(Q, v, pose, rate, g)
-    acting = F - viscous * v - coulomb * ca.tanh(v / width)
+    F_external, net, torque, power_of_wheels, robot = _gyrostat(model, wheels, F, momenta, robot)
+    acting = net - viscous * v - coulomb * ca.tanh(v / width)
     target_object = FreeBody(body[0], ca.vertsplit(body[1:]))
     pose_rate, velocity_rate = target_object.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
     vdot = model.dynamics.forward(Q, v, acting + force, robot)
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    on_robot = F if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot) - force  # by the mount
+    on_robot = (
+        F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot) - force
+    )  # by the mount
     external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(on_robot))
-    zdot = ca.vertcat(*Qdot, vdot, *external, ca.dot(acting, v) + power, *pose_rate, *velocity_rate)
+    power += ca.dot(acting, v) + power_of_wheels
+    zdot = ca.vertcat(*Qdot, vdot, *external, power, torque, *pose_rate, *velocity_rate)
     return ca.Function("flow", [z, F, g, p], [zdot])
 
 
@@ -450,14 +483,16 @@ def tick_function(
     in_task_space: bool = False,
     varies: bool = False,
 ) -> ca.Function:
-    """Return one tick z, u -> z_next, F with z = [state; impulse (3,) or (6,); work]: the law (7) sets F once.
+    """Return one tick z, u -> z_next, F, torques of wheels: the law (7) sets F once.
+
+    z = [state; impulse (3,) or (6,); work; momenta of wheels].
 
     In task space the law is `F = J' F_m`, and in the place of u are the rates of the frames' velocities. Where it
     varies what of the base is driven (n_twist,), that follows u.
 
     A disturbed one has the further arguments noise (2n,), external force (n,) and p: the inertial parameters of the
     robot and of the law, then the vector of a `JointFriction`. A limited one has the vector of `ForceLimits` last, and
-    returns also the force that the law commanded, before it was cut there.
+    returns after F also the force that the law commanded, before it was cut there.
     """
     of_plant = tick, substeps, disturbed, limited, in_task_space, varies
     return model.derived((tick_function, *of_plant), lambda: _tick_function(model, *of_plant))
@@ -470,15 +505,21 @@ def _tick_function(
     n = model.n
     nx = model.nq + model.n
     law, flow = _law_and_flow(model, disturbed, in_task_space, varies)
+    wheels = Wheels.of(model.spec)
     sizes = ("z", flow.size1_in(0)), ("u", law.size1_in(1)), ("noise", 2 * n), ("push", n), ("limits", 2 * n)
     z, u, noise, external_force, limits = (ca.MX.sym(*size) for size in sizes)
     p = ca.MX.sym("p", flow.size1_in(2) if disturbed else 0)
-    commanded = law(z[:nx], u, noise, p) if disturbed else law(z[:nx], u)
-    F = _cut(model)(z[: model.nq], commanded, limits) if limited else commanded
-    held = [F + external_force, p] if disturbed else [F]
+    momenta = z[z.numel() - wheels.count :]
+    seen = ca.vertcat(z[:nx], momenta) if wheels.count else z[:nx]
+    commanded = law(seen, u, noise, p) if disturbed else law(seen, u)
+    of_base = u[u.numel() - model.space.n_twist :] if varies else ca.DM(model.driven())
+    commanded, F, external, torque = _with_wheels(model, wheels, tick, limited)(
+        z[: model.nq], commanded, limits, momenta, of_base
+    )
+    held = [ca.vertcat(external + external_force, torque), p] if disturbed else [ca.vertcat(external, torque)]
     after = _runge_kutta(flow, z, held, tick, substeps, model.space.attitudes_at(0))
     arguments = [z, u, *([noise, external_force, p] if disturbed else []), *([limits] if limited else [])]
-    results = [after, F, *([commanded] if limited else [])]
+    results = [after, F, *([commanded] if limited else []), *([torque] if wheels.count else [])]
     return ca.Function("disturbed" if disturbed else "tick", arguments, results)
 
 
@@ -497,11 +538,91 @@ def _cut(model: RobotModel) -> ca.Function:
     return ca.Function("cut", [Q, F, limits], [ca.cse(ca.vertcat(*within))])
 
 
+def _with_wheels(model: RobotModel, wheels: Wheels, tick: float, limited: bool) -> Callable[..., list[ca.MX]]:
+    """Return what limits and wheels make of a commanded force: Q, commanded, limits, momenta, driven -> four of them.
+
+    They are the force that is commanded, with what balances the unloading of wheels; the force that acts; the part of
+    it that is external, without the motors of wheels; and their torques. See `WheelDrive`, which does the same.
+    """
+    cut = _cut(model) if limited else None
+    if not wheels.count:
+
+        def plain(Q: ca.MX, commanded: ca.MX, limits: ca.MX, momenta: ca.MX, driven: ca.MX) -> list[ca.MX]:
+            F = commanded if cut is None else cut(Q, commanded, limits)
+            return [commanded, F, F, ca.MX(0, 1)]
+
+        return plain
+    n = model.n
+    rotation = model.space.rotation
+    F, h, driven = (ca.SX.sym(*size) for size in (("F", n), ("h", wheels.count), ("driven", model.space.n_twist)))
+    stored = ca.vertsplit(h)
+
+    def along_base(torque: ca.SX) -> ca.SX:
+        moment = ca.SX.zeros(n)
+        moment[rotation] = ca.vertcat(*wheels.along_base(ca.vertsplit(torque)))
+        return moment
+
+    unloading = driven[0] * ca.vertcat(*wheels.unloading_torques(stored, tick, by_expressions))
+    unloads = ca.Function("unloads", [F, h, driven], [F + along_base(unloading)])
+    by_wheels = (1 - driven[0]) * driven[-1]
+    moment = ca.vertsplit(F[rotation])
+    turning = by_wheels * ca.vertcat(*wheels.turning_torques(moment, stored, tick, by_expressions))
+    torque = unloading + turning
+    external = ca.SX(F)
+    external[rotation] *= 1 - by_wheels
+    turns = ca.Function("turns", [F, h, driven], [external - along_base(torque), external, torque])
+
+    def driving(Q: ca.MX, commanded: ca.MX, limits: ca.MX, momenta: ca.MX, driven: ca.MX) -> list[ca.MX]:
+        commanded = unloads(commanded, momenta, driven)
+        within = commanded if cut is None else cut(Q, commanded, limits)
+        return [commanded, *turns(within, momenta, driven)]
+
+    return driving
+
+
+def _gyrostat(
+    model: RobotModel, wheels: Wheels, F: ca.SX, momenta: ca.SX, robot: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX | float, ca.SX]:
+    """Split what acts on a robot with wheels.
+
+    Args:
+        model: The robot.
+        wheels: Its wheels.
+        F: External generalized force, then the torques of the motors (n + W,).
+        momenta: What the wheels store (W,).
+        robot: Its inertial parameters.
+
+    Returns:
+        The external force (n,), that with what the motors do to the base (n,), their torques (W,), the power of what
+        they do to the wheels, and the inertial parameters with what the wheels store.
+    """
+    if not wheels.count:
+        return F, F, ca.SX(0, 1), 0.0, robot
+    external, torque = ca.vertsplit(F, [0, model.n, model.n + wheels.count])
+    net = ca.SX(external)
+    net[model.space.rotation] -= ca.vertcat(*wheels.along_base(ca.vertsplit(torque)))
+    power = ca.dot(torque, momenta / ca.DM(wheels.inertia))
+    return external, net, torque, power, with_stored(model.spec, robot, ca.DM(wheels.axes) @ momenta)
+
+
+def _momenta(model: RobotModel, drive: WheelDrive | None) -> np.ndarray:
+    """Return what the wheels of a robot store (W,)."""
+    return np.zeros(len(model.spec.wheels)) if drive is None else drive.momentum
+
+
+def _recorded(drive: WheelDrive, momenta: np.ndarray, torques: np.ndarray) -> WheelDrive:
+    """Take in what wheels store after ticks (K, W), and the torques over them (K, W)."""
+    for momentum, torque in zip(momenta, torques, strict=True):
+        drive.record(momentum, torque)
+    return drive
+
+
 def _law_and_flow(
     model: RobotModel, disturbed: bool, in_task_space: bool, varies: bool
 ) -> tuple[ca.Function, ca.Function]:
     """Return the low-level law state, u, noise, p -> F, and the rate of z at z, F, p with the external force in F.
 
+    The state is followed by momenta of wheels, and F by their torques, see `_gyrostat`.
     Of an undisturbed plant noise and p are constant, and no arguments. Friction acts between the links: it does work,
     but has no impulse on the whole. The flow is called, not written out, in each stage of an integration step: as C it
     compiles in a third of the time.
@@ -515,10 +636,19 @@ def _law_and_flow(
     robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
     of_inputs = model.task_space.law if in_task_space else law_of(model, varies)
     driven = model.space.n_twist * varies
-    sizes = ("x", nq + n), ("u", of_inputs.size1_in(2) + driven), ("noise", 2 * n), ("z", nq + n + base + 1), ("F", n)
+    wheels = Wheels.of(model.spec)
+    sizes = (
+        ("x", nq + n + wheels.count),
+        ("u", of_inputs.size1_in(2) + driven),
+        ("noise", 2 * n),
+        ("z", nq + n + base + 1 + wheels.count),
+        ("F", n + wheels.count),
+    )
     state, u, noise, z, F = (ca.SX.sym(*size) for size in sizes)
+    if wheels.count:
+        believed = with_stored(model.spec, believed, ca.DM(wheels.axes) @ state[nq + n :])
     measured_Q = state[:nq]
-    measured_v = state[nq:]
+    measured_v = state[nq : nq + n]
     if disturbed:
         measured_Q = _integrated(model.space, measured_Q, noise[:n])
         measured_v = measured_v + noise[n:]
@@ -526,12 +656,15 @@ def _law_and_flow(
     commanded = of_inputs(measured_Q, measured_v, u[: u.numel() - driven], believed, *of_base)
     Q = z[:nq]
     v = z[nq : nq + n]
-    acting = F - viscous * v - coulomb * ca.tanh(v / width)
+    F_external, net, torque, power, robot = _gyrostat(model, wheels, F, z[nq + n + base + 1 :], robot)
+    acting = net - viscous * v - coulomb * ca.tanh(v / width)
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
     vdot = model.dynamics.forward(Q, v, acting, robot)
-    external = F if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot)  # that of the mount
+    external = (
+        F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot)
+    )  # that of the mount
     wrench = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external))
-    rate = ca.vertcat(*Qdot, vdot, *wrench, ca.dot(acting, v))
+    rate = ca.vertcat(*Qdot, vdot, *wrench, ca.dot(acting, v) + power, torque)
     if not disturbed:
         return ca.Function("law", [state, u], ca.cse([commanded])), ca.Function("flow", [z, F], ca.cse([rate]))
     return ca.Function("law", [state, u, noise, p], [commanded]), ca.Function("flow", [z, F, p], [rate])
@@ -570,5 +703,8 @@ def build(setup: PlantSetup) -> Plant:
             setup.friction,
             setup.force_limits,
             setup.firing,
+            setup.drive,
         )
-    return Rk4CapturePlant(capture, setup.substeps, setup.native, setup.friction, setup.force_limits, setup.firing)
+    return Rk4CapturePlant(
+        capture, setup.substeps, setup.native, setup.friction, setup.force_limits, setup.firing, setup.drive
+    )

@@ -205,7 +205,7 @@ class Draw:
         """Return the true inertial parameters, with empty grippers."""
         mass = self.mass_factor * nominal.mass
         inertia = self.inertia_factor[:, None] * nominal.inertia
-        return InertialParameters(mass, inertia, self.offset, nominal.held_mass, nominal.held_inertia)
+        return replace(nominal, mass=mass, inertia=inertia, offset=self.offset)
 
 
 def draw_bodies(spec: UncertaintySpec, robot: RobotSpec, seed: int) -> Draw:

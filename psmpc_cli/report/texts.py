@@ -171,6 +171,15 @@ def _impulse_of_thrusters(summary: Summary, kind: str) -> str:
     return f"{number(force)} N s, {number(torque)} N m s"
 
 
+def _of_wheels(largest: Largest | None) -> str:
+    """Write what part of its limit a wheel came to, and when."""
+    return (
+        ""
+        if largest is None
+        else f"{largest.where}: {number(100 * largest.value, 0.1)} % at {number(largest.time, 0.1)} s"
+    )
+
+
 def _returns(returned_at: Sequence[float]) -> str:
     """Write how often and when the sequence returned to an earlier stage to try again."""
     if not returned_at:
@@ -291,6 +300,15 @@ MEASURES: tuple[Measure, ...] = (
     Measure("largest commanded force, of its limit", describe_tightest_force, shown=BOTH),
     Measure("forces cut at their limits", lambda run: 100 * run.saturated, "% of the time", resolution=0.1),
     Measure(FORCES_FAR_BEYOND, lambda run: 100 * run.far_beyond, "% of the time", resolution=0.1),
+    Measure(
+        "largest momentum of a wheel, of its limit",
+        lambda run: "" if run.wheels is None else _of_wheels(run.wheels.momentum),
+        shown=BOTH,
+    ),
+    Measure(
+        "largest torque of a wheel's motor, of its limit",
+        lambda run: "" if run.wheels is None else _of_wheels(run.wheels.torque),
+    ),
     Measure("largest condition number of J_C", _condition, shown=BOTH),
     Measure("smallest distance of parts, any tick", _smallest_distance, shown=BOTH),
     Measure("smallest margin of clearance, any tick", _smallest_margin),

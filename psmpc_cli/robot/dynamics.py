@@ -10,12 +10,19 @@ links, and the spin momentum G I_r qd that a rotor adds to that of the body it s
 stands for. That is why neither the wrench on the base nor the momentum has a term of it. Featherstone (2008), chapter
 9, on gears.
 
+A reaction wheel i on the base, of inertia J_i about its axis a_i, stores h_i = J_i (Omega_i + a_i . omega): the
+momentum of its spin and of the base's turn about its axis. Without J_i a_i a_i' the base has the inertia I*, and base
+and wheels have the angular momentum I* omega + h_w with h_w = sum_i a_i h_i. Its motor changes h_i at the rate tau_i.
+So the moment that the base needs from elsewhere is that of a body with the inertia I*, sum_i a_i tau_i, and
+omega x h_w. The last is part of the bias here, with h_w, `stored`, as a parameter. Hughes: Spacecraft Attitude Dynamics
+(1986), chapter 6.
+
 In task space the same equations are those of the twists of base and end-effectors, paper eqs. (5) and (6); see
 `TaskSpaceDynamics`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -36,7 +43,7 @@ from psmpc_cli.robot.rotations import (
     transposed,
     turn_matrix,
 )
-from psmpc_cli.specs.robot import Joint, RobotSpec
+from psmpc_cli.specs.robot import Joint, RobotSpec, inertia_without_wheels
 
 EXACT = 1e-15
 """Entries of a constant rotation matrix this near to 0 and 1 are meant to be: right angles cost no operations."""
@@ -59,10 +66,12 @@ class InertialParameters:
     Attributes:
         mass: (bodies,) [kg].
         inertia: About the centres of mass, zz of a planar robot (bodies, 1), xx, yy, zz, xy, xz, yz of a spatial one
-            (bodies, 6) [kg m^2].
+            (bodies, 6) [kg m^2]; the base's without what of wheels turns about their axes.
         offset: Of the centres of mass from the nominal ones, along the axes of the body (bodies, dimension) [m].
         held_mass: Of the load in each gripper, at the end-effector frame (arms,) [kg].
         held_inertia: Of the load about that point, the same about each axis (arms,) [kg m^2].
+        stored: Angular momentum h_w that wheels store, along the base's own axes, (1,) or (3,) [N m s]; empty of a
+            robot without wheels.
     """
 
     mass: np.ndarray
@@ -70,30 +79,55 @@ class InertialParameters:
     offset: np.ndarray
     held_mass: np.ndarray
     held_inertia: np.ndarray
+    stored: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def nominal(cls, spec: RobotSpec) -> "InertialParameters":
-        """Return the parameters of the robot's description, with empty grippers."""
+        """Return the parameters of the robot's description, with empty grippers and wheels that store nothing."""
         bodies = spec.bodies
-        moments = configuration_space(spec).moments
+        space = configuration_space(spec)
+        inertias = [inertia_without_wheels(spec), *(body.inertia for body in bodies[1:])]
         return cls(
             mass=np.array([body.mass for body in bodies]),
-            inertia=np.array([body.inertia[moments] for body in bodies]),
+            inertia=np.array([inertia[space.moments] for inertia in inertias]),
             offset=np.zeros((len(bodies), spec.dimension)),
             held_mass=np.zeros(len(spec.arms)),
             held_inertia=np.zeros(len(spec.arms)),
+            stored=np.zeros(n_stored(spec)),
         )
 
     @cached_property
     def vector(self) -> np.ndarray:
         """All parameters in one vector w, the last argument of the functions of `Dynamics`."""
         return np.concatenate(
-            [self.mass, self.inertia.T.ravel(), self.offset.T.ravel(), self.held_mass, self.held_inertia]
+            [self.mass, self.inertia.T.ravel(), self.offset.T.ravel(), self.stored, self.held_mass, self.held_inertia]
         )
 
     def holding(self, mass: np.ndarray, inertia: np.ndarray) -> "InertialParameters":
         """Return the same robot with loads of mass (arms,) [kg] and inertia (arms,) [kg m^2] in its grippers."""
         return replace(self, held_mass=mass, held_inertia=inertia)
+
+    def storing(self, stored: np.ndarray) -> "InertialParameters":
+        """Return the same robot with wheels that store so much, (1,) or (3,) [N m s]."""
+        return replace(self, stored=stored)
+
+
+def n_stored(spec: RobotSpec) -> int:
+    """Return the number of components of what wheels store; 0 of a robot without wheels."""
+    space = configuration_space(spec)
+    return (space.n_twist - space.dimension) * bool(spec.wheels)
+
+
+def with_stored(spec: RobotSpec, w: Any, stored: Any) -> Any:
+    """Return the vector of inertial parameters w as an expression, with what wheels store replaced."""
+    rows = stored_in(spec, w)
+    return ca.vertcat(w[: rows.start], stored, w[rows.stop :])
+
+
+def stored_in(spec: RobotSpec, w: Any) -> slice:
+    """Return where in the vector of inertial parameters w, an expression, that is what wheels store."""
+    end = w.numel() - 2 * len(spec.arms)
+    return slice(end - n_stored(spec), end)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +167,9 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     Hv = inverse(Q, 0, v, w)
     H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
     momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
+    if spec.wheels:
+        tree = _Tree(spec, Q)
+        momentum += ca.vertcat(*space.twist([0.0] * 3, matrix_vector(tree.turned, _stored(spec, w))))
     motion = {"Q": Q, "v": v}
     acceleration = _acceleration(spec, H, F - bias)
     return Dynamics(
@@ -409,6 +446,8 @@ class _Tree:
             spin = cross(motion.omega, matrix_vector(lump.inertia, motion.omega))
             forces[i] = add(forces[i], f)
             moments[i] = add(moments[i], matrix_vector(lump.inertia, motion.alpha), spin, cross(lump.centre, f))
+        if self.spec.wheels:
+            moments[0] = add(moments[0], cross(motions[0].omega, _stored(self.spec, w)))
         along: list[Any] = []
         for i in range(len(motions) - 1, 0, -1):
             joint = self.joints[i - 1]
@@ -452,7 +491,8 @@ def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
     space = configuration_space(spec)
     d = space.dimension
     k = space.n_moments
-    mass, moments, offsets, held, about = ca.vertsplit(w, np.cumsum([0, B, k * B, d * B, A, A]).tolist())
+    sizes = [0, B, k * B, d * B, n_stored(spec), A, A]
+    mass, moments, offsets, _, held, about = ca.vertsplit(w, np.cumsum(sizes).tolist())
     moments = ca.reshape(moments, B, k)
     offsets = ca.reshape(offsets, B, d)
     lumps = list[_Lump]()
@@ -465,6 +505,13 @@ def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
         inertia = [[about[a] if i == j else 0.0 for j in range(3)] for i in range(3)]
         lumps.append(_Lump(tool.body, held[a], list(tool.position), inertia))
     return lumps
+
+
+def _stored(spec: RobotSpec, w: ca.SX) -> Vector:
+    """Return what wheels store of inertial parameters w, (3,) along the base's axes."""
+    space = configuration_space(spec)
+    stored = ca.vertsplit(w[stored_in(spec, w)])
+    return space.twist_to_3d([*[0.0] * space.dimension, *stored])[1]
 
 
 def point_acceleration(omega: Vector, alpha: Vector, r: Vector) -> Vector:

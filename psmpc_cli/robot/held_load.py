@@ -10,7 +10,14 @@ from scipy.linalg import eigh, null_space
 
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import InertialParameters, of_driven, point_acceleration, solve_spd, tool_motions
+from psmpc_cli.robot.dynamics import (
+    InertialParameters,
+    of_driven,
+    point_acceleration,
+    solve_spd,
+    stored_in,
+    tool_motions,
+)
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, cross, dot, matrix, matrix_product, matrix_vector, scaled, transposed
@@ -177,9 +184,10 @@ def held_momentum(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
 def held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     """Return joints, v, u, grasps, inertial parameters, object -> derivatives of `held_force` (n, joints + 2n).
 
-    They are those by [joints; v; u] with the base at its neutral pose, as `RobotModel.law_jacobian` has those of the
-    robot alone. The closed chain is differentiated as the system that it solves, not as the solution. With
-    F = phi(z, u') and z = [joints; v], and by z alone, lambda and u' held, differentials
+    They are those by [joints; v; u], and by what wheels store, with the base at its neutral pose, as
+    `RobotModel.law_jacobian` has those of the robot alone. The closed chain is differentiated as the system that it
+    solves, not as the solution. With F = phi(z, u') and z = [joints; v], and by z alone, lambda and u' held,
+    differentials
 
         dphi, dP of G' lambda, dE of G u' + g,
 
@@ -263,6 +271,8 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
     Y = F_by[:, -n:]
     P_by = _geometric_stiffness(space, S, closed.strain)
     F_by[:, : space.joints] += _geometric_stiffness(space, S, borne) - Y @ P_by
+    if model.spec.wheels:
+        F_by = ca.horzcat(F_by, ca.jacobian(law, w)[:, stored_in(model.spec, w)])
     return ca.Function("held_by", [joints, v, u, p, w, numbers], [F_by])
 
 

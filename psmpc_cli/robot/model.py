@@ -21,6 +21,7 @@ from psmpc_cli.robot.dynamics import (
     derive_task_space_dynamics,
     function,
     of_driven,
+    stored_in,
 )
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
 from psmpc_cli.robot.rotations import add, cross, rotate, scaled
@@ -159,6 +160,8 @@ class RobotModel:
     def law_jacobian(self, driven: tuple[float, ...] | None = None) -> ca.Function:
         """Return joints, v, u, w -> the derivatives of `law` by [joints; v; u] (n, joints + 2n), base at neutral.
 
+        Those by what wheels store follow, of a robot that has any.
+
         Force, velocity and acceleration along the base's own axes depend on neither its position nor its attitude:
         these derivatives are those of all poses, without the operations that turn vectors into the inertial frame.
         """
@@ -172,6 +175,8 @@ class RobotModel:
         w = ca.SX.sym("w", self.nominal.vector.size)
         F = self.law(driven)(self.space.at_neutral_base(joints), v, u, w)
         F_by = ca.jacobian(F, ca.vertcat(joints, v, u))
+        if self.spec.wheels:
+            F_by = ca.horzcat(F_by, ca.jacobian(F, w)[:, stored_in(self.spec, w)])
         return ca.Function("law_jacobian", [joints, v, u, w], [F_by])
 
     @cached_property

@@ -16,6 +16,15 @@ if TYPE_CHECKING:
 OBJECT = "the object"
 """Name of the body of an object, which no arm has."""
 
+WHEEL_MASS = 1e-12
+"""Mass of the body of a wheel, whose own is part of the base's [kg]."""
+
+TINY = 1e-12
+"""Inertia of a wheel about axes across its own, over that about it."""
+
+TURNED_BACK = 1e-12
+"""By so much the cosine of an axis may differ from -1 where it is opposite to z."""
+
 
 def mujoco_spec(
     spec: RobotSpec, target_object: FreeBody | None = None, inertial: InertialParameters | None = None
@@ -27,7 +36,9 @@ def mujoco_spec(
     joints and bodies are named as in `RobotSpec.bodies`; the sites `base` and `<arm>` are the frames of poses. `qpos`
     and `qvel` are Q and v, but where an arm is mounted on another one MuJoCo orders the joints by depth. MuJoCo needs
     three moments of inertia: of a planar body all are the planar one, and the two about axes in the plane have no
-    effect. A `target_object` is a further free body, its joints after the robot's. What the grippers hold is a body of
+    effect. A reaction wheel on the base is a body on a hinge, `wheel.1` and so on, at the base's centre of mass, with
+    `WHEEL_MASS`; MuJoCo's compiler takes no body that is inert about one axis alone, see `set_wheel_inertias`. A
+    `target_object` is a further free body, its joints after the robot's. What the grippers hold is a body of
     its own in each of them.
 
     Args:
@@ -49,6 +60,11 @@ def mujoco_spec(
     if moves:
         _let_move(added[0], "base", spec.dimension)
     added[0].add_site(name="base")
+    for name, wheel in zip(wheel_names(spec), spec.wheels, strict=True):
+        about = {"inertia": [wheel.inertia] * 3, "mass": WHEEL_MASS, "ipos": [0, 0, 0], "explicitinertial": True}
+        wheel_body = added[0].add_body(name=name, pos=spec.bodies[0].centre, **about)
+        axis = wheel.direction if len(wheel.direction) == 3 else (0.0, 0.0, 1.0)
+        wheel_body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
     for number, (link, joint) in enumerate(zip(links, spec.joints, strict=True), start=1):
         carrier = added[joint.at.body]
         added.append(carrier.add_body(name=link.name, **_place(joint.at), **_inertial(link, parameters, number)))
@@ -68,6 +84,30 @@ def mujoco_spec(
         )
         _let_move(body, OBJECT, spec.dimension)
     return robot
+
+
+def wheel_names(spec: RobotSpec) -> list[str]:
+    """Return the names of the bodies and joints of a robot's reaction wheels."""
+    return [f"wheel.{number}" for number, _ in enumerate(spec.wheels, start=1)]
+
+
+def set_wheel_inertias(engine: "mujoco.MjModel", spec: RobotSpec) -> None:
+    """Make a compiled robot's wheels inert about their own axes alone; what else of them the base has already."""
+    for name, wheel in zip(wheel_names(spec), spec.wheels, strict=True):
+        body = engine.body(name).id
+        axis = engine.jnt_axis[engine.body_jntadr[body]]
+        engine.body_inertia[body] = [TINY * wheel.inertia, TINY * wheel.inertia, wheel.inertia]
+        engine.body_iquat[body] = _turning_z_to(axis)
+        engine.body_sameframe[body] = 0  # the axes of its inertia are no longer its own
+
+
+def _turning_z_to(axis: np.ndarray) -> np.ndarray:
+    """Return a unit quaternion that turns the z-axis to a unit axis (3,)."""
+    x, y, z = axis
+    if z < -1 + TURNED_BACK:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    q = np.array([1 + z, -y, x, 0.0])
+    return np.asarray(q / np.linalg.norm(q))
 
 
 def _let_move(body: Any, name: str, dimension: int) -> None:

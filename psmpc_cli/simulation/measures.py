@@ -25,7 +25,9 @@ from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant import ForceLimits, Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
 from psmpc_cli.plant.uncertainty import Contact, Uncertainty, force_limits_of
+from psmpc_cli.plant.wheels import WheelTicks
 from psmpc_cli.robot.configuration import Chart
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.clearance import ClearanceMeter
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.robot import Limits
@@ -53,7 +55,17 @@ class Meter:
         uncertainty: Uncertainty | None,
         capture: Capture | None,
         initial_state: np.ndarray,
+        wheels: np.ndarray | None = None,
     ) -> None:
+        """Set up what is measured.
+
+        Args:
+            counterfactuals: Solves what is measured alone.
+            uncertainty: What the controller does not know.
+            capture: The object and its grasps.
+            initial_state: Initial state [Q; v] (nq + n,).
+            wheels: What wheels store at first (W,) [N m s]; None of a robot without any.
+        """
         problem = counterfactuals.problem
         self._capture = capture
         self._counterfactuals = counterfactuals
@@ -69,9 +81,14 @@ class Meter:
         self._slides = np.array([joint.prismatic for joint in problem.model.spec.joints], bool)
         self._number = 0
         self._tick = 1 / problem.spec.plant.low_level_rate
+        self._wheels = Wheels.of(problem.model.spec)
         self._expected = self._momentum_and_energy(0, initial_state[None])[0] + (
             0.0 if capture is None else capture.kept
         )
+        if wheels is not None:
+            self._expected = (
+                self._expected + self._wheels.balance(initial_state[None, : problem.model.nq], wheels[None])[0]
+            )
 
     def measure(
         self,
@@ -164,6 +181,7 @@ class Meter:
         of_object = np.array([sample.of_object for sample in samples]).reshape(len(states), -1)
         expected = np.array([sample.expected for sample in samples])
         kept = self._momentum_and_energy(stage.index, ends) + of_object - expected
+        kept = kept + self._of_wheels(ends, [of_sample.wheels for of_sample in ticks])
         held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
         at_ends = [self._ends(*of_sample) for of_sample in zip(commands, ticks, charted, strict=True)]
         columns = {
@@ -179,7 +197,7 @@ class Meter:
             "effort/control": sample_time * (mean**2).sum(axis=1),
             "effort/squared_acceleration": self._tick * (controls**2).sum(axis=(1, 2)),
             "effort/base_force": self._tick * force.sum(axis=1),
-            "effort/base_torque": self._tick * torque.sum(axis=1),
+            "effort/base_torque": self._tick * self._torque_of_thrusters(ticks, torque).sum(axis=1),
             "peak/base_force": force.max(axis=1),
             "peak/base_torque": torque.max(axis=1),
             "peak/joint_torque": joint_torque.max(axis=1),
@@ -197,6 +215,7 @@ class Meter:
             "force/own_axes": self._along_base_axes(ticks),
             "state/Q_true": states[:, : model.nq],
             "state/Qdot_true": states[:, model.nq :],
+            **self._wheel_use([of_sample.wheels for of_sample in ticks]),
             "payload/held": [held] * len(states),
             "payload/energy": [
                 0.0 if sample.contact is None else sample.contact.momentum_and_energy[-1] for sample in samples
@@ -213,6 +232,45 @@ class Meter:
         for row in rows:
             make_read_only(*row)
         return [dict(zip(columns, row, strict=True)) for row in rows]
+
+    def _of_wheels(self, states: np.ndarray, ticks: Sequence[WheelTicks | None]) -> np.ndarray | float:
+        """Return momentum and energy of wheels at the ends of samples in states X (K, nq + n); 0 without any."""
+        known = [of_sample.momentum[-1] for of_sample in ticks if of_sample is not None]
+        if len(known) < len(states):
+            return 0.0
+        return self._wheels.balance(states[:, : self._problem.model.nq], np.array(known))
+
+    def _torque_of_thrusters(self, ticks: Sequence[Ticks], torque: np.ndarray) -> np.ndarray:
+        """Return norms of the torques on the base (K, M) without what the motors of wheels give.
+
+        Args:
+            ticks: Of K samples.
+            torque: Norms of all torques on the base (K, M) [N m].
+        """
+        along_base = self._wheels.along_base  # in the order of plants: nothing is left but what thrusters give
+        by_wheels = [
+            np.transpose(along_base(list(of_sample.wheels.torque.T)))
+            for of_sample in ticks
+            if of_sample.wheels is not None
+        ]
+        if len(by_wheels) < len(ticks):
+            return torque
+        all_torques = np.array([of_sample.F for of_sample in ticks])[..., self._problem.model.space.rotation]
+        return np.asarray(np.linalg.norm(all_torques + np.array(by_wheels), axis=-1))
+
+    def _wheel_use(self, ticks: Sequence[WheelTicks | None]) -> dict[str, list[np.ndarray]]:
+        """Return what wheels store at samples, and their torques furthest from 0 until the next, by path in the log."""
+        known = [of_sample for of_sample in ticks if of_sample is not None]
+        if len(known) < len(ticks):
+            return {}
+        furthest = [np.abs(of_sample.torque).argmax(axis=0) for of_sample in known]
+        return {
+            "wheels/momentum": [of_sample.momentum[0] for of_sample in known],
+            "wheels/torque": [
+                np.take_along_axis(of_sample.torque, at[None], axis=0)[0]
+                for of_sample, at in zip(known, furthest, strict=True)
+            ],
+        }
 
     def _along_base_axes(self, ticks: Sequence[Ticks]) -> np.ndarray:
         """Return the forces at samples, those of the base along its own axes, (K, n)."""

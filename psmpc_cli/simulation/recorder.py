@@ -19,7 +19,7 @@ from psmpc_cli.control.interface import Command, make_read_only
 from psmpc_cli.control.sequence import Switch
 from psmpc_cli.control.window_builder import priorities_in_force
 from psmpc_cli.errors import InputError, RunError
-from psmpc_cli.logs.conditions import THRUSTERS, TRUE_STATE, Recorded
+from psmpc_cli.logs.conditions import THRUSTERS, TRUE_STATE, WHEELS, Recorded
 from psmpc_cli.logs.run import Run, read_run, run_in
 from psmpc_cli.logs.schema import KEEP_GOING, MOMENTUM, NEW_TARGETS, Q_COORDINATE, SLIDING, Sample, conditions_of
 from psmpc_cli.logs.verdicts import verdicts
@@ -30,6 +30,7 @@ from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.plant import Ticks
 from psmpc_cli.plant.grasp import Capture
 from psmpc_cli.plant.uncertainty import Uncertainty
+from psmpc_cli.plant.wheels import WheelTicks
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.model import shape_of
 from psmpc_cli.simulation.clearance import clearance_header
@@ -282,10 +283,16 @@ def header(loop: RecordedLoop) -> Header:
             **({} if capture is None else capture.header),
             **(clearance_header(loop.problem) if task.keeps_clear else {}),
             **(thrusters_header(loaded.robot) if THRUSTERS.holds(loop.recorded) else {}),
+            **({"wheel": wheel_labels(loaded.robot)} if WHEELS.holds(loop.recorded) else {}),
             **({} if uncertainty is None else uncertainty.drawn),
         },
         has=conditions_of(loop.recorded),
     )
+
+
+def wheel_labels(robot: RobotSpec) -> tuple[str, ...]:
+    """Return the names of the reaction wheels of a robot in the log."""
+    return tuple(f"wheel {number}" for number, _ in enumerate(robot.wheels, start=1))
 
 
 def thrusters_header(robot: RobotSpec) -> dict[str, tuple[str, ...]]:
@@ -390,7 +397,8 @@ class Recorder:
 
     def _samples(self, loop: RecordedLoop, reason: str) -> Samples:
         """Yield the samples as `closed_loop` does, and return how the loop ended."""
-        meter = Meter(loop.counterfactuals, loop.uncertainty, loop.capture, loop.initial_state)
+        wheels = self._commands[0].wheels if len(self._commands[0].wheels) else None
+        meter = Meter(loop.counterfactuals, loop.uncertainty, loop.capture, loop.initial_state, wheels)
         last_stage = loop.problem.stages[-1]
         ends_at = np.inf
         time = self._commands[0].time
@@ -419,8 +427,12 @@ class Recorder:
         """Yield the ticks of every command: those given, else one from its state to the next; None if neither is."""
         following = [*self._commands[1:], None]
         for command, ticks, next_command in zip(self._commands, self._ticks, following, strict=True):
-            if ticks is not None or next_command is None:
-                yield ticks
+            last = command.wheels if next_command is None else next_command.wheels
+            if ticks is not None:
+                yield ticks if ticks.wheels is not None else replace(ticks, wheels=_wheels(command, last, len(ticks.F)))
+                continue
+            if next_command is None:
+                yield None
                 continue
             base = self._controller.problem.model.parts["base"]
             yield Ticks(
@@ -428,7 +440,22 @@ class Recorder:
                 states=np.array([command.state, next_command.state]),
                 F=np.full((1, command.u.shape[1]), np.nan),
                 impulse_and_work=np.full(base.stop + 1, np.nan),
+                wheels=_wheels(command, last, 1),
             )
+
+
+def _wheels(command: Command, after: np.ndarray, ticks: int) -> WheelTicks | None:
+    """Return what wheels did over the ticks of a sample, of which only what they store at both ends is known.
+
+    Args:
+        command: Of the sample.
+        after: What they store at its end (W,) [N m s].
+        ticks: Number of ticks.
+    """
+    if not len(command.wheels):
+        return None
+    momentum = np.linspace(command.wheels, after, ticks + 1)
+    return WheelTicks(momentum, np.full((ticks, len(after)), np.nan))
 
 
 def _checked(ticks: Ticks, command: Command) -> Ticks:

@@ -20,6 +20,7 @@ from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function
 from psmpc_cli.plant.thrusters import firing_of
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of, stream
+from psmpc_cli.plant.wheels import WheelDrive, drive_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.measures import Counterfactuals, Meter
 from psmpc_cli.simulation.recorder import Ending, RecordedLoop, Watch, libraries_of, record
@@ -45,11 +46,13 @@ class Experiment(RecordedLoop):
     Attributes:
         controller: The controller.
         plant: The physics.
+        drive: The wheels of the plant; None of a robot without any.
         new_targets: Tells at each sample which targets are others from then on.
     """
 
     controller: Controller
     plant: Plant
+    drive: WheelDrive | None = None
     new_targets: "NewTargets" = no_new_targets
 
 
@@ -63,6 +66,7 @@ def build_experiment(loaded: Task) -> Experiment:
     uncertainty = Uncertainty(task, model) if task.is_uncertain else None
     friction = None if uncertainty is None else uncertainty.friction
     capture = build_capture(task, model)
+    drive = drive_of(task, model)
     Q = stack(task.initial, loaded.robot, "joint")
     return Experiment(
         problem=problem,
@@ -76,7 +80,9 @@ def build_experiment(loaded: Task) -> Experiment:
             capture=capture,
             force_limits=force_limits_of(task, model.spec),
             firing=firing_of(task, model),
+            drive=drive,
         ),
+        drive=drive,
         uncertainty=uncertainty,
         capture=capture,
         initial_state=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],
@@ -137,7 +143,8 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     plant = experiment.plant
     uncertainty = experiment.uncertainty
     capture = experiment.capture
-    meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.initial_state)
+    wheels = None if experiment.drive is None else experiment.drive.momentum
+    meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.initial_state, wheels)
     state = experiment.initial_state
     braking_until = np.inf
     sample_number = 0
@@ -153,7 +160,8 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         holding = None if capture is None else capture.holding
         for name, target in (experiment.new_targets(now) or {}).items():
             controller.retarget(name, target, feasibility=False)
-        command = controller.step(now, State.of(measured), object_pose, holding)
+        wheels = None if experiment.drive is None else experiment.drive.momentum
+        command = controller.step(now, State.of(measured, wheels), object_pose, holding)
         if (ending := _ending(experiment, command, state, braking_until, time_after_end)) is not None:
             return ending
         if any(switch.stage == until for switch in command.switches):

@@ -49,8 +49,15 @@ class Verification:
         """Integrate the full dynamics along the plans and the closed loop.
 
         Raises:
-            LogError: The log holds no plans or no samples, or a motion that cannot be integrated.
+            LogError: The log holds no plans or no samples, or a motion that cannot be integrated; or it is of a spatial
+                robot with wheels, of which the integrator knows nothing.
         """
+        robot = log.task.robot
+        if robot.wheels and robot.dimension == 3:
+            raise LogError(
+                f"{log.path}: found the run of {robot.name}, a spatial robot with reaction wheels, expected one "
+                "without: what wheels store acts on its motion, and verify does not integrate it"
+            )
         self._log = log
         self._problem = log.problem
         self._model = log.problem.model

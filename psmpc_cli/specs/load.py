@@ -30,9 +30,16 @@ from psmpc_cli.specs.document import (
 )
 from psmpc_cli.specs.fields import faults_of, keys_of
 from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
-from psmpc_cli.specs.parts import MOBILITIES, Context, Mobility
+from psmpc_cli.specs.parts import MOBILITIES, Context, Mobility, MobilityTraits
 from psmpc_cli.specs.priorities import priorities_of
-from psmpc_cli.specs.robot import PlanarRobot, RobotSpec, SpatialRobot, UrdfRobot, missing_directions
+from psmpc_cli.specs.robot import (
+    PlanarRobot,
+    RobotSpec,
+    SpatialRobot,
+    UrdfRobot,
+    missing_directions,
+    wheel_faults,
+)
 from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
 from psmpc_cli.specs.urdf import Urdf, is_xml, kind_of_xml, read_urdf, spatial_robot
 
@@ -194,12 +201,15 @@ def kind_of_reference(reference: str | Path) -> Kind:
     return _kind_of(read(shown(path), read_text(path))) or "task"
 
 
-def validate_robot(document: Document, mobility: Mobility | None = None) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
+def validate_robot(
+    document: Document, mobility: Mobility | None = None, of_stages: Sequence[MobilityTraits] = ()
+) -> tuple[RobotSpec | None, tuple[Fault, ...]]:
     """Return the robot that a document describes, None if it is not valid, and every fault of the document.
 
     Args:
         document: The robot's file.
         mobility: What a task has instead of the robot's own mobility.
+        of_stages: What moves the base in stages of the task that say it.
     """
     spatial = "space" in mapping(document.data)
     for path in document.origins if not spatial else ():
@@ -221,6 +231,7 @@ def validate_robot(document: Document, mobility: Mobility | None = None) -> tupl
             *faults,
             Fault(("thrusters",), f"found some that cannot give the base {', '.join(missing)} alone; {wanted}"),
         )
+    faults = (*faults, *(Fault(("wheels",), fault) for fault in wheel_faults(robot, [robot.moved_by, *of_stages])))
     return None if faults else robot, faults
 
 
@@ -283,7 +294,8 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     own = for_controller(document, kind if isinstance(kind, str) else ControllerSpec().kind)
     mobility = own.value(("mobility",))
     of_task = next((each for each in MOBILITIES if each == mobility), None)
-    spec, robot_faults = (None, ()) if source is None else validate_robot(source, of_task)
+    of_stages = Context(own).mobilities[1:]
+    spec, robot_faults = (None, ()) if source is None else validate_robot(source, of_task, of_stages)
     of_robot = (
         (spec.parts, spec.limits, spec.mobility if of_task or mobility is None else None, spec.sliding) if spec else ()
     )

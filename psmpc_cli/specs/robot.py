@@ -416,6 +416,56 @@ def _has_room(period: float | None, earlier_fields: Fields, context: Any) -> Rul
 
 PulsePeriod = Annotated[fields.Seconds | None, validated_by(_has_room, always=True)]
 
+
+class Wheel(Spec):
+    """A reaction wheel on the base. Its mass, and its inertia when it is locked, are part of the base's."""
+
+    inertia: fields.Positive = Field(description="moment of inertia about its axis [kg m^2]")
+    torque: fields.Positive = Field(description="largest torque of its motor [N m]")
+    momentum: fields.Positive = Field(
+        description="largest angular momentum that it may store, that of its spin and of the base's turn about its "
+        "axis together [N m s]"
+    )
+    initial: fields.Sparse[fields.Number] = Field(0.0, description="angular momentum that it stores at first [N m s]")
+    unloading: fields.Sparse[fields.NotNegative] = Field(
+        0.0,
+        description="torque with which it is brought back to `initial` while thrusters push the base [N m]; by default "
+        "it coasts",
+    )
+
+    @property
+    def direction(self) -> tuple[float, ...]:
+        """Its axis along the components of the base's turn, (1,) or (3,), of any length."""
+        return (1.0,)
+
+
+class SpatialWheel(Wheel):
+    """A reaction wheel on the base of a spatial robot."""
+
+    axis: fields.Vector3 = Field(description="its axis in the base frame, of any length")
+
+    @property
+    def direction(self) -> tuple[float, ...]:
+        """Its axis."""
+        return self.axis
+
+
+def _can_turn(wheels: tuple[Wheel, ...], earlier_fields: Fields, context: Any) -> RuleErrors:
+    """Give wheels without an axis, those that begin with more than they can store, or unload by more than they can."""
+    for i, wheel in enumerate(wheels):
+        if not any(wheel.direction):
+            yield (i, "axis"), expected("a direction, at least one number other than 0")
+        if abs(wheel.initial) > wheel.momentum:
+            yield (i, "initial"), expected(f"a number from {-wheel.momentum:g} to {wheel.momentum:g}, its momentum")
+        if wheel.unloading > wheel.torque:
+            yield (i, "unloading"), expected(f"at most its torque, {wheel.torque:g} N m")
+
+
+WHEELS = "reaction wheels on the base, which turn a base that nothing pushes (mobility attitude)"
+
+Wheels = Annotated[tuple[Wheel, ...], validated_by(_can_turn, always=True)]
+SpatialWheels = Annotated[tuple[SpatialWheel, ...], validated_by(_can_turn, always=True)]
+
 ARMATURE = "rotor inertia that each joint feels, of arms (every arm) or an arm by name [kg m^2, kg]"
 
 ArmKey = Annotated[fields.Name, AfterValidator(_not_reserved)]
@@ -433,6 +483,7 @@ class RobotSpec(Spec):
     limits: LimitsByPart = Field({}, description="limits of base, arms (every arm) or an arm by name")
     armature: fields.Sparse[ArmatureByArm] = Field({}, description=ARMATURE)
     geometry: fields.Sparse[ShapesByBody] = Field({}, description=GEOMETRY)
+    wheels: fields.Sparse[Wheels] = Field((), description=WHEELS)
     thrusters: fields.Sparse[tuple[Thruster, ...]] = Field((), description=THRUSTERS)
     pulse_period: PulsePeriod = Field(None, exclude_if=lambda value: value is None, description=PULSE_PERIOD)
     mobility: Mobility = Field(FREE_FLYING, exclude_if=lambda value: value == FREE_FLYING, description=MOBILITY)
@@ -526,6 +577,7 @@ class SpatialRobot(RobotSpec):
     )
     assumed: tuple[str, ...] = Field((), description="what a URDF leaves out and was assumed, for people")
     base: SpatialBase = Field(description="the base body")
+    wheels: fields.Sparse[SpatialWheels] = Field((), description=WHEELS)
     arms: Annotated[Mapping[ArmKey, SpatialArm], validated_by(_mounted)] = Field(
         {}, description="the arms by name, in the order of Q"
     )
@@ -572,7 +624,53 @@ class UrdfRobot(Spec):
     )
     thrusters: SpatialThrusters = Field((), description=THRUSTERS)
     pulse_period: PulsePeriod = Field(None, description=PULSE_PERIOD)
+    wheels: SpatialWheels = Field((), description=WHEELS)
     mobility: Mobility = Field(FREE_FLYING, description=MOBILITY)
+
+
+def wheel_axes(robot: RobotSpec) -> Vector:
+    """Return the unit axes of a robot's W wheels in the base frame, along the components of its turn (1 or 3, W)."""
+    axes = np.array([wheel.direction for wheel in robot.wheels], dtype=float).reshape(
+        len(robot.wheels), 2 * robot.dimension - 3
+    )
+    return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
+
+
+def inertia_without_wheels(robot: RobotSpec) -> Six:
+    """Return the base's inertia without what of the wheels turns about their axes, I - sum_i J_i a_i a_i' [kg m^2]."""
+    inertia = robot.bodies[0].inertia
+    if not robot.wheels:
+        return inertia
+    axes = wheel_axes(robot)
+    taken = (axes * [wheel.inertia for wheel in robot.wheels]) @ axes.T
+    if robot.dimension == 2:
+        taken = np.diag([0.0, 0.0, taken.item()])
+    left = np.array(inertia) - taken[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    xx, yy, zz, xy, xz, yz = left.tolist()
+    return xx, yy, zz, xy, xz, yz
+
+
+def wheel_faults(robot: RobotSpec, mobilities: Sequence[MobilityTraits]) -> list[str]:
+    """Return what is wrong with the wheels of a robot whose base is moved so in some stage."""
+    if not robot.wheels:
+        return []
+    if not any(moved_by.moves for moved_by in mobilities):
+        return ["found wheels on a base that is fixed; expected none, or another mobility"]
+    xx, yy, zz, xy, xz, yz = inertia_without_wheels(robot)
+    left = [zz] if robot.dimension == 2 else np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
+    if left[0] <= 0 or (len(left) == 3 and left[2] > (left[0] + left[1]) * (1 + 1e-6)):
+        moments = ", ".join(f"{moment:.3g}" for moment in left)
+        return [
+            f"found wheels whose inertias leave the base {moments} kg m^2; expected a base with the inertia of a rigid "
+            "body without them: the base's inertia is that with its wheels locked"
+        ]
+    turned_by_wheels = any(moved_by.is_turned and not moved_by.is_pushed for moved_by in mobilities)
+    if turned_by_wheels and np.linalg.matrix_rank(wheel_axes(robot), tol=1e-6) < len(left):
+        return [
+            "found axes in one plane; expected wheels about three axes that are not in one plane: in stages with "
+            "mobility attitude they turn the base about every axis"
+        ]
+    return []
 
 
 def missing_directions(robot: RobotSpec) -> list[str]:

@@ -38,7 +38,8 @@ LINES = sorted(set(command_lines()))
 
 CHEAP = re.compile(
     r"(?!psmpc plot LOG$)psmpc (check|schema|init|show|plot|view|report|replay|rerun|verify) "
-    r"(?!.*(--gradients|\[|--render|--animate|--open|monte-carlo|(capture|clear|route|space)\.h5|--run (hard|\d)))"
+    r"(?!.*(--gradients|\[|--render|--animate|--open|monte-carlo|--run (hard|\d)"
+    r"|(capture|clear|route|space|thrust|turn)\.h5))"
 )
 """Commands that take a second or two."""
 

@@ -42,6 +42,8 @@ NOT_RECORDED = (
     conditions.CLEARANCE,
     conditions.THRUSTERS,
     conditions.THRUSTERS_AT_TICKS,
+    conditions.WHEELS,
+    conditions.WHEELS_AT_TICKS,
 )
 """Conditions of datasets that no sample here has."""
 

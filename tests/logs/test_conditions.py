@@ -43,6 +43,19 @@ def recorded(task: str, *changes: str, knows_ticks: bool = True, is_simulated: b
             },
         ),
         ("fly_and_point", (), {conditions.SPATIAL, conditions.FORCE_LIMITS}),
+        ("turn_and_look", (), {conditions.SPATIAL, conditions.FORCE_LIMITS, conditions.WHEELS}),
+        (
+            "turn_and_look",
+            (TICKS,),
+            {
+                conditions.SPATIAL,
+                conditions.FORCE_LIMITS,
+                conditions.COMMANDED_AT_TICKS,
+                conditions.TICKS,
+                conditions.WHEELS,
+                conditions.WHEELS_AT_TICKS,
+            },
+        ),
         ("thrust_and_reach", (), {conditions.THRUSTERS, conditions.FORCE_LIMITS}),
         (
             "thrust_and_reach",

@@ -58,7 +58,7 @@ def own_force_functions(model: RobotModel, kind: LoadKind) -> tuple[ca.Function,
     anchor = ca.SX.sym("anchor", model.space.n_anchor)
     numbers = ca.SX.sym("numbers", kind.count(model))
     arguments = [Q, Qdot, u, anchor, numbers]
-    motion = OwnMotion.in_chart(model.space, Q, Qdot, u, anchor)
+    motion = OwnMotion.in_chart(model, Q, Qdot, u, anchor)
     by = ca.vertcat(Q, Qdot, u)
     own = ca.Function("own", arguments, [kind.own_force_jacobian(model, motion, numbers, by)])
     return own, ca.Function("ad", arguments, [ca.jacobian(kind.own_force(model, motion, numbers), by)])

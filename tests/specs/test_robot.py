@@ -8,9 +8,9 @@ import pytest
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.geometry import PlacedShape, ShapeSpec
-from psmpc_cli.specs.load import load_robot
+from psmpc_cli.specs.load import load_robot, load_task
 from psmpc_cli.specs.parts import QUANTITIES
-from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, resolve_limits
+from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, inertia_without_wheels, resolve_limits
 
 SERVICER = (Path(__file__).parents[2] / "robots" / "dual_arm_servicer.urdf").read_text()
 
@@ -317,3 +317,46 @@ def test_locked_joints_are_in_their_own_units(tmp_path: Path, kind: str, at: str
     robot = load_robot(path)
     assert isinstance(robot, SpatialRobot)
     assert any(f"locked at {'8 m' if kind == 'prismatic' else '0.523599 rad'}" in note for note in robot.assumed)
+
+
+TURNED_ALONG_ONE_AXIS = """
+name: one_wheel
+space: spatial
+base: {mass: 10, inertia: [0.2, 0.2, 0.2]}
+arms:
+  arm:
+    links:
+      - {joint: {axis: [0, 0, 1]}, mass: 1, inertia: [0.01, 0.01, 0.01]}
+wheels: [{axis: [0, 0, 2], inertia: 0.01, torque: 0.2, momentum: 4}]
+"""
+
+
+@pytest.mark.parametrize("where", ["mobility", "skills.move.mobility", "stages.0.mobility"])
+def test_wheels_that_turn_the_base_in_some_stage_span_space(tmp_path: Path, where: str) -> None:
+    """Whether task, skill or stage says that they do; else they may be as they are."""
+    path = tmp_path / "one_wheel.yaml"
+    path.write_text(TURNED_ALONG_ONE_AXIS)
+    task = {
+        "robot": str(path),
+        "initial": {"base": {"position": [0, 0, 0]}, "arm": [0]},
+        "skills": {"move": {"space": "joint", "weights": {"base": [1, 1, 1, 1, 1, 1], "arm": [1]}}},
+        "stages": [
+            {
+                "name": "go",
+                "skill": "move",
+                "target": {"base": {"position": [0, 0, 0]}, "arm": [0]},
+                "ends_when": {"coordinates": ["arm"]},
+            }
+        ],
+    }
+    load_task(task)
+    with pytest.raises(SpecError, match=r"one_wheel\.yaml:9:9: wheels: found axes in one plane; expected wheels about"):
+        load_task(task, {where: "attitude"})
+
+
+def test_the_inertia_of_a_base_without_its_wheels(tmp_path: Path) -> None:
+    """I - J a a', for an axis of any length."""
+    path = tmp_path / "one_wheel.yaml"
+    path.write_text(TURNED_ALONG_ONE_AXIS.replace("[0, 0, 2]", "[1, 1, 0]"))
+    expected = (0.195, 0.195, 0.2, -0.005, 0.0, 0.0)
+    assert inertia_without_wheels(load_robot(path)) == pytest.approx(expected, abs=1e-15)

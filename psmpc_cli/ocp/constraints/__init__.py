@@ -42,6 +42,7 @@ NAMES = (
     "hands",
     "turns",
     "forces",
+    "wheels",
     "jerk",
     "clearance",
     "cones",

@@ -31,6 +31,9 @@ __all__ = [
     "argument_of",
     "bounds_of",
     "entries",
+    "is_of",
+    "load_at_sample",
+    "of_stage",
     "rows_at_nodes",
     "rows_over_intervals",
     "sampled_load",
@@ -144,7 +147,7 @@ def numbers_by_name(
     return {f"{name} {entry}": constraint for entry, constraint in entries_of_stage.items()}
 
 
-def _is_of(name: str, held: str) -> bool:
+def is_of(name: str, held: str) -> bool:
     """Tell whether a stage holds numbers of a constraint under a name."""
     return held == name or held.startswith(f"{name} ")
 
@@ -216,7 +219,7 @@ def rows_over_intervals(
 def entries(name: str, shape: WindowShape) -> Iterator[tuple[int, str, Any]]:
     """Yield number, name and structure of what the stages of windows of a shape hold of a constraint."""
     for s, stage in enumerate(shape.stages):
-        yield from ((s, held, structure) for held, structure in stage.constraints if _is_of(name, held))
+        yield from ((s, held, structure) for held, structure in stage.constraints if is_of(name, held))
 
 
 def argument_of(name: str, s: int) -> Callable[[Parameters[Any]], Any]:
@@ -239,12 +242,33 @@ def _bounds(name: str, s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sampled_load(task: TaskSpec, load: Load) -> ArgumentAtSample | None:
-    """Return how samples set the numbers of a load whose mass and moments are found out; None of any other."""
-    return partial(_numbers_at_sample, load.numbers) if load.held is not None and task.finds_load else None
+    """Return how samples set the numbers of a load: where mass and moments are found out, or wheels store something.
+
+    None of any other.
+    """
+    is_found = load.held is not None and task.finds_load
+    return partial(load_at_sample, load, is_found) if is_found or load.stores else None
 
 
-def _numbers_at_sample(numbers: np.ndarray, model: RobotModel, sample: SampleContext) -> np.ndarray:
-    """Return the numbers of a held object (numbers,) with the mass and moments that it is taken to have at a sample."""
-    if sample.load is None:
-        return numbers
-    return np.concatenate([sample.load, numbers[len(sample.load) :]])
+def load_at_sample(load: Load, is_found: bool, model: RobotModel, sample: SampleContext) -> np.ndarray:
+    """Return the numbers of a load (numbers,) at a sample.
+
+    Args:
+        load: The load.
+        is_found: The mass and the moments of an object are those that it is taken to have at the sample.
+        model: The robot.
+        sample: The sample.
+    """
+    numbers = load.numbers
+    if is_found and sample.load is not None:
+        numbers = np.concatenate([sample.load, numbers[len(sample.load) :]])
+    if load.stores and sample.stored is not None:
+        numbers = np.concatenate([numbers[: -len(sample.stored)], sample.stored])
+    return numbers
+
+
+def of_stage(
+    stage: int, load: Load, constraint: ConstraintNumbers
+) -> ConstraintNumbers | Mapping[str, ConstraintNumbers]:
+    """Return what a constraint has of a stage, by a name of its own where the load says what wheels store in it."""
+    return {str(stage + 1): constraint} if load.stores else constraint

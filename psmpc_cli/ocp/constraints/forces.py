@@ -11,23 +11,30 @@ of the velocities, so h F is the force in a time that runs slower by sqrt(h):
 
 They are divided by the diagonal of H, so that they are changes of velocities like the others of a program: left in
 N s those of a heavy robot ask the interior-point method for digits that it does not have. The force of the base is
-along its own axes, as thrusters are.
+along its own axes, as thrusters and wheels are.
 
 What thrusters can give is bounded by pairs of planes, low <= N F_base <= high (robot/thrusters.py). Each is one more
 row, h N F_base, scaled so that the factors of F_i / H_ii are a unit vector. A limit of one component is the case of a
 plane across one axis.
+
+So are the torques of the motors of wheels that turn the base, -A^+ M, M the moment on the base (robot/wheels.py). M has
+the gyroscopic moment omega x h_w of what wheels store in it, which is linear in h_w: in the slower time it is that of
+sqrt(h) h_w.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, rows_over_intervals, sampled_load
+from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, of_stage, rows_over_intervals, sampled_load
 from psmpc_cli.ocp.loads import LoadKind, OwnMotion, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.thrusters import HalfSpaces, Thrusters, no_half_spaces
+from psmpc_cli.robot.wheels import Wheels
+from psmpc_cli.specs.parts import MobilityTraits
 from psmpc_cli.specs.robot import resolve_limits
 from psmpc_cli.specs.task import TaskSpec
 
@@ -39,7 +46,7 @@ class ForceStructure:
     Attributes:
         coordinates: The limited ones.
         load: What kind of load the grippers are known to hold; its masses and grasps are the argument of the rows.
-        combinations: Factors of the base's components of further rows, those of thrusters.
+        combinations: Factors of the base's components of further rows, those of thrusters or of wheels.
     """
 
     coordinates: tuple[int, ...]
@@ -47,8 +54,12 @@ class ForceStructure:
     combinations: tuple[tuple[float, ...], ...] = ()
 
 
-def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
+def numbers(
+    task: TaskSpec, model: RobotModel, stage: int
+) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
     """Return which forces are limited in a stage, and their limits; None where none is.
+
+    Where thrusters also balance what unloads wheels, they have that much less for the rest.
 
     Raises:
         InputError: The robot's thrusters would take too many rows.
@@ -57,23 +68,29 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     moved_by = task.moved_by(stage, model.spec)
     limits = resolve_limits(model.spec, task.limits, skill.limits, moved_by=moved_by)
     limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
-    of_thrusters = attainable(model) if moved_by.is_pushed else no_half_spaces(model.space.n_twist)
-    if not limited.any() and not len(of_thrusters.normals):
+    of_actuators = attainable_by(model, moved_by)
+    if not limited.any() and not len(of_actuators.normals):
         return None
     load = known_load(task, model, stage)
-    low = np.r_[(limits.force_low / inertia(model))[limited], of_thrusters.low]
-    high = np.r_[(limits.force_high / inertia(model))[limited], of_thrusters.high]
-    return ConstraintNumbers(
+    unloading = np.zeros(model.n)
+    if moved_by.is_pushed:
+        unloading[model.space.base] = _of_unloading(model, np.eye(model.space.n_twist))
+    force_low = np.minimum(limits.force_low + unloading, 0.0) / inertia(model)
+    force_high = np.maximum(limits.force_high - unloading, 0.0) / inertia(model)
+    low = np.r_[force_low[limited], of_actuators.low]
+    high = np.r_[force_high[limited], of_actuators.high]
+    of_forces = ConstraintNumbers(
         structure=ForceStructure(
             coordinates=tuple(np.flatnonzero(limited).tolist()),
             load=load.kind,
-            combinations=tuple(map(tuple, of_thrusters.normals.tolist())),
+            combinations=tuple(map(tuple, of_actuators.normals.tolist())),
         ),
         argument=load.numbers,
         at_sample=sampled_load(task, load),
         low=np.tile(low, 2),
         high=np.tile(high, 2),
     )
+    return of_stage(stage, load, of_forces)
 
 
 def inertia(model: RobotModel) -> np.ndarray:
@@ -94,6 +111,30 @@ def attainable(model: RobotModel) -> HalfSpaces:
     return model.cached(attainable, build)
 
 
+def attainable_by(model: RobotModel, moved_by: MobilityTraits) -> HalfSpaces:
+    """Return what thrusters, or wheels, can give in a stage as bounds of rows N F_base, scaled; none without any."""
+    if moved_by.is_pushed:
+        by_thrusters = attainable(model)
+        unloading = _of_unloading(model, by_thrusters.normals)
+        return HalfSpaces(
+            by_thrusters.normals,
+            low=np.minimum(by_thrusters.low + unloading, 0.0),
+            high=np.maximum(by_thrusters.high - unloading, 0.0),
+        )
+    wheels = Wheels.of(model.spec)
+    if not (moved_by.is_turned and wheels.count):
+        return no_half_spaces(model.space.n_twist)
+    normals = np.hstack([np.zeros((wheels.count, model.dimension)), -wheels.allocation])
+    length = np.linalg.norm(normals * inertia(model)[model.space.base], axis=1)
+    return HalfSpaces(normals / length[:, None], low=-wheels.torque / length, high=wheels.torque / length)
+
+
+def _of_unloading(model: RobotModel, normals: np.ndarray) -> np.ndarray:
+    """Return by how much the unloading of wheels may change combinations of the force on the base (K,), at most."""
+    wheels = Wheels.of(model.spec)
+    return np.asarray(np.abs(normals[:, model.space.rotation] @ wheels.axes) @ wheels.unloading)
+
+
 def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions:
     """Return the rows at the beginning and at the end of an interval.
 
@@ -110,7 +151,8 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     scale = 1 / inertia(model)[coordinates]
     normals = np.array(structure.combinations).reshape(-1, model.space.n_twist)
     combinations = ca.sparsify(ca.DM(normals))
-    motion = OwnMotion.in_chart(model.space, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+    stored = ca.sqrt(h) * load.stored(model)(x, anchor, numbers) if load.stores else None
+    motion = OwnMotion.in_chart(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor, stored)
     F = load.own_force(model, motion, numbers)
     rows = ca.vertcat(F[coordinates] * scale, combinations @ F[model.space.base])
 

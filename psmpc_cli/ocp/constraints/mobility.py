@@ -5,8 +5,9 @@ Nothing pushes a free-floating base, and nothing turns it: the momentum of robot
     h(Q, Qdot) = P_b(Q) Qdot_b + P_j(Q) Qdot_j,    h(Q+, Qdot+) = h(Q, Qdot),
 
 so that Qdot_b = T Qdot_j + b, with the generalized Jacobian T = -P_b^-1 P_j of the base and its drift b = P_b^-1 h.
-Umetani, Yoshida: Resolved motion rate control of space manipulators with generalized Jacobian matrix (1989). Of a base
-that wheels turn the linear momentum stays. Fixed: Qdot_b = 0 at every node.
+Umetani, Yoshida: Resolved motion rate control of space manipulators with generalized Jacobian matrix (1989). What
+wheels store stays in a base that nothing turns, h_w, and h has R h_w besides, R the base's attitude. Of a base that
+wheels turn the linear momentum stays. Fixed: Qdot_b = 0 at every node.
 
 A stage begins with the velocities that the one before leaves, and so with its momentum: in the first node of a window,
 that of the sample. What the grippers take at the beginning of a stage is as if it moved with them there.
@@ -16,7 +17,7 @@ what u says of the base follows from them and costs nothing. The rows are linear
 after every step: left to the line search they do not hold, and it rejects steps (docs/decisions.md).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import casadi as ca
 import numpy as np
@@ -26,6 +27,7 @@ from psmpc_cli.ocp.constraints.base import (
     ConstraintFunctions,
     IntervalRows,
     NodeRows,
+    of_stage,
     rows_at_nodes,
     rows_over_intervals,
     sampled_load,
@@ -38,7 +40,9 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
 
 
-def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
+def numbers(
+    task: TaskSpec, model: RobotModel, stage: int
+) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
     """Return what of the momentum stays in a stage; None for a base that is moved at will."""
     moved_by = task.moved_by(stage, model.spec)
     if moved_by.actuated:
@@ -47,14 +51,17 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
         none = np.zeros(model.space.n_twist)
         return ConstraintNumbers(structure="fixed", argument=np.zeros(0), low=none, high=none)
     load = known_load(task, model, stage)
+    if moved_by.is_turned:
+        load = load.without_wheels
     none = np.zeros(len(_kept(model, load.kind)))
-    return ConstraintNumbers(
+    of_momentum = ConstraintNumbers(
         structure=load.kind,
         argument=load.numbers,
         low=none,
         high=none,
         at_sample=sampled_load(task, load),
     )
+    return of_stage(stage, load, of_momentum)
 
 
 def _at_rest(model: RobotModel, structure: str) -> ConstraintFunctions:

@@ -1,0 +1,79 @@
+"""What reaction wheels may store, at the nodes of the stages in which they turn the base.
+
+While nothing thrusts the angular momentum L of everything about the inertial origin stays, so what wheels store
+follows from the state at a node (ocp/loads.py). Each of them has its share, least in norm, and what it has of the part
+that adds up to nothing, which motors leave (robot/wheels.py):
+
+    h = A^+ h_w(x, L) + (I - A^+ A) h_now.
+
+Its rows are h_i over the robot's moment of inertia about the axis of the wheel: turns of the whole robot that it makes
+up for.
+"""
+
+from collections.abc import Mapping
+from functools import partial
+
+import casadi as ca
+import numpy as np
+
+from psmpc_cli.ocp.constraints.base import (
+    Constraint,
+    ConstraintFunctions,
+    load_at_sample,
+    of_stage,
+    rows_at_nodes,
+)
+from psmpc_cli.ocp.constraints.forces import inertia
+from psmpc_cli.ocp.loads import FOLLOWS, Load, LoadKind, known_load
+from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
+from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.wheels import Wheels
+from psmpc_cli.specs.task import TaskSpec
+
+
+def numbers(
+    task: TaskSpec, model: RobotModel, stage: int
+) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
+    """Return how much wheels may store in a stage; None where they do not turn the base."""
+    load = known_load(task, model, stage)
+    if load.stores != FOLLOWS:
+        return None
+    wheels = Wheels.of(model.spec)
+    is_found = load.held is not None and task.finds_load
+    most = wheels.momentum * _scale(model, wheels)
+    of_wheels = ConstraintNumbers(
+        structure=load.kind,
+        argument=np.concatenate([load.numbers, wheels.unseen @ wheels.initial]),
+        low=-most,
+        high=most,
+        at_sample=partial(_argument, load, is_found),
+    )
+    return of_stage(stage, load, of_wheels)
+
+
+def _argument(load: Load, is_found: bool, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
+    """Return the numbers of the load at a sample, then the part of the momenta that motors leave."""
+    if sample.unseen is None:
+        return None
+    return np.concatenate([load_at_sample(load, is_found, model, sample), sample.unseen])
+
+
+def _scale(model: RobotModel, wheels: Wheels) -> np.ndarray:
+    """Return 1 over the robot's moment of inertia about the axis of each wheel (W,), in the neutral posture."""
+    about_base = inertia(model)[model.space.rotation]
+    return np.asarray(1 / (about_base @ wheels.axes**2))
+
+
+def functions(model: RobotModel, load: LoadKind) -> ConstraintFunctions:
+    """Return the scaled momenta of wheels (W,)."""
+    wheels = Wheels.of(model.spec)
+    x = ca.SX.sym("x", 2 * model.n)
+    argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model) + wheels.count)
+    ends = [0, model.space.n_anchor, model.space.n_anchor + load.count(model), argument.numel()]
+    anchor, of_load, unseen = ca.vertsplit(argument, ends)
+    stored = load.stored(model)(x, anchor, of_load)
+    momenta = ca.DM(wheels.allocation) @ stored + unseen
+    return ConstraintFunctions(x, argument, ca.DM(_scale(model, wheels)) * momenta, at_nodes=True)
+
+
+CONSTRAINT = Constraint(rows_at_nodes("wheels", functions), numbers)

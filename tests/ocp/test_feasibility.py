@@ -109,6 +109,12 @@ def test_misprint_in_approach_alone_is_remarked() -> None:
     ]
 
 
+def test_a_base_that_floats_may_be_wanted_elsewhere() -> None:
+    """It coasts there, with the momentum that the stage before leaves it."""
+    task = transport("stages.approach.target.base=[-2, -2, 30 deg]", "stages.capture.mobility=free-floating")
+    assert not any("leaves it" in remark.message for remark in other_remarks(task))
+
+
 @pytest.mark.parametrize(
     ("overrides", "expected"),
     [

@@ -19,7 +19,7 @@ from psmpc_cli.specs.load import Task, parse_task
 
 from ..wheeled import PYRAMID, changing_in, planar_in, robot_in, spatial_in
 
-LOGGED = {"log": {"ticks": True, "plans": True}}
+LOGGED = {"log": {"ticks": True, "plans": True, "shares": False}}
 TIGHT = {"planar": {"torque": 0.2, "momentum": 0.95}, "spatial": {"torque": 0.02, "momentum": 0.08, "initial": 0.05}}
 
 
@@ -38,7 +38,7 @@ def changing(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return simulate(changing_in(tmp_path_factory.mktemp("changing"), LOGGED, unloading=0.004))
 
 
-RUNS = pytest.mark.parametrize("name", ["planar", "spatial", "changing"])
+RUNS = pytest.mark.parametrize("name", ["planar", "spatial", pytest.param("changing", marks=pytest.mark.slow)])
 
 
 @RUNS
@@ -177,6 +177,7 @@ THRUSTERS = [
 """Twelve, in pairs that push along an axis and turn about another."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", ["rk4", "mujoco"])
 def test_thrusters_in_pulses_and_wheels_take_turns(tmp_path: Path, plant: str) -> None:
     """Thrusters fire in stages in which they push the base, also against what unloads wheels, and nothing is lost."""
@@ -192,5 +193,6 @@ def test_thrusters_in_pulses_and_wheels_take_turns(tmp_path: Path, plant: str) -
     fires = run["thrusters/impulse"].sum(axis=1) > 0
     assert fires[pushed].mean() > 0.5
     assert not fires[~pushed][1:-1].any()
-    again = rerun(run)
-    assert again is not None and again.differences == ()
+    if plant == "rk4":
+        again = rerun(run)
+        assert again is not None and again.differences == ()

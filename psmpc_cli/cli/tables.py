@@ -399,7 +399,9 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
         echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
     if spec.uncertainty.in_force:
         delay = spec.controller.delay
-        known = "found out" if delay == "auto" else f"known as {delay:g} s"
+        known = (
+            "found out" if task.spec.finds_delay(task.robot) else f"known as {0.0 if delay == 'auto' else delay:g} s"
+        )
         echo(f"uncertain, seed {spec.seed}, delay {known}:")
         echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
@@ -576,6 +578,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     space = task.spec.skills[spec.skill].wanted_in
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
     about += [f"follows {spec.target.times[-1]:g} s"] if isinstance(spec.target, TrajectorySpec) else []
+    about += [stage.moved_by.name] if stage.moved_by != task.robot.moved_by else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
     if spec.ends_when and spec.ends_when.object:
         about += [f"object within {_object_end(spec.ends_when.object)}"]
@@ -584,7 +587,9 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     parts = []
     rests = [""] * len(stage.end.rows)
     if stage.end.rate_tolerance is not None:
-        rests = [f" ({each:g}/s)" for each in stage.end.rate_tolerance]
+        moving = stage.end.own_rates if len(stage.end.own_rates) else np.zeros(len(rests))
+        bounds = zip(stage.end.rate_tolerance, moving, strict=True)
+        rests = [f" ({f'{rate:g} +- ' if rate else ''}{each:g}/s)" for each, rate in bounds]
     asked_of = zip(stage.end.rows, stage.end.tolerance, rests, strict=True)
     tolerances = {row: f"{tolerance:g}{rest}" for row, tolerance, rest in asked_of}
     for (part, rows), axes in zip(axes_of(sizes, space).items(), axes_of(sizes, space, False).values(), strict=True):

@@ -175,7 +175,9 @@ class ControlLaw:
         model = problem.model
         self._driven = [model.driven(stage.moved_by) for stage in problem.stages]
         actuated = np.any([model.actuated(stage.moved_by) for stage in problem.stages], axis=0)
-        self._estimator = Estimator(self._spec, model.space, actuated, noise, self._tick)
+        self._estimator = Estimator(
+            self._spec, model.space, actuated, noise, self._tick, finds_delay=spec.finds_delay(model.spec)
+        )
         self._placer = Placer(problem)
         self._loads = _load_estimator(problem, noise[model.n :]) if spec.finds_load else None
         self._inertias = InertiaEstimator(model, noise[model.n :]) if spec.finds_masses else None

@@ -85,6 +85,7 @@ class Estimator:
         actuated: Which of its velocity coordinates have a force of their own in any stage (n,).
         noise: Standard deviations of the measured coordinates and velocities, (2n,) [m, rad, m/s, rad/s].
         tick: Length of a tick of the low-level loop [s].
+        finds_delay: Whether the delay of commands is found out; else it is as the controller's settings give it, or 0.
     """
 
     def __init__(
@@ -94,6 +95,7 @@ class Estimator:
         actuated: np.ndarray,
         noise: np.ndarray,
         tick: float,
+        finds_delay: bool = True,
     ) -> None:
         self._space = space
         self._actuated = actuated
@@ -104,7 +106,8 @@ class Estimator:
         self._noise = np.zeros((n, 2, 2))
         self._noise[:, 0, 0] = noise[:n] ** 2
         self._noise[:, 1, 1] = noise[n:] ** 2
-        self._given_delay = None if spec.delay == "auto" else tick * round(spec.delay / tick)
+        given = 0.0 if spec.delay == "auto" else tick * round(spec.delay / tick)
+        self._given_delay = None if finds_delay and spec.delay == "auto" else given
         self._delays = DelayEstimator(noise[n:], actuated, tick, spec.sample_time, spec.horizon)
 
     def measured(

@@ -263,12 +263,33 @@ def _singular_postures(task: Task, forecasts: Sequence[StageForecast]) -> Iterat
                 yield Fault(path, f"found {message}, expected {wanted}")
 
 
+def _rates_beyond_limits(task: Task, stage: Stage) -> Iterator[Fault]:
+    """Give rates at which a stage is to end that its limits of velocity do not allow."""
+    space = configuration_space(task.robot)
+    low, high = bounds_of(stage, "velocity")
+    names = labels(task.robot, "joint")
+    for row, wanted, within in _ends_in_motion(stage):
+        is_of_velocity = row < space.n_twist or stage.space == "joint"
+        if is_of_velocity and not low[row] - within <= wanted <= high[row] + within:
+            limits = _span(task, row, stage, "velocity")
+            message = f"found {names[row]} at {wanted:g} at the end, expected within its limits of velocity, {limits}"
+            yield Fault(("stages", stage.index, "ends_when", "moving"), message)
+
+
+def _ends_in_motion(stage: Stage) -> Iterator[tuple[int, float, float]]:
+    """Yield the rows of an end condition that are to move at the end, their rates, and how near these must be."""
+    if len(stage.end.own_rates) and stage.end.rate_tolerance is not None:
+        rates = stage.end.own_rates.tolist(), stage.end.rate_tolerance.tolist()
+        yield from zip(stage.end.rows, *rates, strict=True)
+
+
 def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Give end conditions that can never be met, and times that are too early for what comes before them."""
     before = 0.0
     for forecast in forecasts:
         stage = forecast.stage
         path = ("stages", forecast.stage.index)
+        yield from _rates_beyond_limits(task, stage)
         for row in forecast.stuck:
             names = (*labels(task.robot, "joint"), "the attitude of base")
             is_of_base = row < task.robot.parts["base"] or row == len(names) - 1
@@ -439,8 +460,8 @@ def _too_short(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault
 def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]:
     """Give a base that a stage in task space wants elsewhere than the stage before leaves it.
 
-    And so far that an arm does not reach its first pose from there: one of the two may be a misprint. Not of a base that
-    the arms or its momentum move in the stage.
+    And so far that an arm does not reach its first pose from there: one of the two may be a misprint. Not of a base
+    that the arms or its momentum move in the stage.
     """
     d = task.robot.dimension
     stage = then.stage

@@ -125,6 +125,9 @@ QUANTITIES = ("position", "velocity", "acceleration", "jerk", "force")
 Mobility = Literal["free-flying", "attitude", "free-floating", "fixed"]
 """What moves the base of a robot."""
 
+StageMobility = Literal["free-flying", "attitude", "free-floating"]
+"""What moves it in a stage of its own: a mount holds it in all stages, or in none."""
+
 
 @dataclass(frozen=True)
 class MobilityTraits:

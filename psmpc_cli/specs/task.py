@@ -47,6 +47,7 @@ from psmpc_cli.specs.parts import (
     MobilityTraits,
     SkillKind,
     Space,
+    StageMobility,
     Wanted,
     axes_of,
     dimension_of,
@@ -463,14 +464,10 @@ def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) ->
             yield (key,), expected("none with input task", at_key=True)
 
 
-def _mobility(mobility: Mobility | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a base that a mount holds in some stages alone."""
-    if mobility is None or context.mobility is None:
-        return
-    if MOBILITIES[mobility].moves != context.moved_by.moves:
-        others = [quoted(name) for name, traits in MOBILITIES.items() if traits.moves]
-        wanted = ", ".join(others) if context.moved_by.moves else f"none: the base is {context.mobility} throughout"
-        yield (), expected(wanted)
+def _mobility(mobility: StageMobility | None, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give a base that a mount holds in all stages but some."""
+    if mobility is not None and not context.moved_by.moves:
+        yield (), expected(f"none: the base is {context.mobility} in all stages")
 
 
 class SkillSpec(Spec):
@@ -488,7 +485,7 @@ class SkillSpec(Spec):
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
     weights: Annotated[SkillWeights, validated_by(_weights)] = Field(description="weights by part, and of the control")
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
-    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility)]] = Field(
+    mobility: fields.Sparse[Annotated[StageMobility | None, validated_by(_mobility)]] = Field(
         None, description="what moves the base in stages of this skill, instead of the task's"
     )
 
@@ -673,7 +670,8 @@ def _end(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErr
             yield ("moving", *at), error
         for part in end.moving:
             if part in axes and not any(key in ("all", part) or stands_for(key, part) for key in keys):
-                yield ("moving", part), expected("a part of which the end condition has coordinates", at_key=True)
+                known = ", ".join(quoted(key.partition(".")[0]) for key in end.coordinates)
+                yield ("moving",), expected(f"parts of which the end condition has coordinates: {known}", quoted(part))
 
 
 def _end_units(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
@@ -689,10 +687,11 @@ def _end_units(written: Any, earlier_fields: Fields, context: Context) -> RuleEr
     asked = [
         row for row in every_row if {"all", ".".join(row)} & {*chosen} or any(stands_for(n, row[0]) for n in chosen)
     ]
-    for key in ("tolerance", "velocity", "moving"):
+    rates = AsWritten(context.sliding, "velocity")
+    for key, of_key in (("tolerance", units), ("velocity", units), ("moving", rates)):
         numbers = written.get(key)
         if isinstance(numbers, Mapping):
-            yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=units))
+            yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=of_key))
         else:
             yield from unit_misfits((key,), numbers, asked, units)
 
@@ -766,7 +765,7 @@ class StageSpec(Spec):
     if_missed: fields.Sparse[Annotated[RetrySpec, validated_by(_retry)] | None] = Field(
         None, description="another try where the object is missed at the stage's end, or lost in it; default none"
     )
-    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility)]] = Field(
+    mobility: fields.Sparse[Annotated[StageMobility | None, validated_by(_mobility)]] = Field(
         None, description="what moves the base in this stage, instead of the skill's"
     )
     clearance: fields.Sparse[ClearanceSpec | None] = Field(
@@ -1187,6 +1186,13 @@ class TaskSpec(Spec):
     def changes_mobility(self, robot: RobotSpec) -> bool:
         """Return whether the base is moved otherwise in some stage than the robot's description says."""
         return any(self.moved_by(stage, robot) != robot.moved_by for stage in range(len(self.stages)))
+
+    def finds_delay(self, robot: RobotSpec) -> bool:
+        """Return whether the controller finds out after how long its commands act.
+
+        Not where thrusters fire in pulses: the base then follows commands up to a period of pulses later, or earlier.
+        """
+        return self.controller.delay == "auto" and not self.fires(robot)
 
     def fires(self, robot: RobotSpec) -> bool:
         """Return whether the base of the task's robot is pushed by thrusters in some stage."""

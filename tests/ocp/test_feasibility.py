@@ -127,6 +127,13 @@ def test_a_base_that_floats_may_be_wanted_elsewhere() -> None:
             ["initial_velocity.base[1]: found base.y at -1 m/s, expected within its limits [-0.2 m/s, 0.2 m/s]"],
         ),
         (
+            ["stages.approach.ends_when.velocity=0.01", "stages.approach.ends_when.moving={base: [0, 5, 0]}"],
+            [
+                "stages[0].ends_when.moving: found base.y at 5 at the end, expected within its limits of velocity, "
+                "[-0.2 m/s, 0.2 m/s]"
+            ],
+        ),
+        (
             ["stages.approach.target.base=[-6, 2, 30 deg]"],
             ["stages[0].target.base[0]: found base.x at -6 m, expected within its limits [-5 m, 5 m]"],
         ),

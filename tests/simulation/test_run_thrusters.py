@@ -82,6 +82,13 @@ def test_thrusters_that_are_not_used_are_not_logged(change: dict[str, object]) -
     assert run.summary().thrusters is None
 
 
+@pytest.mark.parametrize(("change", "is_found"), [({}, False), ({"mobility": "free-floating"}, True)])
+def test_no_delay_is_looked_for_where_pulses_look_like_one(change: dict[str, object], is_found: bool) -> None:
+    run = simulate(load_task("thrust_and_reach", {**SHORT, **change, "time_limit": 0.4}))
+    assert (run["delay/deviation"] > 0).all() == is_found
+    assert is_found or not run["delay/expected"].any()
+
+
 def test_thrusters_are_off_in_a_stage_that_floats() -> None:
     """From the tick of the switch on, in the middle of a sample; the balances hold."""
     stages = {
@@ -100,12 +107,10 @@ def test_thrusters_are_off_in_a_stage_that_floats() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plant", ["rk4", "mujoco"])
-def test_pulses_end_a_mission_as_soon_as_their_means(plant: str) -> None:
+def test_pulses_end_a_mission_as_soon_as_their_means() -> None:
     """Within 1 s, with impulses within a tenth; the impulse that is refused is less than a pulse in ten."""
     pulsed, continuous = (
-        simulate(load_task("thrust_and_reach", {"plant": {"kind": plant, "thrusters": fire}}))
-        for fire in ("pulsed", "continuous")
+        simulate(load_task("thrust_and_reach", {"plant.thrusters": fire})) for fire in ("pulsed", "continuous")
     )
     for each in (pulsed, continuous):
         assert each.summary().succeeded

@@ -142,8 +142,6 @@ def test_a_robot_without_wheels_has_no_rows_and_no_numbers_of_them() -> None:
     ("build", "seed", "tight"),
     [
         (planar_in, 0, {"torque": 0.05}),
-        (planar_in, 1, {"momentum": 0.85}),
-        (spatial_in, 2, {"torque": 0.01}),
         (spatial_in, 3, {"momentum": 0.11}),
         (changing_in, 4, {"torque": 0.01}),
     ],

@@ -432,7 +432,7 @@ Interval = Annotated[_Bounds, ensure(lambda pair: pair[0] <= pair[1], "the lower
 _velocity = partial(_coordinate, rate="m/s or rad/s")
 _acceleration = partial(_coordinate, rate="m/s^2 or rad/s^2")
 _jerk = partial(_coordinate, rate="m/s^3 or rad/s^3")
-_Velocity = Annotated[float, BeforeValidator(_velocity), _or_unit]
+OneVelocity = Annotated[float, BeforeValidator(_velocity), _or_unit]
 _Acceleration = Annotated[float, BeforeValidator(_acceleration), _or_unit]
 _Jerk = Annotated[float, BeforeValidator(_jerk), _or_unit]
 _pair = listed("a pair [low, high]", 2)
@@ -442,7 +442,7 @@ _may_rest = ensure(
 )
 _or_one = _Or({"type": "number", "minimum": 0}, {"type": "string", "pattern": COORDINATE_PATTERN})
 Velocity = Annotated[
-    tuple[_Velocity, _Velocity], _pair, BeforeValidator(partial(_mirrored, read=_velocity)), _may_rest, _or_one
+    tuple[OneVelocity, OneVelocity], _pair, BeforeValidator(partial(_mirrored, read=_velocity)), _may_rest, _or_one
 ]
 Acceleration = Annotated[
     tuple[_Acceleration, _Acceleration],

@@ -510,7 +510,7 @@ class EndCondition(Spec):
     velocity: _Tolerance | None = Field(
         None, description="how much at rest, one number or numbers by part [m/s, rad/s]"
     )
-    moving: fields.Sparse[Mapping[_SkillPart, fields.OneOrMore[fields.Coordinate]] | None] = Field(
+    moving: fields.Sparse[Mapping[_SkillPart, fields.OneOrMore[fields.OneVelocity]] | None] = Field(
         None, description="rates at the end instead of rest, by part, which `velocity` is about [m/s, rad/s]"
     )
     object: fields.Sparse[ObjectEndSpec | None] = Field(

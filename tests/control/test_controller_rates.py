@@ -97,6 +97,7 @@ def total_variation(run: Flown) -> float:
     return float(np.abs(np.diff(run.u[:, 0], axis=0)).sum())
 
 
+@pytest.mark.slow
 def test_a_weight_on_the_rate_makes_commands_smooth() -> None:
     """Motions as fast as their limits allow take two samples more, in which accelerations build up and fall."""
     without, weighed = (flown(there_and_back(*change)) for change in ((), WEIGHED))

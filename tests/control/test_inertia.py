@@ -126,6 +126,7 @@ def test_what_is_not_measured_or_has_not_settled_or_acted_at_an_unknown_time_is_
         assert not left.any()
 
 
+@pytest.mark.slow
 def test_a_run_with_wrong_masses_and_an_unknown_payload_ends_as_if_they_were_known() -> None:
     wanted = psmpc.simulate(load_task("transport", {"controller.nodes": 12, **LIGHT_LOG}))
     run = psmpc.simulate(load_task("transport", {**IMPRECISE, "seed": 4}))

@@ -26,6 +26,7 @@ def found() -> psmpc.Run:
     )
 
 
+@pytest.mark.slow
 def test_a_run_finds_out_its_load_and_delivers_it(found: psmpc.Run) -> None:
     closed = float(found["grasp/closed_at"].max())
     true = float(found["object/mass"])

@@ -109,6 +109,7 @@ def test_limited_slew_is_kept_and_nothing_else_changed(u: np.ndarray, down: floa
     np.testing.assert_array_equal(slew_limited(limited, before, np.full(u.shape, -6.1), np.full(u.shape, 6.1)), limited)
 
 
+@pytest.mark.slow
 @given(
     arrays(float, N, elements=st.floats(-1, 1)),
     arrays(float, N, elements=st.floats(-1, 1)),

@@ -96,6 +96,7 @@ def test_windows_before_and_after_a_return_are_replayed(again: Run) -> None:
     assert not again["solver/warm"][sample]
 
 
+@pytest.mark.slow
 def test_a_log_with_a_return_is_repeated_completed_and_verified(again: Run, tmp_path: Path) -> None:
     comparison = rerun(again)
     assert comparison is not None and not comparison.differences

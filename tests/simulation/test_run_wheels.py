@@ -38,7 +38,9 @@ def changing(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return simulate(changing_in(tmp_path_factory.mktemp("changing"), LOGGED, unloading=0.004))
 
 
-RUNS = pytest.mark.parametrize("name", ["planar", "spatial", pytest.param("changing", marks=pytest.mark.slow)])
+RUNS = pytest.mark.parametrize(
+    "name", ["planar", *(pytest.param(name, marks=pytest.mark.slow) for name in ("spatial", "changing"))]
+)
 
 
 @RUNS
@@ -120,6 +122,7 @@ def recorded(task: Task, samples: int, with_ticks: bool) -> Run:
     return recorder.run(f"time limit of {0.1 * samples:g} s reached")
 
 
+@pytest.mark.slow
 def test_a_loop_of_ones_own_is_recorded_as_simulate_records_it(tmp_path: Path) -> None:
     task = spatial_in(tmp_path, {"time_limit": 0.6, "log.ticks": True})
     simulated = simulate(task)

@@ -77,6 +77,7 @@ def test_programs_of_a_mission_are_solved_like_piqp_solves_them(tasks: Sequence[
         assert energy(task.model, found.step, other.step) < 1e-8
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(seed=SEEDS, nodes=NODES, what=FEATURES)
 def test_random_programs_end_where_their_conditions_hold(seed: int, nodes: tuple[int, ...], what: set[str]) -> None:

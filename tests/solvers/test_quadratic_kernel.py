@@ -155,6 +155,7 @@ def test_a_kernel_whose_members_of_a_program_are_swapped_is_not_loaded(monkeypat
         load_kernel(1, 1)
 
 
+@pytest.mark.slow
 def test_kernels_of_several_sizes_solve_side_by_side_in_one_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -176,8 +176,10 @@ class ForceLimits:
             wrenches: The wrenches (K, 3) or (K, 6) [N, N m].
         """
         count, d = wrenches.shape
-        low, high = np.tile(self.low, (count, 1)), np.tile(self.high, (count, 1))
-        low[:, :d] = high[:, :d] = wrenches
+        low = np.tile(self.low, (count, 1))
+        high = np.tile(self.high, (count, 1))
+        low[:, :d] = wrenches
+        high[:, :d] = wrenches
         return np.hstack([low, high])
 
     def utilization(self, space: ConfigurationSpace, Q: np.ndarray, F: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ class ThrusterTicks:
 
 
 @dataclass(frozen=True)
-class Span:
+class FiringSpan:
     """Ticks of a sample over which the same holds of the thrusters.
 
     Attributes:
@@ -95,7 +95,7 @@ class ThrusterFiring:
         """Number of ticks until another period begins."""
         return len(self._thrusts)
 
-    def span(self, driven: np.ndarray | None, first: int, last: int) -> "Span":
+    def span(self, driven: np.ndarray | None, first: int, last: int) -> "FiringSpan":
         """Return the ticks of a sample from one on in which the same holds of the thrusters.
 
         Args:
@@ -104,13 +104,13 @@ class ThrusterFiring:
             last: The one after the last that is asked for.
         """
         if driven is None:
-            return Span(first, min(first + (self.ticks_left or self.period), last), True, not self.ticks_left)
+            return FiringSpan(first, min(first + (self.ticks_left or self.period), last), True, not self.ticks_left)
         pushed = driven[first:last, 0] > 0
         others = np.flatnonzero(pushed != pushed[0])
         end = first + int(others[0]) if others.size else last
         if not pushed[0]:
-            return Span(first, end, False, False)
-        return Span(first, min(first + (self.ticks_left or self.period), end), True, not self.ticks_left)
+            return FiringSpan(first, end, False, False)
+        return FiringSpan(first, min(first + (self.ticks_left or self.period), end), True, not self.ticks_left)
 
     def begin(self, wanted: np.ndarray) -> None:
         """Begin a period.

@@ -104,9 +104,7 @@ def attainable(model: RobotModel) -> HalfSpaces:
     def build() -> HalfSpaces:
         if not model.spec.thrusters:
             return no_half_spaces(model.space.n_twist)
-        faces = Thrusters.of(model.spec.thrusters).half_spaces
-        length = np.linalg.norm(faces.normals * inertia(model)[model.space.base], axis=1)
-        return HalfSpaces(faces.normals / length[:, None], faces.low / length, faces.high / length)
+        return _scaled(model, Thrusters.of(model.spec.thrusters).half_spaces)
 
     return model.cached(attainable, build)
 
@@ -125,8 +123,13 @@ def attainable_by(model: RobotModel, moved_by: MobilityTraits) -> HalfSpaces:
     if not (moved_by.is_turned and wheels.count):
         return no_half_spaces(model.space.n_twist)
     normals = np.hstack([np.zeros((wheels.count, model.dimension)), -wheels.allocation])
-    length = np.linalg.norm(normals * inertia(model)[model.space.base], axis=1)
-    return HalfSpaces(normals / length[:, None], low=-wheels.torque / length, high=wheels.torque / length)
+    return _scaled(model, HalfSpaces(normals, low=-wheels.torque, high=wheels.torque))
+
+
+def _scaled(model: RobotModel, wrenches: HalfSpaces) -> HalfSpaces:
+    """Return the same half-spaces with normals whose factors of F_i / H_ii are a unit vector."""
+    length = np.linalg.norm(wrenches.normals * inertia(model)[model.space.base], axis=1)
+    return HalfSpaces(wrenches.normals / length[:, None], wrenches.low / length, wrenches.high / length)
 
 
 def _of_unloading(model: RobotModel, normals: np.ndarray) -> np.ndarray:

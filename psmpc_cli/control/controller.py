@@ -278,7 +278,7 @@ class ControlLaw:
             memory.estimate,
             measurement.time,
             measurement.state,
-            jumps=self._moved_grippers(memory, measurement.time),
+            is_unexplained=self._moved_grippers(memory, measurement.time) or self._is_closed_chain(memory),
             is_loaded=memory.sequence.first in self.problem.held_stages and self.problem.law.grasps is None,
             actuated=self.problem.model.actuated(self.problem.stages[memory.sequence.first].moved_by),
         )
@@ -323,6 +323,10 @@ class ControlLaw:
             stored = np.array(self._wheels.wheels.along_base(memory.wheels.momentum.tolist()))
             parameters = (parameters or self.problem.law.parameters).storing(stored)
         return self.problem.law.counting_with(load, parameters, self._driven[stage])
+
+    def _is_closed_chain(self, memory: Memory) -> bool:
+        """Tell whether several grippers hold the object: what they are commanded to do differently they cannot."""
+        return memory.sequence.first in self.problem.held_stages and len(self.problem.body.grippers) > 1
 
     def _moved_grippers(self, memory: Memory, now: float) -> bool:
         """Tell whether grippers closed or opened since the sample before, by the plan."""
@@ -635,12 +639,15 @@ class ControlLaw:
         load = memory.load
         Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
         changes = self._largest_changes(situation, decision, edges)
+        closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         if changes is not None and decision.plans.is_solved:
             ramped = np.isfinite(changes).any(axis=(0, 1))
             planned = decision.plan.ramped_rates(edges, situation.applied, ramped)
+        elif closed.any() and self.problem.law.grasps is not None:
+            # a jump of the load's force moves light wrists against the dampers of the grasps before springs bear it
+            planned = decision.plan.averaged_rates(edges, situation.applied, self._spec.sample_time)
         else:
             planned = decision.plan.velocity_rates(edges)
-        closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
         stages_of_ticks = _stages_at(decision.sequence, edges[:-1])
         current = decision.sequence.first

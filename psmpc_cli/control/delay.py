@@ -251,7 +251,10 @@ class DelayEstimator:
         return estimate
 
     def unsettled(self, estimate: DelayEstimate, time: float) -> DelayEstimate:
-        """Return the estimate where velocities jump at a time [s], as when grippers close: the block does not count."""
+        """Return the estimate where commands do not explain velocities at a time [s]: the block does not count.
+
+        Grippers that close make them jump, and several that hold one body are a closed chain.
+        """
         return replace(estimate, times=(), velocities=(), settled_at=time + SETTLING)
 
     def _likelihoods(

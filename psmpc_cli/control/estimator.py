@@ -115,7 +115,7 @@ class Estimator:
         estimate: Estimate | None,
         time: float,
         state: State,
-        jumps: bool = False,
+        is_unexplained: bool = False,
         is_loaded: bool = False,
         actuated: np.ndarray | None = None,
     ) -> Estimate:
@@ -125,13 +125,14 @@ class Estimator:
             estimate: That of the sample before; None at the first, before which no control was planned or commanded.
             time: Of the measurement [s].
             state: Measured then. What is not finite is not measured.
-            jumps: Velocities may have jumped since the sample before, since grippers close or open.
+            is_unexplained: Velocities are not those to which the commands led: grippers close, open, or are several
+                that hold one body.
             is_loaded: Grippers hold what the low-level law does not know.
             actuated: Which velocity coordinates have a force of their own now (n,); by default those that ever have.
         """
         if estimate is None:
             return self._begun(time, state)
-        estimate = replace(estimate, delay=self._delay(estimate, time, state, jumps, is_loaded))
+        estimate = replace(estimate, delay=self._delay(estimate, time, state, is_unexplained, is_loaded))
         covariance = estimate.covariance
         disturbance = estimate.disturbance
         if self._spec.offset_free:
@@ -166,11 +167,13 @@ class Estimator:
             delay=delay,
         )
 
-    def _delay(self, estimate: Estimate, time: float, state: State, jumps: bool, is_loaded: bool) -> DelayEstimate:
+    def _delay(
+        self, estimate: Estimate, time: float, state: State, is_unexplained: bool, is_loaded: bool
+    ) -> DelayEstimate:
         """Return what is known of the delay after a measurement."""
         if self._given_delay is not None:
             return estimate.delay
-        delay = self._delays.unsettled(estimate.delay, time) if jumps else estimate.delay
+        delay = self._delays.unsettled(estimate.delay, time) if is_unexplained else estimate.delay
         return self._delays.measured(delay, time, state.v, estimate.commands, is_loaded)
 
     def _acting(self, estimate: Estimate, begin: float, end: float) -> np.ndarray:

@@ -141,6 +141,23 @@ class Plan:
         ramps = motion.ramped_control(self.u, self.times, edges, before) - self.mean_control(edges)
         return np.where(ramped, rates + ramps, rates)
 
+    def averaged_rates(self, edges: np.ndarray, before: np.ndarray, width: float) -> np.ndarray:
+        """Return rates of v over ticks as `velocity_rates` does, averaged over a time about each (M, n).
+
+        The time is shorter near a switch, beyond which accelerations are those of another stage. As in `ramped_rates`
+        the difference between both counts as one of v.
+
+        Args:
+            edges: Ends of the ticks (M + 1,) [s].
+            before: Acceleration over the tick before (n,).
+            width: Of the time [s], see `motion.averaged_control`.
+        """
+        middles = (edges[:-1] + edges[1:]) / 2
+        to_switch = np.abs(middles[:, None] - self.instants).min(axis=1, initial=np.inf)
+        widths = np.minimum(width, 2 * to_switch)
+        changes = motion.averaged_control(self.u, self.times, edges, before, widths) - self.mean_control(edges)
+        return np.asarray(self.velocity_rates(edges) + changes)
+
 
 def states_of(plans: Sequence[Plan], times: Sequence[float]) -> np.ndarray:
     """Return the state of each plan at a time of its own [s], (len(plans), 2n), as `Plan.states_at` does."""

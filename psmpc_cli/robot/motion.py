@@ -153,6 +153,34 @@ def ramped_control(u: Array, times: Array, edges: Array, before: Array) -> Array
     return np.stack([np.interp(at, knots, of_coordinate) for of_coordinate in values.T], axis=1)
 
 
+def averaged_control(u: Array, times: Array, edges: Array, before: Array, width: Array | float) -> Array:
+    """Return accelerations over ticks (M, n), each the mean over a time of some width about the tick.
+
+    Velocities are then moving averages of those that the piecewise constant accelerations lead to, without jumps of
+    acceleration, and keep every convex limit that these keep. Where the first acceleration u_0 is not the one before,
+    they differ from that by (before - u_0) width / 8, since the robot cannot have begun to change earlier.
+
+    Args:
+        u: Accelerations (K, n) between the times.
+        times: Nodes (K + 1,) [s]. Past the last there is no control.
+        edges: Ends of the ticks (M + 1,) [s], ascending.
+        before: Acceleration before the first node (n,).
+        width: Of the time, less a tick, the same for all or of each tick (M,) [s].
+    """
+    begins = edges[:-1] - width / 2
+    ends = edges[1:] + width / 2
+    first = min(times[0], begins.min())
+    durations = np.concatenate([[times[0] - first], np.diff(times)])
+    velocities = np.cumsum(durations[:, None] * np.vstack([before, u]), axis=0)
+    knots = np.concatenate([[first], times])
+    gained = np.vstack([np.zeros((1, u.shape[1])), velocities])
+
+    def velocity(at: Array) -> Array:
+        return np.stack([np.interp(at, knots, of_coordinate) for of_coordinate in gained.T], axis=1)
+
+    return np.asarray((velocity(ends) - velocity(begins)) / (ends - begins)[:, None])
+
+
 def slew_limited(u: Array, before: Array, low: Array, high: Array) -> Array:
     """Return accelerations over ticks (M, n) that change from tick to tick by `low` to `high` (M, n) at most.
 

@@ -161,3 +161,19 @@ def test_an_estimate_does_not_depend_on_the_attitude_it_is_about(seed: int, abou
         upright.step(0.1)
         turned.step(0.1)
     np.testing.assert_allclose(turned.errors, upright.errors, atol=1e-12)
+
+
+def test_velocities_that_commands_do_not_explain_tell_of_no_delay() -> None:
+    spec = load_task("transport").spec.controller
+    estimating = Estimator(spec, PlanarSpace(1), np.ones(4, bool), np.zeros(8), T / TICKS)
+    found = dict[bool, float]()
+    for is_unexplained in (False, True):
+        estimate = estimating.measured(None, 0.0, State(np.zeros(4), np.zeros(4)))
+        for k in range(30):
+            estimate, _ = estimating.command(estimate, np.full((TICKS, 4), np.sin(k)))
+            v = np.full(4, T * sum(np.sin(j) for j in range(k - 2)))  # three samples late
+            state = State(np.zeros(4), v)
+            estimate = estimating.measured(estimate, (k + 1) * T, state, is_unexplained=is_unexplained)
+        found[is_unexplained] = estimate.delay.seconds
+    assert found[False] == pytest.approx(3 * T, abs=0.01)
+    assert found[True] == 0.0

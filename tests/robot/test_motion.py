@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from psmpc_cli.robot.configuration import PLANE
 from psmpc_cli.robot.motion import (
     advanced,
+    averaged_control,
     braking,
     braking_under_jerk,
     mean_control,
@@ -128,3 +129,23 @@ def test_braking_under_jerk_ends_at_rest(v: np.ndarray, before: np.ndarray, down
     np.testing.assert_array_equal(
         braking_under_jerk(v, duration, before, np.full(N, -np.inf), np.full(N, np.inf)), -v / duration
     )
+
+
+def test_averaged_control_is_the_mean_about_each_tick_and_does_not_jump() -> None:
+    u = np.array([[1.0], [-1.0], [0.5]])
+    times = np.array([0.0, 0.25, 0.5, 1.0])
+    edges = np.linspace(0.0, 0.4, 41)
+    averaged = averaged_control(u, times, edges, np.zeros(1), 0.1)
+    middles = (edges[:-1] + edges[1:]) / 2
+    far = (middles > 0.06) & (np.abs(middles - 0.25) > 0.06)
+    np.testing.assert_allclose(averaged[far, 0], np.where(middles < 0.25, 1.0, -1.0)[far], atol=1e-12)
+    # 0.1 s and a tick pass from one acceleration to the other
+    assert np.abs(np.diff(averaged[:, 0])).max() <= 2 * 0.01 / 0.11 + 1e-12
+    assert averaged[0, 0] == pytest.approx(0.5, abs=0.06)
+    assert np.all(np.abs(averaged) <= 1.0)
+
+
+def test_over_no_width_averaged_control_is_the_mean_over_each_tick() -> None:
+    u = np.array([[1.0], [3.0]])
+    averaged = averaged_control(u, np.array([0.0, 0.15, 1.0]), np.array([0.0, 0.1, 0.2]), np.zeros(1), np.zeros(2))
+    np.testing.assert_allclose(averaged, [[1.0], [2.0]])

@@ -1,7 +1,8 @@
-"""Hands that hold one body keep their relative pose, in a soft band about the one that they have at the sample.
+"""Hands that hold one body keep their relative pose: soft rows keep their relative velocity near 0.
 
-The reference is the current relative pose, not that of when the grippers closed: grasps settle and give. About the
-earlier pose plans would move the hands back, which the law of a robot that holds the body leaves out, see `HeldLoad`.
+The rows are velocities, not displacements within a band: there plans may turn round at every node, and the closed
+chain, which keeps the hands together at every tick, turns what they leave out into rates of joints. Where arms are
+nearly stretched a millimetre per second of the hands is a tenth of a radian per second of a joint.
 """
 
 from functools import partial
@@ -18,7 +19,10 @@ from psmpc_cli.specs.task import TaskSpec
 
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
-    """Return the grippers that hold the object in a stage, their relative poses as the task has them, and the band."""
+    """Return the grippers that hold the object in a stage, their relative poses as the task has them, and the band.
+
+    Over a horizon hands that keep their relative velocity in it move by `half_widths` at most.
+    """
     grasp = task.body.grasp
     if stage not in task.held_stages or len(grasp.at) < 2:
         return None
@@ -27,7 +31,7 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     linear, angular = grasp.half_widths
     band = np.full(space.n_twist, linear)
     band[space.rotation] = angular
-    bands = np.tile(band, len(others))
+    bands = np.tile(band / task.controller.horizon, len(others))
     grippers = tuple(grasp.at)
     return ConstraintNumbers(
         structure=grippers,
@@ -48,11 +52,11 @@ def _relative_poses(grippers: tuple[str, ...], model: RobotModel, sample: Sample
 
 
 def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctions:
-    """Return x, [anchor; relative poses at the sample] -> by how much the relative poses differ from them.
+    """Return x, [anchor; relative poses at the sample] -> how fast the relative poses change from them.
 
     With the poses (p_0, q_0) of the first gripper, (p, q) of another one, and (r, q_r) of that in the frame of the
-    first at the sample, the rows are R_0' (p - p_0) - r, and twice the vector of the quaternion q_r* q_0* q: the
-    rotation vector but for the third power of its angle, and smooth.
+    first at the sample, the rows are the rates of R_0' (p - p_0) - r, and of twice the vector of the quaternion
+    q_r* q_0* q, which is the rotation vector but for the third power of its angle, and smooth.
     """
     space = model.space
     others = len(grippers) - 1
@@ -68,7 +72,8 @@ def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctio
         moved = add(rotate(conjugate(q_0), add(p, scaled(p_0, -1))), scaled(r, -1))
         turned = product(conjugate(q_r), product(conjugate(q_0), q))
         rows += space.twist(moved, scaled(turned[1:], 2))
-    return ConstraintFunctions(x, argument, ca.vertcat(*rows))
+    rates = ca.jtimes(ca.vertcat(*rows), x[: model.n], x[model.n :])
+    return ConstraintFunctions(x, argument, rates)
 
 
 CONSTRAINT = Constraint(rows_at_nodes("hands", functions, soft=lambda grippers: True), numbers)

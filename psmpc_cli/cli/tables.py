@@ -579,6 +579,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     about = [spec.name, f"{spec.skill} ({space})", f"priority {spec.priority:g}"]
     about += [f"follows {spec.target.times[-1]:g} s"] if isinstance(spec.target, TrajectorySpec) else []
     about += [stage.moved_by.name] if stage.moved_by != task.robot.moved_by else []
+    about += ["plumes avoided"] if task.spec.avoids_plumes(stage.index, task.robot) else []
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
     if spec.ends_when and spec.ends_when.object:
         about += [f"object within {_object_end(spec.ends_when.object)}"]

@@ -23,6 +23,7 @@ from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_e
 from psmpc_cli.control.wheels import WheelEstimate, WheelEstimator
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
+from psmpc_cli.ocp.constraints.plumes import PlumeForecast
 from psmpc_cli.ocp.end import ROUNDING, PlannedEnd
 from psmpc_cli.ocp.feasibility import ensure_feasible
 from psmpc_cli.ocp.plan import Plan, resting_plan, shift
@@ -174,6 +175,11 @@ class ControlLaw:
         self._limits_jerk = any(JERK in stage.constraints for stage in problem.stages)
         model = problem.model
         self._driven = [model.driven(stage.moved_by) for stage in problem.stages]
+        self._plumes = {
+            stage.index: PlumeForecast.of(spec, model, stage.index)
+            for stage in problem.stages
+            if spec.avoids_plumes(stage.index, model.spec)
+        }
         actuated = np.any([model.actuated(stage.moved_by) for stage in problem.stages], axis=0)
         self._estimator = Estimator(
             self._spec, model.space, actuated, noise, self._tick, finds_delay=spec.finds_delay(model.spec)
@@ -686,8 +692,19 @@ class ControlLaw:
             route_progress=memory.route.progress.get(decision.sequence.first, np.nan),
             twist_rates=twist_rates,
             wheels=np.zeros(0) if memory.wheels is None else memory.wheels.momentum,
+            shut=self._shut(situation, stages_of_ticks),
         )
         return estimate, command
+
+    def _shut(self, situation: Situation, stages_of_ticks: list[int]) -> np.ndarray:
+        """Return which thrusters must not fire at each tick (M, T), whose stage it says."""
+        by_stage = {
+            stage: self._plumes[stage].shut_now(situation.stages[stage])
+            if stage in self._plumes
+            else np.zeros(len(self.problem.model.spec.thrusters), bool)
+            for stage in set(stages_of_ticks)
+        }
+        return np.array([by_stage[stage] for stage in stages_of_ticks])
 
     def _largest_changes(self, situation: Situation, decision: Decision, edges: np.ndarray) -> np.ndarray | None:
         """Return by how much accelerations may change to each tick, down and up (2, M, n); None without limits of jerk.

@@ -236,6 +236,7 @@ class Command:
             which u leads: what the law in task space applies, of a stage with `input: task`; None where the law is that
             in joint space.
         wheels: What wheels are taken to store at the time of the measurement (W,) [N m s]; (0,) without any.
+        shut: Which thrusters must not fire at each tick (M, T), because the stage avoids plumes that reach something.
     """
 
     time: float
@@ -264,11 +265,12 @@ class Command:
     twist_rates: np.ndarray | None = None
     new_targets: tuple[NewTarget, ...] = ()
     wheels: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    shut: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), bool))
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""
         make_read_only(self.state, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
-        make_read_only(self.driven, self.twist_rates, self.wheels)
+        make_read_only(self.driven, self.twist_rates, self.wheels, self.shut)
         for solution in (self.solution, *self.levels):
             make_read_only(solution.plan, solution.guess, solution.costs, solution.violations, solution.duals)
 

@@ -142,6 +142,7 @@ class Placer:
             prediction=None if plan is None else _ahead(plan, time),
             object_state=target_object.at(time),
             load=load,
+            plan=plan,
         )
         stored: Mapping[int, np.ndarray] = {}
         if wheels is not None:

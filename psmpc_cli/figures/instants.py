@@ -41,6 +41,10 @@ BAR_HEIGHT = 0.8
 """Height of the bar of a thruster that fires throughout a sample, of its row."""
 
 
+SHUT = "0.85"
+"""Colour behind a thruster that is shut."""
+
+
 def plans_switches(run: Run) -> bool:
     """Tell whether a run ever planned when a stage ends."""
     return bool(np.isfinite(run["window/instants"]).any())
@@ -215,7 +219,10 @@ def plot_grasps(run: Run) -> Figure:
 
 
 def plot_thrusters(run: Run) -> Figure:
-    """Plot when thrusters fire: a row for each, a bar for each sample, as high as its impulse over the largest."""
+    """Plot when thrusters fire: a row for each, a bar for each sample, as high as its impulse over the largest.
+
+    Where a thruster is shut because of its plume its row is grey.
+    """
     robot = run.problem.model.spec
     sample_time = run.task.spec.controller.sample_time
     share = run["thrusters/impulse"] / (sample_time * np.array([thruster.force for thruster in robot.thrusters]))
@@ -225,11 +232,15 @@ def plot_thrusters(run: Run) -> Figure:
     axes = grid[0, 0]
     for i in range(count):
         foot = i + 1 + BAR_HEIGHT / 2  # rows count downwards
+        if "thrusters/shut" in run:
+            shut = run["thrusters/shut"][:, i] > 0
+            axes.bar(run.time[shut], -1.0, sample_time, bottom=i + 1.5, align="edge", color=SHUT)
         axes.bar(run.time, -BAR_HEIGHT * share[:, i], sample_time, bottom=foot, align="edge", color=color)
     axes.set_ylim(count + 0.7, 0.3)
     axes.set_yticks(range(1, count + 1))
     axes.set_ylabel("Thruster")
-    axes.set_title("full bar: it fires throughout the sample")
+    note = "; grey: shut because of its plume" if "thrusters/shut" in run else ""
+    axes.set_title(f"full bar: it fires throughout the sample{note}")
     return style.finish(figure)
 
 

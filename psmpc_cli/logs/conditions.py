@@ -54,6 +54,12 @@ def _has_thrusters(recorded: Recorded) -> bool:
     return recorded.is_simulated and spec.plant.traits.has_forces and spec.fires(recorded.task.robot)
 
 
+def _avoids_plumes(recorded: Recorded) -> bool:
+    spec = recorded.task.spec
+    stages = range(len(spec.stages))
+    return _has_thrusters(recorded) and any(spec.avoids_plumes(stage, recorded.task.robot) for stage in stages)
+
+
 def _has_wheels(recorded: Recorded) -> bool:
     turns = recorded.task.spec.plant.traits.has_forces or not recorded.is_simulated
     return turns and bool(recorded.task.robot.wheels)
@@ -90,6 +96,7 @@ THRUSTERS_AT_TICKS = Condition(
     "with log: {ticks: true} where the robot has thrusters",
     lambda recorded: _has_ticks(recorded) and _has_thrusters(recorded),
 )
+PLUMES = Condition("where a stage avoids plumes", _avoids_plumes)
 WHEELS = Condition("where the robot has reaction wheels", _has_wheels)
 WHEELS_AT_TICKS = Condition(
     "with log: {ticks: true} where the robot has reaction wheels",

@@ -29,6 +29,7 @@ from psmpc_cli.logs.conditions import (
     OBJECT_AT_TICKS,
     PAYLOAD,
     PLANS,
+    PLUMES,
     ROUTES,
     SLIDING_JOINTS,
     SPATIAL,
@@ -550,6 +551,14 @@ SCHEMA = (
         "N s, N m s",
         "impulse that it wanted and that no thrusts can give, likewise",
         "ticks.thrusters.refused",
+    ),
+    _column(
+        "thrusters/shut",
+        "1",
+        "share of the ticks until the next sample at which each thruster is shut because of its plume",
+        "ticks.thrusters.shut",
+        dims=("time", "thruster"),
+        only=PLUMES,
     ),
     _by_wheel(
         "wheels/momentum", "N m s", "angular momentum that each wheel stores, with the base's turn about its axis"

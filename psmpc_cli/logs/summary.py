@@ -173,6 +173,8 @@ class ThrusterSummary:
         propellant: Mass of what they used [kg]; NaN where a specific impulse is not known.
         owed: The largest impulse that they had not given at a sample: of force [N s] and of torque [N m s].
         refused: Sums over the run of the impulses that no thrusts can give, likewise.
+        shut: For how long thrusters were shut because of their plumes, by name, those that were [s]; None where no
+            stage avoids plumes.
     """
 
     impulse: float
@@ -180,6 +182,7 @@ class ThrusterSummary:
     propellant: float
     owed: tuple[float, float]
     refused: tuple[float, float]
+    shut: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -371,12 +374,18 @@ def _thrusters(arrays: Arrays, problem: Problem) -> ThrusterSummary | None:
         [np.linalg.norm(arrays[f"thrusters/{name}"][:, part], axis=1) for part in (linear, angular)]
         for name in ("owed", "refused")
     )
+    shut = None
+    if "thrusters/shut" in arrays:
+        lasting = problem.spec.controller.sample_time * arrays["thrusters/shut"].sum(axis=0)
+        by_name = zip(arrays["thruster"].tolist(), lasting.tolist(), strict=True)
+        shut = {name: seconds for name, seconds in by_name if seconds}
     return ThrusterSummary(
         impulse=float(impulses.sum()),
         firings=int(arrays["thrusters/firings"].sum()),
         propellant=Thrusters.of(problem.model.spec.thrusters).propellant(impulses),
         owed=(float(owed[0].max(initial=0.0)), float(owed[1].max(initial=0.0))),
         refused=(float(refused[0].sum()), float(refused[1].sum())),
+        shut=shut,
     )
 
 

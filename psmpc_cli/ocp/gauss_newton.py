@@ -415,17 +415,19 @@ class VelocityForm:
         omega = p.omega[self.grid.stage_of[self.row_interval]]
         return np.asarray(2 * omega * self.interval_weights(p))
 
-    def interval_bounds(self, window: Window) -> tuple[np.ndarray, np.ndarray]:
+    def interval_bounds(self, window: Window, instants: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high (I,) of the rows over intervals; each over the length of its interval, or itself.
+
+        Some depend on the switching instants (S,) [s]; without these they are the widest.
 
         See `interval_row_is_over_time`.
         """
         low = np.zeros(len(self.row_interval))
         high = np.zeros(len(self.row_interval))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
-            low_of_one, high_of_one = rows.bounds(window)
-            low[at] = np.tile(low_of_one, len(rows.intervals))
-            high[at] = np.tile(high_of_one, len(rows.intervals))
+            low_by_interval, high_by_interval = rows.bounds_by_interval(window, instants)
+            low[at] = low_by_interval.ravel()
+            high[at] = high_by_interval.ravel()
         return low, high
 
     def rows_at(self, x: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
@@ -544,7 +546,7 @@ def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
                 functions=force_residual(model, stage.force_load),
                 argument=partial(_anchor_and_load, stage_functions(model, cost_shape(stage)).anchor, s),
-                bounds=lambda window: (-nothing, nothing),
+                bounds=lambda window, instants: (-nothing, nothing),
                 weights=partial(_force_weights, model.n, s),
             )
 
@@ -560,7 +562,7 @@ def _rate_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
                 functions=rate_residual(model),
                 argument=lambda p: np.zeros(0),
-                bounds=lambda window: (-nothing, nothing),
+                bounds=lambda window, instants: (-nothing, nothing),
                 weights=partial(_rate_weights, s),
             )
 

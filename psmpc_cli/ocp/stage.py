@@ -9,6 +9,7 @@ import numpy as np
 
 from psmpc_cli.ocp.end import OPEN, End, EndShape
 from psmpc_cli.ocp.loads import Load, LoadKind
+from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import TargetPart
 from psmpc_cli.robot.configuration import space_of_pose
@@ -39,6 +40,7 @@ class SampleContext:
         unseen: The part of the momenta of wheels that adds up to nothing (W,); None without any.
         is_current: The stage has begun.
         before: The argument at the sample before, or None.
+        plan: The plan in force; None before the first.
     """
 
     time: float
@@ -51,6 +53,7 @@ class SampleContext:
     unseen: np.ndarray | None = None
     is_current: bool = True
     before: np.ndarray | None = None
+    plan: Plan | None = None
 
 
 ArgumentAtSample: TypeAlias = Callable[[RobotModel, SampleContext], np.ndarray | None]
@@ -69,6 +72,9 @@ class ConstraintNumbers:
             it.
         at_nodes: Argument, times of nodes since the sample (N,) -> what its functions take at each, (N, numbers); None
             where that is the argument itself.
+        for_bounds: How many numbers at the end of the argument its functions do not take, but `over_intervals` does.
+        over_intervals: These numbers, times of nodes since the sample (N + 1,) -> low and high of its rows over the
+            intervals between them, (N, rows) each; None where these are always `low` and `high`.
     """
 
     structure: Hashable
@@ -77,6 +83,18 @@ class ConstraintNumbers:
     high: np.ndarray
     at_sample: ArgumentAtSample | None = None
     at_nodes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    for_bounds: int = 0
+    over_intervals: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
+
+    @property
+    def of_functions(self) -> np.ndarray:
+        """The numbers of the argument that its functions take."""
+        return self.argument[: len(self.argument) - self.for_bounds]
+
+    @property
+    def of_bounds(self) -> np.ndarray:
+        """The other numbers of the argument (for_bounds,)."""
+        return self.argument[len(self.argument) - self.for_bounds :]
 
     @cached_property
     def is_known(self) -> bool:

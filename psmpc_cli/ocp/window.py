@@ -292,7 +292,7 @@ def _of_constraints(window: Window, instants: np.ndarray) -> tuple[dict[str, np.
 
     def taken(each: ConstraintNumbers, s: int) -> np.ndarray:
         if each.at_nodes is None:
-            return np.concatenate([anchor, each.argument])
+            return np.concatenate([anchor, each.of_functions])
         if not times:
             since = window.times(instants)[1:] - window.start
             times.extend(since[last - N : last] for N, last in zip(window.nodes, accumulate(window.nodes), strict=True))

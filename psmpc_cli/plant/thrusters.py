@@ -27,6 +27,7 @@ class ThrusterTicks:
         owed: Impulse wanted by the law until the end of the sample, and neither given nor refused (3,) or (6,) [N s,
             N m s].
         refused: Impulse wanted over periods that began in the sample and that no thrusts can give, likewise.
+        shut: Share of the ticks at which each was shut because of its plume (T,).
     """
 
     thrusts: np.ndarray
@@ -34,6 +35,7 @@ class ThrusterTicks:
     firings: np.ndarray
     owed: np.ndarray
     refused: np.ndarray
+    shut: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,13 @@ class ThrusterFiring:
         self._thrusts = np.zeros((0, thrusters.count))  # over the ticks that are left of the period
         self._fires = np.zeros(thrusters.count, bool)  # at the last tick
         self._rows: list[np.ndarray] = []  # thrusts over the ticks of the sample
+        self._is_shut: np.ndarray | None = None  # at its ticks that are left
+        self._shut = np.zeros(thrusters.count)  # over its ticks, on average
+
+    def begin_sample(self, is_shut: np.ndarray) -> None:
+        """Take in which thrusters are shut at the ticks of the sample that begins (M, T); without this none is."""
+        self._is_shut = is_shut
+        self._shut = is_shut.mean(axis=0)
 
     @property
     def ticks_left(self) -> int:
@@ -119,7 +128,8 @@ class ThrusterFiring:
             wanted: Mean wrench that the law wants on the base over the period (d,) [N, N m].
         """
         length = self.period * self._tick
-        allocation = self.thrusters.allocate(wanted + self._owed / length)
+        is_shut = None if self._is_shut is None else self._is_shut[0]
+        allocation = self.thrusters.allocate(wanted + self._owed / length, is_shut)
         self._refused += allocation.residual * length
         self._owed -= allocation.residual * length
         if self._pulsed:
@@ -129,7 +139,12 @@ class ThrusterFiring:
 
     def wrenches(self, ticks: int) -> np.ndarray:
         """Return what they give over so many ticks of this period (ticks, d) [N, N m]."""
-        return np.asarray(self._thrusts[:ticks] @ self.thrusters.wrenches.T)
+        return np.asarray(self._given(ticks) @ self.thrusters.wrenches.T)
+
+    def _given(self, ticks: int) -> np.ndarray:
+        """Return the thrusts over so many ticks of this period (ticks, T) [N]."""
+        thrusts = self._thrusts[:ticks]
+        return thrusts if self._is_shut is None else np.where(self._is_shut[:ticks], 0.0, thrusts)
 
     def pass_ticks(self, wanted: np.ndarray, is_pushed: bool) -> None:
         """Take in that ticks have passed; where nothing pushes the base thrusters are off, and nothing is owed.
@@ -141,12 +156,14 @@ class ThrusterFiring:
         ticks = len(wanted)
         if is_pushed:
             self._owed += self._tick * (wanted - self.wrenches(ticks)).sum(axis=0)
-            self._rows.append(self._thrusts[:ticks])
+            self._rows.append(self._given(ticks))
             self._thrusts = self._thrusts[ticks:]
         else:
             self._owed[:] = 0.0
             self._rows.append(np.zeros((ticks, self.thrusters.count)))
             self._thrusts = self._thrusts[:0]
+        if self._is_shut is not None:
+            self._is_shut = self._is_shut[ticks:]
 
     def end_sample(self) -> ThrusterTicks:
         """Return what was fired over the sample that ends, and begin the next one."""
@@ -158,8 +175,11 @@ class ThrusterFiring:
             firings=(np.diff(fires.astype(int), axis=0) > 0).sum(axis=0),
             owed=self._owed.copy(),
             refused=self._refused.copy(),
+            shut=self._shut,
         )
         self._rows = []
+        self._is_shut = None
+        self._shut = np.zeros(self.thrusters.count)
         self._fires = fires[-1]
         self._refused[:] = 0.0
         return sample

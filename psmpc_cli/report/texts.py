@@ -171,6 +171,14 @@ def _impulse_of_thrusters(summary: Summary, kind: str) -> str:
     return f"{number(force)} N s, {number(torque)} N m s"
 
 
+def _shut(summary: Summary) -> str:
+    """Write which thrusters were shut because of their plumes, and for how long."""
+    if summary.thrusters is None or summary.thrusters.shut is None:
+        return ""
+    of_each = (f"{name} for {number(seconds, 0.1)} s" for name, seconds in summary.thrusters.shut.items())
+    return ", ".join(of_each) or "none"
+
+
 def _of_wheels(largest: Largest | None) -> str:
     """Write what part of its limit a wheel came to, and when."""
     return (
@@ -331,6 +339,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("base thrusters, force", lambda run: run.base_force or math.nan, "N s"),
     Measure("base thrusters, torque", lambda run: run.base_torque or math.nan, "N m s"),
     Measure("thrusters, impulse", _thrusters, shown=BOTH),
+    Measure("thrusters shut because of plumes", _shut, shown=BOTH),
     Measure("largest impulse wanted and not yet given", lambda run: _impulse_of_thrusters(run, "owed")),
     Measure("impulse wanted that no thrusts can give", lambda run: _impulse_of_thrusters(run, "refused")),
     Measure("variation of u, base position", lambda run: run.variation_base_position, "m/s^2"),

@@ -117,6 +117,23 @@ class Thrusters:
         parts = self.force * (direction @ self.wrenches)
         return float(np.minimum(parts, 0).sum()), float(np.maximum(parts, 0).sum())
 
+    def bounds(self, normals: Vector, is_shut: NDArray[np.bool_]) -> tuple[Vector, Vector]:
+        """Return the bounds of n . w over what thrusters give of which some are shut.
+
+        With the normals of `half_spaces` these bound exactly what the others give. For a thruster with a small largest
+        thrust instead of none the facets are spanned by the same directions, and both sets shrink to those without it.
+
+        Args:
+            normals: The normals n (K, d), of any length.
+            is_shut: Which thrusters are shut, at N times (N, T).
+
+        Returns:
+            The least and the largest values, (N, K) each.
+        """
+        parts = self.force * (normals @ self.wrenches)
+        is_open = (~is_shut).astype(float)
+        return is_open @ np.minimum(parts, 0).T, is_open @ np.maximum(parts, 0).T
+
     @cached_property
     def extent(self) -> tuple[Vector, Vector]:
         """Least and largest components of attainable wrenches, (d,) each [N, N m]."""
@@ -145,8 +162,8 @@ class Thrusters:
         low, high = zip(*map(self.along, normals), strict=True)
         return HalfSpaces(normals, np.array(low), np.array(high))
 
-    def allocate(self, wrench: Vector) -> Allocation:
-        """Return the thrusts that give a wrench (d,) [N, N m] with the least propellant.
+    def allocate(self, wrench: Vector, is_shut: NDArray[np.bool_] | None = None) -> Allocation:
+        """Return the thrusts that give a wrench (d,) [N, N m] with the least propellant, those that are shut (T,) none.
 
         Least is the sum of thrusts over specific impulses, or of thrusts where one specific impulse is not known. For a
         wrench that cannot be given they give the nearest one: least is the norm of the error, of which torques are
@@ -154,20 +171,23 @@ class Thrusters:
         """
         from scipy.optimize import linprog, lsq_linear
 
-        if not wrench.any():
-            return Allocation(np.zeros(self.count), np.zeros_like(wrench))
+        used = slice(None) if is_shut is None else np.flatnonzero(~is_shut)
+        force = self.force[used]
+        thrusts = np.zeros(self.count)
+        if not (wrench.any() and len(force)):
+            return Allocation(thrusts, wrench.copy())
         known = np.isfinite(self.specific_impulse).all()
-        cost = 1 / (self.specific_impulse if known else np.ones(self.count))
-        A = self._scale[:, None] * self.wrenches
-        bounds = np.column_stack([np.zeros(self.count), self.force])
+        cost = 1 / (self.specific_impulse[used] if known else np.ones(len(force)))
+        A = self._scale[:, None] * self.wrenches[:, used]
+        bounds = np.column_stack([np.zeros(len(force)), force])
         options = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
         b = self._scale * wrench
         solved = linprog(cost / cost.max(), A_eq=A, b_eq=b, bounds=bounds, method="highs-ds", options=options)
         if solved.status != 0:
-            nearest = lsq_linear(A, b, (np.zeros(self.count), self.force), method="bvls", tol=1e-12).x
+            nearest = lsq_linear(A, b, (np.zeros(len(force)), force), method="bvls", tol=1e-12).x
             b = A @ nearest
             solved = linprog(cost / cost.max(), A_eq=A, b_eq=b, bounds=bounds, method="highs-ds", options=options)
-        thrusts = np.clip(nearest if solved.status != 0 else solved.x, 0.0, self.force)
+        thrusts[used] = np.clip(nearest if solved.status != 0 else solved.x, 0.0, force)
         residual = wrench - self.wrenches @ thrusts
         is_given = np.linalg.norm(self._scale * residual) <= NOTHING * self.force.max()
         return Allocation(thrusts, np.zeros_like(wrench) if is_given else residual)

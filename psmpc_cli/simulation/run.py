@@ -18,7 +18,7 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.rk4 import capture_tick, tick_function
-from psmpc_cli.plant.thrusters import firing_of
+from psmpc_cli.plant.thrusters import ThrusterFiring, firing_of
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of, stream
 from psmpc_cli.plant.wheels import WheelDrive, drive_of
 from psmpc_cli.robot.model import RobotModel
@@ -47,12 +47,14 @@ class Experiment(RecordedLoop):
         controller: The controller.
         plant: The physics.
         drive: The wheels of the plant; None of a robot without any.
+        firing: The thrusters of the plant; None where none fire.
         new_targets: Tells at each sample which targets are others from then on.
     """
 
     controller: Controller
     plant: Plant
     drive: WheelDrive | None = None
+    firing: ThrusterFiring | None = None
     new_targets: "NewTargets" = no_new_targets
 
 
@@ -67,6 +69,7 @@ def build_experiment(loaded: Task) -> Experiment:
     friction = None if uncertainty is None else uncertainty.friction
     capture = build_capture(task, model)
     drive = drive_of(task, model)
+    firing = firing_of(task, model)
     Q = stack(task.initial, loaded.robot, "joint")
     return Experiment(
         problem=problem,
@@ -79,10 +82,11 @@ def build_experiment(loaded: Task) -> Experiment:
             friction=friction,
             capture=capture,
             force_limits=force_limits_of(task, model.spec),
-            firing=firing_of(task, model),
+            firing=firing,
             drive=drive,
         ),
         drive=drive,
+        firing=firing,
         uncertainty=uncertainty,
         capture=capture,
         initial_state=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],
@@ -168,7 +172,9 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
             return Ending(False, "stopped at the end of a stage", now, command.state, state, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
         line.send(sample_number, command)
-        in_force, u, closed, of_base, twist_rates = line.over_sample(sample_number)
+        in_force, u, closed, of_base, twist_rates, shut = line.over_sample(sample_number)
+        if experiment.firing is not None and shut.any():
+            experiment.firing.begin_sample(shut)
         driven = of_base if changes_mobility else None
         previous_stage = stage
         stage = in_force.sequence.first
@@ -200,6 +206,7 @@ class _Applied(NamedTuple):
         closed: Whether grippers are to be closed (M,).
         driven: Whether something acts on each coordinate of the base, 1 or 0 (M, n_twist).
         twist_rates: Rates of the velocities J_C v (M, k), see `Command`; None where the law is that in joint space.
+        shut: Which thrusters must not fire (M, T).
     """
 
     in_force: Command
@@ -207,6 +214,7 @@ class _Applied(NamedTuple):
     closed: np.ndarray
     driven: np.ndarray
     twist_rates: np.ndarray | None
+    shut: np.ndarray
 
 
 class _Line:
@@ -242,10 +250,11 @@ class _Line:
             self._arrived.pop(0)
         arrival, command = self._arrived[0]
         if arrival == now and (len(self._arrived) == 1 or self._arrived[1][0] >= now + self._ticks):
-            return _Applied(command, command.u, command.closed, command.driven, command.twist_rates)
+            return _Applied(command, command.u, command.closed, command.driven, command.twist_rates, command.shut)
         u = np.zeros((self._ticks, self._n))
         closed = np.zeros(self._ticks, bool)
         driven = np.tile(command.driven[0], (self._ticks, 1))
+        shut = np.tile(command.shut[0], (self._ticks, 1))
         in_task_space = any(each.twist_rates is not None for _, each in self._arrived)
         twist_rates = np.zeros((self._ticks, command.law.model.n_twists)) if in_task_space else None
         ticks = np.arange(now, now + self._ticks)
@@ -255,9 +264,10 @@ class _Line:
             u[acts] = each.u[own]
             closed[acts] = each.closed[own]
             driven[acts] = each.driven[own]
+            shut[acts] = each.shut[own]
             if twist_rates is not None:
                 twist_rates[acts] = _twist_rates(each)[own]
-        return _Applied(command, u, closed, driven, twist_rates)
+        return _Applied(command, u, closed, driven, twist_rates, shut)
 
 
 def _twist_rates(command: Command) -> np.ndarray:

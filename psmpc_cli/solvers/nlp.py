@@ -100,8 +100,8 @@ NO_DUALS = np.zeros(0)
 LONGEST_COMPILATION = 600.0
 """Processor time after which the compilation of a program is ended [s]."""
 
-Bound = Callable[[Window, np.ndarray, np.ndarray], tuple[ArrayLike, ArrayLike]]
-"""Low and high of rows for a window, given those of [Q; Qdot] at its nodes, (K + 1, 2n) each."""
+Bound = Callable[[Window, np.ndarray, np.ndarray, np.ndarray], tuple[ArrayLike, ArrayLike]]
+"""Low and high of rows for a window, given those of [Q; Qdot] at its nodes, (K + 1, 2n) each, and guessed instants."""
 
 
 class Nlp:
@@ -215,7 +215,7 @@ class Nlp:
         limits = [stage.limits for stage in window.stages]
         tau = durations(guess.instants, window.start, window.horizon)[:-1]
         shortest = np.maximum(shortest_durations(window)[:-1], tau - within)
-        rows = [(size, bound(window, low, high)) for size, bound in self._bounds]
+        rows = [(size, bound(window, low, high, guess.instants)) for size, bound in self._bounds]
         return {
             "lbx": self._box(-np.inf, low, shortest, 0.0, [of_stage.acceleration_low for of_stage in limits]),
             "ubx": self._box(np.inf, high, tau + within, np.inf, [of_stage.acceleration_high for of_stage in limits]),
@@ -372,13 +372,13 @@ class Nlp:
             if k in over_interval.intervals:
                 at = self._interval(k)
                 value = over_interval.functions.expression(at, over_interval.argument(p))
-                yield value / at.h if over_interval.over_time else value, partial(_node_bounds, over_interval)
+                yield value / at.h if over_interval.over_time else value, partial(_interval_bounds, over_interval, k)
         if sums.numel() and k == self.grid.K:
             for i in range(len(self.shape.kept)):
                 yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
         if self.shape.soft:
-            yield X + self._e[:, k] / PENALTY, lambda window, low, high: (low[k], np.inf)
-            yield X - self._e[:, k] / PENALTY, lambda window, low, high: (-np.inf, high[k])
+            yield X + self._e[:, k] / PENALTY, lambda window, low, *_: (low[k], np.inf)
+            yield X - self._e[:, k] / PENALTY, lambda window, _, high, *__: (-np.inf, high[k])
 
 
 def _zero(*_: object) -> tuple[float, float]:
@@ -395,9 +395,16 @@ def _soft_count(rows: NodeRows) -> int:
     return rows.functions.count if rows.soft else 0
 
 
-def _node_bounds(rows: NodeRows | IntervalRows, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
+def _node_bounds(rows: NodeRows, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
     low, high = rows.bounds(window)
     return low, high
+
+
+def _interval_bounds(
+    rows: IntervalRows, k: int, window: Window, low: np.ndarray, high: np.ndarray, instants: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    low, high = rows.bounds_by_interval(window, instants)
+    return low[rows.intervals.index(k)], high[rows.intervals.index(k)]
 
 
 def _symbol(values: np.ndarray) -> ca.SX:

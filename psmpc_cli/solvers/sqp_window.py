@@ -70,7 +70,8 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     of_window = np.full(2 * S + len(form.row_node), np.inf)  # durations, and rows at nodes
     lows = [low.ravel(), -of_window]
     highs = [high.ravel(), of_window]
-    interval_low, interval_high = _over_h(*form.interval_bounds(window), lows, highs, form.interval_row_is_over_time)
+    over_time = form.interval_row_is_over_time
+    interval_low, interval_high = _over_h(*form.interval_bounds(window, None), lows, highs, over_time)
     inputs = acceleration_limits(grid, stages)
     if np.isfinite(inputs).any():
         input_low, input_high = _over_h(*inputs, lows, highs)
@@ -117,8 +118,7 @@ def _over_h(
     """
     none = np.full(low.size, np.inf)
     is_equation = np.equal(low, high) & ~np.broadcast_to(is_over_time, low.shape)
-    low_over_h = np.where(np.isfinite(low) & is_over_time, low, 0.0)
-    high_over_h = np.where(np.isfinite(high) & is_over_time, high, 0.0)
+    low_over_h, high_over_h = (_finite(bound, is_over_time) for bound in (low, high))
     lows += [(low - low_over_h).ravel(), -none]
     highs += [
         np.where(is_equation.ravel(), high.ravel(), none),
@@ -127,11 +127,22 @@ def _over_h(
     return low_over_h, high_over_h
 
 
+def _finite(bound: np.ndarray, is_over_time: np.ndarray | bool) -> np.ndarray:
+    """Return bounds of rows over h; 0 where there is none, or none over h."""
+    return np.where(np.isfinite(bound) & is_over_time, bound, 0.0)
+
+
 def window_bounds(
     form: VelocityForm, shared: WindowBounds, window: Window, guess: Plan, tau: np.ndarray, within: float
 ) -> WindowBounds:
     """Return the bounds of a window about a guess, durations within so many seconds of guessed ones (S,) [s]."""
     S = len(tau)
+    if any(constraint.over_intervals for stage in window.stages for constraint in stage.constraints.values()):
+        over_time = form.interval_row_is_over_time
+        interval_low, interval_high = (
+            _finite(bound, over_time) for bound in form.interval_bounds(window, guess.instants)
+        )
+        shared = replace(shared, interval_low=interval_low, interval_high=interval_high)
     first = len(window.x0) * window.K  # the durations stand after the states
     low = shared.low.copy()
     high = shared.high.copy()

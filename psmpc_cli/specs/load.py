@@ -225,13 +225,22 @@ def validate_robot(
         lacking = [("base", key) for key in ("mass", "inertia") if not np.any(getattr(robot.base, key))]
         wanted = f"expected a number greater than 0: a {robot.mobility} base moves, only a fixed one may have none"
         faults = tuple(Fault(path, f"found {document.found(path)}, {wanted}") for path in lacking)
-    if robot.thrusters and (missing := missing_directions(robot)):
+    moves = any(moved_by.moves for moved_by in (robot.moved_by, *of_stages))
+    on_fixed = [key for key in ("thrusters", "wheels") if getattr(robot, key) and not moves]
+    if robot.thrusters and moves and (missing := missing_directions(robot)):
         wanted = "expected thrusters that push and turn it in every direction: others, or in other places"
         faults = (
             *faults,
             Fault(("thrusters",), f"found some that cannot give the base {', '.join(missing)} alone; {wanted}"),
         )
-    faults = (*faults, *(Fault(("wheels",), fault) for fault in wheel_faults(robot, [robot.moved_by, *of_stages])))
+    faults = (
+        *faults,
+        *(
+            Fault((key,), f"found {key} on a base that is fixed; expected none, or another mobility")
+            for key in on_fixed
+        ),
+        *(Fault(("wheels",), fault) for fault in wheel_faults(robot, [robot.moved_by, *of_stages])),
+    )
     return None if faults else robot, faults
 
 
@@ -297,7 +306,16 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     of_stages = Context(own).mobilities[1:]
     spec, robot_faults = (None, ()) if source is None else validate_robot(source, of_task, of_stages)
     of_robot = (
-        (spec.parts, spec.limits, spec.mobility if of_task or mobility is None else None, spec.sliding) if spec else ()
+        (
+            spec.parts,
+            spec.limits,
+            spec.mobility if of_task or mobility is None else None,
+            spec.sliding,
+            bool(spec.thrusters),
+            spec.has_plumes,
+        )
+        if spec
+        else ()
     )
     task, faults = _validate(own, "task", TaskSpec, Context(own, *of_robot))
     reports = [own.report(faults)]

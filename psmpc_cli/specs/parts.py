@@ -129,6 +129,12 @@ StageMobility = Literal["free-flying", "attitude", "free-floating"]
 """What moves it in a stage of its own: a mount holds it in all stages, or in none."""
 
 
+PlumeUse = Literal["ignored", "avoided"]
+"""Whether thrusters whose plumes reach the object or an obstacle fire nevertheless."""
+
+PLUMES = "avoided: thrusters do not fire while their plumes reach the object or an obstacle"
+
+
 @dataclass(frozen=True)
 class MobilityTraits:
     """What tells a mobility of the base from the others.
@@ -191,6 +197,8 @@ class Context:
         mobility: What moves its base, where a skill or a stage does not say it; None if what is written is none, which
             no further rule then judges.
         sliding: Names of its joint coordinates that are lengths, such as `arm_1.2`.
+        has_thrusters, has_plumes: It has thrusters, and some that say where their plumes are; true where the robot is
+            not valid.
     """
 
     file: Document
@@ -198,6 +206,8 @@ class Context:
     robot_limits: Mapping[str, Any] = field(default_factory=dict)
     mobility: Mobility | None = FREE_FLYING
     sliding: Collection[str] = ()
+    has_thrusters: bool = True
+    has_plumes: bool = True
 
     @property
     def moved_by(self) -> MobilityTraits:

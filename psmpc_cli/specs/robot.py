@@ -15,7 +15,18 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
 from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import choice, mapping, quoted
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, flaw, listed, one_of, unit_errors, validated_by
+from psmpc_cli.specs.fields import (
+    Fields,
+    RuleErrors,
+    Spec,
+    ensure,
+    expected,
+    flaw,
+    listed,
+    one_of,
+    unit_errors,
+    validated_by,
+)
 from psmpc_cli.specs.geometry import GEOMETRY, PlacedShape, ShapesByBody
 from psmpc_cli.specs.parts import (
     ANGLE,
@@ -339,6 +350,23 @@ def _not_reserved(name: str) -> str:
     return name
 
 
+def _is_a_length(written: Any, earlier_fields: Fields, context: Any) -> RuleErrors:
+    """Give a length that is written as an angle."""
+    yield from unit_errors(written, LENGTH.position)
+
+
+class Plume(Spec):
+    """The cone that leaves the nozzle of a thruster, against the force on the base."""
+
+    angle: Annotated[
+        fields.Width,
+        ensure(lambda angle: angle < np.pi / 2, "an angle between 0 and 90 deg, with its unit: 30 deg"),
+    ] = Field(description="angle between its axis and its edge, half of what it opens [rad]")
+    length: Annotated[fields.CoordinateWidth, validated_by(_is_a_length, as_written=True)] = Field(
+        description="how far from the nozzle it reaches [m]"
+    )
+
+
 class Thruster(Spec):
     """A thruster on the base."""
 
@@ -355,6 +383,9 @@ class Thruster(Spec):
         None,
         exclude_if=lambda value: value is None,
         description="specific impulse, from which the mass of the propellant follows [s]",
+    )
+    plume: fields.Sparse[Plume | None] = Field(
+        None, description="cone that stages with `plumes: avoided` keep off objects and obstacles"
     )
 
     @property
@@ -496,6 +527,11 @@ class RobotSpec(Spec):
     def moved_by(self) -> MobilityTraits:
         """What moves the base."""
         return MOBILITIES[self.mobility]
+
+    @property
+    def has_plumes(self) -> bool:
+        """Whether some thruster says where its plume is."""
+        return any(thruster.plume for thruster in self.thrusters)
 
     @property
     def parts(self) -> dict[str, int]:
@@ -652,10 +688,8 @@ def inertia_without_wheels(robot: RobotSpec) -> Six:
 
 def wheel_faults(robot: RobotSpec, mobilities: Sequence[MobilityTraits]) -> list[str]:
     """Return what is wrong with the wheels of a robot whose base is moved so in some stage."""
-    if not robot.wheels:
+    if not robot.wheels or not any(moved_by.moves for moved_by in mobilities):
         return []
-    if not any(moved_by.moves for moved_by in mobilities):
-        return ["found wheels on a base that is fixed; expected none, or another mobility"]
     xx, yy, zz, xy, xz, yz = inertia_without_wheels(robot)
     left = [zz] if robot.dimension == 2 else np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
     if left[0] <= 0 or (len(left) == 3 and left[2] > (left[0] + left[1]) * (1 + 1e-6)):

@@ -40,11 +40,13 @@ from psmpc_cli.specs.object import NO_BODY, Moments, ObjectBody, ObjectSpec, OnO
 from psmpc_cli.specs.parts import (
     BASE,
     MOBILITIES,
+    PLUMES,
     SKILL_KINDS,
     AsWritten,
     Context,
     Mobility,
     MobilityTraits,
+    PlumeUse,
     SkillKind,
     Space,
     StageMobility,
@@ -470,6 +472,20 @@ def _mobility(mobility: StageMobility | None, earlier_fields: Fields, context: C
         yield (), expected(f"none: the base is {context.mobility} in all stages")
 
 
+def _plumes(use: PlumeUse | None, earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give plumes to be avoided of a robot without any, and those that have nothing to keep off."""
+    if use != "avoided":
+        return
+    if not context.has_plumes:
+        yield (), expected("ignored, or a robot whose thrusters have a `plume`: {angle: 30 deg, length: 1.5}")
+    has_object = bool(mapping(context.file.value(("object",))).get("mass"))
+    if not (has_object or context.file.value(("obstacles",))):
+        yield (), expected("ignored, or an object with a mass, or obstacles: there is nothing to keep plumes off")
+
+
+_Plumes = fields.Sparse[Annotated[PlumeUse | None, validated_by(_plumes)]]
+
+
 class SkillSpec(Spec):
     """A reusable cost and its limits. Paper eqs. (9), (10), (30), (31)."""
 
@@ -488,6 +504,7 @@ class SkillSpec(Spec):
     mobility: fields.Sparse[Annotated[StageMobility | None, validated_by(_mobility)]] = Field(
         None, description="what moves the base in stages of this skill, instead of the task's"
     )
+    plumes: _Plumes = Field(None, description="whether thrusters care for their plumes in stages of this skill")
 
 
 class ObjectEndSpec(Spec):
@@ -768,6 +785,7 @@ class StageSpec(Spec):
     mobility: fields.Sparse[Annotated[StageMobility | None, validated_by(_mobility)]] = Field(
         None, description="what moves the base in this stage, instead of the skill's"
     )
+    plumes: _Plumes = Field(None, description="whether thrusters care for their plumes in this stage")
     clearance: fields.Sparse[ClearanceSpec | None] = Field(
         None, description="how far apart bodies keep in this stage, instead of the task's"
     )
@@ -912,6 +930,8 @@ def _plant(plant: PlantSpec, earlier_fields: Fields, context: Context) -> RuleEr
         yield ("low_level_rate",), expected("a whole number of ticks", found)
     if not (plant.traits.has_forces or context.is_always_actuated):
         yield ("kind",), expected(f"{plant.alternatives}, by which a base moves that is not free-flying")
+    if "thrusters" in plant.model_fields_set and not context.has_thrusters:
+        yield ("thrusters",), expected("none: the robot has no thrusters", at_key=True)
     if not (plant.step is None or _is_whole(1 / rate / plant.step)):
         found = f"{plant.step:g} s, which makes {1 / rate / plant.step:.6g} steps of a tick of {1 / rate:g} s"
         yield ("step",), expected("a whole number of steps", found)
@@ -1071,6 +1091,7 @@ class TaskSpec(Spec):
     mobility: Mobility | None = Field(
         None, exclude_if=lambda value: value is None, description="what moves the base, instead of the robot's own"
     )
+    plumes: _Plumes = Field(None, description=f"{PLUMES}; default ignored")
     initial: Annotated[Mapping[fields.Part, fields.Numbers], in_joint_space(required=True, positions=True)] = Field(
         description="base pose and joint coordinates at the start [m, rad]"
     )
@@ -1182,6 +1203,12 @@ class TaskSpec(Spec):
         """Return what moves the base of the task's robot in a stage."""
         spec = self.stages[stage]
         return MOBILITIES[spec.mobility or self.skills[spec.skill].mobility or robot.mobility]
+
+    def avoids_plumes(self, stage: int, robot: RobotSpec) -> bool:
+        """Return whether thrusters do not fire in a stage while their plumes reach the object or an obstacle."""
+        spec = self.stages[stage]
+        use = spec.plumes or self.skills[spec.skill].plumes or self.plumes
+        return use == "avoided" and robot.has_plumes and self.moved_by(stage, robot).is_pushed
 
     def changes_mobility(self, robot: RobotSpec) -> bool:
         """Return whether the base is moved otherwise in some stage than the robot's description says."""

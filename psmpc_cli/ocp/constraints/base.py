@@ -87,7 +87,8 @@ class IntervalRows:
         intervals: The intervals, ascending.
         functions: The rows and their Jacobian; the same object wherever the rows are the same.
         argument: Parameters of a window, numbers or symbols -> a.
-        bounds: Window -> low and high (rows,); infinite where there is none.
+        bounds: Window, switching instants (S,) [s] or None -> low and high, infinite where there is none: of the rows
+            over every interval, (rows,), or over each of the intervals, a row each; the widest without instants.
         weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
         permanent: All rows are part of every program: they are equations, or depend on few numbers.
         over_time: The rows are integrals over the interval: their bounds are those of the rows over h.
@@ -99,7 +100,7 @@ class IntervalRows:
     intervals: Sequence[int]
     functions: ChangeFunctions | IntervalFunctions | RateFunctions
     argument: Callable[[Parameters[Any]], Any]
-    bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
+    bounds: Callable[[Window, np.ndarray | None], tuple[np.ndarray, np.ndarray]]
     weights: Callable[[Parameters[Any]], Any] | None = None
     permanent: bool = False
     over_time: bool = True
@@ -109,6 +110,12 @@ class IntervalRows:
     def is_permanent(self) -> bool:
         """Whether the rows are part of every program, however far from their bounds: residuals of the cost are."""
         return self.permanent or self.weights is not None
+
+    def bounds_by_interval(self, window: Window, instants: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Return low and high of the rows over each of the intervals, (intervals, rows) each."""
+        shape = len(self.intervals), self.functions.count
+        low, high = self.bounds(window, instants)
+        return np.broadcast_to(low, shape), np.broadcast_to(high, shape)
 
 
 RowsOfShape: TypeAlias = Callable[[RobotModel, WindowShape], Iterator[NodeRows | IntervalRows]]
@@ -208,7 +215,7 @@ def rows_over_intervals(
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
                 functions=model.cached((functions, structure), partial(functions, model, structure)),
                 argument=argument_of(held, s),
-                bounds=bounds_of(held, s),
+                bounds=partial(_bounds_over_intervals, held, s),
                 permanent=permanent,
                 over_time=over_time,
             )
@@ -227,7 +234,7 @@ def argument_of(name: str, s: int) -> Callable[[Parameters[Any]], Any]:
     return partial(_argument, name, s)
 
 
-def bounds_of(name: str, s: int) -> Callable[[Window], tuple[np.ndarray, np.ndarray]]:
+def bounds_of(name: str, s: int) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Return how the bounds of a constraint are read from windows: those of stage s."""
     return partial(_bounds, name, s)
 
@@ -236,9 +243,20 @@ def _argument(name: str, s: int, p: Parameters[Any]) -> Any:
     return p.constraints[s][name]
 
 
-def _bounds(name: str, s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(name: str, s: int, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
     constraint = window.stages[s].constraints[name]
     return constraint.low, constraint.high
+
+
+def _bounds_over_intervals(
+    name: str, s: int, window: Window, instants: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    constraint = window.stages[s].constraints[name]
+    if constraint.over_intervals is None or instants is None:
+        return constraint.low, constraint.high
+    first = sum(window.nodes[:s])
+    since = window.times(instants)[first : first + window.nodes[s] + 1] - window.start
+    return constraint.over_intervals(constraint.of_bounds, since)
 
 
 def sampled_load(task: TaskSpec, load: Load) -> ArgumentAtSample | None:
@@ -270,5 +288,8 @@ def load_at_sample(load: Load, is_found: bool, model: RobotModel, sample: Sample
 def of_stage(
     stage: int, load: Load, constraint: ConstraintNumbers
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers]:
-    """Return what a constraint has of a stage, by a name of its own where the load says what wheels store in it."""
-    return {str(stage + 1): constraint} if load.stores else constraint
+    """Return what a constraint has of a stage, by a name of its own where samples set it for this stage alone.
+
+    That is what wheels store in it, and numbers of its bounds.
+    """
+    return {str(stage + 1): constraint} if load.stores or constraint.for_bounds else constraint

@@ -139,7 +139,7 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     pieces, robot_pairs = model.derived(groups, lambda: _robot(model))
     by_name = {ITSELF: Group(Pairs(robot_pairs))}
     obstacles = {
-        obstacle_spec.name: (_solid(obstacle_spec), partial(_of_obstacle, obstacle_spec, model))
+        obstacle_spec.name: (_solid(obstacle_spec), partial(state_of_obstacle, obstacle_spec, model))
         for obstacle_spec in task.obstacles
     }
     for name, (obstacle, state) in obstacles.items():
@@ -154,7 +154,7 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
         body = Solid(OBJECT, _box(task.body.shape), _NO_OFFSET, "object")
         by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in others)), _of_object)
         return by_name
-    held = list(_cover(task.body.shape))
+    held = list(cover_of_object(task.body.shape))
     holder = task.body.holder
     by_name[f"{OBJECT}, held"] = Group(Pairs(tuple(product(held, others)), holder))
     for name, (obstacle, state) in obstacles.items():
@@ -176,17 +176,26 @@ def _solid(obstacle: ObstacleSpec) -> Solid:
     return Solid(obstacle.name, obstacle.shape.shape, _NO_OFFSET, "obstacle")
 
 
+def solids_of_obstacle(obstacle: ObstacleSpec) -> tuple[Solid, ...]:
+    """Return an obstacle as capsules that cover it, or as a half-space."""
+    solid = _solid(obstacle)
+    if solid.shape.kind != "box":
+        return (solid,)
+    covering = capsules_of(obstacle.name, 0, cover_box(solid.shape.edges))
+    return tuple(Solid(obstacle.name, piece.shape, piece.at, "obstacle") for piece in covering)
+
+
 def _box(lengths: tuple[float, ...]) -> Shape:
     return Shape("box", (*lengths, DEEP)[:3])
 
 
-def _cover(lengths: tuple[float, ...]) -> Iterator[Solid]:
-    """Give the capsules that cover the object."""
+def cover_of_object(lengths: tuple[float, ...]) -> Iterator[Solid]:
+    """Yield the capsules that cover the object."""
     for piece in capsules_of(OBJECT, 0, cover_box(lengths)):
         yield Solid(piece.part, piece.shape, piece.at, "object")
 
 
-def _of_obstacle(obstacle: ObstacleSpec, model: RobotModel, sample: SampleContext) -> PoseState:
+def state_of_obstacle(obstacle: ObstacleSpec, model: RobotModel, sample: SampleContext) -> PoseState:
     """Return where an obstacle is at a sample, and its velocity."""
     v = np.zeros(model.space.n_twist)
     v[: len(obstacle.velocity)] = obstacle.velocity

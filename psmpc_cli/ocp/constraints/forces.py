@@ -23,14 +23,15 @@ sqrt(h) h_w.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, of_stage, rows_over_intervals, sampled_load
-from psmpc_cli.ocp.loads import LoadKind, OwnMotion, known_load
-from psmpc_cli.ocp.stage import ConstraintNumbers
+from psmpc_cli.ocp.constraints.plumes import PlumeForecast
+from psmpc_cli.ocp.loads import Load, LoadKind, OwnMotion, known_load
+from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.thrusters import HalfSpaces, Thrusters, no_half_spaces
 from psmpc_cli.robot.wheels import Wheels
@@ -69,6 +70,7 @@ def numbers(
     limits = resolve_limits(model.spec, task.limits, skill.limits, moved_by=moved_by)
     limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
     of_actuators = attainable_by(model, moved_by)
+    plumes = PlumeForecast.of(task, model, stage) if task.avoids_plumes(stage, model.spec) else None
     if not limited.any() and not len(of_actuators.normals):
         return None
     load = known_load(task, model, stage)
@@ -90,7 +92,36 @@ def numbers(
         low=np.tile(low, 2),
         high=np.tile(high, 2),
     )
+    if plumes is not None:
+        of_forces = _avoiding(plumes, model, load, of_forces)
     return of_stage(stage, load, of_forces)
+
+
+def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, of_forces: ConstraintNumbers) -> ConstraintNumbers:
+    """Return the limits of a stage in which thrusters are shut because of their plumes: nearer to each other then."""
+    of_thrusters = attainable(model).normals
+    unloading = _of_unloading(model, of_thrusters)
+    ends = np.split(np.arange(len(of_forces.low)), 2)
+
+    def at_sample(model: RobotModel, sample: SampleContext) -> np.ndarray | None:
+        numbers = load.numbers if of_forces.at_sample is None else of_forces.at_sample(model, sample)
+        return None if numbers is None else np.concatenate([numbers, plumes.numbers(model, sample)])
+
+    def over_intervals(numbers: np.ndarray, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        low, high = (np.tile(bound, (len(since) - 1, 1)) for bound in (of_forces.low, of_forces.high))
+        bounds = plumes.bounds(of_thrusters, unloading, numbers, since)
+        for rows in ends:
+            at = rows[len(rows) - len(of_thrusters) :]
+            low[:, at], high[:, at] = bounds
+        return low, high
+
+    return replace(
+        of_forces,
+        argument=np.full(len(load.numbers) + plumes.size, np.nan),
+        at_sample=at_sample,
+        for_bounds=plumes.size,
+        over_intervals=over_intervals,
+    )
 
 
 def inertia(model: RobotModel) -> np.ndarray:

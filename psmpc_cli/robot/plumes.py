@@ -1,0 +1,120 @@
+"""Plumes of thrusters: cones from their nozzles, and which of them reach a body.
+
+The plume of a thruster is what is nearer to its nozzle than its length and within its angle of its axis, which points
+against the force: a convex set. So the distance to it is convex along the segment of a capsule.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from psmpc_cli.robot.kinematics import SpatialFrame
+from psmpc_cli.robot.rotations import add, conjugate, rotate, scaled
+from psmpc_cli.specs.geometry import Shape
+from psmpc_cli.specs.robot import Thruster
+
+Vector = NDArray[np.float64]
+
+GOLDEN = (5**0.5 - 1) / 2
+STEPS = 25
+"""Golden sections of a segment in search of its point that is nearest to a plume, to 6e-6 of its length."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plumes:
+    """The plumes of a base's T thrusters, in the base frame, with z = 0 in the plane.
+
+    Attributes:
+        nozzles: Where they begin (T, 3) [m].
+        axes: Unit vectors along which they leave (T, 3).
+        angles: Between axis and edge (T,) [rad].
+        lengths: How far they reach (T,) [m]; NaN of a thruster without one, which reaches nothing.
+    """
+
+    nozzles: Vector
+    axes: Vector
+    angles: Vector
+    lengths: Vector
+
+    @classmethod
+    def of(cls, thrusters: Sequence[Thruster]) -> "Plumes":
+        """Return those that a robot's file describes."""
+        nozzles = np.array([[*thruster.position, 0.0][:3] for thruster in thrusters]).reshape(-1, 3)
+        pushed = np.array([[*thruster.direction, 0.0][:3] for thruster in thrusters]).reshape(-1, 3)
+        given = [thruster.plume for thruster in thrusters]
+        return cls(
+            nozzles=nozzles,
+            axes=-pushed / np.linalg.norm(pushed, axis=1, keepdims=True),
+            angles=np.array([0.0 if plume is None else plume.angle for plume in given]),
+            lengths=np.array([np.nan if plume is None else plume.length for plume in given]),
+        )
+
+    def reach(self, base: SpatialFrame, shape: Shape, at: SpatialFrame) -> NDArray[np.bool_]:
+        """Tell which plumes reach a shape, at N places of base and shape at once, (N, T).
+
+        Args:
+            base: The base's frame, of components (N,) each.
+            shape: A capsule or a half-space.
+            at: Its frame, likewise.
+        """
+        back = conjugate(base.quaternion)
+        place = _rows(rotate(back, add(at.position, scaled(base.position, -1))))
+        if shape.kind == "half_space":
+            return self._reach_below(_rows(rotate(back, rotate(at.quaternion, shape.size))), place)
+        radius, length = shape.size
+        along = _rows(rotate(back, rotate(at.quaternion, (length, 0.0, 0.0))))
+        is_near = np.linalg.norm(place, axis=1) <= self._reach_of_all + length / 2 + radius
+        reached = np.zeros((len(place), len(self.axes)), bool)
+        if is_near.any():
+            start = (place - along / 2)[is_near]
+            with np.errstate(invalid="ignore"):
+                reached[is_near] = self._to_segment(start, along[is_near]) <= radius
+        return reached
+
+    @cached_property
+    def _reach_of_all(self) -> float:
+        """How far from the base's origin plumes reach at most [m]."""
+        return float(np.nanmax(np.linalg.norm(self.nozzles, axis=1) + self.lengths, initial=0.0))
+
+    def _reach_below(self, normal: Vector, place: Vector) -> NDArray[np.bool_]:
+        """Tell which reach below planes through places (N, 3) with normals (N, 3), see `reach`.
+
+        The lowest point of a plume is its nozzle, or on its edge, or straight below the nozzle.
+        """
+        off_axis = np.arccos(np.clip(-normal @ self.axes.T, -1.0, 1.0))
+        deepest = self.lengths * np.maximum(np.cos(np.maximum(off_axis - self.angles, 0.0)), 0.0)
+        height = np.einsum("nk,ntk->nt", normal, self.nozzles - place[:, None])
+        with np.errstate(invalid="ignore"):
+            return np.asarray(height <= deepest)
+
+    def _to_segment(self, start: Vector, along: Vector) -> Vector:
+        """Compute the distances of segments (N, 3) from their starts on to each plume (N, T) [m]."""
+        low = np.zeros((len(start), len(self.axes)))
+        if not along.any():
+            return self._to_points(start, along, low)
+        high = np.ones_like(low)
+        for _ in range(STEPS):
+            width = GOLDEN * (high - low)
+            first, second = high - width, low + width
+            is_lower = self._to_points(start, along, first) <= self._to_points(start, along, second)
+            low, high = np.where(is_lower, low, first), np.where(is_lower, second, high)
+        return self._to_points(start, along, (low + high) / 2)
+
+    def _to_points(self, start: Vector, along: Vector, share: Vector) -> Vector:
+        """Compute the distances to each plume (N, T) [m] of the points at shares (N, T) of segments (N, 3)."""
+        from_nozzle = (start[:, None] + share[..., None] * along[:, None]) - self.nozzles
+        ahead = np.einsum("ntk,tk->nt", from_nozzle, self.axes)
+        aside = np.linalg.norm(from_nozzle - ahead[..., None] * self.axes, axis=-1)
+        sine, cosine = np.sin(self.angles), np.cos(self.angles)
+        on_edge = np.clip(ahead * cosine + aside * sine, 0.0, self.lengths)
+        to_edge = np.hypot(ahead - on_edge * cosine, aside - on_edge * sine)
+        to_end = np.maximum(np.hypot(ahead, aside) - self.lengths, 0.0)
+        return np.asarray(np.where(aside * cosine <= ahead * sine, to_end, to_edge))
+
+
+def _rows(components: Sequence[Vector]) -> Vector:
+    """Return vectors of components (N,) each as rows (N, 3)."""
+    return np.stack(np.broadcast_arrays(*components), axis=-1)

@@ -239,7 +239,7 @@ def plot_thrusters(run: Run) -> Figure:
     axes.set_ylim(count + 0.7, 0.3)
     axes.set_yticks(range(1, count + 1))
     axes.set_ylabel("Thruster")
-    note = "; grey: shut because of its plume" if "thrusters/shut" in run else ""
+    note = "\ngrey: shut because of its plume" if "thrusters/shut" in run else ""
     axes.set_title(f"full bar: it fires throughout the sample{note}")
     return style.finish(figure)
 

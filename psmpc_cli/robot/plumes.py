@@ -96,12 +96,16 @@ class Plumes:
         if not along.any():
             return self._to_points(start, along, low)
         high = np.ones_like(low)
+        inner, outer = 1 - GOLDEN + low, GOLDEN + low
+        at_inner, at_outer = (self._to_points(start, along, share) for share in (inner, outer))
         for _ in range(STEPS):
-            width = GOLDEN * (high - low)
-            first, second = high - width, low + width
-            is_lower = self._to_points(start, along, first) <= self._to_points(start, along, second)
-            low, high = np.where(is_lower, low, first), np.where(is_lower, second, high)
-        return self._to_points(start, along, (low + high) / 2)
+            is_lower = at_inner <= at_outer  # the least is before `outer`
+            low, high = np.where(is_lower, low, inner), np.where(is_lower, outer, high)
+            new = np.where(is_lower, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+            inner, outer = np.where(is_lower, new, outer), np.where(is_lower, inner, new)
+            at_new = self._to_points(start, along, new)
+            at_inner, at_outer = np.where(is_lower, at_new, at_outer), np.where(is_lower, at_inner, at_new)
+        return np.minimum(at_inner, at_outer)
 
     def _to_points(self, start: Vector, along: Vector, share: Vector) -> Vector:
         """Compute the distances to each plume (N, T) [m] of the points at shares (N, T) of segments (N, 3)."""

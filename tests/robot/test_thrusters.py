@@ -1,5 +1,6 @@
 """What thrusters can give: the polytope of their wrenches, thrusts for a wrench, pulses for thrusts."""
 
+from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -188,3 +189,45 @@ def test_throttled_thrusters_give_the_constant_thrust() -> None:
 def test_propellant_is_the_impulse_over_the_exhaust_velocity() -> None:
     assert PLATFORM.propellant(np.full(8, 9.80665)) == pytest.approx(8 / 60)
     assert np.isnan(drawn(1).propellant(np.ones(6)))
+
+
+@pytest.mark.parametrize("thrusters", [PLATFORM, drawn(2, 9), drawn(3, 9, 6)], ids=["platform", "9", "3d"])
+def test_the_same_facets_bound_what_is_left_when_some_are_shut(thrusters: Thrusters) -> None:
+    """Exactly, also where those that are left cannot push in every direction: what is inside has thrusts."""
+    rng = np.random.default_rng(1)
+    normals = thrusters.half_spaces.normals
+    is_inside_often = 0
+    for count in (1, 2, 3, thrusters.count - 2, thrusters.count - 1):
+        is_shut = np.zeros(thrusters.count, bool)
+        is_shut[rng.choice(thrusters.count, count, replace=False)] = True
+        (low,), (high,) = thrusters.bounds(normals, is_shut[None])
+        left = replace(thrusters, force=np.where(is_shut, 0.0, thrusters.force))
+        thrusts = left.force[:, None] * rng.uniform(size=(thrusters.count, 200))
+        along = normals @ (left.wrenches @ thrusts)
+        assert (along >= low[:, None] - 1e-9).all() and (along <= high[:, None] + 1e-9).all()
+        for wrench in (left.wrenches @ thrusts[:, :40]).T * rng.uniform(0.5, 2.0, (40, 1)):
+            along = normals @ wrench
+            is_inside = bool((along >= low + 1e-7).all() and (along <= high - 1e-7).all())
+            is_outside = bool((along < low - 1e-6).any() or (along > high + 1e-6).any())
+            is_inside_often += is_inside
+            assert not is_inside or is_attainable(left, wrench)
+            assert not is_outside or not is_attainable(left, wrench)
+    assert is_inside_often > 20
+
+
+def test_thrusters_that_are_shut_get_no_thrust() -> None:
+    is_shut = np.isin(np.arange(8), (2, 3))
+    wanted = np.array([-5.0, 3.0, 0.5])
+    allocation = PLATFORM.allocate(wanted, is_shut)
+    assert not allocation.thrusts[is_shut].any() and allocation.thrusts.any()
+    np.testing.assert_allclose(PLATFORM.wrenches @ allocation.thrusts + allocation.residual, wanted)
+    assert allocation.residual[0] == pytest.approx(-5.0)
+    none = PLATFORM.allocate(wanted, np.ones(8, bool))
+    assert not none.thrusts.any()
+    np.testing.assert_array_equal(none.residual, wanted)
+    for each, other in zip(
+        vars(PLATFORM.allocate(wanted)).values(),
+        vars(PLATFORM.allocate(wanted, np.zeros(8, bool))).values(),
+        strict=True,
+    ):
+        np.testing.assert_allclose(each, other, atol=1e-9)

@@ -75,7 +75,7 @@ def test_an_interrupted_run_is_completed(tmp_path: Path) -> None:
     assert completed.differences == ()
 
 
-@pytest.mark.parametrize("change", [{"mobility": "free-floating"}, {"mobility": "fixed"}, {"plant": "ideal"}])
+@pytest.mark.parametrize("change", [{"mobility": "free-floating"}, {"plant": "ideal"}])
 def test_thrusters_that_are_not_used_are_not_logged(change: dict[str, object]) -> None:
     run = simulate(load_task("thrust_and_reach", {**SHORT, **change, "time_limit": 0.3}))
     assert "thrusters/impulse" not in run

@@ -167,5 +167,7 @@ class PlumeForecast:
         count = before[np.minimum(last + 1, len(self.since))] - before[np.minimum(first, len(self.since) - 1)]
         low, high = self.thrusters.bounds(normals, count > 0)
         least, most = self.thrusters.bounds(normals, np.zeros((1, self.thrusters.count), bool))
-        room = NARROWEST / 2 * (most - least)
-        return np.minimum(low + unloading, 0.0) - room, np.maximum(high - unloading, 0.0) + room
+        low = np.minimum(low + unloading, 0.0)
+        high = np.maximum(high - unloading, 0.0)
+        room = np.maximum(NARROWEST * (most - least) - (high - low), 0.0) / 2
+        return low - room, high + room

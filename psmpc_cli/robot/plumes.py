@@ -91,31 +91,42 @@ class Plumes:
             return np.asarray(height <= deepest)
 
     def _to_segment(self, start: Vector, along: Vector) -> Vector:
-        """Compute the distances of segments (N, 3) from their starts on to each plume (N, T) [m]."""
-        low = np.zeros((len(start), len(self.axes)))
+        """Compute the distances of segments (N, 3) from their starts on to each plume (N, T) [m].
+
+        Along a segment the way ahead of a nozzle is linear, and the squared distance from it quadratic.
+        """
+        from_nozzle = start[:, None] - self.nozzles
+        ahead = np.einsum("ntk,tk->nt", from_nozzle, self.axes)
+        rate = along @ self.axes.T
+        squared = np.einsum("ntk,ntk->nt", from_nozzle, from_nozzle)
+        slope = 2 * np.einsum("ntk,nk->nt", from_nozzle, along)
+        curvature = np.einsum("nk,nk->n", along, along)[:, None]
+
+        def at(share: Vector) -> Vector:
+            return self._distance(ahead + share * rate, squared + share * (slope + share * curvature))
+
+        low = np.zeros_like(ahead)
         if not along.any():
-            return self._to_points(start, along, low)
+            return at(low)
         high = np.ones_like(low)
         inner, outer = 1 - GOLDEN + low, GOLDEN + low
-        at_inner, at_outer = (self._to_points(start, along, share) for share in (inner, outer))
+        at_inner, at_outer = at(inner), at(outer)
         for _ in range(STEPS):
             is_lower = at_inner <= at_outer  # the least is before `outer`
             low, high = np.where(is_lower, low, inner), np.where(is_lower, outer, high)
             new = np.where(is_lower, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
             inner, outer = np.where(is_lower, new, outer), np.where(is_lower, inner, new)
-            at_new = self._to_points(start, along, new)
+            at_new = at(new)
             at_inner, at_outer = np.where(is_lower, at_new, at_outer), np.where(is_lower, at_inner, at_new)
         return np.minimum(at_inner, at_outer)
 
-    def _to_points(self, start: Vector, along: Vector, share: Vector) -> Vector:
-        """Compute the distances to each plume (N, T) [m] of the points at shares (N, T) of segments (N, 3)."""
-        from_nozzle = (start[:, None] + share[..., None] * along[:, None]) - self.nozzles
-        ahead = np.einsum("ntk,tk->nt", from_nozzle, self.axes)
-        aside = np.linalg.norm(from_nozzle - ahead[..., None] * self.axes, axis=-1)
+    def _distance(self, ahead: Vector, squared: Vector) -> Vector:
+        """Compute the distances to each plume (N, T) [m] of points so far ahead of its nozzle, and from it, squared."""
         sine, cosine = np.sin(self.angles), np.cos(self.angles)
+        aside = np.sqrt(np.maximum(squared - ahead**2, 0.0))
         on_edge = np.clip(ahead * cosine + aside * sine, 0.0, self.lengths)
         to_edge = np.hypot(ahead - on_edge * cosine, aside - on_edge * sine)
-        to_end = np.maximum(np.hypot(ahead, aside) - self.lengths, 0.0)
+        to_end = np.maximum(np.sqrt(np.maximum(squared, 0.0)) - self.lengths, 0.0)
         return np.asarray(np.where(aside * cosine <= ahead * sine, to_end, to_edge))
 
 

@@ -49,7 +49,7 @@ def test_thrusters_are_shut_while_their_plumes_reach_an_obstacle(tmp_path: Path)
 
 
 def test_the_plan_in_force_says_when_thrusters_will_be_shut(tmp_path: Path) -> None:
-    """At 0.1 m/s from 0.2 m on, the plume reaches the panel at some 0.3 m; bounds are those of the others from there."""
+    """At 0.1 m/s from 0.2 m on, a plume reaches the panel at some 0.3 m; from there bounds are those of the others."""
     plumes, model = forecast(task := before_a_panel(tmp_path))
     numbers = plumes.numbers(model, sample_at(task, model, [0.2, 0, 0], 0.1))
     is_shut = plumes.is_shut(numbers)

@@ -70,6 +70,16 @@ function capsule(parent, [from, to], radius, color, opacity, detail = 1) {
   return made;
 }
 
+function turned(profile, segments = 24) { // a solid of revolution about y, from points [radius, y] upwards
+  const corners = [], at = ([radius, y], k) => [radius * Math.cos((2 * Math.PI * k) / segments), y, radius * Math.sin((2 * Math.PI * k) / segments)];
+  for (let k = 0; k < segments; k++) {
+    profile.slice(1).forEach((to, i) => corners.push(at(profile[i], k), at(to, k), at(to, k + 1), at(profile[i], k), at(to, k + 1), at(profile[i], k + 1)));
+  }
+  const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(corners.flat()), 3));
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
 function triad(parent, length, thick) { // axes of a frame, seen through what lies before them
   return AXES.map((emissive, axis) => {
     const sizes = [0, 1, 2].map((k) => (k === axis ? length : thick)), look = { color: 0, emissive, transparent: true, depthTest: false };
@@ -230,6 +240,65 @@ class Nearest { // the two parts that are nearest to each other at a sample: a l
   }
 }
 
+const SHUT = 0xc01818, NOZZLE = 0x3a4046, FLAME = 0xff8a1f, FILLED = [0x1b7f79, 0xf4f4f4, 0x7b2d8b]; // wheels: full one way, empty, full the other way
+
+class Thrusters { // on the base: nozzles, and flames as long as their thrust
+  constructor(base, { robot, thrusters }) {
+    const { radius, box } = robot, full = 0.7 * Math.max(...box.half) + 6 * radius;
+    this.data = thrusters;
+    this.group = new THREE.Group();
+    this.each = thrusters.nozzles.map((nozzle, i) => {
+      const group = new THREE.Group(), at = new THREE.Vector3(...nozzle);
+      group.position.copy(at);
+      group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), new THREE.Vector3(...thrusters.axes[i]));
+      const bell = mesh(group, turned([[0, -1.2 * radius], [0.35 * radius, -1.2 * radius], [0.9 * radius, 0.3 * radius], [0, 0.3 * radius]]), NOZZLE, 1);
+      const flame = mesh(group, turned([[0, 0], [1, 0.25], [0, 1]]), FLAME, 0.85);
+      for (const part of [bell, flame]) Object.assign(part.material, { depthTest: false, transparent: true });
+      flame.renderOrder = 1;
+      bell.renderOrder = 2;
+      this.group.add(group);
+      return { group, bell, flame, size: (share) => flame.scale.set((0.5 + share) * radius, Math.max(share * full, 1e-6), (0.5 + share) * radius) };
+    });
+    base.add(this.group);
+  }
+
+  seek(t) {
+    const k = before(this.data.time.array, t), share = this.data.share.row(k), shut = this.data.shut?.row(k);
+    this.group.visible = $("show-thrusters").checked;
+    this.each.forEach(({ bell, flame, size }, i) => {
+      size(share[i]);
+      flame.visible = share[i] > 0;
+      bell.material.color.set(shut?.[i] > 0 ? SHUT : NOZZLE);
+    });
+  }
+}
+
+class Wheels { // on the base: discs across their axes, in the colour of what they store
+  constructor(base, { robot, wheels }) {
+    const { radius, box, spatial } = robot, size = 0.3 * Math.max(...box.half), outward = (along) => Math.min(...box.half.map((half, k) => half / Math.max(Math.abs(along.getComponent(k)), 1e-6)));
+    this.data = wheels;
+    this.group = new THREE.Group();
+    this.discs = wheels.axes.map((axis, i) => {
+      const along = new THREE.Vector3(...axis), disc = mesh(this.group, turned([[0, -0.4 * radius], [size, -0.4 * radius], [size, 0.4 * radius], [0, 0.4 * radius]], 32), FILLED[1], 1, true);
+      disc.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), along);
+      disc.position.set(...box.position);
+      if (spatial) disc.position.addScaledVector(along, outward(along) + size); // outside of the box: a robot's file does not say where they are
+      else disc.position.add(new THREE.Vector3(2.4 * size * (i - (wheels.axes.length - 1) / 2), 0, box.half[2] + radius));
+      return disc;
+    });
+    base.add(this.group);
+  }
+
+  seek(t) {
+    const share = interpolated(this.data.time.array, (i) => this.data.share.row(i), t);
+    this.group.visible = $("show-wheels").checked;
+    this.discs.forEach((disc, i) => {
+      const [low, none, high] = FILLED.map((color) => disc.material.color.clone().set(color));
+      disc.material.color.copy(none).lerp(share[i] < 0 ? low : high, Math.min(Math.abs(share[i]), 1));
+    });
+  }
+}
+
 class Actor { // one run in the scene: robot, object, obstacles, path so far, plan from here, targets, nearest parts
   constructor(run, faint) {
     this.run = run;
@@ -250,6 +319,8 @@ class Actor { // one run in the scene: robot, object, obstacles, path so far, pl
     this.tracked = Array.from(run.time.array, (t) => this.probe.place(coordinates(run, t)).positions());
     this.obstacles = run.obstacles.map((each) => new Obstacle(this.group, each, run.robot.obstacleColor));
     this.nearest = run.nearest && new Nearest(this.group, run);
+    this.thrusters = run.thrusters && new Thrusters(this.robot.bodies[0], run);
+    this.wheels = run.wheels && new Wheels(this.robot.bodies[0], run);
     this.group.add(this.robot.group, this.plan, this.targets);
     for (const ghost of this.ghosts) this.plan.add(ghost.group);
   }
@@ -260,7 +331,7 @@ class Actor { // one run in the scene: robot, object, obstacles, path so far, pl
     this.path.set([...this.tracked.slice(0, here + 1), this.robot.positions()]);
     for (const obstacle of this.obstacles) obstacle.placeAt(t);
     for (const cover of this.robot.covers) cover.visible = $("show-covers").checked;
-    this.nearest?.seek(t);
+    for (const part of [this.nearest, this.thrusters, this.wheels]) part?.seek(t);
     this.plan.visible = $("show-plan").checked && this.ghosts.length > 0;
     this.path.lines.forEach((line) => { line.visible = $("show-paths").checked; });
     for (const each of [this.targets, ...this.robot.triads]) each.visible = $("show-targets").checked;
@@ -613,6 +684,9 @@ function choose() {
   for (const run of chosen) for (const note of run.notes) element($("notes"), "li", "", named(run, note));
   $("show-plan").parentElement.hidden = !chosen.some((run) => run.plans);
   $("nearest").hidden = !chosen.some((run) => run.nearest);
+  $("thrusters").hidden = !chosen.some((run) => run.thrusters);
+  $("shut").hidden = !chosen.some((run) => run.thrusters?.shut);
+  $("wheels").hidden = !chosen.some((run) => run.wheels);
   $("covers").hidden = !chosen.some((run) => run.robot.bodies.some((body) => body.covers.length));
   $("parts").replaceChildren();
   const { parts, colors, objectColor, obstacleColor } = first.robot, others = [];
@@ -645,7 +719,7 @@ for (const name of new Set(runs.flatMap((run) => run.plots.map((each) => each.na
   button.setAttribute("role", "tab");
 }
 $("overlay").checked = window.innerWidth < 700;
-for (const id of ["show-plan", "show-targets", "show-paths", "show-nearest", "show-covers"]) $(id).onchange = () => seek(now);
+for (const id of ["show-plan", "show-targets", "show-paths", "show-nearest", "show-thrusters", "show-wheels", "show-covers"]) $(id).onchange = () => seek(now);
 $("play").onclick = toggle;
 $("above").onclick = () => frameMission(false);
 $("tilted").onclick = () => frameMission(true);
@@ -681,10 +755,12 @@ window.psmpc = {
   labels: () => [...$("labels").querySelectorAll("span")].map((text) => ({ text: text.textContent, ...text.getBoundingClientRect().toJSON() })),
   camera: () => ({ position: world.camera.position.toArray(), target: world.controls.target.toArray() }),
   poses: (which = 0) => {
-    const { robot, marks, obstacles, nearest } = actors[which];
+    const { robot, marks, obstacles, nearest, thrusters, wheels } = actors[which];
     const of = (group) => [...group.getWorldPosition(new THREE.Vector3()), ...group.getWorldQuaternion(new THREE.Quaternion())];
     const targets = marks.map((stage) => stage.map((mark) => (mark.visible ? of(mark) : null)));
-    return { bodies: robot.bodies.map(of), tools: robot.tools.map(of), object: robot.object ? of(robot.object) : null, targets, obstacles: obstacles.map((each) => of(each.group)), covers: robot.covers.map((each) => (each.visible ? of(each) : null)), nearest: nearest?.group.visible ? [nearest.text, ...nearest.ends.map(of)] : null };
+    return { bodies: robot.bodies.map(of), tools: robot.tools.map(of), object: robot.object ? of(robot.object) : null, targets, obstacles: obstacles.map((each) => of(each.group)), covers: robot.covers.map((each) => (each.visible ? of(each) : null)), nearest: nearest?.group.visible ? [nearest.text, ...nearest.ends.map(of)] : null,
+      flames: thrusters?.group.visible ? thrusters.each.map(({ group, bell, flame }) => ({ pose: of(group), length: flame.visible ? flame.scale.y : 0, color: bell.material.color.getHex() })) : null,
+      wheels: wheels?.group.visible ? wheels.discs.map((disc) => ({ pose: of(disc), color: disc.material.color.getHexString() })) : null };
   },
 };
 })();

@@ -32,6 +32,8 @@ from psmpc_cli.report.pages import Page, render
 from psmpc_cli.report.texts import describe_forces, describe_mission
 from psmpc_cli.robot.geometry import Piece, pieces_of
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.plumes import Plumes
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.specs.geometry import Shape
 from psmpc_cli.specs.object import GRASP_LOADS
@@ -122,6 +124,8 @@ def _run_data(name: str, run: Run) -> Json:
         "object": _object(scene, time),
         "obstacles": list(_obstacles(scene, time)),
         "nearest": _nearest(run) if "clearance/distance" in run else None,
+        "thrusters": _thrusters(run) if "thrusters/impulse" in run else None,
+        "wheels": _wheels(run) if "wheels/momentum" in run else None,
         "plots": list(_plots(run, frames)),
     }
 
@@ -284,6 +288,35 @@ def _nearest(run: Run) -> Json:
         "points": _pack(run["clearance/points"][samples][rows, pair]),
         "pair": pair.tolist(),
         "names": [name_of_pair(name.split(" - ")) for name in run["clearance/pair"].tolist()],
+    }
+
+
+def _thrusters(run: Run) -> Json:
+    """Collect where thrusters are and plumes leave in the base frame, thrusts over samples, and whether they are shut.
+
+    Thrusts are means over the sample, of the largest.
+    """
+    samples = _evenly_chosen(len(run.time), MAX_FRAMES)
+    thrusters = run.problem.model.spec.thrusters
+    plumes = Plumes.of(thrusters)
+    largest = run.task.spec.controller.sample_time * np.array([thruster.force for thruster in thrusters])
+    return {
+        "nozzles": plumes.nozzles.tolist(),
+        "axes": plumes.axes.tolist(),
+        "time": _pack(run.time[samples], "f8"),
+        "share": _pack(run["thrusters/impulse"][samples] / largest),
+        "shut": _pack(run["thrusters/shut"][samples]) if "thrusters/shut" in run else None,
+    }
+
+
+def _wheels(run: Run) -> Json:
+    """Collect the axes of reaction wheels in the base frame (3,), and what they store at samples, of what they may."""
+    samples = _evenly_chosen(len(run.time), MAX_FRAMES)
+    wheels = Wheels.of(run.problem.model.spec)
+    return {
+        "axes": [[0.0, 0.0, 1.0] if len(axis) == 1 else axis.tolist() for axis in wheels.axes.T],
+        "time": _pack(run.time[samples], "f8"),
+        "share": _pack(run["wheels/momentum"][samples] / wheels.momentum),
     }
 
 

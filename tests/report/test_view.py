@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from base64 import b64decode
 from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
@@ -27,8 +28,10 @@ from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.simulation.run import simulate
 
 from ..free_flyer import turning
+from ..plumed import FOLDED, before_a_panel
 from ..short_runs import CUT, there_and_back
 from ..synthetic_logs import Story, story_among_obstacles, write_story
+from ..wheeled import planar_in
 from .browser import opened_browser
 
 SIZES = ((360, 740), (1400, 860))
@@ -343,3 +346,87 @@ def test_a_report_has_its_figures_in_so_many_columns(
     assert len({figure.rect["x"] for figure in figures}) == columns
     assert min(figure.rect["width"] for figure in figures) >= 400
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+
+
+@pytest.fixture(scope="module")
+def thrusting(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A platform in front of a panel, which shuts two of its thrusters."""
+    return simulate(
+        before_a_panel(
+            tmp_path_factory.mktemp("robot"),
+            initial={"base": [0.8, 0, 0], **FOLDED},
+            time_limit=1.0,
+            log={"ticks": False},
+        )
+    )
+
+
+def data_of(run: Run) -> dict[str, Any]:
+    """What the page of a run draws."""
+    (data,) = json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', view(run).html, re.DOTALL)[1])
+    return data
+
+
+def unpacked(packed: dict[str, Any]) -> np.ndarray:
+    return np.frombuffer(b64decode(packed["data"]), f"<{packed['type']}").reshape(packed["shape"])
+
+
+def test_a_page_has_the_thrusts_of_thrusters_and_what_wheels_store(thrusting: Run, run: Run, tmp_path: Path) -> None:
+    drawn = data_of(thrusting)["thrusters"]
+    np.testing.assert_allclose(unpacked(drawn["share"]), thrusting["thrusters/impulse"] / 1.0, rtol=1e-6)
+    np.testing.assert_allclose(unpacked(drawn["shut"]), thrusting["thrusters/shut"])
+    assert unpacked(drawn["share"]).max() > 0.5 and unpacked(drawn["shut"]).max() == 1
+    assert drawn["nozzles"][0] == [-0.25, 0.24, 0.0]
+    assert drawn["axes"][0] == [-1.0, 0.0, 0.0]
+    assert data_of(thrusting)["wheels"] is None
+    turning_by_wheels = simulate(planar_in(tmp_path, {"time_limit": 0.4}))
+    stored = data_of(turning_by_wheels)["wheels"]
+    assert stored["axes"] == [[0.0, 0.0, 1.0]] * 2
+    np.testing.assert_allclose(unpacked(stored["share"]), turning_by_wheels["wheels/momentum"] / [2.0, 3.0], rtol=1e-6)
+    assert data_of(run)["thrusters"] is None and data_of(run)["wheels"] is None
+
+
+@pytest.mark.slow
+def test_flames_are_at_their_nozzles_and_as_long_as_the_thrusts(
+    browser: WebDriver, thrusting: Run, run: Run, tmp_path: Path
+) -> None:
+    opened(browser, thrusting, tmp_path / "page.html")
+    share, shut = thrusting["thrusters/impulse"], thrusting["thrusters/shut"]
+    sample = int(share.sum(axis=1).argmax())
+    seek(browser, thrusting.time[sample] + 0.05)
+    flames = browser.execute_script("return psmpc.poses().flames")
+    lengths = np.array([flame["length"] for flame in flames])
+    assert lengths == pytest.approx(lengths.max() * share[sample] / share[sample].max())
+    assert lengths.max() > 0.1
+    frame = thrusting.problem.model.body_frames(thrusting.motion.coordinates_at(thrusting.time[sample] + 0.05))[0]
+    thrusters = thrusting.problem.model.spec.thrusters
+    for flame, thruster, is_shut in zip(flames, thrusters, shut[sample] > 0, strict=True):
+        nozzle = frame @ [*thruster.position, 0.0, 1.0]
+        assert flame["pose"][:3] == pytest.approx(nozzle[:3], abs=1e-6)
+        along = Rotation.from_quat(flame["pose"][3:]).apply([0, 1, 0])
+        pushed = frame[:3, :2] @ thruster.direction
+        assert along == pytest.approx(-pushed / np.linalg.norm(pushed), abs=1e-6)
+        assert (flame["color"] == 0xC01818) == is_shut
+    assert browser.find_element(By.ID, "shut").is_displayed()
+    assert not browser.find_element(By.ID, "wheels").is_displayed()
+    browser.find_element(By.ID, "show-thrusters").click()
+    seek(browser, 0.5)
+    assert browser.execute_script("return psmpc.poses().flames") is None
+    assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
+    opened(browser, run, tmp_path / "none.html")
+    assert not any(browser.find_element(By.ID, name).is_displayed() for name in ("thrusters", "wheels"))
+
+
+@pytest.mark.slow
+def test_wheels_have_the_colour_of_what_they_store(browser: WebDriver, tmp_path: Path) -> None:
+    """White where empty; the more of what they may store, the nearer to the colour of that way."""
+    run = simulate(planar_in(tmp_path, {"time_limit": 0.4}))
+    opened(browser, run, tmp_path / "page.html")
+    seek(browser, 0.2)
+    share = run["wheels/momentum"][2] / [2.0, 3.0]
+    assert share[0] > 0 > share[1]
+    drawn = browser.execute_script("return psmpc.poses().wheels")
+    for wheel, part in zip(drawn, share, strict=True):
+        red, green, blue = (int(wheel["color"][i : i + 2], 16) for i in (0, 2, 4))
+        assert (blue > green) == (part > 0) and min(red, green, blue) < 0xF0
+    assert browser.find_element(By.ID, "wheels").is_displayed()

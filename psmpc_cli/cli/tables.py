@@ -20,8 +20,9 @@ from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD
-from psmpc_cli.ocp.forecast import StageForecast, forecast_configurations
+from psmpc_cli.ocp.forecast import StageForecast, forecast_configurations, initial_state
 from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
+from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.report.texts import (
     MEASURES,
     NO_LIMITS,
@@ -59,9 +60,6 @@ from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells, recommend
 
 Row = Sequence[str]
-
-NO_SHARE = 1e-9
-"""Share of a torque below which a wheel has none of it [1]."""
 
 ALL_WITH_VERBOSE = " (-v prints all that was measured)"
 """What a short output says of the rest."""
@@ -398,11 +396,7 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if spec.priorities is not None:
         echo(_comparisons(spec.priorities, [stage.name for stage in spec.stages]))
     if spec.uncertainty.in_force:
-        delay = spec.controller.delay
-        known = (
-            "found out" if task.spec.finds_delay(task.robot) else f"known as {0.0 if delay == 'auto' else delay:g} s"
-        )
-        echo(f"uncertain, seed {spec.seed}, delay {known}:")
+        echo(f"uncertain, seed {spec.seed}, delay {_known_delay(task)}:")
         echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
     print_table(headings, [row for forecast in forecasts for row in _stage(task, forecast)], left=len(headings))
@@ -418,12 +412,25 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if spec.fires(task.robot):
         echo()
         echo(_thrusters(task.robot))
+    if rows := list(_turns(task, model, stages)):
+        echo()
+        print_table(TURNS, rows, left=1)
     if rows := [*_obstacles(spec), *_clearance(task)]:
         echo()
         print_table(("clearance", ""), rows)
     if spec.object is not None:
         echo()
         print_table(("object", ""), [*_object(spec.object), *_unknown_load(task, model, stops)])
+
+
+def _known_delay(task: Task) -> str:
+    """Write what the controller knows of the delay of commands."""
+    delay = task.spec.controller.delay
+    if delay != "auto":
+        return f"known as {delay:g} s"
+    if task.spec.finds_delay(task.robot):
+        return "found out"
+    return "taken for none: pulses of thrusters cannot be told from one, so give it if there is one"
 
 
 def _obstacles(task: TaskSpec) -> Iterator[Row]:
@@ -534,16 +541,37 @@ def _wheels(robot: RobotSpec) -> str:
     axes = ERROR_AXES[robot.dimension][robot.dimension :]
     of_axes = []
     for axis, direction in zip(axes, np.eye(len(axes)), strict=True):
-        shares = wheels.allocation @ direction
-        if not np.allclose(wheels.axes @ shares, direction):
-            of_axes.append(f"{axis} alone nothing")
-            continue
-        bears = np.abs(shares) > NO_SHARE
-        torque, momentum = (
-            (most / np.abs(shares).clip(NO_SHARE))[bears].min() for most in (wheels.torque, wheels.momentum)
-        )
-        of_axes.append(f"{axis} {torque:.3g} N m, {momentum:.3g} N m s")
+        torque, momentum = wheels.along(direction)
+        of_axes.append(f"{axis} {torque:.3g} N m, {momentum:.3g} N m s" if torque else f"{axis} alone nothing")
     return f"{counted(wheels.count, 'reaction wheel', 'reaction wheels')}: about {'; '.join(of_axes)}"
+
+
+def _turns(task: Task, model: RobotModel, stages: Sequence[Stage]) -> Iterator[Row]:
+    """Yield what wheels give about each axis of the base, and how fast that turns the robot, its arms as at the start.
+
+    The whole robot turns about its centre of mass, and wheels at rest store what it has then.
+    """
+    turned = [stage for stage in stages if stage.moved_by.is_turned and not stage.moved_by.is_pushed]
+    wheels = Wheels.of(task.robot)
+    if not (turned and wheels.count):
+        return
+    Q, _ = initial_state(task)
+    rotation = model.space.rotation
+    inertia = model.inertia_about_centre(Q)
+    fastest = min((stage.limits.velocity_high[rotation] for stage in turned), key=lambda limits: float(limits.min()))
+    for axis, direction, limit in zip(
+        ERROR_AXES[model.dimension][rotation], np.eye(len(inertia)), fastest, strict=True
+    ):
+        torque, momentum = wheels.along(direction)
+        _, rate = wheels.along(inertia @ direction)
+        needs = ""
+        if np.isfinite(limit):
+            needs = f"{math.degrees(limit):.3g} deg/s, {limit * float(direction @ inertia @ direction):.3g} N m s"
+        yield axis, f"{torque:.3g} N m", f"{momentum:.3g} N m s", f"{math.degrees(rate):.3g} deg/s", needs
+
+
+TURNS = ("turn about", "wheels give", "wheels store", "so it turns at most at", "limit of velocity, takes")
+"""Headings of what wheels give and store."""
 
 
 def _thrusters(robot: RobotSpec) -> str:

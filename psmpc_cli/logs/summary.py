@@ -1,6 +1,6 @@
 """The summary of a run: what is computed from the datasets of its log, given by their paths."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -199,6 +199,24 @@ class WheelSummary:
     torque: Largest | None
 
 
+@dataclass(frozen=True)
+class FloatingStage:
+    """A stage in which nothing pushes the base, at its samples.
+
+    Attributes:
+        name: Its name.
+        linear, angular: Largest changes of the momentum of robot and wheels since its first sample [N s], and about the
+            inertial origin [N m s]. What an object that is taken hands over, or a blow, is part of it.
+        distance, angle: How far the base is at its last sample from where it was at the first [m], [rad].
+    """
+
+    name: str
+    linear: float
+    angular: float
+    distance: float
+    angle: float
+
+
 class Summary:
     """The results of a run.
 
@@ -233,6 +251,7 @@ class Summary:
             forces have no limits.
         limits_dynamics: Some stage has a limit of forces or accelerations, or the base has thrusters.
         wheels: What reaction wheels did; None of a robot without any.
+        floating: Stages in which nothing pushed the base, in their order.
         thrusters: What thrusters did; None where none fire.
         variation_base_position, variation_base_angle, variation_joints, variation_sliding: Total variation of the
             control at the samples, sum_k |u_{k+1} - u_k|, over the coordinates of each group [m/s^2], [rad/s^2], of
@@ -306,6 +325,7 @@ class Summary:
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
         self.far_beyond = float(np.mean((utilization > FAR_BEYOND).any(axis=1))) if len(saturated) else np.nan
         self.wheels = _wheels(arrays, problem, time)
+        self.floating = tuple(_floating(arrays, problem))
         self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
         self.limits_dynamics |= spec.fires(problem.model.spec)
         self.thrusters = _thrusters(arrays, problem)
@@ -387,6 +407,34 @@ def _thrusters(arrays: Arrays, problem: Problem) -> ThrusterSummary | None:
         refused=(float(refused[0].sum()), float(refused[1].sum())),
         shut=shut,
     )
+
+
+def _floating(arrays: Arrays, problem: Problem) -> Iterator[FloatingStage]:
+    """Yield what became of momentum and base in the stages in which nothing pushed the base."""
+    model = problem.model
+    space = model.space
+    for stage in problem.stages:
+        at = np.flatnonzero(arrays["window/first"] == stage.index)
+        if stage.moved_by.is_pushed or not (stage.moved_by.moves and len(at)):
+            continue
+        Q, v = (arrays.get(f"state/{name}_true", arrays[f"state/{name}"])[at] for name in ("Q", "Qdot"))
+        momentum = model.balance(Q, v)[:, :-1]
+        if "wheels/momentum" in arrays:
+            momentum = momentum + Wheels.of(model.spec).balance(Q, arrays["wheels/momentum"][at])[:, :-1]
+        known = np.isfinite(momentum).all(axis=1)
+        if not known.any():
+            continue
+        change = momentum[known] - momentum[known][0]
+        moved = space.pose_error(*Q[known][[-1, 0]][:, space.base_coordinates])
+        linear, angular = np.split(change, [model.dimension], axis=1)
+        distance, angle = (float(np.linalg.norm(part)) for part in np.split(moved, [model.dimension]))
+        yield FloatingStage(
+            name=stage.name,
+            linear=float(np.linalg.norm(linear, axis=1).max()),
+            angular=float(np.linalg.norm(angular, axis=1).max()),
+            distance=distance,
+            angle=angle,
+        )
 
 
 def _wheels(arrays: Arrays, problem: Problem, time: np.ndarray) -> WheelSummary | None:

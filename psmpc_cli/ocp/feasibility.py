@@ -27,13 +27,15 @@ from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.targets import clearance_remarks, cone_remarks, monitor_faults
 from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
+from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import furthest_centre
-from psmpc_cli.robot.rotations import conjugate, log, product
+from psmpc_cli.robot.rotations import conjugate, log, product, rotate
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.load import load_task as load_valid_task
-from psmpc_cli.specs.parts import LENGTH
+from psmpc_cli.specs.parts import ERROR_AXES, LENGTH
 from psmpc_cli.specs.robot import labels, units
 from psmpc_cli.specs.task import TrajectorySpec
 from psmpc_cli.specs.uncertainty import standard_deviations
@@ -313,8 +315,8 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
 
     A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
     keep, tolerances below the noise, a load that outweighs a robot which does not know of it, grippers that may open
-    while they carry, commands that arrive in bunches, parts that are nearer than the task keeps them, arms that could
-    be posed for the next stage.
+    while they carry, commands that arrive in bunches, weights of what nothing acts on, more momentum than wheels store,
+    parts that are nearer than the task keeps them, arms that could be posed for the next stage.
     """
     stages = [forecast.stage for forecast in forecasts]
     model = forecasts[0].model
@@ -328,11 +330,66 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_unknown_load(task, forecasts),
         *_early_release(task),
         *_bunched_commands(task),
+        *_idle_weights(task),
+        *_full_wheels(task, model),
         *_not_routed(task, stages),
         *cone_remarks(task, model, stages),
         *clearance_remarks(task, model, stages, stops),
         *posing_remarks(task, model, stages, stops),
     ]
+
+
+def _idle_weights(task: Task) -> Iterator[Fault]:
+    """Yield weights of a base that nothing turns, or pushes, in any stage of their skill: they have no effect.
+
+    One number for all coordinates means those that something acts on.
+    """
+    axes = ERROR_AXES[task.robot.dimension]
+    for name, skill in task.spec.skills.items():
+        stages = [index for index, stage in enumerate(task.spec.stages) if stage.skill == name]
+        moved_by = [task.spec.moved_by(index, task.robot) for index in stages]
+        if not moved_by or any(traits.is_pushed for traits in moved_by):
+            continue
+        is_turned = any(traits.is_turned for traits in moved_by)
+        idle = slice(task.robot.dimension if is_turned else len(axes))
+        mobilities = " or ".join(dict.fromkeys(traits.name for traits in moved_by))
+        for key in ("control", "force", "rate"):
+            by_part = getattr(skill.weights, key)
+            given = by_part.get("base", ()) if isinstance(by_part, Mapping) else ()
+            if any(given[idle]):
+                wanted = (
+                    f"0 for {', '.join(axes[idle])}, or none: nothing {'pushes' if is_turned else 'moves'} the base"
+                )
+                found = f"found weights without effect, expected {wanted} where it is {mobilities}"
+                yield Fault(("skills", name, "weights", key, "base"), found)
+        given = skill.weights.parts.get("base", ())
+        if is_turned and any(given[: task.robot.dimension]):
+            found = (
+                f"found weights of the base's position, expected 0 for {', '.join(axes[idle])}, or arms that follow it"
+            )
+            yield Fault(
+                ("skills", name, "weights", "base"), f"{found}: nothing pushes the base where it is {mobilities}"
+            )
+
+
+def _full_wheels(task: Task, model: RobotModel) -> Iterator[Fault]:
+    """Yield an angular momentum of the start that wheels cannot store: a robot that nothing pushes keeps turning."""
+    wheels = Wheels.of(task.robot)
+    first = task.spec.moved_by(0, task.robot)
+    if not wheels.count or first.is_pushed or not first.is_turned:
+        return
+    Q, v = initial_state(task)
+    linear, angular = np.split(model.momentum(Q, v), [model.dimension])
+    of_drift = np.cross([*model.centre_of_mass(Q), 0.0][:3], [*linear, 0.0][:3])
+    about_centre = [0.0, 0.0, *angular][-3:] - of_drift
+    _, quaternion = model.space.to_3d(Q[model.space.base_coordinates])
+    along_base = np.array(rotate(conjugate(quaternion), about_centre))[-len(angular) :] + wheels.at_first
+    stored = np.abs(wheels.allocation @ along_base)
+    worst = int((stored / wheels.momentum).argmax())
+    most = wheels.momentum[worst]
+    if stored[worst] > most:
+        found = f"found a start with {stored[worst]:.3g} N m s for wheel {worst + 1} to store, once the base is at rest"
+        yield Fault(("initial_velocity",), f"{found}, expected at most {most:g} N m s: what else would stop its turn?")
 
 
 def _not_routed(task: Task, stages: Sequence[Stage]) -> Iterator[Fault]:

@@ -179,6 +179,15 @@ def _shut(summary: Summary) -> str:
     return ", ".join(of_each) or "none"
 
 
+def _floating(summary: Summary) -> str:
+    """Write by how much momentum and base changed in the stages in which nothing pushed the base."""
+    return "; ".join(
+        f"{stage.name}: {number(stage.linear, 1e-4)} N s, {number(stage.angular, 1e-4)} N m s, "
+        f"base by {number(1e3 * stage.distance, 0.1)} mm, {number(math.degrees(stage.angle), 0.1)} deg"
+        for stage in summary.floating
+    )
+
+
 def _of_wheels(largest: Largest | None) -> str:
     """Write what part of its limit a wheel came to, and when."""
     return (
@@ -342,6 +351,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("thrusters shut because of plumes", _shut, shown=BOTH),
     Measure("largest impulse wanted and not yet given", lambda run: _impulse_of_thrusters(run, "owed")),
     Measure("impulse wanted that no thrusts can give", lambda run: _impulse_of_thrusters(run, "refused")),
+    Measure("changes of momentum, and of the base, where it floats", _floating, shown=BOTH),
     Measure("variation of u, base position", lambda run: run.variation_base_position, "m/s^2"),
     Measure("variation of u, base angle", lambda run: run.variation_base_angle, "rad/s^2"),
     Measure("variation of u, joints", lambda run: run.variation_joints, "rad/s^2"),

@@ -311,6 +311,16 @@ class RobotModel:
         """Return H(Q), (n, n) [kg, kg m, kg m^2]. Paper eq. (3)."""
         return self._evaluate("H", Q, self._parameter_vector(parameters)).reshape(self.n, self.n)
 
+    def inertia_about_centre(self, Q: ArrayLike) -> Array:
+        """Return the inertia of the whole robot about its centre of mass, its joints held, (1, 1) or (3, 3) [kg m^2].
+
+        It is along the base's axes, and without what turns with wheels about their own.
+        """
+        H = self.mass_matrix(Q)
+        linear, angular = slice(self.dimension), self.space.rotation
+        coupling = H[angular, linear]
+        return np.asarray(H[angular, angular] - coupling @ np.linalg.solve(H[linear, linear], coupling.T))
+
     def bias(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return the Coriolis and centrifugal forces C(Q, v) v, (n,) [N, N m]. Below paper eq. (3)."""
         return self.inverse_dynamics(Q, v, 0.0, parameters)

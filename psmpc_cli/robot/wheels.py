@@ -30,6 +30,9 @@ from psmpc_cli.specs.robot import RobotSpec, wheel_axes
 
 Array = NDArray[np.float64]
 
+NO_SHARE = 1e-9
+"""Part of the largest share up to which a wheel bears nothing."""
+
 Clip = Callable[[Any, Any, Any], Any]
 """Value, low, high -> the value, or the limit that it is beyond."""
 
@@ -86,6 +89,18 @@ class Wheels:
     def allocation(self) -> Array:
         """A^+ (W, k): the wheels' shares, least in norm, of what they have together."""
         return np.asarray(np.linalg.pinv(self.axes))
+
+    def along(self, moment: Array) -> tuple[float, float]:
+        """Return how many times torques and momenta of wheels can be a moment along the base's axes (k,), that alone.
+
+        Both are 0 where the wheels' axes do not give it.
+        """
+        shares = self.allocation @ moment
+        if not np.allclose(self.axes @ shares, moment):
+            return 0.0, 0.0
+        bears = np.abs(shares) > NO_SHARE * np.abs(shares).max()
+        torque, momentum = (most[bears] / np.abs(shares[bears]) for most in (self.torque, self.momentum))
+        return float(torque.min()), float(momentum.min())
 
     @cached_property
     def unseen(self) -> Array:

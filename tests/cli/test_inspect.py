@@ -12,6 +12,7 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.library import built_ins, find, json_schema
 from psmpc_cli.specs.load import load_robot, load_task
 
+from ..plumed import robot_in
 from .command import Psmpc
 
 
@@ -61,6 +62,41 @@ def test_check_prints_limits_of_forces_where_there_are_any(psmpc: Psmpc) -> None
     at = lines.index("coordinate limit of force, of robot and task")
     assert lines[at + 1 : at + 5] == ["base.x -6 to 6 N", "base.y -20 to 20 N", "base.theta -1 to 2 N m", ""]
     assert not any("limit of force" in line for line in words(psmpc("check", "transport").stdout))
+
+
+def test_check_prints_how_fast_wheels_turn_a_robot(psmpc: Psmpc) -> None:
+    """About z they store 0.139 N m s; at 17.2 deg/s the robot has 0.0815 of them."""
+    lines = words(psmpc("check", "turn_and_look").stdout)
+    at = lines.index("turn about wheels give wheels store so it turns at most at limit of velocity, takes")
+    rows = [line.split() for line in lines[at + 1 : at + 4]]
+    assert [row[0] for row in rows] == ["rx", "ry", "rz"]
+    assert lines[at + 3].startswith("rz 0.0462 N m 0.139 N m s ")
+    for row in rows:
+        stores, fastest, limit, takes = float(row[4]), float(row[8]), float(row[10]), float(row[12])
+        assert limit == 17.2 and takes < stores and fastest > limit
+    floating = ("--set", "mobility=free-flying", "--set", "skills.turn.weights.control=1")
+    assert "wheels store" not in psmpc("check", "turn_and_look", *floating).stdout
+
+
+def test_check_says_where_no_delay_is_looked_for(psmpc: Psmpc) -> None:
+    late = ("--set", "uncertainty={delay: 0.1 s}")
+    said = {
+        ("thrust_and_reach", late): "delay taken for none: pulses of thrusters cannot be told from one",
+        ("thrust_and_reach", (*late, "--set", "controller.delay=0.1 s")): "delay known as 0.1 s",
+        ("float_and_reach", late): "delay found out",
+    }
+    for (task, options), text in said.items():
+        assert text in " ".join(psmpc("check", task, *options).stdout.split())
+
+
+def test_check_prints_which_stages_avoid_plumes(psmpc: Psmpc, tmp_path: Path) -> None:
+    obstacle = "obstacles=[{name: post, shape: {sphere: 0.1}, pose: [5, 5, 0]}]"
+    options = ("--set", f"robot={robot_in(tmp_path)}", "--set", obstacle, "--set", "stages.reach.plumes=avoided")
+    lines = words(psmpc("check", "thrust_and_reach", *options).stdout)
+    assert sum("plumes avoided" in line for line in lines) == 1
+    assert next(i for i, line in enumerate(lines) if line.startswith("reach")) < next(
+        i for i, line in enumerate(lines) if "plumes avoided" in line
+    )
 
 
 def test_armatures_are_in_the_table_of_a_robot(psmpc: Psmpc, tmp_path: Path) -> None:

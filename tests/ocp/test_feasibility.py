@@ -450,3 +450,45 @@ def test_loading_a_task_raises_all_that_stands_against_it() -> None:
     task = load_task("transport", beyond, feasibility=False)
     assert task.spec.initial["base"] == (-50, 2, 0)
     assert str(caught.value) == task.source.report(review(task))
+
+
+BY_PART = {"control": {"base": 6 * [1], "arm": [1, 1, 1]}}
+
+
+@pytest.mark.parametrize(
+    ("weights", "mobility", "path", "says"),
+    [
+        (BY_PART, "attitude", "control.base", "expected 0 for x, y, z, or none: nothing pushes the base"),
+        ({"control": {"base": [0, 0, 0, 1, 1, 1], "arm": [1, 1, 1]}}, "attitude", "", ""),
+        ({"control": 1}, "attitude", "", ""),
+        ({"force": {"base": 6 * [1]}}, "attitude", "force.base", "found weights without effect"),
+        ({"base": [1, 0, 0, 1, 1, 1]}, "attitude", "base", "expected 0 for x, y, z, or arms that follow it"),
+        ({"rate": {"base": 6 * [1]}}, "free-floating", "rate.base", "nothing moves the base where it is free-floating"),
+        (BY_PART, "free-flying", "", ""),
+    ],
+)
+def test_weights_of_a_base_that_nothing_acts_on_are_remarked(
+    weights: dict[str, object], mobility: str, path: str, says: str
+) -> None:
+    """In a task whose other skill has the base turned, so that such weights are no faults."""
+    turn = {"base": [0, 0, 0, 1, 1, 1], "arm": [1, 1, 1], "control": 1}
+    changes = {
+        "skills.turn": {"space": "joint", "mobility": mobility, "weights": {**turn, **weights}},
+        "stages.turn.ends_when": {"coordinates": "arm", "tolerance": "1 deg"},
+    }
+    task = load_valid_task("turn_and_look", changes)
+    remarked = [remark for remark in other_remarks(task) if dotted(remark.path).startswith("skills")]
+    assert [dotted(remark.path) for remark in remarked] == ([f"skills.turn.weights.{path}"] if path else [])
+    assert all(says in remark.message for remark in remarked)
+
+
+def test_a_turn_of_the_start_that_wheels_cannot_store_is_remarked() -> None:
+    """The robot has 0.36 kg m^2 at most about any axis, and wheels store 0.139 N m s about z."""
+    moving = {"initial_velocity": {"base": [0.1, 0, 0, 0, 0, 0.2]}}
+    assert other_remarks(load_valid_task("turn_and_look", moving)) == []
+    (remark,) = other_remarks(load_valid_task("turn_and_look", {"initial_velocity": {"base": [0.1, 0, 0, 0, 0, 0.6]}}))
+    assert dotted(remark.path) == "initial_velocity"
+    assert "expected at most 0.06 N m s" in remark.message
+    flying = {"initial_velocity": {"base": [0, 0, 0, 0, 0, 0.6]}, "mobility": "free-floating"}
+    changes = {"stages.turn.ends_when": {"coordinates": "arm", "tolerance": "1 deg"}, "stages.turn.onset": "arm"}
+    assert other_remarks(load_valid_task("turn_and_look", {**flying, **changes})) == []

@@ -65,3 +65,26 @@ def test_the_gyroscopic_moment_is_part_of_the_bias(model: RobotModel) -> None:
     moment = model.bias(Q, v, model.nominal.storing(h)) - model.bias(Q, v)
     np.testing.assert_allclose(moment[model.space.rotation], np.cross(v[model.space.rotation], h), atol=1e-13)
     np.testing.assert_allclose(np.delete(moment, np.arange(3, 6)), 0, atol=1e-13)
+
+
+def test_how_often_a_moment_is_in_what_wheels_give_and_store(model: RobotModel) -> None:
+    wheels = Wheels.of(model.spec)
+    direction = np.array([0.2, -0.1, 0.3])
+    torque, momentum = wheels.along(direction)
+    shares = np.abs(wheels.allocation @ direction)
+    assert (torque * shares / wheels.torque).max() == pytest.approx(1)
+    assert (momentum * shares / wheels.momentum).max() == pytest.approx(1)
+    without = Wheels.of(model.spec.model_copy(update={"wheels": model.spec.wheels[:2]}))
+    assert without.along(np.array([0.0, 1.0, 0.0])) == (0.0, 0.0)
+
+
+def test_the_inertia_about_the_centre_is_that_of_momentum(model: RobotModel) -> None:
+    """Of a robot that turns about its centre of mass with its joints held."""
+    random = np.random.default_rng(3)
+    Q = model.space.path(model.neutral, random.standard_normal((1, model.n)))[-1]
+    omega = random.standard_normal(3)
+    R = model.body_frames(Q)[0, :3, :3]
+    v = np.r_[np.cross(R @ omega, Q[:3] - model.centre_of_mass(Q)), omega, np.zeros(3)]
+    linear, angular = np.split(model.momentum(Q, v), 2)
+    np.testing.assert_allclose(linear, 0, atol=1e-12)
+    np.testing.assert_allclose(angular, R @ model.inertia_about_centre(Q) @ omega, atol=1e-12)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.run import Run
+from psmpc_cli.report.texts import measure_rows
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
@@ -226,3 +227,21 @@ def test_the_error_of_the_momentum_falls_with_the_fourth_power_of_the_step() -> 
         held = samples_within(run, 2)
         errors.append(np.ptp(run["balance/momentum"][held], axis=0).max())
     assert errors[1] < errors[0] / 8 or errors[0] < 1e-12
+
+
+def test_the_summary_says_what_became_of_momentum_and_base_where_it_floats() -> None:
+    """A blow of 0.5 N s after the first quarter of a second; then nothing."""
+    blow = {"uncertainty": {"impulse": {"at": 0.25, "linear": [0.3, 0.4], "angular": 0.1}}}
+    run = simulate(load_task("float_and_reach", {"time_limit": 1.0, **blow}))
+    (floating,) = run.summary().floating
+    assert floating.name == "reach"
+    assert floating.linear == pytest.approx(0.5, abs=1e-6)
+    moved = run["state/Q"][-1, :3] - run["state/Q"][0, :3]
+    assert floating.distance == pytest.approx(np.linalg.norm(moved[:2]))
+    assert floating.angle == pytest.approx(abs(moved[2])) and floating.angle > 1e-3
+    (row,) = [text for name, text in measure_rows(run.summary()) if name.endswith("where it floats")]
+    assert row.startswith("reach: 0.5000 N s, ") and row.endswith(" deg")
+    undisturbed = simulate(load_task("float_and_reach", {"time_limit": 0.3}))
+    assert undisturbed.summary().floating[0].linear < 1e-9
+    flying = simulate(load_task("thrust_and_reach", {"time_limit": 0.2}))
+    assert flying.summary().floating == ()

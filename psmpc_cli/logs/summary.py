@@ -270,6 +270,7 @@ class Summary:
         delay: After how long commands were expected to act at the end of the run, and the standard deviation of that
             [s]; None where `controller.delay` is 0, or nothing told of a delay.
         delay_is_cut_off: The delay that was found out came to the longest one that is tried.
+        unknown_delay: The delay of the task that was not looked for, since thrusters fire in pulses [s].
         load: Mass that a load was found to have when it was held last, and the standard deviation of that [kg]; None
             where it is not found out.
         end_condition: Largest error over tolerance where a stage ended; None without one.
@@ -363,6 +364,8 @@ class Summary:
         self.delay = _delay(arrays)
         reached = arrays.get("delay/expected", np.zeros(0)).max(initial=0.0)
         self.delay_is_cut_off = spec.controller.delay == "auto" and bool(reached >= LONGEST_DELAY - STEP)
+        looked_for = spec.controller.delay != "auto" or spec.finds_delay(problem.model.spec)
+        self.unknown_delay = 0.0 if looked_for else spec.uncertainty.delay
         self.load = _load(arrays)
         self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
         self.clearance = summarize_clearance(arrays)

@@ -434,6 +434,12 @@ def warnings_of(summary: Summary) -> Iterator[str]:
             yield f"a limit was exceeded: {text}"
     if summary.delay_is_cut_off:
         yield "commands are later than the controller finds out: give the delay, controller.delay"
+    if summary.unknown_delay:
+        late = number(1e3 * summary.unknown_delay)
+        yield (
+            f"commands came {late} ms late and the controller took them for on time, as pulses of thrusters cannot be "
+            "told from a delay: give it, controller.delay"
+        )
     if summary.far_beyond > 0:
         share = with_unit(number(100 * summary.far_beyond, 0.1), "% of the time")
         yield f"{FORCES_FAR_BEYOND} were commanded, {share}"

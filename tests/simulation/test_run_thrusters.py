@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.run import Run
-from psmpc_cli.report.texts import measure_rows
+from psmpc_cli.report.texts import measure_rows, warnings_of
 from psmpc_cli.robot.thrusters import STANDARD_GRAVITY, Thrusters
 from psmpc_cli.simulation.replay import continue_run, replay, rerun
 from psmpc_cli.simulation.run import simulate
@@ -87,6 +87,18 @@ def test_no_delay_is_looked_for_where_pulses_look_like_one(change: dict[str, obj
     run = simulate(load_task("thrust_and_reach", {**SHORT, **change, "time_limit": 0.4}))
     assert (run["delay/deviation"] > 0).all() == is_found
     assert is_found or not run["delay/expected"].any()
+
+
+def test_a_delay_that_is_not_looked_for_is_warned_of_unless_it_is_given() -> None:
+    late = {"uncertainty.delay": "0.1 s"}
+    short = {**SHORT, "time_limit": 0.3}
+    (warning,) = [
+        text for text in warnings_of(simulate(load_task("thrust_and_reach", short | late)).summary()) if "late" in text
+    ]
+    assert warning.startswith("commands came 100 ms late") and "pulses of thrusters" in warning
+    given = simulate(load_task("thrust_and_reach", {**short, **late, "controller.delay": "0.1 s"}))
+    assert not any("pulses" in text for text in warnings_of(given.summary()))
+    assert not any("pulses" in text for text in warnings_of(simulate(load_task("thrust_and_reach", short)).summary()))
 
 
 def test_thrusters_are_off_in_a_stage_that_floats() -> None:

@@ -73,7 +73,7 @@ SECTIONS = {
         "#bodies": "Base Arm Mount Link Tool",
         "#spatial-robots": "SpatialBase SpatialArm SpatialLink SpatialJoint SpatialTool",
         "#wheels": "Wheel SpatialWheel",
-        "#thrusters": "PlanarThruster SpatialThruster",
+        "#thrusters": "PlanarThruster SpatialThruster Plume",
         "#your-own-urdf": "Tip",
     }.items()
     for model in models.split()

@@ -1,10 +1,12 @@
-"""Thrusters in pulses against their means: when the mission ends, and what it takes.
+"""Thrusters in pulses against their means, and with plumes that are avoided: when the mission ends, and what it takes.
 
-python benchmarks/thrusters.py table    the table of docs/mobility_results.md, a minute or two
+python benchmarks/thrusters.py table     pulses, for docs/mobility_results.md, a minute or two
+python benchmarks/thrusters.py plumes    plumes, for the same page, a minute or two
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from pages import command_line, markdown
@@ -12,6 +14,7 @@ from pages import command_line, markdown
 from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.robot import PlanarThruster, Plume
 
 SHORTEST_PULSES = (0.02, 0.05, 0.1)
 """Shortest pulses of the thrusters [s]; the last is that of the robot."""
@@ -30,6 +33,60 @@ def table() -> Iterator[str]:
         task = with_shortest_pulse(load_task("thrust_and_reach"), shortest)
         runs[f"{1e3 * shortest:.0f} ms"] = simulate(task)
     yield from markdown([{"shortest pulse": name} | row(run) for name, run in runs.items()])
+
+
+PLUME = Plume(angle=np.radians(20), length=1.5)
+
+CANTED = tuple(
+    PlanarThruster(position=(0.25, y), direction=(-0.5, turn), force=10, shortest_pulse=0.1, specific_impulse=60)
+    for y, turn in ((0.24, -0.866), (-0.24, 0.866))
+)
+"""Thrusters that brake too, and whose plumes leave at 60 deg to the way ahead, one to each side."""
+
+
+def before_a_panel(avoided: bool, canted: bool) -> Task:
+    """Return the task of flying to a place one metre from a panel, and stopping there."""
+    folded = {"arm_1": ["60 deg", "-110 deg", "-40 deg"], "arm_2": ["-60 deg", "110 deg", "40 deg"]}
+    stage = {
+        "name": "fly",
+        "skill": "move",
+        "target": {"base": [1.2, 0, 0], **folded},
+        "ends_when": {"coordinates": "base", "tolerance": 0.02},
+    }
+    panel = {"name": "panel", "shape": {"box": [0.2, 0.6]}, "pose": [2.2, 0, 0]}
+    task = load_task("thrust_and_reach", {"stages": [stage], "obstacles": [panel]})
+    thrusters = (*task.robot.thrusters, *(CANTED if canted else ()))
+    thrusters = tuple(each.model_copy(update={"plume": PLUME}) for each in thrusters)
+    return replace(
+        task,
+        robot=task.robot.model_copy(update={"thrusters": thrusters}),
+        spec=task.spec.model_copy(update={"plumes": "avoided" if avoided else "ignored"}),
+    )
+
+
+def plumes() -> Iterator[str]:
+    """Yield a row for each set of thrusters, with plumes that are ignored and avoided."""
+    rows = []
+    for canted, avoided in product((True, False), (False, True)):
+        run = simulate(before_a_panel(avoided, canted))
+        summary = run.summary()
+        fired = summary.thrusters
+        if fired is None:
+            raise RuntimeError("no thrusters fired")
+        ahead = float(run["thrusters/impulse"][:, 2:4].sum())
+        rows.append(
+            {
+                "thrusters": "eight, and two canted ones" if canted else "eight",
+                "plumes": "avoided" if avoided else "ignored",
+                "mission ends [s]": f"{summary.duration:.1f}" if summary.succeeded else "failed",
+                "impulse [N s]": f"{fired.impulse:.0f}",
+                "of the two towards the panel [N s]": f"{ahead:.0f}",
+                "shut for [s]": f"{max(fired.shut.values(), default=0.0):.1f}" if fired.shut is not None else "",
+                "that no thrusts can give [N s]": f"{fired.refused[0]:.1f}",
+                "solves failed": f"{summary.failed_solves} of {summary.solves.count}",
+            }
+        )
+    yield from markdown(rows)
 
 
 def row(run: Run) -> dict[str, str]:
@@ -51,4 +108,4 @@ def row(run: Run) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    command_line(table)
+    command_line(table, plumes)

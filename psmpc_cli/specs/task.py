@@ -504,7 +504,7 @@ class SkillSpec(Spec):
     mobility: fields.Sparse[Annotated[StageMobility | None, validated_by(_mobility)]] = Field(
         None, description="what moves the base in stages of this skill, instead of the task's"
     )
-    plumes: _Plumes = Field(None, description="whether thrusters care for their plumes in stages of this skill")
+    plumes: _Plumes = Field(None, description="plumes in stages of this skill, instead of the task's")
 
 
 class ObjectEndSpec(Spec):
@@ -785,7 +785,7 @@ class StageSpec(Spec):
     mobility: fields.Sparse[Annotated[StageMobility | None, validated_by(_mobility)]] = Field(
         None, description="what moves the base in this stage, instead of the skill's"
     )
-    plumes: _Plumes = Field(None, description="whether thrusters care for their plumes in this stage")
+    plumes: _Plumes = Field(None, description="plumes in this stage, instead of the skill's")
     clearance: fields.Sparse[ClearanceSpec | None] = Field(
         None, description="how far apart bodies keep in this stage, instead of the task's"
     )

@@ -254,7 +254,7 @@ class _Line:
         u = np.zeros((self._ticks, self._n))
         closed = np.zeros(self._ticks, bool)
         driven = np.tile(command.driven[0], (self._ticks, 1))
-        shut = np.tile(command.shut[0], (self._ticks, 1))
+        shut = np.repeat(command.shut[:1], self._ticks, axis=0)
         in_task_space = any(each.twist_rates is not None for _, each in self._arrived)
         twist_rates = np.zeros((self._ticks, command.law.model.n_twists)) if in_task_space else None
         ticks = np.arange(now, now + self._ticks)

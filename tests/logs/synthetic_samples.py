@@ -41,6 +41,7 @@ NOT_RECORDED = (
     conditions.OBJECT_AT_TICKS,
     conditions.CLEARANCE,
     conditions.THRUSTERS,
+    conditions.PLUMES,
     conditions.THRUSTERS_AT_TICKS,
     conditions.WHEELS,
     conditions.WHEELS_AT_TICKS,

@@ -546,7 +546,7 @@ def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
                 functions=force_residual(model, stage.force_load),
                 argument=partial(_anchor_and_load, stage_functions(model, cost_shape(stage)).anchor, s),
-                bounds=lambda window, instants: (-nothing, nothing),
+                bounds=lambda window: (-nothing, nothing),
                 weights=partial(_force_weights, model.n, s),
             )
 
@@ -562,7 +562,7 @@ def _rate_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
                 functions=rate_residual(model),
                 argument=lambda p: np.zeros(0),
-                bounds=lambda window, instants: (-nothing, nothing),
+                bounds=lambda window: (-nothing, nothing),
                 weights=partial(_rate_weights, s),
             )
 

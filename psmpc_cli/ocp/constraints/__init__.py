@@ -78,7 +78,7 @@ def missing_row_violation(model: RobotModel, window: Window, plan: Plan) -> floa
         if rows.rarely_active:
             k = np.array(rows.intervals)
             values = rows.functions.values(Intervals(plan.X, h, p.before, k), rows.argument(p))
-            worst = max(worst, float(scaled_violations(values, *rows.bounds(window, plan.instants)).max()) / PENALTY)
+            worst = max(worst, float(scaled_violations(values, *rows.bounds(window)).max()) / PENALTY)
     return worst
 
 

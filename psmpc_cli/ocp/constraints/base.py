@@ -87,24 +87,26 @@ class IntervalRows:
         intervals: The intervals, ascending.
         functions: The rows and their Jacobian; the same object wherever the rows are the same.
         argument: Parameters of a window, numbers or symbols -> a.
-        bounds: Window, switching instants (S,) [s] or None -> low and high, infinite where there is none: of the rows
-            over every interval, (rows,), or over each of the intervals, a row each; the widest without instants.
+        bounds: Window -> low and high (rows,), infinite where there is none; the widest where they differ by interval.
         weights: Parameters -> what the squares of the rows cost (rows,), of rows that are residuals; else None.
         permanent: All rows are part of every program: they are equations, or depend on few numbers.
         over_time: The rows are integrals over the interval: their bounds are those of the rows over h.
         rarely_active: The bounds of states say the same of most motions: a program has the rows that a solution without
             them violates. With all of them fatrop does not converge.
+        varying_bounds: Window, switching instants (S,) [s] -> low and high over each of the intervals, a row each; None
+            where they are `bounds`.
     """
 
     name: str
     intervals: Sequence[int]
     functions: ChangeFunctions | IntervalFunctions | RateFunctions
     argument: Callable[[Parameters[Any]], Any]
-    bounds: Callable[[Window, np.ndarray | None], tuple[np.ndarray, np.ndarray]]
+    bounds: Callable[[Window], tuple[np.ndarray, np.ndarray]]
     weights: Callable[[Parameters[Any]], Any] | None = None
     permanent: bool = False
     over_time: bool = True
     rarely_active: bool = False
+    varying_bounds: Callable[[Window, np.ndarray], tuple[np.ndarray, np.ndarray] | None] = lambda window, instants: None
 
     @property
     def is_permanent(self) -> bool:
@@ -112,9 +114,13 @@ class IntervalRows:
         return self.permanent or self.weights is not None
 
     def bounds_by_interval(self, window: Window, instants: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Return low and high of the rows over each of the intervals, (intervals, rows) each."""
+        """Return low and high of the rows over each of the intervals, (intervals, rows) each.
+
+        Without switching instants they are the widest.
+        """
         shape = len(self.intervals), self.functions.count
-        low, high = self.bounds(window, instants)
+        varying = None if instants is None else self.varying_bounds(window, instants)
+        low, high = self.bounds(window) if varying is None else varying
         return np.broadcast_to(low, shape), np.broadcast_to(high, shape)
 
 
@@ -215,7 +221,8 @@ def rows_over_intervals(
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
                 functions=model.cached((functions, structure), partial(functions, model, structure)),
                 argument=argument_of(held, s),
-                bounds=partial(_bounds_over_intervals, held, s),
+                bounds=bounds_of(held, s),
+                varying_bounds=partial(_varying_bounds, held, s),
                 permanent=permanent,
                 over_time=over_time,
             )
@@ -234,7 +241,7 @@ def argument_of(name: str, s: int) -> Callable[[Parameters[Any]], Any]:
     return partial(_argument, name, s)
 
 
-def bounds_of(name: str, s: int) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+def bounds_of(name: str, s: int) -> Callable[[Window], tuple[np.ndarray, np.ndarray]]:
     """Return how the bounds of a constraint are read from windows: those of stage s."""
     return partial(_bounds, name, s)
 
@@ -243,17 +250,15 @@ def _argument(name: str, s: int, p: Parameters[Any]) -> Any:
     return p.constraints[s][name]
 
 
-def _bounds(name: str, s: int, window: Window, *_: object) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(name: str, s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     constraint = window.stages[s].constraints[name]
     return constraint.low, constraint.high
 
 
-def _bounds_over_intervals(
-    name: str, s: int, window: Window, instants: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
+def _varying_bounds(name: str, s: int, window: Window, instants: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
     constraint = window.stages[s].constraints[name]
-    if constraint.over_intervals is None or instants is None:
-        return constraint.low, constraint.high
+    if constraint.over_intervals is None:
+        return None
     first = sum(window.nodes[:s])
     since = window.times(instants)[first : first + window.nodes[s] + 1] - window.start
     return constraint.over_intervals(constraint.of_bounds, since)

@@ -7,15 +7,18 @@ import pytest
 
 from psmpc_cli.control.controller import Controller
 from psmpc_cli.control.interface import State
-from psmpc_cli.ocp.constraints.plumes import PlumeForecast
+from psmpc_cli.ocp.constraints.clearance import solids_of_obstacle
+from psmpc_cli.ocp.constraints.plumes import PlumeForecast, Surrounding
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.configuration import IDENTITY
-from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.model import RobotModel, load_robot
+from psmpc_cli.robot.plumes import Plumes
 from psmpc_cli.robot.thrusters import Thrusters
+from psmpc_cli.specs.geometry import ObstacleSpec
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robot import SpatialThruster, stack
 
 from ...plumed import AHEAD, before_a_panel, robot_in
 
@@ -146,3 +149,42 @@ def test_nothing_is_looked_at_where_plumes_are_ignored(tmp_path: Path) -> None:
         controller = Controller(before_a_panel(tmp_path, plumes=use))
         assert list(controller.problem.stages[0].constraints["forces"].argument) == []
         assert not controller.problem.stages[0].sampled_constraints
+
+
+def test_plumes_of_a_spatial_robot_turn_with_its_base() -> None:
+    """Turned by a quarter about z, a plume along its x leaves along y, and stays as the plan turns the base about x.
+
+    The chart is about the attitude of the sample.
+    """
+    model = load_robot("free_flyer_arm")
+    plume = {"angle": 0.2, "length": 1.0}
+    kinds = [
+        SpatialThruster(position=(0.2, 0, 0), direction=(-1, 0, 0), force=1, plume=plume),
+        SpatialThruster(position=(0, 0, 0.2), direction=(0, 0, -1), force=1, plume=plume),
+    ]
+    places = {"ahead": [0, 1.0, 0], "above": [0, 0, 1.0], "aside": [1.0, 0, 0]}
+    anchor = np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
+    Q = np.array(model.neutral)
+    Q[3:7] = anchor
+    v = np.zeros(model.n)
+    v[3] = 0.5
+    chart = model.space.chart_at(Q)
+    x = chart.to_chart(Q[None], v[None])[0]
+    sample = SampleContext(0.0, x, anchor, plan=resting_plan(0.0, 2.0, 1, x, chart))
+    for name, position in places.items():
+        obstacle = ObstacleSpec(name=name, shape={"sphere": 0.1}, pose=(*position, 1, 0, 0, 0))
+        body = Surrounding(solids_of_obstacle(obstacle), lambda sample, at=obstacle: (np.array(at.pose), np.zeros(6)))
+        plumes = PlumeForecast(Thrusters.of(kinds), Plumes.of(kinds), (body,), np.arange(0, 2.0, 0.1))
+        is_shut = plumes.is_shut(plumes.numbers(model, sample))
+        assert is_shut[0].tolist() == [name == "ahead", name == "above"]
+        # the plume along z turns away from above, the other one stays
+        assert is_shut[-1].tolist() == [name == "ahead", False]
+
+
+def test_more_than_eight_thrusters_take_more_numbers(tmp_path: Path) -> None:
+    plumes, model = forecast(task := before_a_panel(tmp_path))
+    assert plumes.thrusters.count == 10 and plumes.size == 2 * 81
+    is_shut = np.random.default_rng(0).uniform(size=(81, 10)) > 0.5
+    packed = np.packbits(is_shut, axis=1).astype(float).ravel()
+    np.testing.assert_array_equal(plumes.is_shut(packed), is_shut)
+    assert plumes.numbers(model, sample_at(task, model, [0, 0, 0])).shape == (162,)

@@ -421,7 +421,7 @@ def _floating(arrays: Arrays, problem: Problem) -> Iterator[FloatingStage]:
         if stage.moved_by.is_pushed or not (stage.moved_by.moves and len(at)):
             continue
         Q, v = (arrays.get(f"state/{name}_true", arrays[f"state/{name}"])[at] for name in ("Q", "Qdot"))
-        momentum = model.balance(Q, v)[:, :-1]
+        momentum = model.momentum(Q, v)
         if "wheels/momentum" in arrays:
             momentum = momentum + Wheels.of(model.spec).balance(Q, arrays["wheels/momentum"][at])[:, :-1]
         known = np.isfinite(momentum).all(axis=1)

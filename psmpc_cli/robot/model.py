@@ -404,7 +404,7 @@ class RobotModel:
 
     def momentum(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> Array:
         """Return linear momentum [N s] and angular momentum about the inertial origin [N m s], (3,) or (6,)."""
-        return self.balance(Q, v, parameters)[:-1]
+        return self.balance(Q, v, parameters)[..., :-1]
 
     def kinetic_energy(self, Q: ArrayLike, v: ArrayLike, parameters: InertialParameters | None = None) -> float:
         """Return the kinetic energy [J]."""

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from psmpc_cli.ocp.plan import Plan, braking_plan, resting_plan, shift
+from psmpc_cli.ocp.plan import Plan, braking_plan, mesh, resting_plan, shift
 
 
 @st.composite
@@ -18,6 +18,16 @@ def plans(draw: st.DrawFn) -> Plan:
         Q, Qdot = X[-1][:2], X[-1][2:]
         X.append(np.r_[Q + h * Qdot + h**2 / 2 * a, Qdot + h * a])
     return Plan(times, np.array(X), u, np.array([times[0] + steps.sum() / 2]))
+
+
+@given(st.lists(st.tuples(st.integers(1, 9), st.floats(1e-3, 3)), min_size=1, max_size=4), st.floats(0, 20))
+def test_a_mesh_divides_each_stage_into_equal_intervals(stages: list[tuple[int, float]], start: float) -> None:
+    """Paper (19): N_s intervals of stage s, each as long as the stage over N_s."""
+    nodes, tau = zip(*stages, strict=True)
+    ends = start + np.cumsum((0.0, *tau))
+    times = mesh(ends, nodes)
+    np.testing.assert_allclose(times[np.cumsum((0, *nodes))], ends, rtol=1e-12)
+    np.testing.assert_allclose(np.diff(times), np.repeat(np.divide(tau, nodes), nodes), atol=1e-11)
 
 
 @given(plans())

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise, product
 from textwrap import fill
 from typing import Any
 
@@ -385,7 +386,7 @@ def plot_robot(spec: RobotSpec) -> Figure:
 def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray) -> None:
     """Write numbers beside the joints of each arm, one text for those in one place, and draw their axes.
 
-    Numbers are where they cover nothing of the robot.
+    Numbers are where they cover nothing of the robot, and apart from each other.
     """
     near = 0.06 * float(np.ptp(axes.get_xlim()))
     point = float(np.ptp(axes.get_xlim())) / (72 * style.AXIS_WIDTH)  # [m], as about as wide as the axis will be
@@ -415,12 +416,16 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
             seen = (covered - (x, y)) / point
             offsets = NUMBER_OFFSETS if index % 2 else -NUMBER_OFFSETS
             free = (offset for offset in offsets if not (np.abs(seen - offset) < half).all(axis=1).any())
-            axes.annotate(text, (x, y), tuple(next(free, offsets[0])), textcoords="offset points", **look)
+            chosen = next(free, offsets[0])
+            axes.annotate(text, (x, y), tuple(chosen), textcoords="offset points", **look)
+            wide = half + np.array([0.3 * style.TEXT, 0.0])
+            of_text = chosen + wide * np.array(list(product((-1, 0, 1), repeat=2)))
+            covered = np.vstack([covered, (x, y) + point * of_text])
     axes.plot([], [], "ko-", linewidth=0.6, markersize=2.2, markerfacecolor="white", label="_joint, its axis")
 
 
 def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
-    """Return points (., 3) [m] all over the base's box and along the links of a robot at Q (nq,)."""
+    """Return points (., 3) [m] all over the base's box and along the links and grippers of a robot at Q (nq,)."""
     shape = model.shape
     frames = model.body_frames(Q)
     along = np.linspace(0.0, 1.0, 25)
@@ -433,7 +438,12 @@ def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
         for frame, segments in zip(frames, shape.capsules, strict=True)
         for ends in segments
     ]
-    return np.vstack([np.array(faces), *links])
+    grippers = [
+        in_inertial_frame(frames[tool.body], first + along[:, None] * (second - first))
+        for arm, tool in model.spec.tools.items()
+        for first, second in pairwise(shape.grippers[arm])
+    ]
+    return np.vstack([np.array(faces), *links, *grippers])
 
 
 def plot_scenario(task: Task) -> Figure:

@@ -127,17 +127,18 @@ def plot_schedule(runs: Mapping[str, Run], published: Mapping[str, Mapping[str, 
         published: Published ends by method and stage [s].
     """
     figure, (axes,) = style.stack([""], [0.5 * len(runs)], "Time (s)")
-    _draw_schedule(axes, {style.literal(style.title_of(name)): run.spans for name, run in runs.items()})
+    latest = max((time for name in runs for time in published.get(name, {}).values()), default=0.0)
+    _draw_schedule(axes, {style.literal(style.title_of(name)): run.spans for name, run in runs.items()}, latest)
     for name, y in zip(runs, axes.get_yticks(), strict=True):
         for time in published.get(name, {}).values():
             axes.plot(time, y - 1.3, **style.look("published end"))
     return style.finish(figure)
 
 
-def _draw_schedule(axes: Axes, schedules: Mapping[str, Sequence[Span]]) -> None:
-    """Draw the stages of each run in rows beside its name."""
+def _draw_schedule(axes: Axes, schedules: Mapping[str, Sequence[Span]], latest: float = 0.0) -> None:
+    """Draw the stages of each run in rows beside its name; the axis reaches the last end, and a latest mark [s]."""
     end = max((span.end for spans in schedules.values() for span in spans), default=1.0)
-    view = (0.0, 1.01 * end)
+    view = (0.0, max(1.01 * end, 1.02 * latest))
     bars = place_bars(list(schedules.values()), view, style.AXIS_WIDTH)
     deep = 1.7 + max((bar.row for placed in bars for bar in placed), default=1)
     axes.set_yticks(deep * np.arange(len(bars)) + 1, [fill(name, 12) for name in schedules])

@@ -1,11 +1,12 @@
 """Tables of docs/reproduce.md and docs/departures.md: the task as printed, each departure, and what a start is.
 
-python benchmarks/as_printed.py claims [NODES]       claims that hold as shipped and as printed; minutes
+python benchmarks/as_printed.py claims               claims that hold by setting, as shipped and as printed; minutes
 python benchmarks/as_printed.py departures [NODES]   each departure alone, from as printed and from as shipped; minutes
 python benchmarks/as_printed.py starts [NODES]       claims that hold by each definition of a start; minutes
 python benchmarks/as_printed.py figure6 [GRID] [NODES]   Fig. 6 by each definition of a start; minutes
 """
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -32,26 +33,43 @@ DEFINITIONS: Mapping[str, str] = {
 }
 """Definitions of a start by their names."""
 
+COARSE = ("controller.nodes=25",)
+CONVERGED = ("solver.kind=fatrop", "solver.deadline=null")
+WITHOUT_PENDING = (*COARSE, "controller.pending_cost=0", "controller.normalization=range")
+
 JUDGED: Mapping[str, tuple[str, tuple[str, ...]]] = {
-    "as shipped": (SHIPPED, ()),
-    "as printed": (PRINTED, ()),
-    "as printed, `solver.kind=sqp`": (PRINTED, ("solver.kind=sqp",)),
+    "as shipped, HTMPC with settings of its own": (SHIPPED, ()),
+    "one setting for all three controllers": (SHIPPED, ("by_controller={}",)),
+    "a start is judged by the control": (SHIPPED, ("onset={kind: control}",)),
+    "coarser mesh": (SHIPPED, COARSE),
+    "coarser mesh, converged": (SHIPPED, (*COARSE, *CONVERGED)),
+    "coarser mesh, no pending cost, the range in (12)": (SHIPPED, WITHOUT_PENDING),
+    "the same, converged": (SHIPPED, (*WITHOUT_PENDING, *CONVERGED)),
+    "as printed, coarser mesh": (PRINTED, COARSE),
+    "as printed, coarser mesh, one iteration of `sqp` a sample": (PRINTED, (*COARSE, "solver.kind=sqp")),
 }
-"""The tasks whose claims are counted, each with the changes of it."""
+"""The settings whose claims are counted, each with its task and the changes of it."""
 
 SAMPLE = 0.1
 """Time between two samples of the tasks [s]: starts are known no better."""
 
 
-def claims(nodes: str = "25") -> Iterator[str]:
-    """Yield the table of how many claims hold as shipped and as printed."""
-    rows = []
-    for name, (task, changes) in JUDGED.items():
+def claims() -> Iterator[str]:
+    """Yield the table of how many claims hold in each setting, with the options of `psmpc reproduce`."""
+    return markdown(_counts())
+
+
+def _counts() -> Iterator[dict[str, str]]:
+    for setting, (task, changes) in JUDGED.items():
         with TemporaryDirectory() as folder:
-            made = reproduce(Path(folder) / "made", (f"controller.nodes={nodes}", *changes), task=task)
+            made = reproduce(Path(folder) / "made", changes, task=task)
         held, count = made.count()
-        rows.append({"task": name, "N_s": nodes, "claims that hold": f"{held} of {count}"})
-    return markdown(rows)
+        words = ["--as-printed"] * (task == PRINTED) + [f"--set {shlex.quote(change)}" for change in changes]
+        yield {
+            "setting": setting,
+            "options": f"`{' '.join(words)}`" if words else "none",
+            "claims that hold": f"{held} of {count}",
+        }
 
 
 def departures(nodes: str = "25") -> Iterator[str]:

@@ -17,8 +17,8 @@
     posed       missions of `plane` with the arms as drawn, and held ready for the stage that needs them: 30 missions
     tour        tours of a planar robot with two unequal arms (tours.py), as drawn and held ready: 20 missions
     tour_space  tours of a spatial robot with two arms of seven joints, the same: 10 missions
-    htmpc_plane  the first missions of `plane` by every controller, HTMPC among them: 5 missions
-    htmpc_tour  the first tours also under HTMPC with a free end: 5 tours
+    htmpc_plane  missions of `plane` also under HTMPC: 4 missions
+    htmpc_tour  tours of the planar robot also under HTMPC with a free end: 4 tours
     effort      missions of `plane` by control weight: 10 missions
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
@@ -107,13 +107,8 @@ PLANNED = ("psmpc", "smpc", "hard, free end")
 BY_STATE = ("psmpc", "smpc", "hard, free end", "hard", "htmpc")
 """Controllers that switch by the state."""
 
-FEWER = {
-    ("plane", "hard"): 30,
-    ("plane", "htmpc"): 5,
-    ("plane", "htmpc, free end"): 1,
-    ("tour", "htmpc, free end"): 2,
-}
-"""Missions of controllers whose missions are long, or take minutes for one."""
+FEWER = {("plane", "hard"): 30, ("plane", "htmpc"): 5}
+"""Missions of controllers whose missions are long."""
 
 AGAINST = "hard, free end"
 """What the others are compared with, mission by mission."""
@@ -479,8 +474,8 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "posed": ("plane", PLANNED, range(30)),
     "tour": ("tour", PLANNED, range(20)),
     "tour_space": ("tour_space", PLANNED, range(10)),
-    "htmpc_plane": ("plane", (*BY_STATE, "htmpc, free end"), range(5)),
-    "htmpc_tour": ("tour", (*PLANNED, "htmpc, free end"), range(5)),
+    "htmpc_plane": ("plane", ("psmpc", "hard, free end", "htmpc, free end", "hard", "htmpc"), range(4)),
+    "htmpc_tour": ("tour", ("psmpc", "hard, free end", "htmpc, free end"), range(4)),
     "effort": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(OTHERS, OTHERS + 10)),
     "best": ("plane", ("psmpc", "smpc", "hard, free end", "hard"), range(30)),
     "noise": ("plane", PLANNED, range(5)),
@@ -519,6 +514,23 @@ def measure(item: tuple[str, Case, int]) -> Row:
         "impulse": round(float(run["effort/base_force"].sum()), 2),
         "margin": round(float(min(margins)), 4) if margins else None,
         "failed_solves": int(summary.failed_solves),
+        **({"levels": level_counts(run)} if run.task.spec.controller.traits.has_levels else {}),
+    }
+
+
+def level_counts(run: psmpc.Run) -> dict[str, int]:
+    """Return how many levels of HTMPC were solved or not, and how many bounds on earlier costs the last ones kept.
+
+    A sample has a bound for each level that converged but the last one, whose plan is applied.
+    """
+    summary = run.summary()
+    is_solved = run["levels/solved"] == 1
+    bounds = int(is_solved.sum() - is_solved.any(axis=1).sum())
+    return {
+        "solved": int(is_solved.sum()),
+        "unsolved": int(summary.unsolved_levels or 0),
+        "bounds": bounds,
+        "kept": bounds - int(summary.raised_levels or 0),
     }
 
 
@@ -772,29 +784,50 @@ def made_of(name: str) -> Made:
     return run_missing(family, best_cases() if name == "best" else cases(LEVELS[name], controllers), seeds)
 
 
+BESIDE = ("smpc", "htmpc, free end")
+"""Controllers whose ends PSMPC's are compared with besides, in studies that have them."""
+
+
 def gains(*names: str) -> Iterator[str]:
     """Yield what controllers gain against hard switching with a free end: all of named studies, or the planned ones."""
     rows = []
-    for name in names or ("plane", "space", "reach"):
+    studies = names or ("plane", "space", "reach")
+    beside = [each for each in BESIDE if any(each in STUDIES[name][1] for name in studies)]
+    for name in studies:
         family, controllers, _ = STUDIES[name]
         made = made_of(name)
         for controller in controllers if names else PLANNED:
             against = compared(made[controller], made[AGAINST]) if controller != AGAINST else {}
-            over_smpc = compared(made["psmpc"], made["smpc"]) if controller == "psmpc" else {}
             succeeded = [row for row in made[controller].values() if row["succeeded"]]
-            rows.append(
-                {
-                    "missions": family,
-                    "controller": f"`{controller}`",
-                    "succeeded": f"{len(succeeded)} of {len(made[controller])}",
-                    "end [s]": f"{np.median([row['time'] for row in succeeded]):.1f}",
-                    "end, difference [s]": against.get("end, difference [s]", ""),
-                    "end, ratio": _without_interval(against.get("end, ratio", "")),
-                    "effort, ratio": _without_interval(against.get("effort, ratio", "")),
-                    "end less that of `smpc` [s]": over_smpc.get("end, difference [s]", ""),
-                }
-            )
+            row = {
+                "missions": family,
+                "controller": f"`{controller}`",
+                "succeeded": f"{len(succeeded)} of {len(made[controller])}",
+                "end [s]": f"{np.median([row['time'] for row in succeeded]):.1f}",
+                "end, difference [s]": against.get("end, difference [s]", ""),
+                "end, ratio": _without_interval(against.get("end, ratio", "")),
+                "effort, ratio": _without_interval(against.get("effort, ratio", "")),
+            }
+            for other in beside:
+                over = compared(made[controller], made[other]) if controller == "psmpc" else {}
+                row[f"end less that of `{other}` [s]"] = over.get("end, difference [s]", "")
+            if "htmpc, free end" in beside:
+                row["levels solved"], row["bounds kept"] = _levels(made[controller])
+            rows.append(row)
     yield from markdown(rows)
+
+
+def _levels(rows: Mapping[int, Row]) -> tuple[str, str]:
+    """Return the share of levels that converged, and of bounds on the costs of earlier levels that were kept."""
+    counts = [row["levels"] for row in rows.values() if "levels" in row]
+    if not counts:
+        return "", ""
+    total = {name: sum(each[name] for each in counts) for name in counts[0]}
+    tried = total["solved"] + total["unsolved"]
+    return (
+        f"{100 * total['solved'] / tried:.1f} %",
+        f"{100 * total['kept'] / total['bounds']:.1f} % of {total['bounds']}",
+    )
 
 
 POSED = {"posed": "plane", "tour": "tour", "tour_space": "tour in space"}
@@ -978,8 +1011,8 @@ def figure() -> Iterator[str]:
             axes.plot(
                 efforts, times, label=TITLES[controller], **{**line_look(index), **mark_look(index), "linestyle": "-"}
             )
-        axes.set(xlabel="control effort [m$^2$/s$^3$, rad$^2$/s$^3$]", ylabel="end of the mission [s]")
-        axes.legend(title="control weights from large (left) to small (right)")
+        axes.set(xlabel="Control effort (m²/s³, rad²/s³)", ylabel="End of the mission (s)")
+        axes.legend(title="Control weights from large (left) to small (right)")
         drawn.savefig(FIGURE, bbox_inches="tight")
     yield f"{FIGURE}"
 

@@ -1,0 +1,174 @@
+"""A tumbling satellite is taken and brought to rest: the tables of docs/detumbling.md.
+
+    python benchmarks/detumbling.py budget                    what is asked, and what the means give
+    python benchmarks/detumbling.py run 50 [CONTROLLER...]    complete benchmarks/detumbling.jsonl (a minute each)
+    python benchmarks/detumbling.py table                     what became of the draws, by controller
+    python benchmarks/detumbling.py draws                     the draws of PSMPC one by one
+
+Draws of `capture_and_detumble`: any axis, 3 to 5 deg/s, 50 to 200 kg. Moments of inertia go with the mass. The motion is
+that of a free body (Euler's equations). All controllers have the settings of the task, and a free end.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pages import command_line, markdown
+
+import psmpc_cli as psmpc
+from psmpc_cli.robot.rotations import matrix
+
+TASK = "capture_and_detumble"
+
+RESULTS = Path(__file__).with_name("detumbling.jsonl")
+
+BRIEF = {"log": {"shares": False, "plans": False}}
+
+CONTROLLERS: dict[str, dict[str, Any]] = {
+    "psmpc": {},
+    "smpc": {"controller.kind": "smpc"},
+    "hard, free end": {"controller.kind": "hard", "controller.one_stage": "free_end"},
+}
+
+WHEELS = 4
+"""Momentum of each of four reaction wheels in a pyramid, 35 deg out of the plane, of the servicer's class [N m s]."""
+
+
+def drawn(seed: int) -> dict[str, Any]:
+    """Return the changes of the task in a draw."""
+    rng = np.random.default_rng(seed)
+    axis = rng.standard_normal(3)
+    rate = rng.uniform(3, 5)
+    mass = rng.uniform(50, 200)
+    nominal = psmpc.load_task(TASK).spec.object
+    return {
+        "object.mass": round(mass, 1),
+        "object.inertia": [round(moment * mass / nominal.mass, 2) for moment in nominal.inertia],
+        "object.motion.angular": [f"{each:.3f} deg" for each in rate * axis / np.linalg.norm(axis)],
+    }
+
+
+def draw(controller: str, seed: int) -> dict[str, Any]:
+    """Run a draw, and return what became of the satellite."""
+    changes = drawn(seed)
+    task = psmpc.load_task(TASK, {**changes, **CONTROLLERS[controller], **BRIEF})
+    run = psmpc.simulate(task)
+    summary = run.summary()
+    ends = run.stages["switch_time"]
+    rates = np.degrees(np.linalg.norm(run["object/velocity"][:, 3:], axis=1))
+    after = run.time[np.isfinite(rates)] >= ends[2] if np.isfinite(ends[2]) else np.zeros(len(rates), bool)
+    return {
+        "controller": controller,
+        "seed": seed,
+        "mass": changes["object.mass"],
+        "rate": round(float(rates[0]), 2),
+        "succeeded": bool(summary.succeeded),
+        "why": summary.reason,
+        "ends": [round(float(end), 2) if np.isfinite(end) else None for end in ends],
+        "time": round(float(summary.duration), 1),
+        "lowest_rate": round(float(rates[after].min()), 3) if after.any() else None,
+        "last_rate": round(float(rates[-1]), 3),
+        "pull": round(float(run["grasp/pull"].max()), 1),
+        "force": round(float(run["force/utilization"].max()), 3),
+        "failed_solves": summary.failed_solves,
+    }
+
+
+def results() -> dict[str, dict[int, dict[str, Any]]]:
+    """Return the draws so far by controller and seed."""
+    made: dict[str, dict[int, dict[str, Any]]] = {name: {} for name in CONTROLLERS}
+    lines = RESULTS.read_text().splitlines() if RESULTS.exists() else []
+    for row in map(json.loads, lines):
+        made[row["controller"]][row["seed"]] = row
+    return made
+
+
+def run(count: str, *controllers: str) -> Iterator[str]:
+    """Run the draws that are missing."""
+    made = results()
+    for seed in range(int(count)):
+        for controller in controllers or CONTROLLERS:
+            if seed not in made[controller]:
+                row = draw(controller, seed)
+                with RESULTS.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+                yield json.dumps(row)
+
+
+def table() -> Iterator[str]:
+    """Yield what became of the draws, by controller; differences are of the draws that both delivered."""
+    made = results()
+    rows = []
+    for controller, of_one in made.items():
+        delivered = {seed: row for seed, row in of_one.items() if row["succeeded"]}
+        both = [seed for seed in delivered if made["psmpc"].get(seed, {}).get("succeeded")]
+        later = [delivered[seed]["time"] - made["psmpc"][seed]["time"] for seed in both]
+        at_rest = [row["ends"][2] - row["ends"][1] for row in delivered.values()]
+        rows.append(
+            {
+                "controller": controller,
+                "delivered at rest": f"{len(delivered)} of {len(of_one)}",
+                "end, median [s]": f"{np.median([row['time'] for row in delivered.values()]):.1f}" if delivered else "",
+                "later than psmpc, median [s]": f"{np.median(later):+.1f}" if later and controller != "psmpc" else "",
+                "from taken to rest, median [s]": f"{np.median(at_rest):.1f}" if at_rest else "",
+                "last rate, largest [deg/s]": f"{max((row['last_rate'] for row in delivered.values()), default=0):.2f}",
+                "largest pull [N]": f"{max((row['pull'] for row in delivered.values()), default=0):.1f}",
+                "failed solves": sum(row["failed_solves"] for row in of_one.values()),
+            }
+        )
+    return markdown(rows)
+
+
+def draws() -> Iterator[str]:
+    """Yield the draws of PSMPC one by one."""
+    return markdown(
+        {
+            "seed": seed,
+            "mass [kg]": row["mass"],
+            "rate [deg/s]": row["rate"],
+            "taken at [s]": row["ends"][1] or "-",
+            "at rest at [s]": row["ends"][2] or "-",
+            "ends [s]": row["time"],
+            "mission": row["why"],
+        }
+        for seed, row in sorted(results()["psmpc"].items())
+    )
+
+
+def budget() -> Iterator[str]:
+    """Yield what the task as it stands asks of the servicer when it has taken the satellite, and what its means give."""
+    task = psmpc.load_task(TASK)
+    body = task.spec.object
+    robot = task.robot
+    mass = sum(each.mass for each in robot.bodies)
+    omega = np.array(body.motion.angular)
+    rate = float(np.linalg.norm(omega))
+    # the servicer turns with the satellite, at a place of the satellite's frame that is across to it at worst
+    place = np.array(task.spec.stages[0].target["base"].object[:3])
+    distance = float(np.linalg.norm(place))
+    reduced = mass * body.mass / (mass + body.mass)
+    spin = float(np.linalg.norm(np.array(body.inertia) * (np.array(matrix(body.pose[3:])).T @ omega)))
+    own = float(max(robot.base.inertia[:3])) * rate
+    limits = task.spec.limits["base"]
+    force, torque = limits.force[0][1], limits.force[3][1]
+    pyramid = 2 * WHEELS * np.cos(np.radians(35))  # in their plane, where two of them help
+    rows = {
+        "rate of the satellite": f"{np.degrees(rate):.1f} deg/s",
+        "momentum of the satellite about its centre": f"{spin:.2f} N m s",
+        "momentum of the servicer's own turn": f"{own:.2f} N m s",
+        "momentum of both about their common centre, on their orbits": f"{reduced * distance**2 * rate:.1f} N m s",
+        "what four wheels of its class store about an axis in their plane": f"{pyramid:.1f} N m s, of {WHEELS} N m s each",
+        "what thrusters turn it back with": f"{torque:g} N m, {(spin + own + reduced * distance**2 * rate) / torque:.1f} s",
+        "speed of the servicer beside the satellite": f"{distance * rate:.3f} m/s",
+        "impulse to get there, and to stop with it": f"{mass * distance * rate:.0f} N s each",
+        "what thrusters push with": f"{force:g} N, {mass * distance * rate / force:.1f} s",
+        "pull at the hands when it stops within 1.5 s": f"{body.mass * distance * rate / 1.5:.1f} N, of two times "
+        f"{body.grasp.strength.pull:g} N",
+    }
+    return markdown(rows.items(), "what", TASK)
+
+
+if __name__ == "__main__":
+    command_line(budget, run, table, draws)

@@ -140,6 +140,12 @@ SECTIONS: Mapping[str, Sequence[Shown]] = {
             " && psmpc plot space.h5 --only states --only snapshots",
             RUN,
         ),
+        Shown(
+            "A tumbling satellite",
+            "psmpc simulate capture_and_detumble --no-figures -o tumbling.h5"
+            " && psmpc plot tumbling.h5 --only snapshots",
+            RUN,
+        ),
     ),
 }
 """What is run, by robot and mission, in the order of the page; a later command may read what an earlier one wrote."""

@@ -181,16 +181,17 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     )
 
 
-def of_driven(spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM) -> ca.Function:
+def of_driven(spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM, base_force: ca.SX | None = None) -> ca.Function:
     """Return a low-level law for a base that does not accelerate as commanded along all of its coordinates.
 
     With the rows of base and joints, and the bias c, paper eq. (3) is
 
         H_bb vdot_b + H_bj vdot_j + c_b = F_b,    H_jb vdot_b + H_jj vdot_j + c_j = F_j.
 
-    Coordinates of the base that are driven accelerate as commanded; on the others, f, no force acts, and they react:
+    Coordinates of the base that are driven accelerate as commanded; on the others, f, a given force w_f acts, by
+    default none, and they react to it and to the joints:
 
-        H_ff vdot_f = -(H_fd u_d + H_fj u_j + c_f),    F_f = 0.
+        H_ff vdot_f = w_f - (H_fd u_d + H_fj u_j + c_f),    F_f = w_f.
 
     All are driven of a free-flying base, none of a free-floating one; where wheels turn the base, those of its turn. A
     fixed base does not accelerate, F_j = H_jj u_j + c_j, and the force of the mount is none of the robot's.
@@ -201,6 +202,8 @@ def of_driven(spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM) -> ca.Fu
         law: Q, v, u, ... -> F (n,), the force under which the robot accelerates by u; linear in u.
         driven: 1 of coordinates of the base that are driven, 0 of others (n_twist,); a symbol is the last argument of
             what is returned.
+        base_force: Force on the base (n_twist,), of which the rows count that are not driven; by default 0. A symbol is
+            the very last argument of what is returned.
     """
     base = configuration_space(spec).base
     Q, v, u, *others = law.sx_in()
@@ -211,12 +214,40 @@ def of_driven(spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM) -> ca.Fu
     if spec.moved_by.moves:
         free = ca.diag(1 - driven)
         H_ff = free @ ca.jacobian(F[base], reaction) @ free + ca.diag(driven)
-        reacts = ca.solve(H_ff, -free @ ca.substitute(F[base], reaction, reacts))
+        missing = -ca.substitute(F[base], reaction, reacts)
+        if base_force is not None:
+            missing += base_force
+        reacts = ca.solve(H_ff, free @ missing)
     F = ca.substitute(F, reaction, reacts)
+    of_base = driven * F[base]
     arguments = dict(zip(law.name_in(), (Q, v, u, *others), strict=True))
     if driven.is_valid_input():
         arguments["driven"] = driven
-    return function("law", arguments, {"F": ca.densify(ca.vertcat(driven * F[base], F[base.stop :]))})
+    if base_force is not None:
+        of_base += (1 - driven) * base_force
+        arguments["base_force"] = base_force
+    return function("law", arguments, {"F": ca.densify(ca.vertcat(of_base, F[base.stop :]))})
+
+
+def of_pushed(spec: RobotSpec, law: ca.Function) -> ca.Function:
+    """Return a low-level law for a base on which another force acts than the law asks for, as that of pulses.
+
+    Under the torques of joints that it returns, and that force, the joints accelerate as commanded. The rows of the
+    base are those of the law: the force that would make the base accelerate as commanded too.
+
+    Args:
+        spec: The robot.
+        law: Q, v, u, ... -> F (n,), the force under which the robot accelerates by u; linear in u.
+
+    Returns:
+        Q, v, u, ..., force on the base (n_twist,) -> F (n,).
+    """
+    base = configuration_space(spec).base
+    base_force = ca.SX.sym("base_force", base.stop)
+    arguments = dict(zip(law.name_in(), law.sx_in(), strict=True))
+    reacting = of_driven(spec, law, ca.DM.zeros(base.stop), base_force)(*arguments.values(), base_force)
+    F = ca.vertcat(law(*arguments.values())[base], reacting[base.stop :])
+    return function("pushed_law", {**arguments, "base_force": base_force}, {"F": F})
 
 
 def _acceleration(spec: RobotSpec, H: ca.SX, force: ca.SX) -> ca.SX:

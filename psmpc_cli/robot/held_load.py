@@ -13,6 +13,7 @@ from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import (
     InertialParameters,
     of_driven,
+    of_pushed,
     point_acceleration,
     solve_spd,
     stored_in,
@@ -46,7 +47,7 @@ class HeldLoad:
         self._model = model
         self.grasps = described_grasps(grippers, grasp)
         self._body = body.vector
-        self._forces: dict[tuple[float, ...], ArrayFunction] = {}
+        self._forces: dict[tuple[float, ...] | None, ArrayFunction] = {}
         self._grippers = grippers
         self._followed: dict[int, ArrayFunction] = {}
         self._terms = ArrayFunction(_chain_terms(model, body, grippers))
@@ -60,6 +61,7 @@ class HeldLoad:
         grasps: np.ndarray | None = None,
         body: np.ndarray | None = None,
         driven: tuple[float, ...] | None = None,
+        base_force: np.ndarray | None = None,
     ) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] for an acceleration u (n,).
 
@@ -73,14 +75,21 @@ class HeldLoad:
             body: Mass and principal moments of the object; by default as the task has them.
             driven: On which coordinates of the base something acts, see `RobotModel.driven`; by default as the robot's
                 description says.
+            base_force: Force that acts on the base, whatever is commanded, see `LowLevelLaw.force` (2, n_twist).
         """
-        driven = driven or self._model.driven()
-        if driven not in self._forces:
-            self._forces[driven] = ArrayFunction(held_force(self._model, self._grippers, driven))
+        is_pushed = base_force is not None
+        key = None if is_pushed else driven or self._model.driven()
+        if key not in self._forces:
+            self._forces[key] = ArrayFunction(
+                pushed_held_force(self._model, self._grippers)
+                if is_pushed
+                else held_force(self._model, self._grippers, key)
+            )
         grasps = self.grasps if grasps is None else grasps
         body = self._body if body is None else body
         parameters = (law or self._model.nominal).vector
-        return np.asarray(self._forces[driven](Q, v, u, grasps.ravel(), parameters, body)[0][0])
+        of_base = () if base_force is None else tuple(base_force)
+        return np.asarray(self._forces[key](Q, v, u, grasps.ravel(), parameters, body, *of_base)[0][0])
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.
@@ -153,6 +162,38 @@ def held_force(model: RobotModel, grippers: Sequence[str], driven: tuple[float, 
         return of_driven(model.spec, held_force(model, grippers), ca.DM(driven))
 
     return model.derived((held_force, tuple(grippers), driven), derive)
+
+
+def pushed_held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+    """Return `held_force` where other forces act on the base than it asks for; see `of_pushed`.
+
+    Its further arguments are the force on the base now, w, and the mean over a period of pulses, w_m, (n_twist,) each.
+    The motion of the base does not strain the object: u_j is what the joints follow, whatever the base does. Robot and
+    object together react to the mean. Grasps are elastic, and the object is behind what is shorter than they take to
+    deflect: the robot alone reacts to the difference,
+
+        F_j = F_j of robot and object under w_m + H_jb H_bb^-1 (w - w_m).
+
+    Torques for all of w at once would throw the hands against the grasps at both ends of every pulse.
+
+    Args:
+        model: The robot.
+        grippers: Those that hold the object.
+    """
+
+    def derive() -> ca.Function:
+        held = held_force(model, grippers)
+        base = model.space.base
+        joints = model.space.joint_rates
+        Q, v, u, grasps, w, body = held.sx_in()
+        now, mean = (ca.SX.sym(name, base.stop) for name in ("now", "mean"))
+        F = of_pushed(model.spec, held)(Q, v, u, grasps, w, body, mean)
+        alone = model.law((1.0,) * base.stop)(Q, v, u, w)
+        pushed = model.pushed_law(Q, v, u, w, alone[base] + now - mean)
+        F[joints] += pushed[joints] - alone[joints]
+        return ca.Function("pushed_held", [Q, v, u, grasps, w, body, now, mean], [ca.cse(F)])
+
+    return model.derived((pushed_held_force, tuple(grippers)), derive)
 
 
 def held_momentum(model: RobotModel, grippers: Sequence[str]) -> ca.Function:

@@ -61,6 +61,7 @@ class LowLevelLaw:
         grasps: np.ndarray | None = None,
         parameters: InertialParameters | None = None,
         driven: tuple[float, ...] | None = None,
+        base_force: np.ndarray | None = None,
     ) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] over a tick.
 
@@ -75,11 +76,21 @@ class LowLevelLaw:
             grasps: Of the object that all hands hold; None while they do not.
             parameters: Inertial parameters that the law has for the robot's; by default its own.
             driven: On which coordinates of the base something acts in this tick; by default its own.
+            base_force: Force that acts on the base in this tick, as that of pulses, and its mean over their period, the
+                moments in space about the base's axes (2, n_twist); by default the one that is returned. The torques of
+                joints are those under which they accelerate as commanded all the same. The rows of the base are not
+                changed by it. The mean counts for a known load alone, see `pushed_held_force`.
         """
         parameters = parameters or self.parameters
-        if twist_rates is not None:
-            return self.model.task_space_force(Q, v, twist_rates, parameters)
-        return self.model.computed_torque(Q, v, u, parameters, driven or self.driven)
+        if twist_rates is None:
+            now = None if base_force is None else base_force[0]
+            return self.model.computed_torque(Q, v, u, parameters, driven or self.driven, now)
+        F = self.model.task_space_force(Q, v, twist_rates, parameters)
+        if base_force is not None:
+            u = self.model.task_space_acceleration(Q, v, twist_rates, parameters)
+            joints = self.model.space.joint_rates
+            F[joints] = self.model.computed_torque(Q, v, u, parameters, base_force=base_force[0])[joints]
+        return F
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones, see `HeldLoad.followed`."""
@@ -110,11 +121,13 @@ class LoadedLaw(LowLevelLaw):
         grasps: np.ndarray | None = None,
         parameters: InertialParameters | None = None,
         driven: tuple[float, ...] | None = None,
+        base_force: np.ndarray | None = None,
     ) -> np.ndarray:
         """Compute the force of the closed chain while all hands hold the object."""
         if grasps is None:
-            return super().force(Q, v, u, twist_rates, grasps, parameters, driven)
-        return self._load.force(Q, v, u, parameters or self.parameters, grasps, self.load, driven or self.driven)
+            return super().force(Q, v, u, twist_rates, grasps, parameters, driven, base_force)
+        robot = parameters or self.parameters
+        return self._load.force(Q, v, u, robot, grasps, self.load, driven or self.driven, base_force)
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return what the closed chain leaves of the commanded accelerations."""

@@ -21,6 +21,7 @@ from psmpc_cli.robot.dynamics import (
     derive_task_space_dynamics,
     function,
     of_driven,
+    of_pushed,
     stored_in,
 )
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
@@ -156,6 +157,12 @@ class RobotModel:
             return of_driven(self.spec, self.law((1.0,) * len(driven)), ca.DM(driven))
         Q, v, u, w = self.dynamics.inverse.sx_in()
         return function("law", {"Q": Q, "v": v, "u": u, "w": w}, {"F": self.dynamics.inverse(Q, v, u, w)})
+
+    @property
+    def pushed_law(self) -> ca.Function:
+        """Q, v, u, w, force on the base (n_twist,) -> F (n,), where that force acts on it; see `of_pushed`."""
+        every = (1.0,) * self.space.n_twist
+        return self.derived(("pushed law",), lambda: of_pushed(self.spec, self.law(every)))
 
     def law_jacobian(self, driven: tuple[float, ...] | None = None) -> ca.Function:
         """Return joints, v, u, w -> the derivatives of `law` by [joints; v; u] (n, joints + 2n), base at neutral.
@@ -338,6 +345,7 @@ class RobotModel:
         u: ArrayLike,
         parameters: InertialParameters | None = None,
         driven: tuple[float, ...] | None = None,
+        base_force: ArrayLike | None = None,
     ) -> Array:
         """Return the generalized force, (n,) [N, N m], that gives actuated coordinates accelerations u (n,). Eq. (7).
 
@@ -350,7 +358,11 @@ class RobotModel:
             u: Accelerations (n,).
             parameters: Inertial parameters of the robot; by default its own.
             driven: On which coordinates of the base something acts, see `driven`; by default as its description says.
+            base_force: Force that acts on the base, whatever is commanded, its moment in space about the base's axes
+                (n_twist,) [N, N m]; see `of_pushed` for what is then returned. By default that of the law.
         """
+        if base_force is not None:
+            return self._evaluate("pushed_law", Q, v, u, self._parameter_vector(parameters), base_force)
         return self._evaluate(driven or self.driven(), Q, v, u, self._parameter_vector(parameters))
 
     def task_space_force(
@@ -457,6 +469,8 @@ class RobotModel:
             return self.law(name)
         if name == "g":
             return self.g
+        if name == "pushed_law":
+            return self.pushed_law
         if name in ("J_C", "twists"):
             return self._of_velocity[name]
         if name in ("task_law", "task_acceleration"):

@@ -170,7 +170,7 @@ class ForceLimits:
         return np.asarray(np.clip(in_base_axes, self.low[base], self.high[base]))
 
     def holding_base(self, wrenches: np.ndarray) -> np.ndarray:
-        """Return the vectors (K, 2n) of these limits with which the base has exactly certain wrenches along its axes.
+        """Return the vectors (K, 2n) of these limits with which the base has exactly given wrenches along its axes.
 
         Args:
             wrenches: The wrenches (K, 3) or (K, 6) [N, N m].
@@ -337,12 +337,13 @@ class TickedPlant(ABC):
                 parameters=disturbance.law if drive is None else disturbance.law.storing(drive.stored),
                 driven=of_base,
             )
-            commanded[k] = following(u[k], twist_rates=None if twist_rates is None else twist_rates[k])
+            rates_of_tick = None if twist_rates is None else twist_rates[k]
+            commanded[k] = following(u[k], twist_rates=rates_of_tick)
             if drive is not None:
                 commanded[k] = drive.commanded(commanded[k], of_base)
-            F[k] = commanded[k]
             limits = self.force_limits
             if limits is not None and self.firing is not None:
+                self.firing.count_with_load(grasps is not None and law.grasps is not None)
                 span = self.firing.span(driven, k, M)
                 if span.begins:
                     rates = None if twist_rates is None else twist_rates[span.ticks].mean(axis=0)
@@ -352,11 +353,14 @@ class TickedPlant(ABC):
                     self.firing.begin(limits.on_base(space, states[k : k + 1, :nq], wanted[None])[0])
                 on_base = limits.on_base(space, states[k : k + 1, :nq], commanded[k : k + 1])
                 if span.is_pushed:
-                    (held,) = limits.holding_base(self.firing.wrenches(1))
+                    wrench = self.firing.wrenches(1)
+                    base_force = np.array([self._on_base(Q, each) for each in (wrench[0], self.firing.mean)])
+                    pushed = following(u[k], twist_rates=rates_of_tick, base_force=base_force)
+                    commanded[k, space.joint_rates] = pushed[space.joint_rates]
+                    (held,) = limits.holding_base(wrench)
                     limits = ForceLimits(*np.split(held, 2))
                 self.firing.pass_ticks(on_base, span.is_pushed)
-            if limits is not None:
-                F[k] = limits.limited(space, states[k, :nq], commanded[k])
+            F[k] = commanded[k] if limits is None else limits.limited(space, states[k, :nq], commanded[k])
             if drive is not None:
                 F[k] = drive.begin_tick(F[k], of_base)
             external_force[k] = F[k] if drive is None else drive.of_thrusters(F[k])
@@ -375,6 +379,12 @@ class TickedPlant(ABC):
             thrusters=None if self.firing is None else self.firing.end_sample(),
             wheels=None if drive is None else drive.end_sample(),
         )
+
+    def _on_base(self, Q: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+        """Return the generalized force (n_twist,) of a wrench of thrusters, less what unloads wheels in this tick."""
+        space = self.model.space
+        F = np.array(space.along_inertial_axes(Q, [*wrench, *np.zeros(space.joints)]))
+        return (F if self.drive is None else self.drive.against_unloading(F))[space.base]
 
     @abstractmethod
     def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from psmpc_cli.plant.wheels import WheelDrive
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import of_driven, with_stored
 from psmpc_cli.robot.free_body import FreeBody
-from psmpc_cli.robot.held_load import held_force
+from psmpc_cli.robot.held_load import held_force, pushed_held_force
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.wheels import Wheels, by_expressions
@@ -29,7 +29,7 @@ class Rk4Plant:
     With friction it is a disturbed plant: all that differs from what the controller knows is an argument of one
     function, so every draw, with and without a payload, runs the same code. Without one these arguments are constants.
     Force limits are an argument where there are any. With thrusters the ticks of a period of pulses are one call, with
-    the limits of the force on the base at what they give.
+    the limits of the force on the base at what they give, which the law then counts with.
     """
 
     def __init__(
@@ -51,9 +51,9 @@ class Rk4Plant:
         self.drive = drive
         self._native = native
         self._substeps = substeps
-        self._ticks: dict[tuple[bool, bool], ca.Function] = {}
-        self._sample: dict[tuple[int, bool, bool], ArrayFunction] = {}
-        self._tick_by(in_task_space=False)
+        self._ticks: dict[tuple[bool, bool, bool], ca.Function] = {}
+        self._sample: dict[tuple[int, bool, bool, bool], ArrayFunction] = {}
+        self._tick_by(in_task_space=False, is_pushed=firing is not None)
 
     def advance(
         self,
@@ -84,10 +84,13 @@ class Rk4Plant:
             by_tick = disturbance.noise, disturbance.external_force
             parameters = (np.concatenate([disturbance.robot.vector, disturbance.law.vector, self.friction.vector]),)
 
-        def over(first: int, inputs: np.ndarray, z: np.ndarray, limits: tuple[np.ndarray, ...]) -> list[np.ndarray]:
+        def over(
+            first: int, inputs: np.ndarray, z: np.ndarray, limits: tuple[np.ndarray, ...], is_pushed: bool = False
+        ) -> list[np.ndarray]:
             chosen = slice(first, first + len(inputs))
             what_differs = *(values[chosen] for values in by_tick), *parameters
-            return self._over(len(inputs), in_task_space, driven is not None)(z, inputs, *what_differs, *limits)
+            of_ticks = self._over(len(inputs), in_task_space, driven is not None, is_pushed)
+            return of_ticks(z, inputs, *what_differs, *limits)
 
         sums = self.model.parts["base"].stop + 1
         z = np.concatenate([state, np.zeros(sums), _momenta(self.model, self.drive)])
@@ -115,7 +118,7 @@ class Rk4Plant:
         inputs: np.ndarray,
         driven: np.ndarray | None,
         z: np.ndarray,
-        over: Callable[[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...]], list[np.ndarray]],
+        over: Callable[[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...], bool], list[np.ndarray]],
     ) -> list[np.ndarray]:
         """Return what `over` does of all ticks, under what thrusters give in each period of pulses.
 
@@ -125,8 +128,8 @@ class Rk4Plant:
             inputs: What the law follows at the ticks of the sample.
             driven: Whether something acts on each coordinate of the base, see `Plant.advance`.
             z: Integrated state at its beginning.
-            over: First tick, inputs of ticks, integrated state, limits -> integrated states, forces applied and
-                commanded, a row a tick each.
+            over: First tick, inputs of ticks, integrated state, limits, whether thrusters push the base -> integrated
+                states, forces applied and commanded, a row a tick each.
         """
         parts = []
         k = 0
@@ -134,12 +137,12 @@ class Rk4Plant:
             span = firing.span(driven, k, len(inputs))
             if span.begins:
                 mean = inputs[span.ticks].mean(axis=0)
-                _, _, wanted, *_ = over(k, mean[None], z, (force_limits.vector,))
+                _, _, wanted, *_ = over(k, mean[None], z, (_without_thrust(force_limits, firing),), True)
                 firing.begin(force_limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
             limits = force_limits.vector
             if span.is_pushed:
-                limits = force_limits.holding_base(firing.wrenches(span.count))
-            Z, F, commanded, *torque = over(k, inputs[span.ticks], z, (limits,))
+                limits = _under_thrust(force_limits, firing, span.count)
+            Z, F, commanded, *torque = over(k, inputs[span.ticks], z, (limits,), span.is_pushed)
             before = np.vstack([z, Z[:-1]])[:, : self.model.nq]
             firing.pass_ticks(force_limits.on_base(self.model.space, before, commanded), span.is_pushed)
             parts.append((Z, F, commanded, *torque))
@@ -147,16 +150,16 @@ class Rk4Plant:
             k += span.count
         return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
 
-    def _over(self, ticks: int, in_task_space: bool, varies: bool) -> ArrayFunction:
+    def _over(self, ticks: int, in_task_space: bool, varies: bool, is_pushed: bool) -> ArrayFunction:
         """Return the function of so many ticks, built on first use."""
-        key = ticks, in_task_space, varies
+        key = ticks, in_task_space, varies, is_pushed
         if key not in self._sample:
-            self._sample[key] = ArrayFunction(self._tick_by(in_task_space, varies).mapaccum(ticks))
+            self._sample[key] = ArrayFunction(self._tick_by(in_task_space, varies, is_pushed).mapaccum(ticks))
         return self._sample[key]
 
-    def _tick_by(self, in_task_space: bool, varies: bool = False) -> ca.Function:
-        """Return one tick under one of the two laws, what of the base is driven an input or not, built on first use."""
-        key = in_task_space, varies
+    def _tick_by(self, in_task_space: bool, varies: bool = False, is_pushed: bool = False) -> ca.Function:
+        """Return one tick as `tick_function` has it, built on first use."""
+        key = in_task_space, varies, is_pushed
         if key not in self._ticks:
             disturbed = self.friction is not None
             limited = self.force_limits is not None
@@ -193,7 +196,7 @@ class Rk4CapturePlant:
         self.drive = drive
         self._native = native
         self._substeps = substeps
-        self._ticks: dict[tuple[int, bool, bool], ArrayFunction] = {}
+        self._ticks: dict[tuple[int, bool, bool, bool], ArrayFunction] = {}
 
     def advance(
         self,
@@ -239,20 +242,28 @@ class Rk4CapturePlant:
             held: tuple[np.ndarray, ...] = limits
             span = None
             if self.firing is not None and self.force_limits is not None:
+                self.firing.count_with_load(bool(capture.spec.known and capture.closed.all()))
                 span = self.firing.span(driven, k, ticks.stop)
                 Q = states[k : k + 1, : model.nq]
                 if span.begins:
                     mean = inputs[span.ticks].mean(axis=0)
                     noise_now = tuple(values[:1] for values in noise)
-                    _, _, commanded[k : k + 1], *_ = self._over(1, *of_law)(
-                        z, mean, *noise_now, disturbance.external_force[k], grasps, p, *limits
+                    _, _, commanded[k : k + 1], *_ = self._over(1, *of_law, is_pushed=True)(
+                        z,
+                        mean,
+                        *noise_now,
+                        disturbance.external_force[k],
+                        grasps,
+                        p,
+                        _without_thrust(self.force_limits, self.firing),
                     )
                     self.firing.begin(self.force_limits.on_base(model.space, Q, commanded[k : k + 1])[0])
                 ticks = span.ticks
                 noise = tuple(values[: span.count] for values in noise)
                 if span.is_pushed:
-                    held = (self.force_limits.holding_base(self.firing.wrenches(span.count)),)
-            Z, F[ticks], commanded[ticks], wrench, *torque = self._over(ticks.stop - k, *of_law)(
+                    held = (_under_thrust(self.force_limits, self.firing, span.count),)
+            is_pushed = span is not None and span.is_pushed
+            Z, F[ticks], commanded[ticks], wrench, *torque = self._over(ticks.stop - k, *of_law, is_pushed=is_pushed)(
                 z, inputs[ticks], *noise, disturbance.external_force[ticks], grasps, p, *held
             )
             sizes = [nx, base + 1, len(h), len(capture.state)]
@@ -286,13 +297,13 @@ class Rk4CapturePlant:
             wheels=None if self.drive is None else self.drive.end_sample(),
         )
 
-    def _over(self, ticks: int, in_task_space: bool, varies: bool) -> ArrayFunction:
+    def _over(self, ticks: int, in_task_space: bool, varies: bool, is_pushed: bool) -> ArrayFunction:
         """Return the function of so many ticks, built on first use."""
-        key = ticks, in_task_space, varies
+        key = ticks, in_task_space, varies, is_pushed
         if key not in self._ticks:
             disturbed = self.friction is not None
             limited = self.force_limits is not None
-            one = capture_tick(self.capture, self._substeps, disturbed, limited, in_task_space, varies)
+            one = capture_tick(self.capture, self._substeps, disturbed, limited, *key[1:])
             self._ticks[key] = ArrayFunction((compiled(one) if self._native else one).mapaccum(ticks))
         return self._ticks[key]
 
@@ -304,6 +315,7 @@ def capture_tick(
     limited: bool,
     in_task_space: bool = False,
     varies: bool = False,
+    is_pushed: bool = False,
 ) -> ca.Function:
     """Return one tick z, u -> z_next, F, commanded F, wrenches, torques of wheels.
 
@@ -312,10 +324,11 @@ def capture_tick(
     (2n,) of a disturbed tick; external force (n,); parameters of the bushings, then which of them are closed; the
     inertial parameters of the robot and of the law, a `JointFriction`, the object and what the law knows of it, and the
     filter of the loads; the vector of `ForceLimits` of a limited tick. Wrenches and loads are those at the beginning of
-    the tick. The object counts in the law while all grippers hold it, where it is known.
+    the tick. The object counts in the law while all grippers hold it, where it is known. See `tick_function` for a tick
+    in which thrusters push the base.
     """
     law = capture.law
-    of_plant = capture.tick, substeps, disturbed, limited, in_task_space, varies
+    of_plant = capture.tick, substeps, disturbed, limited, in_task_space, varies, is_pushed
     key = capture_tick, law.grippers, bool(capture.spec.known), *of_plant
     return law.model.derived(key, lambda: _capture_tick(law, bool(capture.spec.known), *of_plant))
 
@@ -329,6 +342,7 @@ def _capture_tick(
     limited: bool,
     in_task_space: bool,
     varies: bool,
+    is_pushed: bool,
 ) -> ca.Function:
     """Derive what `capture_tick` returns."""
     model = law.model
@@ -347,7 +361,7 @@ def _capture_tick(
         "push": n,
         "grasps": (law.parameters + 1) * grippers,
         "p": 2 * w + 2 * n + 1 + 2 * of_body + 1,
-        "limits": 2 * n,
+        "limits": 2 * n + model.space.n_twist * is_pushed,
     }
     z, u, noise, push, grasps, p, limits = (ca.MX.sym(name, size) for name, size in sizes.items())
     moving, filtered = ca.vertsplit(z, [0, flow.size1_in(0), sizes["z"]])
@@ -371,9 +385,14 @@ def _capture_tick(
     if wheels.count:
         believed = with_stored(model.spec, believed, ca.DM(wheels.axes) @ momenta)
     inputs = *ca.vertsplit(u, [0, n, n + rates, n + rates + driven]), stiff, believed, described
-    commanded = _law(law, known, in_task_space, varies)(ca.mmin(closed), *measured, *inputs)
+    if is_pushed:
+        on_base = _force_on_base(model, wheels, tick)
+        inputs = *inputs, ca.vertcat(*(on_base(measured[0], wrench, momenta) for wrench in _thrust(model, limits)))
+    commanded = _law(law, known, in_task_space, varies, is_pushed)(ca.mmin(closed), *measured, *inputs)
     of_base = u[n + rates :] if varies else ca.DM(model.driven())
-    commanded, F, external, torque = _with_wheels(model, wheels, tick, limited)(Q, commanded, limits, momenta, of_base)
+    commanded, F, external, torque = _with_wheels(model, wheels, tick, limited)(
+        Q, commanded, limits[: 2 * n], momenta, of_base
+    )
     acting = ca.vertcat(external + push, torque)
     held_arguments = [acting, bushings, ca.vertcat(robot, friction, body)]
     attitudes = model.space.attitudes_at(0, flow.size1_in(0) - sum(law.sizes))
@@ -426,11 +445,23 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     return ca.Function("flow", [z, F, g, p], [zdot])
 
 
-def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool, varies: bool) -> ca.Function:
+def _under_thrust(limits: ForceLimits, firing: ThrusterFiring, ticks: int) -> np.ndarray:
+    """Return the limits of ticks in which thrusters push the base, as `tick_function` takes them (ticks, 2n + d)."""
+    return np.hstack([limits.holding_base(firing.wrenches(ticks)), np.tile(firing.mean, (ticks, 1))])
+
+
+def _without_thrust(limits: ForceLimits, firing: ThrusterFiring) -> np.ndarray:
+    """Return the same of one tick in which no thruster fires (1, 2n + d): the law then says what it asks for."""
+    none = np.zeros((1, len(firing.mean)))
+    return np.hstack([limits.holding_base(none), none])
+
+
+def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool, varies: bool, is_pushed: bool) -> ca.Function:
     """Return the low-level law: all hold, Q, v, u and more -> F (n,).
 
-    More are rates in task space, what of the base is driven if that varies, grasps, inertial parameters, object. While
-    all grippers hold an object that is known, the force is that of `held_force`.
+    More are rates in task space, what of the base is driven if that varies, grasps, inertial parameters, object, and
+    where thrusters push the base the force on it and its mean over the period of pulses. While all grippers hold an
+    object that is known, the force is that of `held_force`.
     """
     model = of_grasps.model
     space = model.space
@@ -443,18 +474,27 @@ def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool, varies: bool) ->
         "grasps": (space.n_pose + 2) * len(of_grasps.grippers),
         "w": model.nominal.vector.size,
         "body": 1 + space.n_principal,
+        "base_force": 2 * space.n_twist * is_pushed,
     }
-    Q, v, u, rates, driven, grasps, w, body = arguments = [ca.SX.sym(name, size) for name, size in sizes.items()]
+    arguments = [ca.SX.sym(name, size) for name, size in sizes.items()]
+    Q, v, u, rates, driven, grasps, w, body, base_force = arguments
     of_base = [driven] if varies else []
-    F = model.task_space.law(Q, v, rates, w) if in_task_space else law_of(model, varies)(Q, v, u, w, *of_base)
+    now_and_mean = ca.vertsplit(base_force, space.n_twist) if is_pushed else []
+    if is_pushed:
+        of_base = now_and_mean[:1]
+    F = law_of(model, in_task_space, varies, is_pushed)(Q, v, rates if in_task_space else u, w, *of_base)
+    if not is_pushed:
+        arguments = arguments[:-1]
     if not known:
         return ca.Function("law", [ca.SX.sym("all_hold"), *arguments], [F])
     free = ca.Function("free", arguments, [F])
-    if varies:
+    if is_pushed:
+        loaded = pushed_held_force(model, of_grasps.grippers)
+    elif varies:
         loaded = of_driven(model.spec, held_force(model, of_grasps.grippers), driven)
     else:
         loaded = held_force(model, of_grasps.grippers, model.driven())
-    held = loaded(Q, v, u, grasps, w, body, *of_base)
+    held = loaded(Q, v, u, grasps, w, body, *(now_and_mean or of_base))
     return ca.Function.if_else("law", ca.Function("loaded", arguments, [held]), free)
 
 
@@ -466,12 +506,53 @@ def _measured(model: RobotModel) -> ca.Function:
     return ca.Function("measured", [state, noise], [ca.vertcat(Q, state[model.nq :] + noise[n:])])
 
 
-def law_of(model: RobotModel, varies: bool) -> ca.Function:
-    """Return the computed torque Q, v, u, w -> F (n,), what of the base is driven its last argument if that varies."""
+def law_of(model: RobotModel, in_task_space: bool, varies: bool, is_pushed: bool) -> ca.Function:
+    """Return the low-level law Q, v, u, w -> F (n,) of a robot that holds nothing.
+
+    Its last argument is the force on the base where thrusters push it, or else what of the base is driven if that
+    varies. In task space the rates of the frames' velocities take the place of u.
+    """
+    if in_task_space:
+        return _pushed_task_law(model) if is_pushed else model.task_space.law
+    if is_pushed:
+        return model.pushed_law
     if not varies:
         return model.law()
     every = (1.0,) * model.space.n_twist
     return of_driven(model.spec, model.law(every), ca.SX.sym("driven", model.space.n_twist))
+
+
+def _pushed_task_law(model: RobotModel) -> ca.Function:
+    """Return Q, v, rates, w, force on the base -> F (n,), of joints under which they accelerate as in task space."""
+    task_space = model.task_space
+    motion = task_space.law.sx_in()
+    base_force = ca.SX.sym("base_force", model.space.n_twist)
+    Q, v, _, w = motion
+    pushed = model.pushed_law(Q, v, task_space.acceleration(*motion), w, base_force)
+    asked = task_space.law(*motion)
+    F = ca.vertcat(asked[model.space.base], pushed[model.space.joint_rates])
+    return ca.Function("pushed_task_law", [*motion, base_force], [ca.cse(F)])
+
+
+def _force_on_base(model: RobotModel, wheels: Wheels, tick: float) -> ca.Function:
+    """Return Q, wrench of thrusters along the base's axes, momenta -> generalized force on the base (n_twist,).
+
+    It is what motors that unload wheels leave of the wrench; see `WheelDrive.against_unloading`.
+    """
+    space = model.space
+    sizes = ("Q", model.nq), ("wrench", space.n_twist), ("momenta", wheels.count)
+    Q, wrench, momenta = (ca.SX.sym(*size) for size in sizes)
+    components = [*ca.vertsplit(wrench), *np.zeros(space.joints)]
+    force = ca.vertcat(*space.along_inertial_axes(ca.vertsplit(Q), components))
+    if wheels.count:
+        torques = wheels.unloading_torques(ca.vertsplit(momenta), tick, by_expressions)
+        force[space.rotation] -= ca.vertcat(*wheels.along_base(torques))
+    return ca.Function("force_on_base", [Q, wrench, momenta], [ca.cse(force[space.base])])
+
+
+def _thrust(model: RobotModel, limits: ca.MX) -> list[ca.MX]:
+    """Return the wrench of thrusters and its mean over the period, which the limits of a tick have."""
+    return [limits[: model.space.n_twist], limits[2 * model.n :]]
 
 
 def tick_function(
@@ -482,6 +563,7 @@ def tick_function(
     limited: bool,
     in_task_space: bool = False,
     varies: bool = False,
+    is_pushed: bool = False,
 ) -> ca.Function:
     """Return one tick z, u -> z_next, F, torques of wheels: the law (7) sets F once.
 
@@ -492,29 +574,45 @@ def tick_function(
 
     A disturbed one has the further arguments noise (2n,), external force (n,) and p: the inertial parameters of the
     robot and of the law, then the vector of a `JointFriction`. A limited one has the vector of `ForceLimits` last, and
-    returns after F also the force that the law commanded, before it was cut there.
+    returns after F also the force that the law commanded, before it was cut there. Where thrusters push the base the
+    limits are those of `ForceLimits.holding_base`, and behind them stands the mean wrench of the period (n_twist,): the
+    torques of the joints are those for the one and the other, see `LowLevelLaw.force`.
     """
-    of_plant = tick, substeps, disturbed, limited, in_task_space, varies
+    of_plant = tick, substeps, disturbed, limited, in_task_space, varies, is_pushed
     return model.derived((tick_function, *of_plant), lambda: _tick_function(model, *of_plant))
 
 
 def _tick_function(
-    model: RobotModel, tick: float, substeps: int, disturbed: bool, limited: bool, in_task_space: bool, varies: bool
+    model: RobotModel,
+    tick: float,
+    substeps: int,
+    disturbed: bool,
+    limited: bool,
+    in_task_space: bool,
+    varies: bool,
+    is_pushed: bool,
 ) -> ca.Function:
     """Derive what `tick_function` returns."""
     n = model.n
     nx = model.nq + model.n
-    law, flow = _law_and_flow(model, disturbed, in_task_space, varies)
+    law, flow = _law_and_flow(model, tick, disturbed, in_task_space, varies, is_pushed)
     wheels = Wheels.of(model.spec)
-    sizes = ("z", flow.size1_in(0)), ("u", law.size1_in(1)), ("noise", 2 * n), ("push", n), ("limits", 2 * n)
+    sizes = (
+        ("z", flow.size1_in(0)),
+        ("u", law.size1_in(1)),
+        ("noise", 2 * n),
+        ("push", n),
+        ("limits", 2 * n + model.space.n_twist * is_pushed),
+    )
     z, u, noise, external_force, limits = (ca.MX.sym(*size) for size in sizes)
     p = ca.MX.sym("p", flow.size1_in(2) if disturbed else 0)
     momenta = z[z.numel() - wheels.count :]
     seen = ca.vertcat(z[:nx], momenta) if wheels.count else z[:nx]
-    commanded = law(seen, u, noise, p) if disturbed else law(seen, u)
+    pushes = _thrust(model, limits)[:1] if is_pushed else []
+    commanded = law(seen, u, *([noise, p] if disturbed else []), *pushes)
     of_base = u[u.numel() - model.space.n_twist :] if varies else ca.DM(model.driven())
     commanded, F, external, torque = _with_wheels(model, wheels, tick, limited)(
-        z[: model.nq], commanded, limits, momenta, of_base
+        z[: model.nq], commanded, limits[: 2 * n], momenta, of_base
     )
     held = [ca.vertcat(external + external_force, torque), p] if disturbed else [ca.vertcat(external, torque)]
     after = _runge_kutta(flow, z, held, tick, substeps, model.space.attitudes_at(0))
@@ -618,11 +716,12 @@ def _recorded(drive: WheelDrive, momenta: np.ndarray, torques: np.ndarray) -> Wh
 
 
 def _law_and_flow(
-    model: RobotModel, disturbed: bool, in_task_space: bool, varies: bool
+    model: RobotModel, tick: float, disturbed: bool, in_task_space: bool, varies: bool, is_pushed: bool
 ) -> tuple[ca.Function, ca.Function]:
     """Return the low-level law state, u, noise, p -> F, and the rate of z at z, F, p with the external force in F.
 
-    The state is followed by momenta of wheels, and F by their torques, see `_gyrostat`.
+    The state is followed by momenta of wheels, and F by their torques, see `_gyrostat`. Where thrusters push the base
+    the last argument of the law is their wrench along its axes.
     Of an undisturbed plant noise and p are constant, and no arguments. Friction acts between the links: it does work,
     but has no impulse on the whole. The flow is called, not written out, in each stage of an integration step: as C it
     compiles in a third of the time.
@@ -634,7 +733,7 @@ def _law_and_flow(
     nominal = np.concatenate([w, w, JointFriction.none(n).vector])
     p = ca.SX.sym("p", nominal.size) if disturbed else ca.SX(nominal)
     robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
-    of_inputs = model.task_space.law if in_task_space else law_of(model, varies)
+    of_inputs = law_of(model, in_task_space, varies, is_pushed)
     driven = model.space.n_twist * varies
     wheels = Wheels.of(model.spec)
     sizes = (
@@ -653,6 +752,10 @@ def _law_and_flow(
         measured_Q = _integrated(model.space, measured_Q, noise[:n])
         measured_v = measured_v + noise[n:]
     of_base = [u[u.numel() - driven :]] if varies else []
+    wrench = ca.SX.sym("wrench", model.space.n_twist * is_pushed)
+    pushes = [wrench] if is_pushed else []
+    if is_pushed:
+        of_base = [_force_on_base(model, wheels, tick)(measured_Q, wrench, state[nq + n :])]
     commanded = of_inputs(measured_Q, measured_v, u[: u.numel() - driven], believed, *of_base)
     Q = z[:nq]
     v = z[nq : nq + n]
@@ -663,11 +766,12 @@ def _law_and_flow(
     external = (
         F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot)
     )  # that of the mount
-    wrench = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external))
-    rate = ca.vertcat(*Qdot, vdot, *wrench, ca.dot(acting, v) + power, torque)
+    impulse_rate = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external))
+    rate = ca.vertcat(*Qdot, vdot, *impulse_rate, ca.dot(acting, v) + power, torque)
     if not disturbed:
-        return ca.Function("law", [state, u], ca.cse([commanded])), ca.Function("flow", [z, F], ca.cse([rate]))
-    return ca.Function("law", [state, u, noise, p], [commanded]), ca.Function("flow", [z, F, p], [rate])
+        law = ca.Function("law", [state, u, *pushes], ca.cse([commanded]))
+        return law, ca.Function("flow", [z, F], ca.cse([rate]))
+    return ca.Function("law", [state, u, noise, p, *pushes], [commanded]), ca.Function("flow", [z, F, p], [rate])
 
 
 def _integrated(space: ConfigurationSpace, Q: ca.SX, step: ca.SX) -> ca.SX:

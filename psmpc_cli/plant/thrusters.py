@@ -5,6 +5,7 @@ goes on after the sample, the mean over what is left of the sample, since no mor
 its impulse and what is owed from before: what pulses gave too little or too much because they last whole ticks and no
 shorter than the shortest, and what the law's wrench was besides. A part that no thrusts can give is refused, and not
 owed. So the impulse of the pulses follows that of the law, and differs from it by no more than some shortest pulses.
+Where the law begins to count with a load, or no longer does, it asks for another wrench: a new period begins.
 """
 
 from dataclasses import dataclass
@@ -71,6 +72,7 @@ class ThrusterFiring:
     Attributes:
         thrusters: The thrusters.
         period: Number of ticks in which each fires at most one pulse.
+        mean: Mean wrench over the period that has begun (d,) [N, N m].
     """
 
     def __init__(self, thrusters: Thrusters, period: int, tick: float, pulsed: bool = True) -> None:
@@ -88,8 +90,12 @@ class ThrusterFiring:
         self._pulsed = pulsed
         self._owed = np.zeros(len(thrusters.wrenches))
         self._refused = np.zeros_like(self._owed)
+        self._length = period  # ticks of the period that begins next
         self._thrusts = np.zeros((0, thrusters.count))  # over the ticks that are left of the period
-        self._fires = np.zeros(thrusters.count, bool)  # at the last tick
+        self.mean = np.zeros_like(self._owed)
+        self._kept = self._thrusts  # of pulses of the period before that have not ended, over the next ticks
+        self._is_loaded = False
+        self._fires = np.zeros(thrusters.count, bool)  # at the last tick of the sample before
         self._rows: list[np.ndarray] = []  # thrusts over the ticks of the sample
         self._is_shut: np.ndarray | None = None  # at its ticks that are left
         self._shut = np.zeros(thrusters.count)  # over its ticks, on average
@@ -113,13 +119,32 @@ class ThrusterFiring:
             last: The one after the last that is asked for.
         """
         if driven is None:
-            return FiringSpan(first, min(first + (self.ticks_left or self.period), last), True, not self.ticks_left)
+            return FiringSpan(first, min(first + (self.ticks_left or self._length), last), True, not self.ticks_left)
         pushed = driven[first:last, 0] > 0
         others = np.flatnonzero(pushed != pushed[0])
         end = first + int(others[0]) if others.size else last
         if not pushed[0]:
             return FiringSpan(first, end, False, False)
-        return FiringSpan(first, min(first + (self.ticks_left or self.period), end), True, not self.ticks_left)
+        return FiringSpan(first, min(first + (self.ticks_left or self._length), end), True, not self.ticks_left)
+
+    def count_with_load(self, is_loaded: bool) -> None:
+        """Take in whether the law counts with a load from this tick on, and end the period where that changes.
+
+        The next one lasts as long as the rest of this one, so that periods stay in step with samples, and a period
+        longer where a shortest pulse would not fit. Pulses that have begun go on to their ends.
+        """
+        if is_loaded == self._is_loaded:
+            return
+        self._is_loaded = is_loaded
+        left = self.ticks_left
+        if not left:
+            return
+        fits = left * self._tick >= self.thrusters.shortest_pulse.max() - 1e-9
+        self._length = left if fits else left + self.period
+        fires = self._rows[-1][-1] > 0 if self._rows else self._fires
+        goes_on = self._pulsed & fires & np.logical_and.accumulate(self._thrusts > 0, axis=0)
+        self._kept = np.where(goes_on, self._thrusts, 0.0)
+        self._thrusts = self._thrusts[:0]
 
     def begin(self, wanted: np.ndarray) -> None:
         """Begin a period.
@@ -127,15 +152,23 @@ class ThrusterFiring:
         Args:
             wanted: Mean wrench that the law wants on the base over the period (d,) [N, N m].
         """
-        length = self.period * self._tick
+        ticks = self._length
+        length = ticks * self._tick
         is_shut = None if self._is_shut is None else self._is_shut[0]
-        allocation = self.thrusters.allocate(wanted + self._owed / length, is_shut)
+        if is_shut is not None:
+            self._kept = np.where(is_shut, 0.0, self._kept)
+        kept = self._tick * self.thrusters.wrenches @ self._kept.sum(axis=0)
+        allocation = self.thrusters.allocate(wanted + (self._owed - kept) / length, is_shut)
         self._refused += allocation.residual * length
         self._owed -= allocation.residual * length
         if self._pulsed:
-            self._thrusts = self.thrusters.pulses(allocation.thrusts, self.period, self._tick)
+            self._thrusts = self.thrusters.pulses(allocation.thrusts, ticks, self._tick)
+            self._thrusts[: len(self._kept)] = np.maximum(self._thrusts[: len(self._kept)], self._kept)
         else:
-            self._thrusts = np.tile(allocation.thrusts, (self.period, 1))
+            self._thrusts = np.tile(allocation.thrusts, (ticks, 1))
+        self.mean = self.thrusters.wrenches @ self._thrusts.mean(axis=0)
+        self._length = self.period
+        self._kept = self._kept[:0]
 
     def wrenches(self, ticks: int) -> np.ndarray:
         """Return what they give over so many ticks of this period (ticks, d) [N, N m]."""
@@ -162,6 +195,8 @@ class ThrusterFiring:
             self._owed[:] = 0.0
             self._rows.append(np.zeros((ticks, self.thrusters.count)))
             self._thrusts = self._thrusts[:0]
+            self._kept = self._kept[:0]
+            self._length = self.period
         if self._is_shut is not None:
             self._is_shut = self._is_shut[ticks:]
 

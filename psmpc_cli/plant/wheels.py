@@ -50,6 +50,10 @@ class WheelDrive:
         F, self._unloading = self.wheels.unloaded(F, self.momentum, driven, self._tick)
         return F
 
+    def against_unloading(self, F: np.ndarray) -> np.ndarray:
+        """Return what of a generalized force (n,) is left on the base where motors unload the wheels in this tick."""
+        return self.wheels.with_moment(F, -self._unloading)
+
     def begin_tick(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:
         """Return what of that force, within its limits (n,), acts over a tick that begins; `Wheels.turned`."""
         F, self.torque = self.wheels.turned(F, self.momentum, driven, self._tick, self._unloading)

@@ -126,7 +126,10 @@ def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     tick, substeps = ticks_of(task.plant)
     capture = build_capture(task, model)
     is_limited = force_limits_of(task, model.spec) is not None
-    laws = [(False, False), (True, False)] if task.acts_in_task_space else [(False, task.changes_mobility(model.spec))]
+    varies = task.changes_mobility(model.spec)
+    by_input = (False, True) if task.acts_in_task_space else (False,)
+    pushed = {False, task.fires(model.spec)} if varies else {task.fires(model.spec)}
+    laws = [(in_task_space, varies, is_pushed) for in_task_space in by_input for is_pushed in sorted(pushed)]
     if capture is not None:
         return [capture_tick(capture, substeps, disturbs(task), is_limited, *law) for law in laws]
     return [tick_function(model, tick, substeps, disturbs(task), is_limited, *law) for law in laws]

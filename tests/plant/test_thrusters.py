@@ -12,11 +12,14 @@ from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.plant.thrusters import ThrusterFiring, firing_of
 from psmpc_cli.plant.uncertainty import force_limits_of
+from psmpc_cli.plant.wheels import WheelDrive
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.thrusters import Thrusters
+from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.load import load_robot, load_task
 from psmpc_cli.specs.robot import PlanarThruster, SpatialThruster
 
+from ..wheeled import PYRAMID, robot_in
 from .drawn_grasps import drawn_grasp
 
 Array = np.ndarray
@@ -263,3 +266,112 @@ def test_a_spatial_base_is_pushed_about_its_own_axes() -> None:
         wrenches = first.thrusters.thrusts @ of_base.wrenches.T
         np.testing.assert_allclose(on_base(model, first, first.F), wrenches, atol=1e-12)
         assert (np.abs(first.thrusters.owed) < 2e-3).all()
+
+
+@pytest.mark.parametrize("plant", [Rk4Plant, MujocoPlant])
+@pytest.mark.parametrize("pulsed", [True, False])
+def test_joints_follow_their_commands_under_thrusts(
+    platform: RobotModel, x: Array, u: Array, plant: type, pulsed: bool
+) -> None:
+    """But for what the law, once a tick, does not see of it; pulses throw the base about."""
+    states = samples(plant(platform, TICK, force_limits=WITHIN, firing=firing(platform, pulsed=pulsed)), x, u)
+    v = np.vstack([x[9:], *(sample.states[1:, 9:] for sample in states)])
+    off = np.abs(np.diff(v, axis=0) / TICK - u)
+    assert off[:, 3:].max() < 1e-3
+    assert off[:, :3].max() > (0.1 if pulsed else 1e-3)
+
+
+@PLANTS
+def test_joints_of_a_spatial_robot_follow_under_pulses_while_wheels_are_unloaded(tmp_path: Path, plant: type) -> None:
+    """What motors take from the wheels acts on the base besides the thrusters."""
+    wheels = tuple({**wheel, "initial": 0.0, "unloading": 0.01} for wheel in PYRAMID)
+    robot = load_robot(robot_in(tmp_path, "free_flyer_arm", wheels))
+    thrusters = tuple(each for axis in range(3) for each in pairs_along(axis))
+    model = RobotModel(robot.model_copy(update={"thrusters": thrusters}))
+    drive = WheelDrive(Wheels.of(model.spec), TICK)
+    drive.momentum = stored = np.array([0.1, -0.05, 0.02, 0.08])
+    rng = np.random.default_rng(4)
+    Q = np.array(model.space.integrate(model.neutral, 0.7 * rng.standard_normal(model.n)))
+    x = np.r_[Q, 0.1 * rng.standard_normal(model.n)]
+    u = np.tile(0.02 * rng.standard_normal(model.n), (3 * M, 1))
+    limits = ForceLimits(np.full(model.n, -np.inf), np.full(model.n, np.inf))
+    fires = ThrusterFiring(Thrusters.of(thrusters), 50, TICK)
+    made = samples(plant(model, TICK, force_limits=limits, firing=fires, drive=drive), x, u)
+    v = np.vstack([x[model.nq :], *(sample.states[1:, model.nq :] for sample in made)])
+    off = np.abs(np.diff(v, axis=0) / TICK - u)
+    assert off[:, model.space.joint_rates].max() < 2e-3
+    assert off[:, model.space.base].max() > 0.02
+    assert made[-1].wheels is not None
+    np.testing.assert_allclose(np.abs(stored) - np.abs(made[-1].wheels.momentum[-1]), 3 * M * TICK * 0.01)
+
+
+def test_a_period_begins_where_the_law_begins_to_count_with_a_load() -> None:
+    """Pulses that have begun go on to their ends, and count; the periods after stay in step with the samples."""
+    pushers = [
+        PlanarThruster(position=(0, side), direction=(way, 0), force=10, shortest_pulse=0.2)
+        for way in (1, -1)
+        for side in (1, -1)
+    ]
+    fires = ThrusterFiring(Thrusters.of(pushers), 100, 0.01)
+    half, whole = np.array([10.0, 0, 0]), np.array([20.0, 0, 0])
+    fires.begin(half)  # pulses from tick 25 to 75
+    fires.pass_ticks(np.tile(half, (40, 1)), is_pushed=True)
+    fires.count_with_load(False)
+    assert fires.ticks_left == 60
+    fires.count_with_load(True)
+    span = fires.span(None, 40, 200)
+    assert span.begins and (span.first, span.last) == (40, 100)
+    fires.begin(whole)
+    fires.pass_ticks(np.tile(whole, (60, 1)), is_pushed=True)
+    sample = fires.end_sample()
+    assert sample.thrusts[40:75, :2].all()
+    np.testing.assert_allclose(sample.owed + sample.refused + sample.impulses @ fires.thrusters.wrenches.T, [16, 0, 0])
+    assert fires.span(None, 0, 200).ticks == slice(0, 100)
+    # too little is left for a shortest pulse
+    fires.begin(half)
+    fires.pass_ticks(np.tile(half, (90, 1)), is_pushed=True)
+    fires.count_with_load(False)
+    assert fires.span(None, 90, 300).ticks == slice(90, 200)
+
+
+def test_pulses_do_not_jerk_the_joints_of_hands_that_hold_a_load() -> None:
+    """The hands close in the middle of a period, where a new one begins; at rest relative to the base ever after."""
+    changes = {"object.pose": [0, 0.978, 0], "object.grasp.known": True}
+    thrusters = tuple(
+        each.model_copy(update={"shortest_pulse": 0.02}) for each in load_robot("thruster_platform").thrusters
+    )
+    u = np.tile(np.r_[0.08, -0.05, 0.1, np.zeros(6)], (8 * M, 1))
+    closed = np.arange(8 * M) >= 20
+    made = []
+    for kind in ("rk4", "mujoco"):
+        task = load_task("transport_grasp", {**changes, "plant.kind": kind})
+        model = RobotModel(task.robot.model_copy(update={"thrusters": thrusters}))
+        fires = ThrusterFiring(Thrusters.of(thrusters), M, TICK)
+        capture = build_capture(task.spec, model)
+        assert capture is not None
+        limits = force_limits_of(task.spec, model.spec)
+        plant = build_plant(task.spec.plant, model, False, None, capture, limits, fires)
+        x = np.r_[np.zeros(3), np.radians([45, 30, 60, -45, -30, -60]), np.zeros(9)]
+        kept = model.balance(x[:9], x[9:]) + capture.kept
+        states = []
+        thrusts = []
+        for k in range(0, 8 * M, M):
+            ticks = plant.advance(k * TICK, x, u[k : k + M], None, closed[k : k + M])
+            assert ticks.target_object is not None and ticks.thrusters is not None
+            np.testing.assert_array_equal(ticks.target_object.closed.all(axis=1), closed[k : k + M])
+            x = ticks.states[-1]
+            now = model.balance(x[:9], x[9:]) + capture.kept
+            np.testing.assert_allclose(now - kept, ticks.impulse_and_work, rtol=0, atol=1e-8)
+            kept = now
+            states.append(ticks.states[1:])
+            thrusts.append(ticks.thrusters.thrusts)
+        made.append((np.vstack(states), np.vstack(thrusts)))
+        rates = np.abs(made[-1][0][2 * M :, 12:])
+        assert rates.max() < 0.01  # half of a pulse lets the grasps deflect as far
+        assert np.abs(made[-1][0][-1, 9:11]).max() > 0.03
+    (states, thrusts), (others, of_others) = made
+    np.testing.assert_array_equal(thrusts, of_others)
+    np.testing.assert_allclose(states, others, rtol=0, atol=1e-6)
+    # about the middle of the period from tick 20 on, not of that from tick 0 on
+    fires, _ = np.nonzero(thrusts[:M])
+    assert fires.mean() == pytest.approx(59.5, abs=1)

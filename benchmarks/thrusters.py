@@ -1,6 +1,7 @@
-"""Thrusters in pulses against their means, and with plumes that are avoided: when the mission ends, and what it takes.
+"""Thrusters in pulses against their means, with a load and with plumes: when the mission ends, and what it takes.
 
 python benchmarks/thrusters.py table     pulses, for docs/mobility_results.md, a minute or two
+python benchmarks/thrusters.py load      pulses while two hands hold a load, for the same page, a minute
 python benchmarks/thrusters.py plumes    plumes, for the same page, a minute or two
 """
 
@@ -33,6 +34,35 @@ def table() -> Iterator[str]:
         task = with_shortest_pulse(load_task("thrust_and_reach"), shortest)
         runs[f"{1e3 * shortest:.0f} ms"] = simulate(task)
     yield from markdown([{"shortest pulse": name} | row(run) for name, run in runs.items()])
+
+
+def load() -> Iterator[str]:
+    """Yield a row for each stiffness of the grasps on a load of 20 kg, with mean thrusts and with pulses."""
+    thrusters = with_shortest_pulse(load_task("thrust_and_reach"), SHORTEST_PULSES[0]).robot.thrusters
+    rows = []
+    for (stiffness, step), fire in product(((1e4, 1e-3), (1e5, 2e-4)), ("continuous", "pulsed")):
+        grasp = {"object.grasp.stiffness": [stiffness, stiffness / 10], "plant.step": step}
+        task = load_task("transport_grasp", {**grasp, "limits.base.force": None})
+        task = replace(
+            task,
+            robot=task.robot.model_copy(update={"thrusters": thrusters}),
+            spec=task.spec.model_copy(update={"plant": task.spec.plant.model_copy(update={"thrusters": fire})}),
+        )
+        run = simulate(task)
+        summary = run.summary()
+        off = np.abs(run["deviation/Qdot"][:, 3:]).max(axis=1)
+        holds = run["grasp/closed"].all(axis=1)
+        rows.append(
+            {
+                "grasps [N/m]": f"{stiffness:,.0f}",
+                "thrusts": {"continuous": "means", "pulsed": "pulses"}[fire],
+                "mission ends [s]": f"{summary.duration:.1f}" if summary.succeeded else "failed",
+                "joints off their plan, hands empty [mrad/s]": f"{1e3 * np.quantile(off[~holds], 0.95):.2f}",
+                "hands loaded [mrad/s]": f"{1e3 * np.quantile(off[holds], 0.95):.2f}",
+                "solves failed": f"{summary.failed_solves} of {summary.solves.count}",
+            }
+        )
+    yield from markdown(rows)
 
 
 PLUME = Plume(angle=np.radians(20), length=1.5)
@@ -108,4 +138,4 @@ def row(run: Run) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    command_line(table, plumes)
+    command_line(table, load, plumes)

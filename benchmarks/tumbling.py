@@ -1,12 +1,12 @@
-"""A tumbling satellite is taken and brought to rest: the tables of docs/detumbling.md.
+"""A tumbling satellite is taken and brought to rest: the tables of docs/tumbling.md.
 
-    python benchmarks/detumbling.py budget                    what is asked, and what the means give
-    python benchmarks/detumbling.py run 50 [CONTROLLER...]    complete benchmarks/detumbling.jsonl (a minute each)
-    python benchmarks/detumbling.py table                     what became of the draws, by controller
-    python benchmarks/detumbling.py draws                     the draws of PSMPC one by one
+    python benchmarks/tumbling.py budget                    what is asked, and what the means give
+    python benchmarks/tumbling.py run 50 [CONTROLLER...]    complete benchmarks/tumbling.jsonl (a minute each)
+    python benchmarks/tumbling.py table                     what became of the draws, by controller
+    python benchmarks/tumbling.py draws                     the draws of PSMPC one by one
 
-Draws of `capture_and_detumble`: any axis, 3 to 5 deg/s, 50 to 200 kg. Moments of inertia go with the mass. The motion is
-that of a free body (Euler's equations). All controllers have the settings of the task, and a free end.
+Draws of `capture_and_detumble`: any axis, 3 to 5 deg/s, 50 to 200 kg. Moments of inertia go with the mass. The motion
+is that of a free body (Euler's equations). All controllers have the settings of the task, and a free end.
 """
 
 import json
@@ -22,7 +22,7 @@ from psmpc_cli.robot.rotations import matrix
 
 TASK = "capture_and_detumble"
 
-RESULTS = Path(__file__).with_name("detumbling.jsonl")
+RESULTS = Path(__file__).with_name("tumbling.jsonl")
 
 BRIEF = {"log": {"shares": False, "plans": False}}
 
@@ -31,6 +31,9 @@ CONTROLLERS: dict[str, dict[str, Any]] = {
     "smpc": {"controller.kind": "smpc"},
     "hard, free end": {"controller.kind": "hard", "controller.one_stage": "free_end"},
 }
+
+STOPS_WITHIN = 1.2
+"""What the satellite takes to come to rest in the task as it stands [s]."""
 
 WHEELS = 4
 """Momentum of each of four reaction wheels in a pyramid, 35 deg out of the plane, of the servicer's class [N m s]."""
@@ -138,7 +141,7 @@ def draws() -> Iterator[str]:
 
 
 def budget() -> Iterator[str]:
-    """Yield what the task as it stands asks of the servicer when it has taken the satellite, and what its means give."""
+    """Yield what the task as it stands asks of the servicer that has taken the satellite, and what its means give."""
     task = psmpc.load_task(TASK)
     body = task.spec.object
     robot = task.robot
@@ -154,18 +157,21 @@ def budget() -> Iterator[str]:
     limits = task.spec.limits["base"]
     force, torque = limits.force[0][1], limits.force[3][1]
     pyramid = 2 * WHEELS * np.cos(np.radians(35))  # in their plane, where two of them help
+    both = reduced * distance**2 * rate
+    impulse = mass * distance * rate
+    pull = body.mass * distance * rate / STOPS_WITHIN
     rows = {
         "rate of the satellite": f"{np.degrees(rate):.1f} deg/s",
         "momentum of the satellite about its centre": f"{spin:.2f} N m s",
         "momentum of the servicer's own turn": f"{own:.2f} N m s",
-        "momentum of both about their common centre, on their orbits": f"{reduced * distance**2 * rate:.1f} N m s",
-        "what four wheels of its class store about an axis in their plane": f"{pyramid:.1f} N m s, of {WHEELS} N m s each",
-        "what thrusters turn it back with": f"{torque:g} N m, {(spin + own + reduced * distance**2 * rate) / torque:.1f} s",
+        "momentum of both about their common centre, on their orbits": f"{both:.1f} N m s",
+        "what four wheels of its class store about an axis in their plane": f"{pyramid:.1f} N m s",
+        "what thrusters turn it back with": f"{torque:g} N m: {(spin + own + both) / torque:.1f} s",
         "speed of the servicer beside the satellite": f"{distance * rate:.3f} m/s",
-        "impulse to get there, and to stop with it": f"{mass * distance * rate:.0f} N s each",
-        "what thrusters push with": f"{force:g} N, {mass * distance * rate / force:.1f} s",
-        "pull at the hands when it stops within 1.5 s": f"{body.mass * distance * rate / 1.5:.1f} N, of two times "
-        f"{body.grasp.strength.pull:g} N",
+        "impulse to get there, and to stop with it": f"{impulse:.0f} N s each",
+        "what thrusters push with": f"{force:g} N: {impulse / force:.1f} s each",
+        f"pull at the hands where it stops within {STOPS_WITHIN} s": f"{pull:.1f} N",
+        "what two grasps hold": f"{body.grasp.strength.pull:g} N each",
     }
     return markdown(rows.items(), "what", TASK)
 

@@ -13,6 +13,8 @@ from psmpc_cli.simulation.run import simulate
 
 from ..plumed import AHEAD, FOLDED, before_a_panel, robot_in
 
+pytestmark = pytest.mark.slow
+
 THRUSTERS = ("thruster_3", "thruster_4")
 
 
@@ -107,7 +109,6 @@ def test_thrusters_are_shut_from_the_tick_on_at_which_a_stage_begins_that_avoids
     assert run.summary().momentum_error < 1e-9
 
 
-@pytest.mark.slow
 def test_commands_that_come_late_shut_thrusters_when_they_act(tmp_path: Path) -> None:
     task = before_a_panel(
         tmp_path,

@@ -229,6 +229,7 @@ def test_the_error_of_the_momentum_falls_with_the_fourth_power_of_the_step() -> 
     assert errors[1] < errors[0] / 8 or errors[0] < 1e-12
 
 
+@pytest.mark.slow
 def test_the_summary_says_what_became_of_momentum_and_base_where_it_floats() -> None:
     """A blow of 0.5 N s after the first quarter of a second; then nothing."""
     blow = {"uncertainty": {"impulse": {"at": 0.25, "linear": [0.3, 0.4], "angular": 0.1}}}

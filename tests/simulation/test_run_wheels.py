@@ -56,7 +56,7 @@ def test_momentum_of_bodies_and_wheels_balances(name: str, request: pytest.Fixtu
     assert run["effort/base_torque"][without_thrusters][:-1].max() < 1e-15 or name == "changing"
 
 
-@pytest.mark.parametrize("name", ["planar", "spatial"])
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_limits_that_bind_are_kept_at_every_tick(name: str, request: pytest.FixtureRequest) -> None:
     """And the robot moves as planned, but where a plan passes a limit a little between its nodes."""
     run: Run = request.getfixturevalue(name)

@@ -109,20 +109,28 @@ class Plumes:
         if not along.any():
             return at(low)
         high = np.ones_like(low)
-        inner, outer = 1 - GOLDEN + low, GOLDEN + low
-        at_inner, at_outer = at(inner), at(outer)
+        inner = 1 - GOLDEN + low
+        outer = GOLDEN + low
+        at_inner = at(inner)
+        at_outer = at(outer)
         for _ in range(STEPS):
             is_lower = at_inner <= at_outer  # the least is before `outer`
-            low, high = np.where(is_lower, low, inner), np.where(is_lower, outer, high)
+            low = np.where(is_lower, low, inner)
+            high = np.where(is_lower, outer, high)
             new = np.where(is_lower, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-            inner, outer = np.where(is_lower, new, outer), np.where(is_lower, inner, new)
             at_new = at(new)
-            at_inner, at_outer = np.where(is_lower, at_new, at_outer), np.where(is_lower, at_inner, at_new)
+            kept = np.where(is_lower, inner, outer)
+            at_kept = np.where(is_lower, at_inner, at_outer)
+            inner = np.where(is_lower, new, kept)
+            outer = np.where(is_lower, kept, new)
+            at_inner = np.where(is_lower, at_new, at_kept)
+            at_outer = np.where(is_lower, at_kept, at_new)
         return np.minimum(at_inner, at_outer)
 
     def _distance(self, ahead: Vector, squared: Vector) -> Vector:
         """Compute the distances to each plume (N, T) [m] of points so far ahead of its nozzle, and from it, squared."""
-        sine, cosine = np.sin(self.angles), np.cos(self.angles)
+        sine = np.sin(self.angles)
+        cosine = np.cos(self.angles)
         aside = np.sqrt(np.maximum(squared - ahead**2, 0.0))
         on_edge = np.clip(ahead * cosine + aside * sine, 0.0, self.lengths)
         to_edge = np.hypot(ahead - on_edge * cosine, aside - on_edge * sine)

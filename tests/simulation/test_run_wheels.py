@@ -71,7 +71,7 @@ def test_limits_that_bind_are_kept_at_every_tick(name: str, request: pytest.Fixt
     assert np.median(np.abs(run["deviation/Qdot"]).max(axis=1)) < 2e-5
 
 
-@pytest.mark.parametrize("name", ["planar", "spatial"])
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_a_plan_knows_what_wheels_store(name: str, request: pytest.FixtureRequest) -> None:
     """At the nodes that it passes until the next samples, from its state there and from that of the plant alike."""
     run: Run = request.getfixturevalue(name)

@@ -36,7 +36,7 @@ STOPS_WITHIN = 1.2
 """What the satellite takes to come to rest in the task as it stands [s]."""
 
 WHEELS = 4
-"""Momentum of each of four reaction wheels in a pyramid, 35 deg out of the plane, of the servicer's class [N m s]."""
+"""Momentum of each of four reaction wheels in a pyramid, as `thruster_servicer` has them [N m s]."""
 
 
 def drawn(seed: int) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def budget() -> Iterator[str]:
     own = float(max(robot.base.inertia[:3])) * rate
     limits = task.spec.limits["base"]
     force, torque = limits.force[0][1], limits.force[3][1]
-    pyramid = 2 * WHEELS * np.cos(np.radians(35))  # in their plane, where two of them help
+    pyramid = 2 * WHEELS / np.sqrt(1.5)  # two of the four help
     both = reduced * distance**2 * rate
     impulse = mass * distance * rate
     pull = body.mass * distance * rate / STOPS_WITHIN
@@ -165,12 +165,12 @@ def budget() -> Iterator[str]:
         "momentum of the satellite about its centre": f"{spin:.2f} N m s",
         "momentum of the servicer's own turn": f"{own:.2f} N m s",
         "momentum of both about their common centre, on their orbits": f"{both:.1f} N m s",
-        "what four wheels of its class store about an axis in their plane": f"{pyramid:.1f} N m s",
-        "what thrusters turn it back with": f"{torque:g} N m: {(spin + own + both) / torque:.1f} s",
+        "what four wheels of the servicer's class store about x or y": f"{pyramid:.1f} N m s",
+        "largest torque of the thrusters: what that momentum takes": f"{torque:g} N m: {(spin + own + both) / torque:.1f} s",
         "speed of the servicer beside the satellite": f"{distance * rate:.3f} m/s",
         "impulse to get there, and to stop with it": f"{impulse:.0f} N s each",
-        "what thrusters push with": f"{force:g} N: {impulse / force:.1f} s each",
-        f"pull at the hands where it stops within {STOPS_WITHIN} s": f"{pull:.1f} N",
+        "largest force of the thrusters: what these impulses take": f"{force:g} N: {impulse / force:.1f} s each",
+        f"force at the hands where it stops within {STOPS_WITHIN} s, as in the run above": f"{pull:.1f} N",
         "what two grasps hold": f"{body.grasp.strength.pull:g} N each",
     }
     return markdown(rows.items(), "what", TASK)

@@ -649,8 +649,13 @@ class ControlLaw:
         if changes is not None and decision.plans.is_solved:
             ramped = np.isfinite(changes).any(axis=(0, 1))
             planned = decision.plan.ramped_rates(edges, situation.applied, ramped)
-        elif closed.any() and self.problem.law.grasps is not None:
-            # a jump of the load's force moves light wrists against the dampers of the grasps before springs bear it
+        elif (
+            closed.any()
+            and self.problem.law.grasps is not None
+            and decision.sequence.planned_end > edges[-1] + self._spec.sample_time
+        ):
+            # a jump of the load's force moves light wrists against the dampers of the grasps before springs bear it;
+            # averages lag behind the plan, which in the last two samples of a stage could not be made up for
             planned = decision.plan.averaged_rates(edges, situation.applied, self._spec.sample_time)
         else:
             planned = decision.plan.velocity_rates(edges)

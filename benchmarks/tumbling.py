@@ -32,7 +32,7 @@ CONTROLLERS: dict[str, dict[str, Any]] = {
     "hard, free end": {"controller.kind": "hard", "controller.one_stage": "free_end"},
 }
 
-STOPS_WITHIN = 1.2
+STOPS_WITHIN = 1.6
 """What the satellite takes to come to rest in the task as it stands [s]."""
 
 WHEELS = 4
@@ -158,6 +158,7 @@ def budget() -> Iterator[str]:
     force, torque = limits.force[0][1], limits.force[3][1]
     pyramid = 2 * WHEELS / np.sqrt(1.5)  # two of the four help
     both = reduced * distance**2 * rate
+    turning_back = (spin + own + both) / torque
     impulse = mass * distance * rate
     pull = body.mass * distance * rate / STOPS_WITHIN
     rows = {
@@ -166,7 +167,7 @@ def budget() -> Iterator[str]:
         "momentum of the servicer's own turn": f"{own:.2f} N m s",
         "momentum of both about their common centre, on their orbits": f"{both:.1f} N m s",
         "what four wheels of the servicer's class store about x or y": f"{pyramid:.1f} N m s",
-        "largest torque of the thrusters: what that momentum takes": f"{torque:g} N m: {(spin + own + both) / torque:.1f} s",
+        "largest torque of the thrusters: what that momentum takes": f"{torque:g} N m: {turning_back:.1f} s",
         "speed of the servicer beside the satellite": f"{distance * rate:.3f} m/s",
         "impulse to get there, and to stop with it": f"{impulse:.0f} N s each",
         "largest force of the thrusters: what these impulses take": f"{force:g} N: {impulse / force:.1f} s each",

@@ -356,7 +356,7 @@ class _Solve:
         if window.form.curved and len(multipliers):
             curved = window.form.with_curvature(model, here.point, window.p, multipliers)
             program = self._solved(window, curved, here)
-            if program.qp.status is QpStatus.SOLVED:
+            if program.qp.status in (QpStatus.SOLVED, QpStatus.INFEASIBLE):  # constraints are those of the other model
                 return program
         program = self._solved(window, model, here)
         if program.qp.status in BROKEN_DOWN and window.bounds.soft.any():

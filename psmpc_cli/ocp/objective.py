@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.ocp.end import MEASURES, OPEN, component_counts
+from psmpc_cli.ocp.end import MEASURES, component_counts
 from psmpc_cli.ocp.loads import LoadKind, OwnMotion
 from psmpc_cli.ocp.skills import skill_in
-from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape
+from psmpc_cli.ocp.stage import Stage, StageShape, cost_shape, end_shape, stage_shape
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
@@ -684,17 +684,14 @@ class StageCosts:
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
-        self._functions: dict[tuple[object, ...], StageFunctions] = {}
 
     def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
         """Return the functions of a stage; without its end condition stages of one skill share them."""
-        end = replace(stage.end.shape, is_fixed=False) if with_end else OPEN
         of_stage = stage_shape(stage)
-        key = (stage.space, stage.input, stage.end.object_names, of_stage.force_load, end)
-        if key not in self._functions:
-            shape = replace(of_stage, end=end, moving=False)
-            self._functions[key] = stage_functions(self.model, shape)
-        return self._functions[key]
+        if with_end:
+            return stage_functions(self.model, end_shape(of_stage))
+        shape = replace(cost_shape(of_stage), input=of_stage.input, force_load=of_stage.force_load)
+        return stage_functions(self.model, shape)
 
     def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n).

@@ -20,7 +20,7 @@ from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
 from psmpc_cli.ocp.objective import ChangeFunctions, RateFunctions, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
+from psmpc_cli.ocp.stage import Stage, cost_shape, end_shape, stage_shape, without_end
 from psmpc_cli.ocp.window import Window, WindowShape, durations, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
@@ -239,8 +239,8 @@ def _functions(problem: Problem) -> Iterator[BatchFunction]:
         yield from of_stage.prepare()
         if base_reacts:
             yield of_stage.residual_curvature
-    for stage in problem.stages:
-        yield from stage_functions(problem.model, stage_shape(stage)).prepare()
+    for shape in dict.fromkeys(end_shape(stage_shape(stage)) for stage in problem.stages):
+        yield from stage_functions(problem.model, shape).prepare()
     of_rows = [functions for stage in problem.stages for functions in _functions_of_rows(problem.model, stage)]
     for row_functions in dict.fromkeys(of_rows):
         yield from row_functions.prepare()

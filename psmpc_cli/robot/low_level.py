@@ -133,6 +133,7 @@ class LoadedLaw(LowLevelLaw):
         return self._load.force(Q, v, u, robot, grasps, self.load, driven or self.driven, base_force)
 
     def prepare(self) -> None:
+        """Derive what the closed chain leaves of commanded accelerations."""
         self._load.prepare()
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:

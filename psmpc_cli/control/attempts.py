@@ -66,8 +66,8 @@ class Attempts:
         self._costs = problem.costs
         self._model = problem.model
         self._solver = solver.stopping(stop_at)
-        has_deadline = np.isfinite(solver.deadline)
-        self._appending = solver.stopping(stop_at - RESERVE * solver.deadline) if has_deadline else self._solver
+        reserve = RESERVE * solver.deadline if np.isfinite(solver.deadline) else 0.0
+        self._appending = solver.stopping(stop_at - reserve, problem.spec.solver.entry_iterations)
         self._builder = builder
         self._stages = stages
         self._prediction = prediction

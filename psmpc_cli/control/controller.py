@@ -165,6 +165,7 @@ class ControlLaw:
         noise = standard_deviations(spec.measurement_noise, problem.model.spec)
         self.problem = problem
         self.solver = solver or build_solver(problem, _solver_spec(spec))
+        problem.law.prepare()
         self.builder = WindowBuilder(problem)
         self._spec = spec.controller
         self._one_stage = spec.controller.traits.one_stage

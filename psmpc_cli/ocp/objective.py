@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.ocp.end import MEASURES, OPEN, component_counts
+from psmpc_cli.ocp.end import MEASURES, component_counts
 from psmpc_cli.ocp.loads import LoadKind, OwnMotion
 from psmpc_cli.ocp.skills import skill_in
-from psmpc_cli.ocp.stage import Stage, StageShape, stage_shape
+from psmpc_cli.ocp.stage import Stage, StageShape, cost_shape, end_shape, stage_shape
 from psmpc_cli.robot import motion
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
@@ -59,6 +59,8 @@ class ConstraintFunctions:
         is_convex: They are bounded below and convex, as distances to convex bodies are: their curvature, which can only
             make programs non-convex, does not count. Such rows are many and long, and few of them count at a time.
         at_nodes: They stand at many nodes, and not only at the end of a stage.
+        has_curvature: Their curvature counts. That of rows that are velocities need not: programs leave out its larger
+            part, that by positions and velocities.
     """
 
     def __init__(
@@ -69,9 +71,11 @@ class ConstraintFunctions:
         solved_for: slice | None = None,
         is_convex: bool = False,
         at_nodes: bool = False,
+        has_curvature: bool = True,
     ) -> None:
         self.solved_for = solved_for
         self._is_convex = is_convex
+        self._has_curvature = has_curvature and solved_for is None and not is_convex
         self._at_many = at_nodes or solved_for is not None or is_convex  # other rows hold at the end of a stage
         self._x = x
         self._argument = argument
@@ -113,10 +117,10 @@ class ConstraintFunctions:
         """x, a, multipliers y -> upper triangle of the second derivatives of y'g by Q (n, n), by rows.
 
         Q is the first half of x; by velocities no row is curved. None where there is nothing to add to the model of a
-        program: g is linear in Q; it is solved for rates at each iterate instead; or it is convex, and its curvature
-        could only make the program non-convex.
+        program: g is linear in Q; it is solved for rates at each iterate instead; it is convex, and its curvature
+        could only make the program non-convex; or it is a velocity.
         """
-        if not self.count or self.solved_for is not None or self._is_convex:
+        if not (self.count and self._has_curvature):
             return None
         n = self._x.numel() // 2
         multipliers = ca.SX.sym("multipliers", self.count)
@@ -680,17 +684,14 @@ class StageCosts:
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
-        self._functions: dict[tuple[object, ...], StageFunctions] = {}
 
     def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
         """Return the functions of a stage; without its end condition stages of one skill share them."""
-        end = replace(stage.end.shape, is_fixed=False) if with_end else OPEN
         of_stage = stage_shape(stage)
-        key = (stage.space, stage.input, stage.end.object_names, of_stage.force_load, end)
-        if key not in self._functions:
-            shape = replace(of_stage, end=end, moving=False)
-            self._functions[key] = stage_functions(self.model, shape)
-        return self._functions[key]
+        if with_end:
+            return stage_functions(self.model, end_shape(of_stage))
+        shape = replace(cost_shape(of_stage), input=of_stage.input, force_load=of_stage.force_load)
+        return stage_functions(self.model, shape)
 
     def errors(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the stage's error at each state (K, rows) [m, rad]; X is (K, 2n).

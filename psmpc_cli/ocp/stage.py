@@ -367,6 +367,11 @@ def without_end(shape: StageShape) -> StageShape:
     return replace(shape, end=OPEN)
 
 
+def end_shape(shape: StageShape) -> StageShape:
+    """Return the shape that all stages share whose end condition is the same function."""
+    return StageShape(shape.space, end=replace(shape.end, is_fixed=False), object_names=shape.object_names)
+
+
 def cost_shape(shape: StageShape) -> StageShape:
     """Return the shape that all stages share whose error and target are the same functions; without force and rate."""
     return StageShape(shape.space, object_names=shape.object_names)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -50,7 +51,16 @@ class HeldLoad:
         self._forces: dict[tuple[float, ...] | None, ArrayFunction] = {}
         self._grippers = grippers
         self._followed: dict[int, ArrayFunction] = {}
-        self._terms = ArrayFunction(_chain_terms(model, body, grippers))
+        self._object = body
+
+    @cached_property
+    def _terms(self) -> ArrayFunction:
+        """See `_chain_terms`."""
+        return ArrayFunction(_chain_terms(self._model, self._object, self._grippers))
+
+    def prepare(self) -> None:
+        """Derive what `followed` needs, so that no sample waits for it."""
+        _followed_tick(self._model, self._grippers)
 
     def force(
         self,

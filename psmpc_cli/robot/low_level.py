@@ -92,6 +92,9 @@ class LowLevelLaw:
             F[joints] = self.model.computed_torque(Q, v, u, parameters, base_force=base_force[0])[joints]
         return F
 
+    def prepare(self) -> None:
+        """Derive what `followed` needs, so that no sample waits for it."""
+
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones, see `HeldLoad.followed`."""
         return u
@@ -128,6 +131,10 @@ class LoadedLaw(LowLevelLaw):
             return super().force(Q, v, u, twist_rates, grasps, parameters, driven, base_force)
         robot = parameters or self.parameters
         return self._load.force(Q, v, u, robot, grasps, self.load, driven or self.driven, base_force)
+
+    def prepare(self) -> None:
+        """Derive what the closed chain leaves of commanded accelerations."""
+        self._load.prepare()
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return what the closed chain leaves of the commanded accelerations."""

@@ -116,6 +116,8 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     spec = task.spec.solver.model_copy(update={"deadline": None})
     same_solver = task.spec.solver.kind == log.task.spec.solver.kind
     back_end = build_solver(build_problem(task), spec, iterations.append)
+    if log["events/appended"][sample]:
+        back_end = back_end.stopping(np.inf, spec.entry_iterations)
     duals = logged.guess_duals if same_solver else np.zeros(0)
     previous = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=duals) if logged.warm else None
     solution = back_end.solve(logged.window, logged.guess, previous)

@@ -116,11 +116,18 @@ class Solver(ABC):
 
     deadline = np.inf
     _stop_at: float | None = None
+    _most_iterations: int | None = None
 
-    def stopping(self, stop_at: float) -> "Solver":
-        """Return this solver with one deadline for all its solves, an instant of `time.perf_counter` [s]."""
+    def stopping(self, stop_at: float, most_iterations: int | None = None) -> "Solver":
+        """Return this solver with one end for all its solves, by time or, where it is `sqp`, by iterations.
+
+        Args:
+            stop_at: When they have to stop, an instant of `time.perf_counter` [s].
+            most_iterations: Of each solve; by default as the solver's settings say.
+        """
         shared = copy(self)
         shared._stop_at = stop_at
+        shared._most_iterations = most_iterations
         return shared
 
     def stop_time(self, began: float) -> float:

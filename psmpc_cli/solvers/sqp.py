@@ -20,7 +20,7 @@ from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
 from psmpc_cli.ocp.objective import ChangeFunctions, RateFunctions, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.ocp.stage import Stage, cost_shape, stage_shape, without_end
+from psmpc_cli.ocp.stage import Stage, cost_shape, end_shape, stage_shape, without_end
 from psmpc_cli.ocp.window import Window, WindowShape, durations, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
@@ -196,6 +196,7 @@ class SqpSolver(Solver):
             report=self._report,
             stop_at=self.stop_time(began),
             stop_at_cpu_time=time.process_time() + LONGEST_CALL,
+            most_iterations=self._most_iterations or self._spec.max_iterations,
             is_warm=is_warm,
             restores=not (is_warm or all(stage.moved_by.actuated for stage in window.stages)),
         )
@@ -239,8 +240,8 @@ def _functions(problem: Problem) -> Iterator[BatchFunction]:
         yield from of_stage.prepare()
         if base_reacts:
             yield of_stage.residual_curvature
-    for stage in problem.stages:
-        yield from stage_functions(problem.model, stage_shape(stage)).prepare()
+    for shape in dict.fromkeys(end_shape(stage_shape(stage)) for stage in problem.stages):
+        yield from stage_functions(problem.model, shape).prepare()
     of_rows = [functions for stage in problem.stages for functions in _functions_of_rows(problem.model, stage)]
     for row_functions in dict.fromkeys(of_rows):
         yield from row_functions.prepare()
@@ -268,6 +269,7 @@ class _Solve:
         report: Takes the lines of the table of iterations.
         stop_at: When the solve has to stop, an instant of `time.perf_counter` [s].
         stop_at_cpu_time: The same of `time.process_time`, far beyond what windows take [s].
+        most_iterations: Iterations after which it stops.
         is_warm: The guess is the last solution, shifted.
         restores: Elastic programs stand in for those without a solution, see `_restored`.
     """
@@ -278,6 +280,7 @@ class _Solve:
     report: Report | None
     stop_at: float
     stop_at_cpu_time: float
+    most_iterations: int
     is_warm: bool
     restores: bool
 
@@ -294,7 +297,7 @@ class _Solve:
         self._tell(0, iterate, None)
         filter_ = Filter()
         feasible = None
-        for count in range(1, self.spec.max_iterations + 1):
+        for count in range(1, self.most_iterations + 1):
             before = iterate
             if program.qp.status is QpStatus.SOLVED:
                 iterate = self._step(iterate, program, filter_)
@@ -306,12 +309,12 @@ class _Solve:
                 if feasible is None or outcome.usable:
                     return iterate, outcome, count
                 return feasible, Outcome.FEASIBLE, count
-            if count < self.spec.max_iterations:
+            if count < self.most_iterations:
                 here, model = self.window.linearize(iterate.reached.point, program.model)
                 program = self._restored(here, self._program(here, model, program.qp.node_multipliers))
         if feasible is not None:
-            return feasible, Outcome.FEASIBLE, self.spec.max_iterations
-        return iterate, Outcome.ITERATION_LIMIT, self.spec.max_iterations
+            return feasible, Outcome.FEASIBLE, self.most_iterations
+        return iterate, Outcome.ITERATION_LIMIT, self.most_iterations
 
     def _begin(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Program]:
         """Return the iterate at a guess, and the program there."""
@@ -356,7 +359,7 @@ class _Solve:
         if window.form.curved and len(multipliers):
             curved = window.form.with_curvature(model, here.point, window.p, multipliers)
             program = self._solved(window, curved, here)
-            if program.qp.status is QpStatus.SOLVED:
+            if program.qp.status in (QpStatus.SOLVED, QpStatus.INFEASIBLE):  # constraints are those of the other model
                 return program
         program = self._solved(window, model, here)
         if program.qp.status in BROKEN_DOWN and window.bounds.soft.any():

@@ -352,6 +352,12 @@ class SolverSpec(Choice):
     tolerance: fields.Positive = Field(1e-8, le=1e-2, description="optimality tolerance of the scaled problem")
     max_iterations: fields.Whole = Field(200, ge=1, description="iterations after which it gives up")
     iterations: fields.Whole = Field(1, ge=1, description="sqp: iterations a sample from the shifted plan")
+    entry_iterations: fields.Whole | None = Field(
+        None,
+        ge=1,
+        exclude_if=lambda value: value is None,
+        description="sqp: iterations a sample of a window that a stage enters; the next sample goes on; default all",
+    )
     deadline: fields.Positive | None = Field(
         None, description="time after which the solves of a sample stop [s], not with fatrop; default none"
     )

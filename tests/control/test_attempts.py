@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import islice
 from time import perf_counter
 
+import numpy as np
 import pytest
 
 from psmpc_cli.control import Controller
@@ -37,6 +38,25 @@ def test_an_append_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(ex
     assert resumed.solution.iterations < usual.solution.iterations
 
 
+def test_entering_stages_are_solved_over_several_samples_where_their_iterations_are_limited(
+    experiment_of: Build,
+) -> None:
+    changes = (*SHORT, "solver.kind=sqp")
+    usual = next(s for s in closed_loop(experiment_of(*changes)) if "appended" in s.command.events).command
+    assert usual.solution.iterations > 1
+    experiment = experiment_of(*changes, "solver.entry_iterations=1")
+    windows = list[Solution]()
+    samples, ending = run(replace(experiment, controller=Controller(experiment.problem, Noting(experiment, windows))))
+    entered = next(s for s in samples if "appended" in s.command.events).command
+    began = [solution.window.start for solution in windows if len(solution.window.stages) > 1]
+    tried = [solution for solution in windows if usual.time - 1e-9 <= solution.window.start <= entered.time + 1e-9]
+    assert usual.time <= entered.time <= usual.time + 0.1 * usual.solution.iterations + 1e-9
+    assert began[0] == pytest.approx(usual.time)
+    assert {solution.iterations for solution in tried if not solution.warm} == {1}
+    assert all(command.outcome.usable for command in (sample.command for sample in samples))
+    assert ending.completed
+
+
 def test_a_planned_end_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(experiment_of: Build) -> None:
     """Guesses of windows over one stage before and after its end are told from those without the end."""
     changes = (*SHORT, "solver.kind=sqp", "controller.kind=hard", "controller.one_stage=free_end")
@@ -47,6 +67,19 @@ def test_a_planned_end_whose_solve_ran_out_of_iterations_goes_on_from_its_iterat
     assert resumed.time == pytest.approx(usual.time + 0.3)
     assert resumed.solution.iterations < usual.solution.iterations
     assert all(command.outcome.usable for command in commands)
+
+
+class Noting(Solver):
+    """The solver of an experiment that notes its solutions."""
+
+    def __init__(self, experiment: Experiment, solutions: list[Solution]) -> None:
+        self.solver = experiment.controller.law.solver
+        self.solutions = solutions
+
+    def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        solver = self.solver.stopping(np.inf, self._most_iterations)
+        self.solutions.append(solver.solve(window, guess, previous, within))
+        return self.solutions[-1]
 
 
 class OnlyCold(Solver):

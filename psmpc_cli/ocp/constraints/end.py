@@ -9,6 +9,7 @@ import numpy as np
 from psmpc_cli.ocp.constraints.base import Constraint, NodeRows
 from psmpc_cli.ocp.objective import stage_functions
 from psmpc_cli.ocp.plan import Grid
+from psmpc_cli.ocp.stage import end_shape
 from psmpc_cli.ocp.window import Parameters, Window, WindowShape
 from psmpc_cli.robot.model import RobotModel
 
@@ -22,7 +23,7 @@ def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
     stages_and_nodes = zip(shape.stages, last_nodes, strict=True)
     kept = ((stage, last_nodes[0]) for stage in shape.kept)
     for s, (stage, node) in enumerate([*stages_and_nodes, *kept]):
-        functions = stage_functions(model, stage)
+        functions = stage_functions(model, end_shape(stage))
         if functions.end_rows:
             yield NodeRows(
                 name="end condition",

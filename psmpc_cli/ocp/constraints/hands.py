@@ -73,7 +73,7 @@ def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctio
         turned = product(conjugate(q_r), product(conjugate(q_0), q))
         rows += space.twist(moved, scaled(turned[1:], 2))
     rates = ca.jtimes(ca.vertcat(*rows), x[: model.n], x[model.n :])
-    return ConstraintFunctions(x, argument, rates)
+    return ConstraintFunctions(x, argument, rates, has_curvature=False)
 
 
 CONSTRAINT = Constraint(rows_at_nodes("hands", functions, soft=lambda grippers: True), numbers)

@@ -18,7 +18,6 @@ import numpy as np
 from pages import command_line, markdown
 
 import psmpc_cli as psmpc
-from psmpc_cli.robot.rotations import matrix
 
 TASK = "capture_and_detumble"
 
@@ -152,7 +151,7 @@ def budget() -> Iterator[str]:
     place = np.array(task.spec.stages[0].target["base"].object[:3])
     distance = float(np.linalg.norm(place))
     reduced = mass * body.mass / (mass + body.mass)
-    spin = float(np.linalg.norm(np.array(body.inertia) * (np.array(matrix(body.pose[3:])).T @ omega)))
+    spin = float(np.linalg.norm(np.array(body.inertia) * omega))  # both are about its principal axes
     own = float(max(robot.base.inertia[:3])) * rate
     limits = task.spec.limits["base"]
     force, torque = limits.force[0][1], limits.force[3][1]

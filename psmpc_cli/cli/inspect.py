@@ -98,7 +98,9 @@ def tasks() -> None:
 
 
 def init(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Where; made if necessary.", show_default=False)],
+    directory: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder to copy to; made if necessary.", show_default=False)
+    ],
     force: options.Force = False,
 ) -> None:
     """Copy the built-in robots and tasks, to edit them."""
@@ -116,7 +118,7 @@ def init(
 
 def schema(
     kind: Annotated[
-        Literal["robot", "task"] | None, typer.Argument(help="One kind. Default: both, by kind.", show_default=False)
+        Literal["robot", "task"] | None, typer.Argument(help="Which of the two. Default: both.", show_default=False)
     ] = None,
 ) -> None:
     """Print the JSON Schema of robot and task descriptions, for editors."""

@@ -8,7 +8,7 @@ import typer
 
 TASK = "Task file, or the name of a built-in task such as transport."
 
-RUN = "This run of a comparison; the number of one of a Monte Carlo"
+RUN = "One run of a comparison, or the number of a Monte Carlo run"
 
 
 TAKES_LONG = ("psmpc_cli.native", "psmpc_cli.progress", "psmpc_cli.specs.covers")
@@ -53,7 +53,7 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", callback=_set_log_level, help="No progress, no warnings and no summary.")
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every event and all that was measured.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print every event and every measured quantity.")]
 
 Jobs = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: one a core.", show_default=False)

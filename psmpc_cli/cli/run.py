@@ -39,13 +39,14 @@ def simulate(
     view: Annotated[bool, typer.Option("--view", help="Write the interactive page of `psmpc view` as well.")] = False,
     open_it: Annotated[bool, typer.Option("--open", help="Write that page and open it in the browser.")] = False,
     keep_going: Annotated[
-        bool, typer.Option("--keep-going", help="Fly on to the time limit when the object is missed or lost for good.")
+        bool,
+        typer.Option("--keep-going", help="Go on to the time limit even if the object is missed or lost for good."),
     ] = False,
     follow: Annotated[
-        bool, typer.Option("--follow", help="Read the task file again when it changes: new targets count at once.")
+        bool, typer.Option("--follow", help="Read the task file again when it changes, and take its new targets.")
     ] = False,
     unfinished: Annotated[
-        Path | None, typer.Option("--continue", metavar="LOG", help="Finish an unfinished run, by repeating it.")
+        Path | None, typer.Option("--continue", metavar="LOG", help="Complete an interrupted run, by repeating it.")
     ] = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
@@ -226,7 +227,7 @@ def show(
     force: options.Force = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Print the summary of a log, or the table of a comparison or a study, again, or export tables of logs."""
+    """Print the summary of a log or the table of a study, or export the tables of a log as CSV."""
     from psmpc_cli.cli.contents import read_contents
 
     contents = read_contents(log)

@@ -20,12 +20,12 @@ WITH_WINDOWS = ("log.plans=true", "log.shares=false")
 def compare(
     task: options.Task,
     controllers: Annotated[
-        str, typer.Option(metavar="KIND,...", help="Of psmpc, smpc, htmpc, hard; differences are to the first.")
+        str, typer.Option(metavar="KIND,...", help="Some of psmpc, smpc, htmpc, hard; the first is the reference.")
     ] = "psmpc,smpc,htmpc,hard",
     own_settings: Annotated[
         bool,
         typer.Option(
-            "--own-settings", help="Apply all of by_controller; else weights, tolerances and limits are equal."
+            "--own-settings", help="Apply all of by_controller. Default: equal weights, tolerances and limits."
         ),
     ] = False,
     output: Annotated[Path | None, options.output("runs/<task>-comparison.h5", what="File of all logs.")] = None,
@@ -36,7 +36,7 @@ def compare(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Run several controllers on one task: one table, one file of logs, and figures side by side."""
+    """Run several controllers on one task: print one table, write one file of logs and figures."""
     common.ensure_not_both(quiet, verbose)
     common.validate(task, changes)
     from psmpc_cli.cli.contents import present
@@ -78,7 +78,7 @@ def sweep_weights(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Run the closed loop under many pairs of priorities: how they decide the actual start. Paper Fig. 6."""
+    """Run missions under many pairs of priorities, and recommend a pair. Paper Fig. 6."""
     common.ensure_not_both(quiet, verbose)
     if grid is not None and not _is_grid(grid):
         grid, task = task, grid
@@ -118,7 +118,7 @@ def monte_carlo(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Run a task many times, each with another seed for its uncertainty: how often it succeeds, and how runs spread."""
+    """Run a task many times with other seeds for its uncertainty, and count how often it succeeds."""
     common.ensure_not_both(quiet, verbose)
     common.validate(task, changes)
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
@@ -166,7 +166,9 @@ def pareto(
     method: Annotated[
         Literal["weighted-sum", "epsilon-constraint", "both"], typer.Option(help="How the points are found.")
     ] = "both",
-    free_instant: Annotated[bool, typer.Option("--free-instant", help="The switch time is a third criterion.")] = False,
+    free_instant: Annotated[
+        bool, typer.Option("--free-instant", help="Let the switch time vary too, as a third criterion.")
+    ] = False,
     output: Annotated[Path | None, options.output("runs/<task>-pareto.h5")] = None,
     log: Annotated[Path | None, typer.Option(metavar="FILE", help="Keep the log of the closed loop here.")] = None,
     force: options.Force = False,
@@ -175,7 +177,7 @@ def pareto(
     figures: options.Figures = True,
     quiet: options.Quiet = False,
 ) -> None:
-    """Compute what two stages cost at each other's expense: Pareto fronts at several samples of a run. Paper Fig. 7."""
+    """Compute Pareto fronts of the costs of two stages, at several samples of a run. Paper Fig. 7."""
     from h5py import is_hdf5
 
     file = Path(task)

@@ -1,6 +1,6 @@
 """What the grippers hold, found out from the momentum of robot and load.
 
-docs/grasp_model.md, section "A load that is found out".
+docs/grasp_model.md, section "A load that is estimated".
 """
 
 from dataclasses import dataclass, replace

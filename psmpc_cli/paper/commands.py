@@ -23,13 +23,13 @@ def reproduce(
     ] = False,
     weights: Annotated[str, typer.Option(metavar="AxB", help="Points of the priorities' grid, Fig. 6.")] = "7x7",
     fronts: Annotated[int, typer.Option(min=3, metavar="N", help="Points of each Pareto front, Fig. 7.")] = 13,
-    strict: Annotated[bool, options.strict("a claim that is not on an input does not hold")] = False,
+    strict: Annotated[bool, options.strict("a claim does not hold, except claims on inputs")] = False,
     force: options.Force = False,
     changes: options.Changes = None,
     jobs: options.Jobs = None,
     quiet: options.Quiet = False,
 ) -> None:
-    """Run what the paper's claims need: a table of published against reproduced, and a report with the figures."""
+    """Reproduce the paper: judge its claims, and write a report with its figures."""
     from psmpc_cli.logs.files import BY_ENDING, CLAIMS, check_output, write_new
     from psmpc_cli.paper import reproduce as study
     from psmpc_cli.paper.departures import PRINTED, SHIPPED

@@ -187,7 +187,8 @@ class GraspSpec(Spec):
         None, description="what it holds; default anything"
     )
     known: _Known = Field(
-        False, description="whether the low-level law knows the load and the closed chain; estimated: it finds it out"
+        False,
+        description="whether the low-level law knows the load and the closed chain; estimated: it estimates the load",
     )
     band: fields.Sparse[Annotated[tuple[fields.Positive, fields.Positive], listed("2 entries", 2)] | None] = Field(
         None,

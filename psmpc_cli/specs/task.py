@@ -296,7 +296,7 @@ class ControllerSpec(Choice):
     delay: fields.SecondsOrAuto = Field(
         "auto",
         exclude_if=lambda value: value == "auto",
-        description="after how long commands reach the robot; auto: found out from the motion [s]",
+        description="after how long commands reach the robot; auto: estimated from the motion [s]",
     )
     measurement_noise: StateNoiseSpec | None = Field(
         None, description="noise that the state is filtered for, 0: no filter; default that of `uncertainty.noise`"
@@ -306,7 +306,7 @@ class ControllerSpec(Choice):
     masses: Literal["as_described", "estimated"] = Field(
         "as_described",
         exclude_if=lambda value: value == "as_described",
-        description="masses and inertias that the low-level law counts with; estimated: found out from the motion",
+        description="masses and inertias in the low-level law; estimated: from the motion",
     )
     one_stage: Literal["as_published", "free_end"] = Field(
         "as_published",
@@ -314,7 +314,7 @@ class ControllerSpec(Choice):
         description="windows over one stage: without its end, or with its end condition at a free switch time",
     )
     load_prior: fields.Sparse[LoadPriorSpec | None] = Field(
-        None, description="what it takes for a load that it finds out; default the object's numbers, 50 % off"
+        None, description="prior of a load that is estimated; default the object's numbers, 50 % off"
     )
     htmpc: HtmpcSpec = Field(HtmpcSpec(), description="what only the lexicographic controller needs")
 

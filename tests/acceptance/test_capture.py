@@ -196,6 +196,15 @@ def test_tumbling_object_is_caught_with_both_hands_and_brought_to_rest(tumbling:
     assert moved < 2e-3 and turned < np.radians(0.2)
 
 
+def test_a_spinning_satellite_of_the_robots_own_mass_is_brought_to_rest_before_it_is_carried() -> None:
+    """By thrusters in pulses; docs/tumbling.md has the mission in space."""
+    run = psmpc.simulate(psmpc.load_task("detumble_platform", {"log.shares": False, "log.plans": False}))
+    assert run.summary().succeeded
+    at_rest = np.searchsorted(run.time, run.stages["switch_time"][2])
+    assert np.abs(run["object/velocity"][0, -1]) == pytest.approx(np.radians(4))
+    assert np.abs(run["object/velocity"][at_rest]).max() < 0.01
+
+
 def test_both_plants_take_a_tumbling_object_alike(tumbling: Run) -> None:
     """Half a second after closing, when bushings have settled; docs/capture_results.md compares whole runs."""
     end = round(float(tumbling["grasp/closed_at"].max()) + 0.5, 1)

@@ -48,7 +48,7 @@ def before_a_panel(folder: Path, robot: Path | None = None, **changes: Any) -> T
         "robot": str(robot or robot_in(folder)),
         "plumes": "avoided",
         "initial": {"base": [0, 0, 0], **FOLDED},
-        "controller": {"horizon": 8, "nodes": "auto"},
+        "controller": {"horizon": 8, "nodes": 20},
         "obstacles": [{"name": "panel", "shape": {"box": [0.2, 0.6]}, "pose": [2.2, 0, 0]}],
         "skills": {"move": {"space": "joint", "weights": {"base": [100, 100, 100], "arms": 3 * [10], "control": 10}}},
         "stages": [stage],

@@ -90,6 +90,7 @@ class Results:
     def _write(self, file: h5py.File) -> None:
         """Write attributes and arrays into an empty file, coordinates first: the others are tied to them as scales."""
         file.attrs.update(self.attributes)
+        datasets = dict[str, h5py.Dataset]()
         for each in sorted(self.quantities.values(), key=lambda each: each.dims != (each.name,)):
             values = each.values
             if each.is_text:
@@ -97,6 +98,7 @@ class Results:
             # HDF5 has no checksums of texts of variable length, nor of single numbers
             chunks = values.shape if values.size and values.shape and not values.dtype.hasobject else None
             dataset = file.create_dataset(each.name, data=values, chunks=chunks, fletcher32=chunks is not None)
+            datasets[each.name] = dataset
             dataset.attrs.update({"units": each.units, "long_name": each.long_name, "dims": " ".join(each.dims)})
             if each.meanings:
                 codes = {"flag_values": np.arange(len(each.meanings)), "flag_meanings": " ".join(each.meanings)}
@@ -105,7 +107,7 @@ class Results:
                 dataset.make_scale(each.name)
                 continue
             for dimension, name in zip(dataset.dims, each.dims, strict=True):
-                dimension.attach_scale(file[name])
+                dimension.attach_scale(datasets[name])
 
 
 def new_results(
@@ -125,10 +127,11 @@ def read_results(path: Path, kind: str) -> Results:
 
     def read(file: h5py.File) -> Results:
         quantities = dict[str, Quantity]()
-        attributes = {name: read_attributes(dataset) for name, dataset in file.items()}
+        datasets = dict(file.items())
+        attributes = {name: read_attributes(dataset) for name, dataset in datasets.items()}
         dims = {name: tuple(str(known.get("dims", "")).split()) for name, known in attributes.items()}
-        for name, dataset in file.items():
-            lengths = tuple(file[each].size if dims.get(each) == (each,) else 0 for each in dims[name])
+        for name, dataset in datasets.items():
+            lengths = tuple(datasets[each].size if dims.get(each) == (each,) else 0 for each in dims[name])
             if not isinstance(dataset, h5py.Dataset) or dataset.shape != lengths or 0 in lengths:
                 raise misfit(dataset, str(dataset), f"a dataset along {dims[name]} of shape {lengths}, none 0")
             keys = ("units", "long_name", "flag_meanings")

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from io import StringIO
@@ -631,34 +631,41 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
     for name, kind in ATTRIBUTES.items():
         if not isinstance(attributes[name], kind):
             raise misfit(group, repr(attributes[name]), f"a {kind.__name__}", f" attribute {name}")
-    columns = layout(Q_COORDINATE in group)
-    conditions = {ALWAYS, *(column.only for column in columns if column.path in group)}
+    members: list[str] = []
+    group.visit(members.append)
+    columns = layout(Q_COORDINATE in members)
+    conditions = {ALWAYS, *(column.only for column in columns if column.path in members)}
     present = [part for column in columns if column.only in conditions for part in column.parts]
-    _check_datasets(group, present)
-    arrays = {column.path: read_array(group[column.path]) for column in present}
+    datasets = _datasets(group, members, present)
+    arrays = {path: read_array(dataset) for path, dataset in datasets.items()}
     _check_values(group, arrays)
     return Run(path, attributes, arrays)
 
 
-def _check_datasets(group: h5py.Group, present: Iterable[Column]) -> None:
-    """Make sure, before any is read, that the datasets are those of the schema and fit together.
+def _datasets(group: h5py.Group, members: Collection[str], present: Iterable[Column]) -> dict[str, h5py.Dataset]:
+    """Open the datasets, by path; make sure, before any is read, that they are those of the schema and fit together.
+
+    Args:
+        group: The group of the run.
+        members: Paths of all that is in it.
+        present: The datasets that such a log has.
 
     Raises:
         LogError: They are not, or do not.
     """
     known = {column.path: column for column in present}
     groups = {path.rpartition("/")[0] for path in known}
-    found: list[str] = []
-    group.visit(found.append)
-    if unknown := [path for path in found if path not in known and path not in groups]:
+    if unknown := [path for path in members if path not in known and path not in groups]:
         raise misfit(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
-    lengths = {path: len(group[path]) for path, column in known.items() if column.is_scale}
+    datasets = {path: group[path] for path in known}
+    lengths = {path: len(datasets[path]) for path, column in known.items() if column.is_scale}
     for path, column in known.items():
-        dataset = group[path]
+        dataset = datasets[path]
         shape = tuple(lengths[dim] for dim in column.dims)
         dtype = h5py.string_dtype() if column.dtype == "text" else np.dtype(column.dtype)
         if not isinstance(dataset, h5py.Dataset) or (dataset.shape, dataset.dtype) != (shape, dtype):
             raise misfit(dataset, str(dataset), f"a dataset of type {column.dtype} with shape {shape}")
+    return datasets
 
 
 def _check_values(group: h5py.Group, arrays: Mapping[str, Array]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from h5py import h5a, h5l, h5z
+from h5py import h5a, h5d, h5g, h5l, h5o, h5z
 
 from psmpc_cli.errors import LogError
 from psmpc_cli.specs.document import printable, shortened
@@ -66,18 +66,25 @@ def walk(file: h5py.File) -> None:
             raise misfit(group, found, f"at most {DEEPEST} links, and {MOST_OBJECTS} objects")
         for name in group.id:
             link = group.id.links.get_info(name).type
-            member = group[name] if link == h5l.TYPE_HARD else None
+            member = _opened(group, name) if link == h5l.TYPE_HARD else None
             if not isinstance(member, h5py.Group | h5py.Dataset):
                 kind = "a type" if member is not None else LINKS.get(link, "a link of another program")
                 raise misfit(group, kind, "a dataset or group in the file itself", f"/{name.decode(errors='replace')}")
-            check_attributes(member, attributes)
-            attributes += len(member.attrs)
+            attributes = check_attributes(member, attributes)
             if isinstance(member, h5py.Group):
                 groups.append((member, depth + 1))
                 continue
             size += _memory(member)
             if size > allowed:
                 raise misfit(member, f"{size} bytes up to here", f"at most {allowed} in a file of this size")
+
+
+def _opened(group: h5py.Group, name: bytes) -> h5py.HLObject:
+    """Open a member of a group. By its name h5py would ask the file each time whether it may be written."""
+    member = h5o.open(group.id, name)
+    if isinstance(member, h5g.GroupID):
+        return h5py.Group(member)
+    return h5py.Dataset(member) if isinstance(member, h5d.DatasetID) else h5py.Datatype(member)
 
 
 def _memory(dataset: h5py.Dataset) -> int:
@@ -87,38 +94,46 @@ def _memory(dataset: h5py.Dataset) -> int:
         LogError: They are in other files, or are no plain numbers and texts.
     """
     storage = dataset.id.get_create_plist()
-    if dataset.is_virtual or storage.get_external_count():  # asked first: a shape may be that of another file
-        kind = "a virtual dataset" if dataset.is_virtual else "external storage"
+    is_virtual = storage.get_layout() == h5d.VIRTUAL
+    if is_virtual or storage.get_external_count():  # asked first: a shape may be that of another file
+        kind = "a virtual dataset" if is_virtual else "external storage"
         raise misfit(dataset, kind, "values in the file itself")
     if unknown := {storage.get_filter(number)[0] for number in range(storage.get_nfilters())} - FILTERS:
         raise misfit(dataset, f"filter {min(unknown)}", "deflate, shuffle or Fletcher-32")
-    if dataset.shape is None or not _is_plain(dataset.dtype):
-        found = "no values" if dataset.shape is None else f"values of type {dataset.dtype}"
+    dtype = dataset.dtype
+    shape = dataset.shape
+    if shape is None or not _is_plain(dtype):
+        found = "no values" if shape is None else f"values of type {dtype}"
         raise misfit(dataset, found, "numbers or texts")
-    text = h5py.check_string_dtype(dataset.dtype)
-    each = dataset.dtype.itemsize if text is None else TEXT_SIZE + 8 * (text.length or 0)
-    values: int = max(prod(dataset.shape), prod(dataset.chunks or ()))
+    text = h5py.check_string_dtype(dtype)
+    each = dtype.itemsize if text is None else TEXT_SIZE + 8 * (text.length or 0)
+    chunk = storage.get_chunk() if storage.get_layout() == h5d.CHUNKED else ()
+    values: int = max(prod(shape), prod(chunk))
     return values * each
 
 
-def check_attributes(item: h5py.Group | h5py.Dataset, before: int = 0) -> None:
-    """Make sure that the attributes of an object, after so many of others, are plain numbers and texts.
+def check_attributes(item: h5py.Group | h5py.Dataset, before: int = 0) -> int:
+    """Make sure that the attributes of an object, after so many of others, are plain numbers and texts; count all.
 
     Raises:
         LogError: One is something else.
     """
-    if (count := before + h5a.get_num_attrs(item.id)) > MOST_ATTRIBUTES:
+    count: int = before + h5a.get_num_attrs(item.id)
+    if count > MOST_ATTRIBUTES:
         raise misfit(item, f"{count} attributes up to here", f"at most {MOST_ATTRIBUTES}")
-    for name in item.attrs:
-        if name in OF_SCALES and isinstance(item, h5py.Dataset):
+    is_dataset = isinstance(item, h5py.Dataset)
+    for number in range(count - before):
+        attribute = h5a.open(item.id, index=number)
+        name = attribute.name.decode(errors="replace")
+        if name in OF_SCALES and is_dataset:
             continue
-        attribute = item.attrs.get_id(name)
         dtype = attribute.dtype
         shape = attribute.shape
-        several = shape and isinstance(item, h5py.Group) and name != RUNS
+        several = shape and not is_dataset and name != RUNS
         if shape is None or several or not _is_plain(dtype) or prod(shape) * dtype.itemsize > LARGEST_ATTRIBUTE:
             found = "no value" if shape is None else f"values of type {dtype} with shape {shape}"
             raise misfit(item, found, "a number or a text", f" attribute {name}")
+    return count
 
 
 def _is_plain(dtype: np.dtype[Any]) -> bool:

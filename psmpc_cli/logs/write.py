@@ -82,7 +82,7 @@ class LogWriter:
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
         open_end = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}
-        create_log(self._file, chosen, attributes, header.values)
+        self._datasets = create_log(self._file, chosen, attributes, header.values)
         self._growing = [column for column in chosen if column.value is not None]
         self._pending: list[Sample | Row] = []
         self._rows = 0
@@ -183,7 +183,7 @@ class LogWriter:
                 self._extend_ragged(column, values)
                 continue
             block = np.array(values) if column.dims[0] == "time" else np.concatenate(values)
-            _extend(self._file[column.path], self._rows * (len(block) // len(rows)), block)
+            _extend(self._datasets[column.path], self._rows * (len(block) // len(rows)), block)
         self._rows += len(rows)
         self._pending = []
 
@@ -193,9 +193,10 @@ class LogWriter:
         block = np.full((len(values), max(lengths)), np.nan)
         for padded, each in zip(block, values, strict=True):
             padded[: len(each)] = each
-        _extend(self._file[column.path], self._rows, block)
-        _extend(self._file[f"{column.path}_length"], self._rows, np.array(lengths))
-        _extend(self._file[column.dims[1]], 0, np.arange(self._file[column.path].shape[1]))
+        dataset = self._datasets[column.path]
+        _extend(dataset, self._rows, block)
+        _extend(self._datasets[f"{column.path}_length"], self._rows, np.array(lengths))
+        _extend(self._datasets[column.dims[1]], 0, np.arange(dataset.shape[1]))
 
 
 def rows_of(samples: Sequence[Sample | Row], columns: Sequence[Column]) -> list[Row]:
@@ -213,8 +214,8 @@ def _extend(dataset: h5py.Dataset, first: int, rows: np.ndarray) -> None:
 
 def create_log(
     group: h5py.Group, columns: Sequence[Column], attributes: Mapping[str, Any], values: Mapping[str, ArrayLike]
-) -> None:
-    """Create every dataset of a log: with its values, or without rows; its numbers have checksums.
+) -> dict[str, h5py.Dataset]:
+    """Create every dataset of a log: with its values, or without rows; its numbers have checksums. Return them by path.
 
     Args:
         group: An empty group.
@@ -224,25 +225,39 @@ def create_log(
     """
     group.attrs.update(attributes)
     in_closeness = ("window/presence", "stages/epsilon") if attributes.get("onset") == "closeness" else ()
+    datasets = dict[str, h5py.Dataset]()
+    names = dict[str, list[str]]()
+    sliding = sliding_of(attributes)
     for part in sorted((part for column in columns for part in column.parts), key=lambda part: not part.is_scale):
-        dataset = _create(group, part, values.get(part.path))
+        lengths = [len(datasets[scale]) for scale in part.dims if scale != part.path]
+        dataset = _create(group, part, lengths, values.get(part.path))
+        datasets[part.path] = dataset
         units = "1" if part.path in in_closeness else part.units
         dataset.attrs.update({"units": units, "long_name": part.long_name})
         if not part.is_scale and part.dims[-1:] and part.dims[-1] in OF_COORDINATES:
-            names = group[part.dims[-1]].asstr()[:].tolist()
-            if by_column := units_of_columns(part, names, sliding_of(attributes)):
+            coordinate = part.dims[-1]
+            if coordinate not in names:
+                names[coordinate] = datasets[coordinate].asstr()[:].tolist()
+            if by_column := units_of_columns(part, names[coordinate], sliding):
                 dataset.attrs[COLUMN_UNITS] = by_column
         if part.is_scale:
             dataset.make_scale(part.path.rpartition("/")[2])
             continue
         for dimension, scale in zip(dataset.dims, part.dims, strict=True):
-            dimension.attach_scale(group[scale])
+            dimension.attach_scale(datasets[scale])
+    return datasets
 
 
-def _create(group: h5py.Group, column: Column, known: ArrayLike | None) -> h5py.Dataset:
-    """Create a dataset: in chunks that can grow, or of a fixed size beside the metadata, which have checksums."""
+def _create(group: h5py.Group, column: Column, widths: list[int], known: ArrayLike | None) -> h5py.Dataset:
+    """Create a dataset: in chunks that can grow, or of a fixed size beside the metadata, which have checksums.
+
+    Args:
+        group: The group of the log.
+        column: The dataset.
+        widths: The lengths of its scales, but not of itself.
+        known: Its values, if they are known.
+    """
     text = column.dtype == "text"
-    widths = [len(group[scale]) for scale in column.dims if scale != column.path]
     dtype = h5py.string_dtype() if text else np.dtype(column.dtype)
     data = None if known is None else np.asarray(known, object if text else dtype)
     if column.value is None:

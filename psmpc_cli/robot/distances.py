@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 
 from psmpc_cli.robot.kinematics import SpatialFrame
-from psmpc_cli.robot.rotations import add, conjugate, dot, product, rotate, scaled
+from psmpc_cli.robot.rotations import add, conjugate, dot, minus, plus, product, rotate, scaled, times
 from psmpc_cli.specs.geometry import DEEP, Shape
 
 Vector = Sequence[Any]
@@ -139,7 +139,8 @@ def _covering_spheres(shape: Shape) -> tuple[list[float], float]:
 def _axis(frame: SpatialFrame) -> list[Any]:
     """Compute the x axis of a frame (3,)."""
     w, x, y, z = frame.quaternion
-    return [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)]
+    along = minus(1, times(2, plus(times(y, y), times(z, z))))
+    return [along, times(2, plus(times(x, y), times(w, z))), times(2, minus(times(x, z), times(w, y)))]
 
 
 def _norm(vector: Vector) -> Any:

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import casadi as ca
 
-from psmpc_cli.robot.rotations import add, exp, product, rotate, scaled, turn
+from psmpc_cli.robot.rotations import add, exp, minus, plus, product, rotate, scaled, times, turn
 from psmpc_cli.specs.robot import Attachment, Joint, RobotSpec
 
 
@@ -22,8 +22,8 @@ class PlanarFrame:
         c = ca.cos(self.angle)
         s = ca.sin(self.angle)
         x, y, _ = at.position
-        apart = ca.vertcat(x * c - y * s, x * s + y * c)
-        return type(self)(self.position + apart, self.angle).turned(at.rotation, 1.0)
+        apart = ca.vertcat(minus(times(x, c), times(y, s)), plus(times(x, s), times(y, c)))
+        return type(self)(plus(self.position, apart), self.angle).turned(at.rotation, 1.0)
 
     def moved(self, joint: Joint, q: Any) -> Self:
         """Return the frame carried through a joint at coordinate q [rad]."""
@@ -31,7 +31,7 @@ class PlanarFrame:
 
     def turned(self, axis: Sequence[float], angle: Any) -> Self:
         """Return the frame turned about its own origin."""
-        return type(self)(self.position, self.angle + axis[2] * angle)
+        return type(self)(self.position, plus(self.angle, times(axis[2], angle)))
 
     def in_space(self) -> "SpatialFrame":
         """Return the frame in space: that of the plane z = 0."""

@@ -7,10 +7,12 @@ omega = J_r(phi) phidot. Sola, Deray, Atchuthan: A micro Lie theory (2018), sect
 
 import math
 from collections.abc import Sequence
+from functools import reduce
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from casadi import SX
 
 Vector = Sequence[Any]
 
@@ -18,24 +20,43 @@ TERMS = 13
 """Terms of the series below in |phi|^2: exact to 1e-13 up to |phi| = pi, without a branch and smooth everywhere."""
 
 
+def times(x: Any, y: Any) -> Any:
+    """Compute x y of two components.
+
+    `times`, `plus` and `minus` build the same expressions as the operators of CasADi, which try arrays of numbers first
+    and take ten times as long: the equations of motion of a robot in space have thousands of operations.
+    """
+    return SX.binary(ca.OP_MUL, x, y) if type(x) is SX or type(y) is SX else x * y
+
+
+def plus(x: Any, y: Any) -> Any:
+    """Compute x + y of two components, see `times`."""
+    return SX.binary(ca.OP_ADD, x, y) if type(x) is SX or type(y) is SX else x + y
+
+
+def minus(x: Any, y: Any) -> Any:
+    """Compute x - y of two components, see `times`."""
+    return SX.binary(ca.OP_SUB, x, y) if type(x) is SX or type(y) is SX else x - y
+
+
 def dot(a: Vector, b: Vector) -> Any:
     """Compute the inner product."""
-    return sum((x * y for x, y in zip(a[1:], b[1:], strict=True)), a[0] * b[0])
+    return reduce(plus, (times(x, y) for x, y in zip(a, b, strict=True)))
 
 
 def cross(a: Vector, b: Vector) -> list[Any]:
     """Compute the cross product of vectors (3,)."""
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    return [minus(times(a[i], b[j]), times(a[j], b[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
 
 
 def add(a: Vector, *more: Vector) -> list[Any]:
     """Compute the sum of vectors."""
-    return [sum(rest, first) for first, *rest in zip(a, *more, strict=True)]
+    return [reduce(plus, components) for components in zip(a, *more, strict=True)]
 
 
 def scaled(a: Vector, factor: Any) -> list[Any]:
     """Compute factor times a."""
-    return [factor * x for x in a]
+    return [times(factor, x) for x in a]
 
 
 def conjugate(q: Vector) -> list[Any]:
@@ -46,7 +67,8 @@ def conjugate(q: Vector) -> list[Any]:
 def product(a: Vector, b: Vector) -> list[Any]:
     """Compute the quaternion of the rotation b followed by a."""
     v = cross(a[1:], b[1:])
-    return [a[0] * b[0] - dot(a[1:], b[1:]), *(a[0] * b[i + 1] + b[0] * a[i + 1] + v[i] for i in range(3))]
+    real = minus(times(a[0], b[0]), dot(a[1:], b[1:]))
+    return [real, *add(scaled(b[1:], a[0]), scaled(a[1:], b[0]), v)]
 
 
 def rotate(q: Vector, r: Vector) -> list[Any]:
@@ -93,7 +115,11 @@ def turn_matrix(axis: Sequence[float], angle: Any) -> list[list[Any]]:
     c = library.cos(angle)
     s = library.sin(angle)
     skew = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
-    return [[(1 - c) * (axis[i] * axis[j]) + s * skew[i][j] + c * (i == j) for j in range(3)] for i in range(3)]
+
+    def entry(i: int, j: int) -> Any:
+        return plus(plus(times(1 - c, axis[i] * axis[j]), times(s, skew[i][j])), times(c, float(i == j)))
+
+    return [[entry(i, j) for j in range(3)] for i in range(3)]
 
 
 def exp(phi: Vector) -> list[Any]:

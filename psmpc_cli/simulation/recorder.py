@@ -136,7 +136,7 @@ def record(
         _write(loop, samples, writer, watch)
         if place is None:
             return run_in(writer.file).with_problem(loop.problem)
-    return read_run(place)
+    return read_run(place).with_problem(loop.problem)
 
 
 def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch) -> None:

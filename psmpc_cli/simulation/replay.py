@@ -115,7 +115,8 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
         task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
     spec = task.spec.solver.model_copy(update={"deadline": None})
     same_solver = task.spec.solver.kind == log.task.spec.solver.kind
-    back_end = build_solver(build_problem(task), spec, iterations.append)
+    problem = log.problem if task is log.task else build_problem(task)
+    back_end = build_solver(problem, spec, iterations.append)
     if log["events/appended"][sample]:
         back_end = back_end.stopping(np.inf, spec.entry_iterations)
     duals = logged.guess_duals if same_solver else np.zeros(0)

@@ -102,9 +102,12 @@ def test_a_comparison_offers_its_runs(psmpc: Psmpc) -> None:
 
 @pytest.mark.slow
 def test_an_object_with_a_mass_is_shown_as_logged_with_the_pull_on_its_grasps(psmpc: Psmpc) -> None:
-    assert psmpc("simulate", "transport_grasp", "--set", "controller.nodes=10", "--no-figures", "--view").code == 0
+    near = "initial={base: [-1.9, 1.9, 28 deg], arm_1: [45 deg, 30 deg, 60 deg], arm_2: [-45 deg, -30 deg, -60 deg]}"
+    changes = [word for change in ("controller.nodes=10", "time_limit=3", near) for word in ("--set", change)]
+    assert psmpc("simulate", "transport_grasp", *changes, "--no-figures", "--view").code == 0
     (run,) = shown("runs/transport_grasp-view.html")
     log = read_run("runs/transport_grasp.h5")
+    assert log["grasp/closed"][-1].all()
     packed = np.frombuffer(base64.b64decode(run["object"]["pose"]["data"])).reshape(run["object"]["pose"]["shape"])
     assert packed[:-1, :2] == pytest.approx(log["object/pose"][:, :2])
     assert "Grasp" in [tab["name"] for tab in run["plots"]]

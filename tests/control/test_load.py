@@ -10,7 +10,17 @@ from psmpc_cli.control.load import LoadEstimator, LoadPrior, RobotAndObject, _as
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.specs.load import load_task
 
-DRIFTING: dict[str, Any] = {"controller.nodes": 12, "log": {"plans": False, "shares": False}}
+BESIDE = {
+    "base": [-1.5, 1.5, "20 deg"],
+    "arm_1": ["45 deg", "30 deg", "60 deg"],
+    "arm_2": ["-45 deg", "-30 deg", "-60 deg"],
+}
+"""Beside an object that drifts towards the robot."""
+DRIFTING: dict[str, Any] = {
+    "controller.nodes": 12,
+    "initial": BESIDE,
+    "log": {"plans": False, "shares": False},
+}
 ESTIMATED: dict[str, Any] = {**DRIFTING, "object.grasp.known": "estimated", "uncertainty.object.mass": 0.85}
 IMPRECISE: dict[str, Any] = {
     "uncertainty.mass": 0.1,
@@ -58,10 +68,16 @@ def test_a_load_in_space_is_found_out() -> None:
     changes = {
         "object.grasp.known": "estimated",
         "uncertainty.object.mass": 0.7,
+        "controller.nodes": 12,
+        "limits.base.force": None,
+        "initial.base": {
+            "position": [1.34, -0.36, 0.46],
+            "attitude": {"quaternion": [0.9440, 0.1899, 0.0496, 0.2651]},
+        },
         "log": DRIFTING["log"],
-        "time_limit": 20,
+        "time_limit": 6,
     }
-    run = psmpc.simulate(load_task("servicing", changes))
+    run = psmpc.simulate(load_task("catch_tumbling", changes))
     assert run["load/mass"][-1] == pytest.approx(float(run["object/mass"]), rel=0.03)
     assert run["load/mass"][0] != pytest.approx(float(run["object/mass"]), rel=0.1)
 

@@ -113,7 +113,7 @@ def test_commands_that_come_late_shut_thrusters_when_they_act(tmp_path: Path) ->
     task = before_a_panel(
         tmp_path,
         uncertainty={"delay": "0.13 s"},
-        controller={"horizon": 8, "nodes": "auto", "delay": "0.13 s"},
+        controller={"horizon": 8, "nodes": 20, "delay": "0.13 s"},
     )
     run = simulate(task)
     assert run.summary().succeeded

@@ -133,23 +133,23 @@ def test_a_loop_of_ones_own_is_recorded_as_simulate_records_it(tmp_path: Path) -
     assert np.isnan(without["wheels/torque"]).all()
 
 
-def test_summary_and_figure(spatial: Run) -> None:
-    summary = spatial.summary()
+def test_summary_and_figure(planar: Run) -> None:
+    summary = planar.summary()
     assert summary.wheels is not None and summary.wheels.momentum is not None and summary.wheels.torque is not None
-    wheels = Wheels.of(spatial.problem.model.spec)
-    assert summary.wheels.momentum.value == (np.abs(spatial["wheels/momentum"]) / wheels.momentum).max()
+    wheels = Wheels.of(planar.problem.model.spec)
+    assert summary.wheels.momentum.value == (np.abs(planar["wheels/momentum"]) / wheels.momentum).max()
     assert summary.wheels.torque.value == pytest.approx(1.0, abs=1e-6)
     rows = dict(measure_rows(summary))
     assert rows["largest momentum of a wheel, of its limit"] == (
         f"{summary.wheels.momentum.where}: {100 * summary.wheels.momentum.value:.1f} % at "
         f"{summary.wheels.momentum.time:.1f} s"
     )
-    assert "wheels" in figures_of(RUN, spatial)
-    figure = psmpc.plot(spatial, "wheels")
+    assert "wheels" in figures_of(RUN, planar)
+    figure = psmpc.plot(planar, "wheels")
     above, below = (axes for axes in figure.axes if axes.get_lines())
     for axes, quantity in ((above, "momentum"), (below, "torque")):
         drawn = [line.get_ydata() for line in axes.get_lines() if not str(line.get_label()).startswith("_")]
-        np.testing.assert_array_equal(np.array(drawn, dtype=float).T, spatial[f"wheels/{quantity}"])
+        np.testing.assert_array_equal(np.array(drawn, dtype=float).T, planar[f"wheels/{quantity}"])
 
 
 def test_a_plant_without_forces_has_no_wheels(tmp_path: Path) -> None:

@@ -1,13 +1,15 @@
 """The full rigid-body dynamics under the computed-torque law (7): force held over a tick, Runge-Kutta between ticks."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.compiled import compiled
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks, limited_force
+from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Setpoints, Ticks, limited_force
 from psmpc_cli.plant.grasp import Capture, GraspLaw, PlantSetup
 from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.plant.wheels import WheelDrive
@@ -23,13 +25,151 @@ from psmpc_cli.specs.object import GRASP_LOADS
 LOADS = len(GRASP_LOADS)
 
 
-class Rk4Plant:
+@dataclass(frozen=True, eq=False)
+class _Inputs:
+    """What the compiled function of ticks takes at each tick of a sample.
+
+    Attributes:
+        setpoints: What the law follows, then what of the base is driven where that varies (M, k).
+        disturbances: Noise (M, 2n) and external force (M, n), as far as the function has them.
+        in_task_space: Whether the law follows rates of the velocities J_C v.
+        varies: Whether it is told what of the base is driven.
+    """
+
+    setpoints: np.ndarray
+    disturbances: tuple[np.ndarray, ...]
+    in_task_space: bool
+    varies: bool
+
+    def at(self, ticks: slice) -> list[np.ndarray]:
+        """Return the arguments at ticks, a row each."""
+        return [values[ticks] for values in (self.setpoints, *self.disturbances)]
+
+    def mean(self, ticks: slice) -> list[np.ndarray]:
+        """Return the arguments of one tick with the mean setpoints over ticks, disturbed as the first of them."""
+        first = slice(ticks.start, ticks.start + 1)
+        mean = self.setpoints[ticks].mean(axis=0)
+        return [mean[None], *(values[first] for values in self.disturbances)]
+
+
+class _CompiledPlant(ABC):
+    """A plant whose ticks between two events are one call of a function, as compiled C where it is `native`.
+
+    Events are beginnings of periods of pulses, and what a plant has of its own. With thrusters the limits of the force
+    on the base are at what they give, which the law then counts with.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        tick: float,
+        substeps: int,
+        native: bool,
+        friction: JointFriction | None,
+        force_limits: ForceLimits | None,
+        firing: ThrusterFiring | None,
+        drive: WheelDrive | None,
+    ) -> None:
+        self.model = model
+        self.tick = tick
+        self.friction = friction
+        self.force_limits = force_limits
+        self.firing = firing
+        self.drive = drive
+        self._native = native
+        self._substeps = substeps
+        self._one_tick: dict[tuple[bool, bool, bool], ca.Function] = {}
+        self._ticks: dict[tuple[int, bool, bool, bool], ArrayFunction] = {}
+
+    @abstractmethod
+    def _build_tick(self, in_task_space: bool, varies: bool, is_pushed: bool) -> ca.Function:
+        """Build the function of one tick z, at each tick, fixed, limits -> z_next, F, commanded F, others.
+
+        It has limits, and returns what is commanded besides what acts, where there are limits.
+        """
+
+    def _tick_by(self, in_task_space: bool, varies: bool, is_pushed: bool) -> ca.Function:
+        """Return the function of one tick, built on first use."""
+        key = in_task_space, varies, is_pushed
+        if key not in self._one_tick:
+            one = self._build_tick(*key)
+            self._one_tick[key] = compiled(one) if self._native else one
+        return self._one_tick[key]
+
+    def _over(self, ticks: int, in_task_space: bool, varies: bool, is_pushed: bool) -> ArrayFunction:
+        """Return the function of so many ticks, built on first use."""
+        key = ticks, in_task_space, varies, is_pushed
+        if key not in self._ticks:
+            self._ticks[key] = ArrayFunction(self._tick_by(in_task_space, varies, is_pushed).mapaccum(ticks))
+        return self._ticks[key]
+
+    def _begin_span(
+        self, first: int, last: int, z: np.ndarray, inputs: _Inputs, fixed: tuple[np.ndarray, ...], setpoints: Setpoints
+    ) -> tuple[slice, bool]:
+        """Return ticks over which the same holds of the thrusters; a period of pulses may begin with them.
+
+        Args:
+            first: The first of them.
+            last: The one after the last that may be among them.
+            z: Integrated state at the first.
+            inputs: Arguments at each tick of the sample.
+            fixed: Arguments that are the same at all ticks.
+            setpoints: Those of the sample.
+
+        Returns:
+            The ticks, and whether thrusters push the base in them.
+        """
+        firing = self.firing
+        limits = self.force_limits
+        if firing is None or limits is None:
+            return slice(first, last), False
+        span = firing.span(setpoints.driven, first, last)
+        if span.begins:
+            one = self._over(1, inputs.in_task_space, inputs.varies, is_pushed=True)
+            _, _, wanted, *_ = one(z, *inputs.mean(span.ticks), *fixed, _without_thrust(limits, firing))
+            firing.begin(limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
+        return span.ticks, span.is_pushed
+
+    def _integrate(
+        self, ticks: slice, is_pushed: bool, z: np.ndarray, inputs: _Inputs, fixed: tuple[np.ndarray, ...]
+    ) -> list[np.ndarray]:
+        """Return the results of the function of ticks, within the limits of the force, a row a tick.
+
+        Args:
+            ticks: The ticks.
+            is_pushed: Whether thrusters push the base in them.
+            z: Integrated state at the first.
+            inputs: Arguments at each tick of the sample.
+            fixed: Arguments that are the same at all ticks.
+        """
+        count = ticks.stop - ticks.start
+        limits: tuple[np.ndarray, ...] = ()
+        if self.force_limits is not None:
+            limits = (self.force_limits.vector,)
+            if self.firing is not None and is_pushed:
+                limits = (_under_thrust(self.force_limits, self.firing, count),)
+        over = self._over(count, inputs.in_task_space, inputs.varies, is_pushed)
+        return over(z, *inputs.at(ticks), *fixed, *limits)
+
+    def _pass_ticks(self, states: np.ndarray, commanded: np.ndarray, is_pushed: bool) -> None:
+        """Tell the thrusters what the law has commanded over ticks that have passed.
+
+        Args:
+            states: Integrated states where the ticks begin (K, nq and more).
+            commanded: Commanded forces (K, n) [N, N m].
+            is_pushed: Whether thrusters push the base in them.
+        """
+        if self.firing is not None and self.force_limits is not None:
+            Q = states[:, : self.model.nq]
+            self.firing.pass_ticks(self.force_limits.on_base(self.model.space, Q, commanded), is_pushed)
+
+
+class Rk4Plant(_CompiledPlant):
     """Integrates state, external impulse and work together, `substeps` steps a tick; `native`, as compiled C.
 
     With friction it is a disturbed plant: all that differs from what the controller knows is an argument of one
     function, so every draw, with and without a payload, runs the same code. Without one these arguments are constants.
-    Force limits are an argument where there are any. With thrusters the ticks of a period of pulses are one call, with
-    the limits of the force on the base at what they give, which the law then counts with.
+    Force limits are an argument where there are any.
     """
 
     def __init__(
@@ -43,66 +183,37 @@ class Rk4Plant:
         firing: ThrusterFiring | None = None,
         drive: WheelDrive | None = None,
     ) -> None:
-        self.model = model
-        self.tick = tick
-        self.friction = friction
-        self.force_limits = force_limits
-        self.firing = firing
-        self.drive = drive
-        self._native = native
-        self._substeps = substeps
-        self._ticks: dict[tuple[bool, bool, bool], ca.Function] = {}
-        self._sample: dict[tuple[int, bool, bool, bool], ArrayFunction] = {}
-        self._tick_by(in_task_space=False, is_pushed=firing is not None)
+        super().__init__(model, tick, substeps, native, friction, force_limits, firing, drive)
+        self._tick_by(in_task_space=False, varies=False, is_pushed=firing is not None)
 
     def advance(
-        self,
-        start: float,
-        state: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-        load: np.ndarray | None = None,
-        driven: np.ndarray | None = None,
+        self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Simulate the robot over one sample: len(u) ticks of the low-level law.
+        """Simulate the robot over one sample; see `Plant.advance`.
 
-        Without thrusters they are integrated in one compiled call. The integrated state is z = [state; external
-        impulse; work; momenta of wheels]; impulse and work begin at 0 in each sample. See `Plant.advance` for the
-        arguments.
+        The integrated state is z = [state; external impulse; work; momenta of wheels]; impulse and work begin at 0.
         """
-        ticks = len(u)
-        nx = len(state)
-        in_task_space = twist_rates is not None
-        inputs = u if twist_rates is None else twist_rates
-        if driven is not None:
-            inputs = np.hstack([inputs, driven])
-        by_tick: tuple[np.ndarray, ...] = ()  # what differs from the robot that the low-level law knows
-        parameters: tuple[np.ndarray, ...] = ()
-        if self.friction is not None and disturbance is not None:
-            by_tick = disturbance.noise, disturbance.external_force
-            parameters = (np.concatenate([disturbance.robot.vector, disturbance.law.vector, self.friction.vector]),)
-
-        def over(
-            first: int, inputs: np.ndarray, z: np.ndarray, limits: tuple[np.ndarray, ...], is_pushed: bool = False
-        ) -> list[np.ndarray]:
-            chosen = slice(first, first + len(inputs))
-            what_differs = *(values[chosen] for values in by_tick), *parameters
-            of_ticks = self._over(len(inputs), in_task_space, driven is not None, is_pushed)
-            return of_ticks(z, inputs, *what_differs, *limits)
-
+        M = len(setpoints.u)
+        inputs, fixed = self._arguments(setpoints, disturbance)
+        if self.firing is not None:
+            self.firing.begin_sample(setpoints.shut)
         sums = self.model.parts["base"].stop + 1
         z = np.concatenate([state, np.zeros(sums), _momenta(self.model, self.drive)])
-        if self.force_limits is None:
-            Z, F, *more = over(0, inputs, z, ())
-        elif self.firing is None:
-            Z, F, *more = over(0, inputs, z, (self.force_limits.vector,))
-        else:
-            Z, F, *more = self._while_firing(self.firing, self.force_limits, inputs, driven, z, over)
-        robot, impulse_and_work, momenta = np.split(Z, [nx, nx + sums], axis=1)
+        spans = []
+        k = 0
+        while k < M:
+            ticks, is_pushed = self._begin_span(k, M, z, inputs, fixed, setpoints)
+            rows = self._integrate(ticks, is_pushed, z, inputs, fixed)
+            Z = rows[0]
+            if self.force_limits is not None:
+                self._pass_ticks(np.vstack([z, Z[:-1]]), rows[2], is_pushed)
+            spans.append(rows)
+            z = Z[-1]
+            k = ticks.stop
+        Z, F, *more = (np.concatenate(rows) for rows in zip(*spans, strict=True))
+        robot, impulse_and_work, momenta = np.split(Z, np.cumsum([len(state), sums]), axis=1)
         return Ticks(
-            time=start + self.tick * np.arange(ticks + 1),
+            time=start + self.tick * np.arange(M + 1),
             states=np.concatenate([state[None], robot]),
             F=F,
             impulse_and_work=impulse_and_work[-1],
@@ -111,64 +222,36 @@ class Rk4Plant:
             wheels=None if self.drive is None else _recorded(self.drive, momenta, more[-1]).end_sample(),
         )
 
-    def _while_firing(
-        self,
-        firing: ThrusterFiring,
-        force_limits: ForceLimits,
-        inputs: np.ndarray,
-        driven: np.ndarray | None,
-        z: np.ndarray,
-        over: Callable[[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...], bool], list[np.ndarray]],
-    ) -> list[np.ndarray]:
-        """Return what `over` does of all ticks, under what thrusters give in each period of pulses.
+    def _arguments(
+        self, setpoints: Setpoints, disturbance: Disturbance | None
+    ) -> tuple[_Inputs, tuple[np.ndarray, ...]]:
+        """Return the arguments of `tick_function` at each tick of a sample, and those that are the same at all."""
+        followed = setpoints.u if setpoints.twist_rates is None else setpoints.twist_rates
+        if setpoints.driven is not None:
+            followed = np.hstack([followed, setpoints.driven])
+        disturbances: tuple[np.ndarray, ...] = ()
+        fixed: tuple[np.ndarray, ...] = ()
+        if self.friction is not None and disturbance is not None:
+            disturbances = disturbance.noise, disturbance.external_force
+            fixed = (np.concatenate([disturbance.robot.vector, disturbance.law.vector, self.friction.vector]),)
+        inputs = _Inputs(
+            followed,
+            disturbances,
+            in_task_space=setpoints.twist_rates is not None,
+            varies=setpoints.driven is not None,
+        )
+        return inputs, fixed
 
-        Args:
-            firing: The thrusters.
-            force_limits: Limits of the force.
-            inputs: What the law follows at the ticks of the sample.
-            driven: Whether something acts on each coordinate of the base, see `Plant.advance`.
-            z: Integrated state at its beginning.
-            over: First tick, inputs of ticks, integrated state, limits, whether thrusters push the base -> integrated
-                states, forces applied and commanded, a row a tick each.
-        """
-        parts = []
-        k = 0
-        while k < len(inputs):
-            span = firing.span(driven, k, len(inputs))
-            if span.begins:
-                mean = inputs[span.ticks].mean(axis=0)
-                _, _, wanted, *_ = over(k, mean[None], z, (_without_thrust(force_limits, firing),), True)
-                firing.begin(force_limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
-            limits = force_limits.vector
-            if span.is_pushed:
-                limits = _under_thrust(force_limits, firing, span.count)
-            Z, F, commanded, *torque = over(k, inputs[span.ticks], z, (limits,), span.is_pushed)
-            before = np.vstack([z, Z[:-1]])[:, : self.model.nq]
-            firing.pass_ticks(force_limits.on_base(self.model.space, before, commanded), span.is_pushed)
-            parts.append((Z, F, commanded, *torque))
-            z = Z[-1]
-            k += span.count
-        return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
-
-    def _over(self, ticks: int, in_task_space: bool, varies: bool, is_pushed: bool) -> ArrayFunction:
-        """Return the function of so many ticks, built on first use."""
-        key = ticks, in_task_space, varies, is_pushed
-        if key not in self._sample:
-            self._sample[key] = ArrayFunction(self._tick_by(in_task_space, varies, is_pushed).mapaccum(ticks))
-        return self._sample[key]
-
-    def _tick_by(self, in_task_space: bool, varies: bool = False, is_pushed: bool = False) -> ca.Function:
-        """Return one tick as `tick_function` has it, built on first use."""
-        key = in_task_space, varies, is_pushed
-        if key not in self._ticks:
-            disturbed = self.friction is not None
-            limited = self.force_limits is not None
-            one = tick_function(self.model, self.tick, self._substeps, disturbed, limited, *key)
-            self._ticks[key] = compiled(one) if self._native else one
-        return self._ticks[key]
+    def _build_tick(self, in_task_space: bool, varies: bool, is_pushed: bool) -> ca.Function:
+        """Build `tick_function`."""
+        disturbed = self.friction is not None
+        limited = self.force_limits is not None
+        return tick_function(
+            self.model, self.tick, self._substeps, disturbed, limited, in_task_space, varies, is_pushed
+        )
 
 
-class Rk4CapturePlant:
+class Rk4CapturePlant(_CompiledPlant):
     """A robot, an object, and the grasps between them, integrated together; the bushings in every stage of a step.
 
     Ticks between two events of grasps are one call: when grippers close or open, and where a grasp is lost, it ends.
@@ -187,86 +270,36 @@ class Rk4CapturePlant:
         firing: ThrusterFiring | None = None,
         drive: WheelDrive | None = None,
     ) -> None:
+        model = capture.law.model
+        super().__init__(model, capture.tick, substeps, native, friction, force_limits, firing, drive)
         self.capture = capture
-        self.model = capture.law.model
-        self.tick = capture.tick
-        self.friction = friction
-        self.force_limits = force_limits
-        self.firing = firing
-        self.drive = drive
-        self._native = native
-        self._substeps = substeps
-        self._ticks: dict[tuple[int, bool, bool, bool], ArrayFunction] = {}
 
     def advance(
-        self,
-        start: float,
-        state: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-        load: np.ndarray | None = None,
-        driven: np.ndarray | None = None,
+        self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
         """Simulate robot and object over one sample; see `Plant.advance`."""
         capture = self.capture
-        model = self.model
-        M, n = u.shape
-        nx = len(state)
-        base = model.parts["base"].stop
-        inputs = np.hstack([each for each in (u, twist_rates, driven) if each is not None])
-        of_law = twist_rates is not None, driven is not None
-        wanted = np.zeros(M, bool) if closed is None else closed
-        disturbance = disturbance or Disturbance.none(model.nominal, M, n)
-        friction = self.friction or JointFriction.none(n)
-        bodies = capture.body.vector, capture.described.vector if load is None else load
-        p = np.concatenate(
-            [disturbance.robot.vector, disturbance.law.vector, friction.vector, *bodies, [capture.filter]]
-        )
-        limits = () if self.force_limits is None else (self.force_limits.vector,)
+        M, n = setpoints.u.shape
+        inputs, parameters = self._arguments(setpoints, disturbance or Disturbance.none(self.model.nominal, M, n))
+        if self.firing is not None:
+            self.firing.begin_sample(setpoints.shut)
+        closed = setpoints.grippers_close
         times = start + self.tick * np.arange(M + 1)
-        states = np.vstack([state, np.empty((M, nx))])
+        states = np.vstack([state, np.empty((M, len(state)))])
         F = np.empty((M, n))
         commanded = np.empty((M, n))
-        impulse_and_work = np.zeros(base + 1)
+        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
         k = 0
         while k < M:
-            capture.want(times[k], states[k], bool(wanted[k]))
-            others = np.flatnonzero(wanted[k:] != wanted[k])
-            ticks = slice(k, k + int(others[0]) if others.size else M)
-            h = _momenta(model, self.drive)
+            capture.want(times[k], states[k], bool(closed[k]))
+            h = _momenta(self.model, self.drive)
             z = np.concatenate([states[k], impulse_and_work, h, capture.state, capture.load.ravel()])
-            noise: tuple[np.ndarray, ...] = (disturbance.noise[ticks],) if self.friction is not None else ()
-            grasps = np.concatenate([capture.parameters.ravel(), capture.closed])
-            held: tuple[np.ndarray, ...] = limits
-            span = None
-            if self.firing is not None and self.force_limits is not None:
+            fixed = np.concatenate([capture.parameters.ravel(), capture.closed]), parameters
+            if self.firing is not None:
                 self.firing.count_with_load(bool(capture.spec.known and capture.closed.all()))
-                span = self.firing.span(driven, k, ticks.stop)
-                Q = states[k : k + 1, : model.nq]
-                if span.begins:
-                    mean = inputs[span.ticks].mean(axis=0)
-                    noise_now = tuple(values[:1] for values in noise)
-                    _, _, commanded[k : k + 1], *_ = self._over(1, *of_law, is_pushed=True)(
-                        z,
-                        mean,
-                        *noise_now,
-                        disturbance.external_force[k],
-                        grasps,
-                        p,
-                        _without_thrust(self.force_limits, self.firing),
-                    )
-                    self.firing.begin(self.force_limits.on_base(model.space, Q, commanded[k : k + 1])[0])
-                ticks = span.ticks
-                noise = tuple(values[: span.count] for values in noise)
-                if span.is_pushed:
-                    held = (_under_thrust(self.force_limits, self.firing, span.count),)
-            is_pushed = span is not None and span.is_pushed
-            Z, F[ticks], commanded[ticks], wrench, *torque = self._over(ticks.stop - k, *of_law, is_pushed=is_pushed)(
-                z, inputs[ticks], *noise, disturbance.external_force[ticks], grasps, p, *held
-            )
-            sizes = [nx, base + 1, len(h), len(capture.state)]
+            ticks, is_pushed = self._begin_span(k, _end_of_equal(closed, k), z, inputs, fixed, setpoints)
+            Z, F[ticks], commanded[ticks], wrench, *torque = self._integrate(ticks, is_pushed, z, inputs, fixed)
+            sizes = [len(state), len(impulse_and_work), len(h), len(capture.state)]
             robot, sums, momenta, of_object, load = np.split(Z, np.cumsum(sizes), axis=1)
             count = capture.record(
                 times[ticks],
@@ -274,13 +307,9 @@ class Rk4CapturePlant:
                 wrench.reshape(len(Z), len(capture.closed), -1),
                 load.reshape(len(Z), len(capture.closed), -1),
             )
-            if count:
+            if count:  # ticks before a grasp is lost
                 states[k + 1 : k + 1 + count] = robot[:count]
-                if self.firing is not None and self.force_limits is not None and span is not None:
-                    passed = slice(k, k + count)
-                    Q = states[passed, : model.nq]
-                    of_base = self.force_limits.on_base(model.space, Q, commanded[passed])
-                    self.firing.pass_ticks(of_base, span.is_pushed)
+                self._pass_ticks(states[k : k + count], commanded[k : k + count], is_pushed)
                 if self.drive is not None:
                     _recorded(self.drive, momenta[:count], torque[0][:count])
                 impulse_and_work = sums[count - 1]
@@ -297,15 +326,42 @@ class Rk4CapturePlant:
             wheels=None if self.drive is None else self.drive.end_sample(),
         )
 
-    def _over(self, ticks: int, in_task_space: bool, varies: bool, is_pushed: bool) -> ArrayFunction:
-        """Return the function of so many ticks, built on first use."""
-        key = ticks, in_task_space, varies, is_pushed
-        if key not in self._ticks:
-            disturbed = self.friction is not None
-            limited = self.force_limits is not None
-            one = capture_tick(self.capture, self._substeps, disturbed, limited, *key[1:])
-            self._ticks[key] = ArrayFunction((compiled(one) if self._native else one).mapaccum(ticks))
-        return self._ticks[key]
+    def _arguments(self, setpoints: Setpoints, disturbance: Disturbance) -> tuple[_Inputs, np.ndarray]:
+        """Return the arguments of `capture_tick` at each tick of a sample, and its parameters, the same at all."""
+        capture = self.capture
+        columns = (setpoints.u, setpoints.twist_rates, setpoints.driven)
+        external_force = disturbance.external_force
+        inputs = _Inputs(
+            np.hstack([values for values in columns if values is not None]),
+            (external_force,) if self.friction is None else (disturbance.noise, external_force),
+            in_task_space=setpoints.twist_rates is not None,
+            varies=setpoints.driven is not None,
+        )
+        friction = self.friction or JointFriction.none(self.model.n)
+        known_object = capture.described.vector if setpoints.load is None else setpoints.load
+        parameters = np.concatenate(
+            [
+                disturbance.robot.vector,
+                disturbance.law.vector,
+                friction.vector,
+                capture.body.vector,
+                known_object,
+                [capture.filter],
+            ]
+        )
+        return inputs, parameters
+
+    def _build_tick(self, in_task_space: bool, varies: bool, is_pushed: bool) -> ca.Function:
+        """Build `capture_tick`."""
+        disturbed = self.friction is not None
+        limited = self.force_limits is not None
+        return capture_tick(self.capture, self._substeps, disturbed, limited, in_task_space, varies, is_pushed)
+
+
+def _end_of_equal(values: np.ndarray, first: int) -> int:
+    """Return the index after the last of the equal values (M,) from one on."""
+    others = np.flatnonzero(values[first:] != values[first])
+    return first + int(others[0]) if others.size else len(values)
 
 
 def capture_tick(

@@ -100,8 +100,10 @@ class ThrusterFiring:
         self._is_shut: np.ndarray | None = None  # at its ticks that are left
         self._shut = np.zeros(thrusters.count)  # over its ticks, on average
 
-    def begin_sample(self, is_shut: np.ndarray) -> None:
-        """Take in which thrusters are shut at the ticks of the sample that begins (M, T); without this none is."""
+    def begin_sample(self, is_shut: np.ndarray | None) -> None:
+        """Take in which thrusters are shut at the ticks of the sample that begins (M, T); None: none is."""
+        if is_shut is None or not is_shut.any():
+            return
         self._is_shut = is_shut
         self._shut = is_shut.mean(axis=0)
 

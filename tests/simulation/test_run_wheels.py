@@ -11,6 +11,7 @@ from psmpc_cli.logs.comparison import compare_runs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.constraints import node_rows
 from psmpc_cli.ocp.window import window_numbers, window_shape
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.report.texts import measure_rows
 from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.replay import logged_solve, replay, rerun
@@ -116,7 +117,7 @@ def recorded(task: Task, samples: int, with_ticks: bool) -> Run:
         if sample == samples:
             recorder.add(command)
             break
-        ticks = experiment.plant.advance(0.1 * sample, x, command.u)
+        ticks = experiment.plant.advance(0.1 * sample, x, Setpoints(command.u))
         recorder.add(command, ticks if with_ticks else None)
         x = ticks.states[-1]
     return recorder.run(f"time limit of {0.1 * samples:g} s reached")

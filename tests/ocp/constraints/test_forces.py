@@ -17,6 +17,7 @@ from psmpc_cli.ocp.objective import Intervals, force_residual
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import window_numbers, window_shape
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.free_body import body_of
@@ -255,7 +256,7 @@ def test_forces_that_are_commanded_keep_to_the_limits(fast_arms: Path, plant: ty
     largest = 0.0
     while not controller.done and time < 15:
         command = controller.step(time, State(x[: model.nq], x[model.nq :]))
-        ticks = physics.advance(time, x, command.u)
+        ticks = physics.advance(time, x, Setpoints(command.u))
         largest = max(largest, np.abs(ticks.F).max())
         x = ticks.states[-1]
         time = float(ticks.time[-1])

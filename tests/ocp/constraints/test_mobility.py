@@ -13,7 +13,7 @@ from psmpc_cli.ocp.loads import LoadKind
 from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import window_numbers, window_shape
-from psmpc_cli.plant import Plant
+from psmpc_cli.plant import Plant, Setpoints
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
@@ -203,7 +203,7 @@ def test_a_floating_robot_keeps_its_momentum_and_moves_its_base_as_planned(
     time = 0.0
     while not controller.done and time < 15:
         command = controller.step(time, State(x[: model.nq], x[model.nq :]))
-        ticks = physics.advance(time, x, command.u)
+        ticks = physics.advance(time, x, Setpoints(command.u))
         assert (ticks.F[:, space.base] == 0.0).all()
         chart = command.plan.chart
         planned = command.plan.states_at(ticks.time[-1:])

@@ -11,6 +11,7 @@ from psmpc_cli.ocp.constraints.clearance import solids_of_obstacle
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast, Surrounding
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.stage import SampleContext
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.configuration import IDENTITY
 from psmpc_cli.robot.model import RobotModel, load_robot
@@ -140,7 +141,7 @@ def test_a_plan_asks_for_what_the_remaining_thrusters_can_give(tmp_path: Path) -
                 residual = thrusters.allocate(wanted, some_are_shut).residual
                 np.testing.assert_allclose(residual, 0.0, atol=2e-3)
                 asked[int(some_are_shut.any())] += np.abs(wanted).sum()
-        state = plant.advance(0.1 * k, state, command.u).states[-1]
+        state = plant.advance(0.1 * k, state, Setpoints(command.u)).states[-1]
     assert (asked > 10).all()  # it is asked for forces with and without some that are shut
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control import Controller, State
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import Window, on_mesh, window_numbers, window_shape
@@ -269,14 +269,14 @@ def test_a_step_that_leaves_curved_rows_is_corrected() -> None:
     assert solution.window.stages[0].name == "approach"
 
 
-def first_window(solution: Solution, *changes: str) -> tuple[SqpWindow, Point]:
+def first_window(solution: Solution, *changes: str) -> tuple[SqpWindow, Unknowns]:
     """The window of a solution of `transport`, and its guess."""
     window = solution.window
     guess = solution.plan
     form = VelocityForm(build_problem(load_task("transport", changes)).model, window_shape(window))
     tau = np.zeros(0)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
-    return SqpWindow(form, bounds, window_numbers(window, guess.instants)), Point(guess.X, tau)
+    return SqpWindow(form, bounds, window_numbers(window, guess.instants)), Unknowns(guess.X, tau)
 
 
 def test_a_later_iterate_keeps_the_rows_of_the_program_before() -> None:

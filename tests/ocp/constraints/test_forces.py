@@ -11,7 +11,7 @@ from hypothesis import given
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia, numbers
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.loads import Load, known_load
 from psmpc_cli.ocp.objective import Intervals, force_residual
 from psmpc_cli.ocp.plan import Plan
@@ -175,8 +175,8 @@ def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object
     p = window_numbers(window, np.array([2.5]))
     X = window.x0 + 0.05 * rng.standard_normal((form.grid.K + 1, 2 * model.n))
     X[0] = window.x0
-    point = Point(X, np.array([2.5]))
-    direction = Point(rng.standard_normal(X.shape), np.array([0.3]))
+    point = Unknowns(X, np.array([2.5]))
+    direction = Unknowns(rng.standard_normal(X.shape), np.array([0.3]))
     direction.X[0] = 0.0
     linear = form.linearize(point, p)
     step = 1e-5
@@ -186,7 +186,7 @@ def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object
     plan = solved(problem, window, "sqp").plan
     bounds = window_bounds(form, fixed_bounds(form, window), window, plan, plan.instants, np.inf)
     sqp_window = SqpWindow(form, bounds, p)
-    start = sqp_window.with_dependent_rates(Point(plan.X + 0.01 * (X - window.x0), plan.instants))
+    start = sqp_window.with_dependent_rates(Unknowns(plan.X + 0.01 * (X - window.x0), plan.instants))
     here, program = sqp_window.linearize(start)
     kernel = load_kernel(model.n, 1)
     assert kernel is not None

@@ -8,7 +8,7 @@ import pytest
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.mobility import functions
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.loads import LoadKind
 from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.problem import build_problem
@@ -75,7 +75,7 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
     X = 0.3 * rng.standard_normal((form.grid.K + 1, 2 * n))
     tau = np.array([1.0])
     if mobility == "fixed":
-        solved_for = form.with_dependent_rates(Point(X, tau), p).X
+        solved_for = form.with_dependent_rates(Unknowns(X, tau), p).X
         np.testing.assert_array_equal(solved_for[1:, n:][:, model.space.base], 0)
         return
     of_stage, _ = (each for each in form.interval_rows if each.name == "mobility")
@@ -96,7 +96,7 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
         np.testing.assert_allclose(jacobian[:, i], difference[0] / (2 * step), atol=1e-7)
     np.testing.assert_array_equal(jacobian[:, -1], 0)
 
-    there = form.with_dependent_rates(Point(X, tau), p).X
+    there = form.with_dependent_rates(Unknowns(X, tau), p).X
     chart = model.space.chart_at(Q)
     momentum = model.balance(*chart.from_chart(there))[:, :free]
     np.testing.assert_allclose(momentum, np.tile(momentum[0], (len(X), 1)), atol=1e-12)

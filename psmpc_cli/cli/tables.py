@@ -736,7 +736,9 @@ def _limits(robot: RobotSpec, *more: Mapping[str, PartLimits]) -> list[Row]:
             unit = getattr(own, quantity)
             low, high = (float(getattr(limits, f"{quantity}_{end}")[row]) for end in ("low", "high"))
             if unit == "rad":
-                low, high, unit = math.degrees(low), math.degrees(high), "deg"
+                unit = "deg"
+                low = math.degrees(low)
+                high = math.degrees(high)
             spans.append("" if math.isinf(low) and math.isinf(high) else f"{low:.4g} to {high:.4g} {unit}")
         rows.append(spans)
     return rows

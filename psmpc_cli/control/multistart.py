@@ -81,7 +81,8 @@ def _room(window: Window, earliest: np.ndarray) -> np.ndarray:
     bound = window.start + window.horizon
     shortest = shortest_durations(window)
     for s in reversed(range(len(earliest))):
-        bound = latest[s] = min(bound - shortest[s + 1], window.stages[s].end.latest)
+        bound = min(bound - shortest[s + 1], window.stages[s].end.latest)
+        latest[s] = bound
     return np.asarray(np.maximum(latest - earliest, 0.0))
 
 

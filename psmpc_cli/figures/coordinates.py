@@ -269,11 +269,11 @@ def _plot_quantity(
 
 def _label_of(panel: CoordinatePanel) -> str:
     """Write part, quantity and unit in as few lines, two at least, as are shorter than a panel is high."""
-    part, quantity, unit = panel.part, panel.quantity, f"({panel.unit})"
-    for lines in ((f"{part} {quantity}", unit), (part, f"{quantity} {unit}")):
+    unit = f"({panel.unit})"
+    for lines in ((f"{panel.part} {panel.quantity}", unit), (panel.part, f"{panel.quantity} {unit}")):
         if max(map(len, lines)) * style.CHARACTER < PANEL_HEIGHT:
             return "\n".join(lines)
-    return f"{part}\n{quantity}\n{unit}"
+    return f"{panel.part}\n{panel.quantity}\n{unit}"
 
 
 def coordinate_panels(

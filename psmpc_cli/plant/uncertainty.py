@@ -228,7 +228,9 @@ def friction_of(spec: UncertaintySpec, robot: RobotSpec) -> JointFriction:
     viscous, coulomb = (
         _by_coordinate(coefficients, robot, 0.0) for coefficients in (spec.friction.viscous, spec.friction.coulomb)
     )
-    viscous[: robot.parts["base"]] = coulomb[: robot.parts["base"]] = 0.0
+    base = slice(robot.parts["base"])
+    viscous[base] = 0.0
+    coulomb[base] = 0.0
     return JointFriction(viscous, coulomb, spec.friction.width)
 
 
@@ -246,12 +248,12 @@ def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
         is_turned=any(moved_by.is_turned for moved_by in in_stages),
     )
     declared = resolve_limits(robot, task.limits, moved_by=anywhere)
-    low, high = declared.force_low, declared.force_high
+    low = declared.force_low.copy()
+    high = declared.force_high.copy()
     if task.fires(robot):
         least, most = Thrusters.of(robot.thrusters).extent
         has_wheels = any(moved_by.is_turned and not moved_by.is_pushed for moved_by in in_stages)
         given = slice(robot.dimension if has_wheels else len(least))
-        low, high = low.copy(), high.copy()
         low[given] = np.maximum(low[given], least[given])
         high[given] = np.minimum(high[given], most[given])
     if not (np.isfinite(low) | np.isfinite(high)).any():

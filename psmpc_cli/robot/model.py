@@ -324,7 +324,8 @@ class RobotModel:
         It is along the base's axes, and without what turns with wheels about their own.
         """
         H = self.mass_matrix(Q)
-        linear, angular = slice(self.dimension), self.space.rotation
+        linear = slice(self.dimension)
+        angular = self.space.rotation
         coupling = H[angular, linear]
         return np.asarray(H[angular, angular] - coupling @ np.linalg.solve(H[linear, linear], coupling.T))
 

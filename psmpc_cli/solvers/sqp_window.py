@@ -76,7 +76,8 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     if np.isfinite(inputs).any():
         input_low, input_high = _over_h(*inputs, lows, highs)
     else:
-        input_low = input_high = np.zeros((0, grid.n))
+        input_low = np.zeros((0, grid.n))
+        input_high = np.zeros((0, grid.n))
     row_low = np.concatenate(lows)
     soft = np.zeros(len(row_low), bool)
     soft[: 2 * grid.n * grid.K] = window.soft

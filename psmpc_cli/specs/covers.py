@@ -195,7 +195,8 @@ def _capsules_about(points: Array) -> Iterator[Cover]:
             start = float((along + reach).min())
             end = float((along - reach).max())
             if end < start:  # a sphere is enough
-                start = end = (start + end) / 2
+                start = (start + end) / 2
+                end = start
             ends = np.zeros((1, 2, 3))
             ends[0, :, axis] = start, end
             yield Cover(ends, radius, 0.0)

@@ -880,7 +880,8 @@ def _instants(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Co
         elif stage.at is not None and stage.at >= limit:
             yield (i, "at"), expected(f"a time before the time_limit of {limit:g} s", f"{stage.at:g} s")
         elif stage.at is not None:
-            earliest = fixed = stage.at
+            earliest = stage.at
+            fixed = stage.at
 
 
 def _controller(controller: ControllerSpec, earlier_fields: Fields, context: Context) -> RuleErrors:

@@ -135,7 +135,7 @@ class Decision:
         solved: The solve counts.
         attempt: The solves, the last of which may count.
         prediction: The last plan, from now on, from which they started.
-        sequence: The stages in the window, their instants those of the solution where it counts.
+        sequence: The stages in the window, their switch times those of the solution where it counts.
         levels: Solutions of the levels of HTMPC.
         plan: The plan that is applied.
         plans: The plans that outlast the sample, this one among them.
@@ -580,7 +580,7 @@ class ControlLaw:
         levels: tuple[Solution, ...] = ()
         solved = solution.outcome.usable and (situation.is_measured or not expires)
         if solved:
-            sequence = replace(sequence, instants=solution.plan.instants)
+            sequence = replace(sequence, switch_times=solution.plan.switch_times)
             if self._hierarchy is not None:
                 stages = situation.stages[sequence.first :]
                 levels = self._hierarchy.solve_levels(
@@ -726,7 +726,9 @@ class ControlLaw:
 
 def _stages_at(sequence: MovingSequence, ticks: np.ndarray) -> list[int]:
     """Return the index of the stage in force at the beginning of each tick (M,) [s], by planned switch times."""
-    return [sequence.segments[place] for place in np.searchsorted(sequence.instants, ticks + ROUNDING, side="right")]
+    return [
+        sequence.segments[place] for place in np.searchsorted(sequence.switch_times, ticks + ROUNDING, side="right")
+    ]
 
 
 def _remembered(memory: Memory, situation: Situation, decision: Decision, estimate: Estimate) -> Memory:

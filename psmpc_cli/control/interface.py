@@ -286,9 +286,9 @@ class Command:
         return float(self.edges[0])
 
     @property
-    def instants(self) -> np.ndarray:
+    def switch_times(self) -> np.ndarray:
         """Planned switch times [s], absolute; see `MovingSequence`."""
-        return self.sequence.instants
+        return self.sequence.switch_times
 
     @property
     def stage(self) -> PlacedStage:

@@ -591,7 +591,7 @@ SCHEMA = (
     _sampled("pose/condition", "1", "condition number of J_C, lengths in metres", only=TASK_INPUT),
     _sampled_count("window/first", "1", "index of the current stage", "command.sequence.first"),
     _sampled_count("window/count", "1", "number of stages in the window", "command.sequence.count"),
-    _window("window/instants", "s", "planned switch time that ends each stage", "command.instants"),
+    _window("window/instants", "s", "planned switch time that ends each stage", "command.switch_times"),
     _window("window/cost", "1", "normalized cost integral of each stage", _costs),
     _sampled_count(
         "window/basin",

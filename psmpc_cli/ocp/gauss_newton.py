@@ -415,17 +415,17 @@ class VelocityForm:
         omega = p.omega[self.grid.stage_of[self.row_interval]]
         return np.asarray(2 * omega * self.interval_weights(p))
 
-    def interval_bounds(self, window: Window, instants: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def interval_bounds(self, window: Window, switch_times: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high (I,) of the rows over intervals; each over the length of its interval, or itself.
 
-        Some depend on the switching instants (S,) [s]; without these they are the widest.
+        Some depend on the switch times (S,) [s]; without these they are the widest.
 
         See `interval_row_is_over_time`.
         """
         low = np.zeros(len(self.row_interval))
         high = np.zeros(len(self.row_interval))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
-            low_by_interval, high_by_interval = rows.bounds_by_interval(window, instants)
+            low_by_interval, high_by_interval = rows.bounds_by_interval(window, switch_times)
             low[at] = low_by_interval.ravel()
             high[at] = high_by_interval.ravel()
         return low, high

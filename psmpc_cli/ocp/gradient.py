@@ -159,11 +159,11 @@ class Rollout:
     Args:
         model: The robot.
         window: The window.
-        instants: Guessed instants (S,) [s], about which trajectories are linear.
+        switch_times: Guessed switch times (S,) [s], about which trajectories are linear.
     """
 
-    def __init__(self, model: RobotModel, window: Window, instants: np.ndarray) -> None:
-        self._shooting = Shooting(model, window_shape(window), window_numbers(window, instants).mapped(ca.DM))
+    def __init__(self, model: RobotModel, window: Window, switch_times: np.ndarray) -> None:
+        self._shooting = Shooting(model, window_shape(window), window_numbers(window, switch_times).mapped(ca.DM))
 
     def by_adjoint(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
         """Return dJ/dt_s (S,) by the discrete adjoint, for durations tau (S + 1,) and inputs U, (N_s, inputs) each."""

@@ -239,7 +239,7 @@ def _plot_over_time(above: Axes, below: Axes, panels: Panels, letters: str) -> N
 def _plot_scan(axes: Axes, panels: Panels, form: str, end: float) -> None:
     """Plot J over the instant for each ratio of priorities, its minima, and what the optimizer returns."""
     curves, minima, found = (panels[f"{what}, {form}"] for what in ("J", "minima", "found"))
-    earliest = min(float(instants[0]) for instants, _ in curves.values())
+    earliest = min(float(switch_times[0]) for switch_times, _ in curves.values())
     axes.axvspan(0.0, earliest, facecolor="#DDDDDD", edgecolor="none", zorder=0)
     axes.text(earliest / 2, 0.5, "infeasible", transform=axes.get_xaxis_transform(), ha="center")
     axes.axvline(end, **style.LEVEL)

@@ -341,10 +341,10 @@ class Meter:
             for index, time in command.switches
             if time == command.acts_at
         }
-        for stage, instant in zip(command.solution.window.stages, command.instants, strict=False):
-            if instant > ticks.time[-1] + SHORTEST:
+        for stage, switch_time in zip(command.solution.window.stages, command.switch_times, strict=False):
+            if switch_time > ticks.time[-1] + SHORTEST:
                 continue
-            time = float(instant)
+            time = float(switch_time)
             x = state_at(ticks.time, X, time)
             if stage.on_object:
                 Q, v = (rows[0] for rows in chart.from_chart(x[None]))

@@ -124,7 +124,7 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     controls = log.coordinates
     names = ["objective J", *ends, *(f"control of {name}" for name in controls)]
     solves = [
-        np.r_[solve.J, solve.plan.instants, solve.plan.mean_control(first_tick)[0]] for solve in (logged, solution)
+        np.r_[solve.J, solve.plan.switch_times, solve.plan.mean_control(first_tick)[0]] for solve in (logged, solution)
     ]
     return Replay(
         logged=logged,

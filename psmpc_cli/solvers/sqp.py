@@ -184,9 +184,9 @@ class SqpSolver(Solver):
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         began = time.perf_counter()
-        tau = durations(guess.instants, window.start, window.horizon)[:-1]
+        tau = durations(guess.switch_times, window.start, window.horizon)[:-1]
         form, shared, method = self._setup(window)
-        parameters = window_numbers(window, guess.instants)
+        parameters = window_numbers(window, guess.switch_times)
         sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), parameters)
         is_warm = previous is not None
         solve = _Solve(

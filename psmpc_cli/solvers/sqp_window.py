@@ -141,7 +141,7 @@ def window_bounds(
     if any(constraint.over_intervals for stage in window.stages for constraint in stage.constraints.values()):
         over_time = form.interval_row_is_over_time
         interval_low, interval_high = (
-            _finite(bound, over_time) for bound in form.interval_bounds(window, guess.instants)
+            _finite(bound, over_time) for bound in form.interval_bounds(window, guess.switch_times)
         )
         shared = replace(shared, interval_low=interval_low, interval_high=interval_high)
     first = len(window.x0) * window.K  # the durations stand after the states

@@ -257,7 +257,7 @@ def _time_solves(
         for k, case in zip(range(w, len(calls), len(recorded)), cases, strict=True):
             found = solutions[k]
             gap = known * (found.objective - optimum.objective) / abs(optimum.objective)
-            late = known * np.abs(found.plan.instants - optimum.plan.instants).max(initial=0.0)
+            late = known * np.abs(found.plan.switch_times - optimum.plan.switch_times).max(initial=0.0)
             violation = tight.violation(window, found.plan)
             counts = len(window.stages), found.outcome.usable, found.iterations
             yield case, TimedSolve(*counts, gap, late, violation, times[k])
@@ -271,7 +271,7 @@ def _call(
     guess = recorded.guess
     if start == "cold":
         resting = resting_plan(window.start, window.horizon, 100, window.x0, window.chart)
-        guess = replace(resting, instants=guess.instants)
+        guess = replace(resting, switch_times=guess.switch_times)
         previous = None
     elif previous is not None and not own:
         previous = solver.solve(previous.window, previous.guess)

@@ -26,13 +26,13 @@ class Case:
         stages = (*slow[:-1], moving(slow[-1])) if len(slow) > 1 else (moving(slow[0]),)
         changes = {"terminal_cost": 0.3, "offset": np.full(len(stages), 0.2), "discretization": discretization}
         self.window: Window = window_over(stages, **changes)
-        instants = np.linspace(1.0, 5.0, len(stages) + 1)[1:-1]
+        switch_times = np.linspace(1.0, 5.0, len(stages) + 1)[1:-1]
         self.form = VelocityForm(model, window_shape(self.window))
-        self.p, random = window_numbers(self.window, instants), np.random.default_rng(len(stages))
-        X = coasting(self.window, *instants).X
+        self.p, random = window_numbers(self.window, switch_times), np.random.default_rng(len(stages))
+        X = coasting(self.window, *switch_times).X
         X[1:] += random.normal(scale=0.1, size=X[1:].shape)
-        self.point = Unknowns(X, np.diff(instants, prepend=1.0) + random.uniform(0.0, 0.1, size=len(instants)))
-        self.direction = Unknowns(random.normal(size=X.shape), random.normal(scale=0.1, size=len(instants)))
+        self.point = Unknowns(X, np.diff(switch_times, prepend=1.0) + random.uniform(0.0, 0.1, size=len(switch_times)))
+        self.direction = Unknowns(random.normal(size=X.shape), random.normal(scale=0.1, size=len(switch_times)))
 
     def by_differences(self, of: Callable[[Unknowns], np.ndarray]) -> np.ndarray:
         after, before = (of(self.point.moved(self.direction, sign * H)) for sign in (1, -1))
@@ -55,7 +55,7 @@ def test_costs_and_constraints_are_those_of_the_nlp(case: Case, problem: Problem
     nlp = NlpSolver(problem, SolverSpec(kind="ipopt"))
     point, window = case.point, case.window
     plan = plan_on_mesh(window, point.X, case.form.inputs(point, window.horizon), point.tau)
-    at = case.form.residuals(point, window_numbers(window, plan.instants))
+    at = case.form.residuals(point, window_numbers(window, plan.switch_times))
     np.testing.assert_allclose(nlp.costs(window, plan)[:-1], at.costs[:-1], rtol=1e-12)
     assert nlp.costs(window, plan)[-1] == pytest.approx(at.costs[-1] + at.terminal, rel=1e-12)
     at = case.form.residuals(point, case.p)

@@ -84,7 +84,7 @@ def test_a_plan_knows_what_wheels_store(name: str, request: pytest.FixtureReques
         solution = logged_solve(run, sample)
         window = solution.window
         (rows, *_) = (rows for rows in node_rows(model, window_shape(window)) if rows.name.startswith("wheels"))
-        argument = np.asarray(rows.argument(window_numbers(window, solution.plan.instants)))
+        argument = np.asarray(rows.argument(window_numbers(window, solution.plan.switch_times)))
         most = rows.bounds(window)[1]
         ticks = np.arange(100 * sample, 100 * sample + 400, 100)
         X = window.chart.entered(np.hstack([run["ticks/Q"][ticks], run["ticks/Qdot"][ticks]]))

@@ -73,7 +73,7 @@ def assert_sqp_reaches_the_optimum_of_ipopt(problem: Problem, solves: Mapping[in
             found = sqp.solve(window, start)
             assert found.outcome is optimum.outcome is Outcome.OPTIMAL
             assert found.objective == pytest.approx(optimum.objective, rel=2e-5)
-            assert np.abs(found.plan.instants - optimum.plan.instants).max(initial=0.0) < 1e-4
+            assert np.abs(found.plan.switch_times - optimum.plan.switch_times).max(initial=0.0) < 1e-4
 
 
 @pytest.mark.slow
@@ -117,8 +117,8 @@ def test_programs_are_solved_like_piqp_solves_them(planar: Problem, stages: int)
     window = solve.window
     guess = on_mesh(solve.guess, window)
     form = VelocityForm(planar.model, window_shape(window))
-    point = Unknowns(guess.X, np.diff(guess.instants, prepend=window.start))
-    parameters = window_numbers(window, guess.instants)
+    point = Unknowns(guess.X, np.diff(guess.switch_times, prepend=window.start))
+    parameters = window_numbers(window, guess.switch_times)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, point.tau, np.inf)
     task = Task(SqpWindow(form, bounds, parameters), form.linearize(point, parameters), point)
     rows = [rows for rows in interval_rows(planar.model, window_shape(window)) if rows.name == JERK]
@@ -147,8 +147,8 @@ def test_derivatives_of_the_rows_are_those_of_their_values(planar: Problem, coun
     window = solve.window
     guess = on_mesh(solve.guess, window)
     form = VelocityForm(planar.model, window_shape(window))
-    parameters = window_numbers(window, guess.instants)
-    point = Unknowns(guess.X, np.diff(guess.instants, prepend=window.start) + 0.05)
+    parameters = window_numbers(window, guess.switch_times)
+    point = Unknowns(guess.X, np.diff(guess.switch_times, prepend=window.start) + 0.05)
     model = form.linearize(point, parameters)
     random = np.random.default_rng(count)
     X = random.normal(size=point.X.shape)

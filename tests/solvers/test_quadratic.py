@@ -37,9 +37,9 @@ def first_program(model: RobotModel, solve: RecordedSolve) -> Task:
     window = replace(solve.window, stages=stages)
     guess = solve.guess
     form = VelocityForm(model, window_shape(window))
-    tau = np.diff(guess.instants, prepend=window.start)
+    tau = np.diff(guess.switch_times, prepend=window.start)
     point = Unknowns(guess.X, tau)
-    parameters = window_numbers(window, guess.instants)
+    parameters = window_numbers(window, guess.switch_times)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
     return Task(SqpWindow(form, bounds, parameters), form.linearize(point, parameters), point)
 

@@ -55,7 +55,7 @@ def test_a_window_has_the_optimum_of_the_problem_without_the_base(
     v[model.space.base] = drift(model, Q, momentum)
     solution = solved(problem, window_of(problem, Q, v), kind)
     assert solution.outcome.usable
-    assert solution.plan.instants == pytest.approx([instant], abs=1e-3)
+    assert solution.plan.switch_times == pytest.approx([instant], abs=1e-3)
     if J is not None:  # objectives are over the largest priority
         assert solution.objective * problem.stages[1].priority == pytest.approx(J, abs=1e-4)
 

@@ -91,7 +91,7 @@ def test_rows_of_motor_torques_are_those_of_the_law(tmp_path: Path, build: Calla
     wheels = Wheels.of(model.spec)
     (of_stage,) = (rows for rows in interval_rows(model, window_shape(window)) if rows.name == "forces 1")
     (of_nodes,) = (rows for rows in node_rows(model, window_shape(window)) if rows.name == "wheels 1")
-    p = window_numbers(window, solution.plan.instants)
+    p = window_numbers(window, solution.plan.switch_times)
     stored = np.asarray(of_nodes.functions.value(window.x0, np.asarray(of_nodes.argument(p)))[0][0])
     h_wheels = stored / of_nodes.bounds(window)[1] * wheels.momentum
     assert np.abs(h_wheels - wheels.initial).max() > 1e-4
@@ -162,7 +162,7 @@ def test_sqp_and_ipopt_agree(tmp_path: Path, build: Callable[..., Task], seed: i
 
 def utilization(model: RobotModel, window: Window, plan: Plan) -> float:
     """The largest part of a limit of wheels that a plan uses."""
-    p = window_numbers(window, plan.instants)
+    p = window_numbers(window, plan.switch_times)
     shape = window_shape(window)
     largest = 0.0
     h = np.diff(plan.times)[:, None]

@@ -122,8 +122,8 @@ def schema(
     """Print the JSON Schema of robot and task descriptions, for editors."""
     from psmpc_cli.specs.library import KINDS, json_schema
 
-    found = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind)
-    echo(json.dumps(found, indent=2))
+    schemas = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind)
+    echo(json.dumps(schemas, indent=2))
 
 
 def bench(
@@ -146,6 +146,6 @@ def bench(
     repeat = repeat or (1 if quick else 3)
     appends = 2 if quick else None
     with ending_on_signals("no table was made") as interruption, live_line(quiet) as line:
-        found = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.check)
-    print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
-    echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")
+        measured = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.check)
+    print_table(study.HEADINGS, list(study.bench_rows(measured)), left=3)
+    echo(f"{study.NOTE}\n\n{study.describe_machine(measured)}")

@@ -162,23 +162,23 @@ def replay(
     from psmpc_cli.simulation.replay import replay as solve_again
 
     run = read_run(log)
-    found = solve_again(run, step, solver)
-    window = found.logged.window
+    again = solve_again(run, step, solver)
+    window = again.logged.window
     kind = solver or run.task.spec.solver.kind
     stages = ", ".join(stage.name for stage in window.stages)
     echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
-    for remark in found.remarks:
+    for remark in again.remarks:
         echo(f"note: {remark}")
-    echo("\n".join(found.iterations))
+    echo("\n".join(again.iterations))
     if (largest := max(window.omega)) != 1:
         echo(f"objective in the lines above: J over the largest priority, {largest:g}")
-    rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
-    rows.append(("largest of a control in the plan", "", "", f"{found.largest_of_controls:.1e}"))
+    rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in again.compared.items()]
+    rows.append(("largest of a control in the plan", "", "", f"{again.largest_of_controls:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
     equal = f"the log is repeated to {EQUAL:g}"
-    differs = f"differs from the log by up to {found.largest:.1e}"
-    result = (equal if found.largest <= EQUAL else differs) + ("" if found.same_solver else ", by another solver")
-    was, now = (f"{each.outcome.name.lower()} after {each.iterations}" for each in (found.logged, found.solution))
+    differs = f"differs from the log by up to {again.largest:.1e}"
+    result = (equal if again.largest <= EQUAL else differs) + ("" if again.same_solver else ", by another solver")
+    was, now = (f"{each.outcome.name.lower()} after {each.iterations}" for each in (again.logged, again.solution))
     echo(f"{result}: {was} iterations, again {now}")
 
 
@@ -194,14 +194,14 @@ def verify(
 
     began = time.perf_counter()
     with common.live_line(quiet=False) as line:
-        found = Verification(read_run(log), every, line.show)
-    echo(f"{found.count} horizons, the low-level law acting at every instant")
-    if found.count:
-        _print_peaks(found.horizons)
-    if found.samples:
-        echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
-        _print_peaks(found.loop)
-    for remark in found.remarks:
+        verification = Verification(read_run(log), every, line.show)
+    echo(f"{verification.count} horizons, the low-level law acting at every instant")
+    if verification.count:
+        _print_peaks(verification.horizons)
+    if verification.samples:
+        echo(f"\nclosed loop, {verification.samples} samples, each from its logged state, the force held over a tick")
+        _print_peaks(verification.loop)
+    for remark in verification.remarks:
         echo(f"note: {remark}")
     echo(f"integrated in {time.perf_counter() - began:.1f} s")
 

@@ -487,11 +487,11 @@ def _unknown_load(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) ->
     """Yield how large a load is against the robot, where the low-level law does not know of it."""
     if task.spec.body.grasp.known:
         return
-    found = largest_load_ratio(task, model, stops)
-    if found is None:
+    largest = largest_load_ratio(task, model, stops)
+    if largest is None:
         return
-    where = f"in a motion mostly of {found.coordinate}, where {found.stage} leads"
-    yield "load over the robot's inertia", f"{found.ratio:.3g} {where}; expected at most {LARGEST_UNKNOWN_LOAD:g}"
+    where = f"in a motion mostly of {largest.coordinate}, where {largest.stage} leads"
+    yield "load over the robot's inertia", f"{largest.ratio:.3g} {where}; expected at most {LARGEST_UNKNOWN_LOAD:g}"
 
 
 def _mobility(robot: RobotSpec) -> str:
@@ -591,10 +591,10 @@ def _listed(numbers: Sequence[float]) -> str:
 
 def _comparisons(priorities: PrioritiesSpec, stages: list[str]) -> str:
     """Write the number of comparisons behind the priorities, and how consistent they are."""
-    found = weigh(priorities.compare, stages)
+    weighed = weigh(priorities.compare, stages)
     count = len(priorities.compare)
-    agreement = f"consistency ratio {found.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
-    agreement = agreement if found.surplus > 0 else "as few as possible, so their consistency is not known"
+    agreement = f"consistency ratio {weighed.ratio:.2g}, acceptable up to {ACCEPTABLE:g}"
+    agreement = agreement if weighed.surplus > 0 else "as few as possible, so their consistency is not known"
     return f"priorities from {counted(count, 'comparison', 'comparisons')}: {agreement}"
 
 

@@ -48,17 +48,17 @@ def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: So
     if not original.outcome.usable or all(stage.end.shape.is_fixed for stage in window.stages[:-1]):
         return original
     earliest = solver.solve(replace(window, pending_cost=window.pending_cost + EARLIEST_PENDING_COST), guess)
-    room = _room(window, earliest.plan.switch_times)
-    if earliest.outcome is not Outcome.OPTIMAL or room.max() < 10 * SHORTEST:
+    slack = _slack(window, earliest.plan.switch_times)
+    if earliest.outcome is not Outcome.OPTIMAL or slack.max() < 10 * SHORTEST:
         return _counting(original, original, earliest)
     shares, half_step = even_shares(len(guess.switch_times), starts - 1)
-    within = half_step * float(room.max())
+    within = half_step * float(slack.max())
     solves = [original, earliest]
     mine = original
     if np.abs(original.plan.switch_times - guess.switch_times).max() > within:
         solves.append(_solve_near(solver, window, guess, guess.switch_times, within))
         mine = solves[-1] if _best(original, solves[-1:]) else original
-    spread = earliest.plan.switch_times + shares * room
+    spread = earliest.plan.switch_times + shares * slack
     others = [_solve_near(solver, window, earliest.plan, switch_times, within) for switch_times in spread]
     basin = _best(mine, others)
     return replace(_counting((mine, *others)[basin], *solves, *others), basin=basin)
@@ -75,7 +75,7 @@ def even_shares(switches: int, count: int) -> tuple[np.ndarray, float]:
     return picked, 0.5 / max(levels - 1, 1)
 
 
-def _room(window: Window, earliest: np.ndarray) -> np.ndarray:
+def _slack(window: Window, earliest: np.ndarray) -> np.ndarray:
     """Return how much later than its earliest time each switch may be (S,) [s], dwell and fixed times heeded.
 
     Args:

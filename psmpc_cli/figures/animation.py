@@ -228,8 +228,8 @@ def _geom(shape: Shape, planar: bool, thick: float) -> dict[str, Any]:
 def _mocap_frames(scene: Scene, time: float) -> np.ndarray:
     """Return the frames (., 4, 4) [m] of the mocap bodies of a scene at a time [s], in the order of `film_model`."""
     held = scene.object_frame(time)
-    found = [] if held is None else [held]
-    return np.reshape([*found, *(obstacle_frame(each, time) for each in scene.obstacles)], (-1, 4, 4))
+    of_object = [] if held is None else [held]
+    return np.reshape([*of_object, *(obstacle_frame(each, time) for each in scene.obstacles)], (-1, 4, 4))
 
 
 def _opaque(color: str) -> list[float]:

@@ -128,10 +128,12 @@ class Motion:
             values: The values, one row a time of the motion.
             quaternions: First columns of the quaternions.
         """
-        found = np.column_stack([np.interp(time, self.time, column) for column in values.T])
+        interpolated = np.column_stack([np.interp(time, self.time, column) for column in values.T])
         for first in quaternions if self.Q.shape[1] > self.v.shape[1] else ():
-            found[:, first : first + 4] /= np.linalg.norm(found[:, first : first + 4], axis=1, keepdims=True)
-        return found
+            interpolated[:, first : first + 4] /= np.linalg.norm(
+                interpolated[:, first : first + 4], axis=1, keepdims=True
+            )
+        return interpolated
 
 
 @dataclass(frozen=True)
@@ -522,8 +524,8 @@ class Run:
 
     def _columns_along(self, dim: str) -> tuple[Column, ...]:
         """Return the datasets that the run has along a dimension and that fit into a table: equal rows, no scale."""
-        found = columns(dim, self.Q_has_a_scale)
-        return tuple(column for column in found if column.path in self.arrays and not column.ragged)
+        defined = columns(dim, self.Q_has_a_scale)
+        return tuple(column for column in defined if column.path in self.arrays and not column.ragged)
 
     def _units_of_columns(self, column: Column) -> list[str]:
         """Return the unit of each column of a dataset of two dimensions."""
@@ -593,12 +595,12 @@ def resolve_runs(runs: RunOrPath | Mapping[str, RunOrPath]) -> Run | dict[str, R
         return read_comparison(path) if kind_of(path) == COMPARISON else read_run(path)
     if not runs:
         raise rejected("run", runs, wanted)
-    found = {}
+    by_name = {}
     for name, run in runs.items():
         require("run", name, str, wanted)
         require(f"run of {quoted(name)}", run, (Run, str, PathLike), "a Run, or the path of its log")
-        found[name] = run if isinstance(run, Run) else read_run(run)
-    return found
+        by_name[name] = run if isinstance(run, Run) else read_run(run)
+    return by_name
 
 
 def read_comparison(path: Path) -> dict[str, Run]:

@@ -608,11 +608,11 @@ def _violation(
     arrays: Arrays, kind: str, beyond: np.ndarray, names: Sequence[str], units: Sequence[str]
 ) -> Largest | None:
     """Find the largest violation of a kind of limit among (T, n), and how much of it the plan has; None without any."""
-    found = largest(beyond, names, arrays["time"], units=units)
-    if found is None:
+    violation = largest(beyond, names, arrays["time"], units=units)
+    if violation is None:
         return None
-    planned = -arrays[f"margin/planned_{kind}"][found.sample, list(names).index(found.where)]
-    return replace(found, planned=max(float(planned), 0.0))
+    planned = -arrays[f"margin/planned_{kind}"][violation.sample, list(names).index(violation.where)]
+    return replace(violation, planned=max(float(planned), 0.0))
 
 
 def _largest_condition(arrays: Arrays, stages: tuple[Stage, ...]) -> Largest | None:
@@ -654,10 +654,10 @@ def largest(
         sample: The sample that all rows are of; by default each row is of the sample of its number.
         units: Units of the columns; by default they have none.
     """
-    found = np.where(np.isnan(values), -np.inf, values)
-    if not np.isfinite(found).any():
+    known_values = np.where(np.isnan(values), -np.inf, values)
+    if not np.isfinite(known_values).any():
         return None
-    row, column = (int(at) for at in np.unravel_index(int(np.argmax(found)), found.shape))
+    row, column = (int(at) for at in np.unravel_index(int(np.argmax(known_values)), known_values.shape))
     unit = "1" if units is None else units[column]
     at = row if sample is None else sample
-    return Largest(float(found[row, column]), str(names[column]), float(time[row]), at, unit)
+    return Largest(float(known_values[row, column]), str(names[column]), float(time[row]), at, unit)

@@ -132,14 +132,14 @@ def paths_of(libraries: Sequence[Library]) -> list[Path | None]:
     A file is None where there is no compiler or it failed. How many are compiled is logged as progress, the first
     reason of a failure as information.
     """
-    found: dict[Library, Path | None] = {}
+    files: dict[Library, Path | None] = {}
     try:
-        found = {each: each.find() for each in libraries}
-        if missing := [each for each, path in found.items() if path is None]:
-            found |= _compile_missing(missing)
+        files = {each: each.find() for each in libraries}
+        if missing := [each for each, path in files.items() if path is None]:
+            files |= _compile_missing(missing)
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
-    return [found.get(each) for each in libraries]
+    return [files.get(each) for each in libraries]
 
 
 @lru_cache(maxsize=1)

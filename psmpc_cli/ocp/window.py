@@ -299,10 +299,10 @@ def _of_constraints(window: Window, switch_times: np.ndarray) -> tuple[dict[str,
             since = window.times(switch_times)[1:] - window.start
             times.extend(since[last - N : last] for N, last in zip(window.nodes, accumulate(window.nodes), strict=True))
         at_nodes = each.at_nodes(each.argument, times[s])
-        found = np.empty((len(at_nodes), len(anchor) + at_nodes.shape[1]))
-        found[:, : len(anchor)] = anchor
-        found[:, len(anchor) :] = at_nodes
-        return found
+        numbers = np.empty((len(at_nodes), len(anchor) + at_nodes.shape[1]))
+        numbers[:, : len(anchor)] = anchor
+        numbers[:, len(anchor) :] = at_nodes
+        return numbers
 
     return tuple(
         {name: taken(each, s) for name, each in stage.constraints.items() if each.is_known}

@@ -328,12 +328,12 @@ def scan_instants(one: SwitchWindow, grid: np.ndarray) -> Curve:
 def optimize_instants(one: SwitchWindow, pending_cost: float) -> np.ndarray:
     """Return the switch times after T0 (len(GUESSES),) [s] that the solver returns from each guess; NaN if it fails."""
     window = replace(one.window, pending_cost=pending_cost)
-    found = []
+    optima = []
     for guess in GUESSES:
         started = replace(one.plan, switch_times=np.array([window.start + guess * window.horizon]))
         solved = one.solver.solve(window, started)
-        found.append(float(solved.plan.switch_times[0]) - window.start if solved.outcome.usable else np.nan)
-    return np.array(found)
+        optima.append(float(solved.plan.switch_times[0]) - window.start if solved.outcome.usable else np.nan)
+    return np.array(optima)
 
 
 def on_mesh(one: SwitchWindow, nodes: int, discretization: str) -> tuple[float, float]:

@@ -414,12 +414,12 @@ def _capture_tick(
         "z": flow.size1_in(0) + LOADS * grippers,
         "u": n + rates + driven,
         "noise": 2 * n,
-        "push": n,
+        "external_force": n,
         "grasps": (law.parameters + 1) * grippers,
         "p": 2 * w + 2 * n + 1 + 2 * of_body + 1,
         "limits": 2 * n + model.space.n_twist * is_pushed,
     }
-    z, u, noise, push, grasps, p, limits = (ca.MX.sym(name, size) for name, size in sizes.items())
+    z, u, noise, external_force, grasps, p, limits = (ca.MX.sym(name, size) for name, size in sizes.items())
     moving, filtered = ca.vertsplit(z, [0, flow.size1_in(0), sizes["z"]])
     wheels = Wheels.of(model.spec)
     of_object = flow.size1_in(0) - sum(law.sizes)
@@ -449,11 +449,11 @@ def _capture_tick(
     commanded, F, external, torque = _with_wheels(model, wheels, tick, limited)(
         Q, commanded, limits[: 2 * n], momenta, of_base
     )
-    acting = ca.vertcat(external + push, torque)
+    acting = ca.vertcat(external + external_force, torque)
     held_arguments = [acting, bushings, ca.vertcat(robot, friction, body)]
     attitudes = model.space.attitudes_at(0, flow.size1_in(0) - sum(law.sizes))
     after = _runge_kutta(flow, moving, held_arguments, tick, substeps, attitudes)
-    arguments = [z, u, *([noise] if disturbed else []), push, grasps, p, *([limits] if limited else [])]
+    arguments = [z, u, *([noise] if disturbed else []), external_force, grasps, p, *([limits] if limited else [])]
     results = [ca.vertcat(after, load), F, commanded, ca.vec(wrenches), *([torque] if wheels.count else [])]
     return ca.Function("capture", arguments, results)
 
@@ -657,7 +657,7 @@ def _tick_function(
         ("z", flow.size1_in(0)),
         ("u", law.size1_in(1)),
         ("noise", 2 * n),
-        ("push", n),
+        ("external_force", n),
         ("limits", 2 * n + model.space.n_twist * is_pushed),
     )
     z, u, noise, external_force, limits = (ca.MX.sym(*size) for size in sizes)

@@ -93,7 +93,7 @@ class ThrusterFiring:
         self._length = period  # ticks of the period that begins next
         self._thrusts = np.zeros((0, thrusters.count))  # over the ticks that are left of the period
         self.mean = np.zeros_like(self._owed)
-        self._kept = self._thrusts  # of pulses of the period before that have not ended, over the next ticks
+        self._unfinished = self._thrusts  # of pulses of the period before that have not ended, over the next ticks
         self._is_loaded = False
         self._fires = np.zeros(thrusters.count, bool)  # at the last tick of the sample before
         self._rows: list[np.ndarray] = []  # thrusts over the ticks of the sample
@@ -145,7 +145,7 @@ class ThrusterFiring:
         self._length = left if fits else left + self.period
         fires = self._rows[-1][-1] > 0 if self._rows else self._fires
         goes_on = self._pulsed & fires & np.logical_and.accumulate(self._thrusts > 0, axis=0)
-        self._kept = np.where(goes_on, self._thrusts, 0.0)
+        self._unfinished = np.where(goes_on, self._thrusts, 0.0)
         self._thrusts = self._thrusts[:0]
 
     def begin(self, wanted: np.ndarray) -> None:
@@ -158,19 +158,21 @@ class ThrusterFiring:
         length = ticks * self._tick
         is_shut = None if self._is_shut is None else self._is_shut[0]
         if is_shut is not None:
-            self._kept = np.where(is_shut, 0.0, self._kept)
-        kept = self._tick * self.thrusters.wrenches @ self._kept.sum(axis=0)
-        allocation = self.thrusters.allocate(wanted + (self._owed - kept) / length, is_shut)
+            self._unfinished = np.where(is_shut, 0.0, self._unfinished)
+        impulse_of_unfinished = self._tick * self.thrusters.wrenches @ self._unfinished.sum(axis=0)
+        allocation = self.thrusters.allocate(wanted + (self._owed - impulse_of_unfinished) / length, is_shut)
         self._refused += allocation.residual * length
         self._owed -= allocation.residual * length
         if self._pulsed:
             self._thrusts = self.thrusters.pulses(allocation.thrusts, ticks, self._tick)
-            self._thrusts[: len(self._kept)] = np.maximum(self._thrusts[: len(self._kept)], self._kept)
+            self._thrusts[: len(self._unfinished)] = np.maximum(
+                self._thrusts[: len(self._unfinished)], self._unfinished
+            )
         else:
             self._thrusts = np.tile(allocation.thrusts, (ticks, 1))
         self.mean = self.thrusters.wrenches @ self._thrusts.mean(axis=0)
         self._length = self.period
-        self._kept = self._kept[:0]
+        self._unfinished = self._unfinished[:0]
 
     def wrenches(self, ticks: int) -> np.ndarray:
         """Return what they give over so many ticks of this period (ticks, d) [N, N m]."""
@@ -197,7 +199,7 @@ class ThrusterFiring:
             self._owed[:] = 0.0
             self._rows.append(np.zeros((ticks, self.thrusters.count)))
             self._thrusts = self._thrusts[:0]
-            self._kept = self._kept[:0]
+            self._unfinished = self._unfinished[:0]
             self._length = self.period
         if self._is_shut is not None:
             self._is_shut = self._is_shut[ticks:]

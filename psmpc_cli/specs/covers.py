@@ -266,5 +266,5 @@ def _outermost(points: Array) -> Array:
     directions = np.vstack([directions, np.eye(3), -np.eye(3)])
     spread = np.ptp(points, axis=0)
     scaled = (points - points.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
-    found = [(scaled @ some.T).argmax(axis=0) for some in np.array_split(directions, 16)]
-    return np.asarray(points[np.unique(np.concatenate(found))])
+    farthest = [(scaled @ some.T).argmax(axis=0) for some in np.array_split(directions, 16)]
+    return np.asarray(points[np.unique(np.concatenate(farthest))])

@@ -109,11 +109,11 @@ def solve_pareto(
     samples = choose_samples(run, stages, settings.at)
     solves = [logged_solve(run, sample) for sample in samples]
     cells = {f"front at {each.window.start:g} s": (run.task, settings, each) for each in solves}
-    found = compute_all(_solve_sample, cells, jobs, watch, "fronts")
+    fronts = compute_all(_solve_sample, cells, jobs, watch, "fronts")
     attributes = {**header(build_experiment(run.task)).attributes, "method": settings.method}
     attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
     names = [run.stage_names[stage] for stage in stages]
-    results = join_samples(path, attributes, names, settings, list(found.values()))
+    results = join_samples(path, attributes, names, settings, list(fronts.values()))
     results.create(force)
     return results
 

@@ -1,7 +1,7 @@
 """Runs and their logs: `psmpc simulate`, `rerun`, `replay`, `verify`, `show`, `plot`, `view` and `report`."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -55,11 +55,7 @@ def simulate(
     view = view or open_it
     if verbose:
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
-    overrides: list[Change] = [*(changes or [])]
-    short = {"controller": controller, "plant": plant}
-    overrides += [
-        (f"--{name} {chosen}", f"{name}.kind={chosen}") for name, chosen in short.items() if chosen is not None
-    ]
+    overrides = _overrides(changes or [], {"controller": controller, "plant": plant})
     films = ("render",) if render else ()
     if task is not None and unfinished is None:
         common.validate(task, overrides)
@@ -69,7 +65,6 @@ def simulate(
     from psmpc_cli.ocp.feasibility import load_task
     from psmpc_cli.simulation.follow import FollowedTask
     from psmpc_cli.simulation.run import simulate as run_task
-    from psmpc_cli.solvers import Outcome
     from psmpc_cli.specs.library import find
 
     if unfinished is not None:
@@ -101,10 +96,28 @@ def simulate(
         _save(lambda: show(log), page, [path], "view", force, open_it)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
-    if log.attributes["stuck"]:
-        outcomes = [Outcome[str(status).upper()] for status in log["solver/status"][-1:]]
+    _require_not_stuck(log)
+
+
+def _overrides(changes: "Sequence[Change]", kinds: Mapping[str, str | None]) -> "list[Change]":
+    """Return changes of a task with those that short options stand for, such as `--plant mujoco`.
+
+    Args:
+        changes: Those by `--set`.
+        kinds: The chosen kinds by the names of the options; None where an option is not given.
+    """
+    chosen = {option: kind for option, kind in kinds.items() if kind is not None}
+    return [*changes, *((f"--{option} {kind}", f"{option}.kind={kind}") for option, kind in chosen.items())]
+
+
+def _require_not_stuck(run: "Run") -> None:
+    """Raise RunError if a run could not go on, with what the last solve came to."""
+    from psmpc_cli.solvers import Outcome
+
+    if run.attributes["stuck"]:
+        outcomes = [Outcome[str(status).upper()] for status in run["solver/status"][-1:]]
         advice = "".join(f" ({outcome.value})" for outcome in outcomes if not outcome.usable)
-        raise RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
+        raise RunError(f"{run.attributes['end_reason']}{advice}; {run.path} holds the run up to then")
 
 
 def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]") -> None:

@@ -31,13 +31,19 @@ def forecast(task: Task, stage: int = 0) -> tuple[PlumeForecast, RobotModel]:
     return PlumeForecast.of(task.spec, model, stage), model
 
 
-def sample_at(task: Task, model: RobotModel, base: list[float], velocity: float = 0.0, **more: object) -> SampleContext:
+def sample_at(
+    task: Task,
+    model: RobotModel,
+    base: list[float],
+    velocity: float = 0.0,
+    object_state: tuple[np.ndarray, np.ndarray] | None = None,
+) -> SampleContext:
     """A sample in which the robot is folded, with a plan that goes on at a velocity along x."""
     x = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)]
     x[:3] = base
     x[model.n] = velocity
     plan = resting_plan(0.0, 8.0, 1, x, IDENTITY)
-    return SampleContext(0.0, x, np.zeros(0), plan=plan, **more)  # type: ignore[arg-type]
+    return SampleContext(0.0, x, np.zeros(0), plan=plan, object_state=object_state)
 
 
 def test_thrusters_are_shut_while_their_plumes_reach_an_obstacle(tmp_path: Path) -> None:

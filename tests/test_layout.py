@@ -25,6 +25,7 @@ REACHED_THROUGH = {
     "ocp/skills/task.py": "ocp/test_objective.py",
     "plant/ideal.py": "plant/test_base.py",
     "plant/rk4.py": "plant/test_base.py",
+    "plant/tick_functions.py": "plant/test_base.py",
     "report/pages.py": "cli/test_run_pages.py",
     "report/texts.py": "cli/test_run.py",
     "robot/model.py": "robot/test_kinematics.py",

@@ -17,8 +17,8 @@ from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.plant import Plant, Setpoints, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
-from psmpc_cli.plant.rk4 import capture_tick, tick_function
 from psmpc_cli.plant.thrusters import firing_of
+from psmpc_cli.plant.tick_functions import TickKind, capture_tick, tick_function
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of, stream
 from psmpc_cli.plant.wheels import WheelDrive, drive_of
 from psmpc_cli.robot.model import RobotModel
@@ -119,16 +119,21 @@ def libraries_for(problem: Problem) -> list[Library]:
 
 def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     """Build the functions that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand."""
-    tick, substeps = ticks_of(task.plant)
     capture = build_capture(task, model)
-    is_limited = force_limits_of(task, model.spec) is not None
+    plain = TickKind(
+        *ticks_of(task.plant), disturbed=disturbs(task), limited=force_limits_of(task, model.spec) is not None
+    )
     varies = task.changes_mobility(model.spec)
     by_input = (False, True) if task.acts_in_task_space else (False,)
     pushed = {False, task.fires(model.spec)} if varies else {task.fires(model.spec)}
-    laws = [(in_task_space, varies, is_pushed) for in_task_space in by_input for is_pushed in sorted(pushed)]
+    kinds = [
+        replace(plain, in_task_space=in_task_space, varies=varies, is_pushed=is_pushed)
+        for in_task_space in by_input
+        for is_pushed in sorted(pushed)
+    ]
     if capture is not None:
-        return [capture_tick(capture, substeps, disturbs(task), is_limited, *law) for law in laws]
-    return [tick_function(model, tick, substeps, disturbs(task), is_limited, *law) for law in laws]
+        return [capture_tick(capture, kind) for kind in kinds]
+    return [tick_function(model, kind) for kind in kinds]
 
 
 DIVERGED = 1e9

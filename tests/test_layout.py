@@ -14,6 +14,7 @@ APART = ("acceptance", "documentation")
 
 REACHED_THROUGH = {
     "cli/common.py": "cli/test_run.py",
+    "cli/descriptions.py": "cli/test_inspect.py",
     "cli/options.py": "cli/test_run.py",
     "ocp/constraints/base.py": "ocp/test_constraints.py",
     "ocp/constraints/end.py": "ocp/test_constraints.py",
@@ -30,6 +31,7 @@ REACHED_THROUGH = {
     "report/texts.py": "cli/test_run.py",
     "robot/model.py": "robot/test_kinematics.py",
     "solvers/sqp_window.py": "solvers/test_quadratic.py",
+    "specs/actuators.py": "specs/test_robot.py",
     "specs/arguments.py": "test_public_api.py",
     "studies/measures.py": "studies/test_monte_carlo.py",
 }

@@ -51,13 +51,14 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
     if kind_of_reference(reference) == "robot":
         subject: Any = load_robot(reference)
         drawn = "robot"
-        from psmpc_cli.cli.tables import print_robot
+        from psmpc_cli.cli.descriptions import print_robot
 
         echo(f"OK: robot {subject.name}")
         print_robot(subject)
     else:
         validate(reference, changes)
-        from psmpc_cli.cli.tables import print_gradients, print_task
+        from psmpc_cli.cli.descriptions import print_task
+        from psmpc_cli.cli.tables import print_gradients
         from psmpc_cli.ocp.feasibility import load_task, remarks
         from psmpc_cli.ocp.forecast import forecast_stages
         from psmpc_cli.specs.document import counted

@@ -17,9 +17,10 @@ from psmpc_cli.robot.configuration import IDENTITY
 from psmpc_cli.robot.model import RobotModel, load_robot
 from psmpc_cli.robot.plumes import Plumes
 from psmpc_cli.robot.thrusters import Thrusters
+from psmpc_cli.specs.actuators import SpatialThruster
 from psmpc_cli.specs.geometry import ObstacleSpec
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import SpatialThruster, stack
+from psmpc_cli.specs.robot import stack
 
 from ...plumed import AHEAD, before_a_panel, robot_in
 

@@ -16,6 +16,7 @@ REACHED_THROUGH = {
     "cli/common.py": "cli/test_run.py",
     "cli/descriptions.py": "cli/test_inspect.py",
     "cli/options.py": "cli/test_run.py",
+    "control/control_law.py": "control/test_controller.py",
     "ocp/constraints/base.py": "ocp/test_constraints.py",
     "ocp/constraints/end.py": "ocp/test_constraints.py",
     "ocp/constraints/jerk.py": "solvers/test_base_rates.py",

@@ -13,9 +13,9 @@ from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.guidance import Guide, RouteProgress
 from psmpc_cli.control.htmpc import Hierarchy
-from psmpc_cli.control.inertia import InertiaEstimate, InertiaEstimator, MeasuredMotion
+from psmpc_cli.control.identification.inertia import InertiaEstimate, InertiaEstimator, MeasuredMotion
+from psmpc_cli.control.identification.load import LoadEstimate, LoadEstimator, LoadPrior, RobotAndObject
 from psmpc_cli.control.interface import Command, Measurement, NewTarget, State
-from psmpc_cli.control.load import LoadEstimate, LoadEstimator, LoadPrior, RobotAndObject
 from psmpc_cli.control.placement import Placement, Placer, Signs
 from psmpc_cli.control.sequence import GraspProgress, MovingSequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from psmpc_cli.control.inertia import InertiaEstimate
-from psmpc_cli.control.load import LoadEstimate
+from psmpc_cli.control.identification.inertia import InertiaEstimate
+from psmpc_cli.control.identification.load import LoadEstimate
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.plan import Plan

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.control.delay import LONGEST as LONGEST_DELAY
-from psmpc_cli.control.delay import STEP
+from psmpc_cli.control.identification.delay import LONGEST as LONGEST_DELAY
+from psmpc_cli.control.identification.delay import STEP
 from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS, sliding_of
 from psmpc_cli.logs.verdicts import (
     Arrays,

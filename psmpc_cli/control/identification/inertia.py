@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.control.delay import Acting
+from psmpc_cli.control.identification.delay import Acting
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw

@@ -205,7 +205,13 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
 
 
 def _geom(shape: Shape, planar: bool, thick: float) -> dict[str, Any]:
-    """Describe a shape as a geom of MuJoCo; boxes and half-spaces of the plane are so thick to either side [m]."""
+    """Return the keys of the MuJoCo geom that shows a shape.
+
+    Args:
+        shape: The shape.
+        planar: Whether the robot is planar: the film then looks down on the plane, in which a half-space is a wall.
+        thick: How far boxes and walls reach above and below the plane, at least [m].
+    """
     import mujoco
 
     if shape.kind == "box":

@@ -143,21 +143,20 @@ class CaptureSummary:
 
     def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
         """Read what became of the object from the datasets of a log."""
-        destination = task.body.destination
         _, pose, v = when_let_go(task, arrays)
         space = space_of_pose(len(pose))
-        dimension = space.dimension
-        error = np.full(len(v), np.nan)
-        if destination is not None:
-            error = space.pose_error(pose, destination.pose)
+        linear = slice(space.dimension)
+        angular = slice(space.dimension, None)
+        destination = task.body.destination
+        error = np.full(len(v), np.nan) if destination is None else space.pose_error(pose, destination.pose)
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
         self.loads = largest_loads(arrays)
         self.lost: tuple[str, ...] = tuple(arrays["gripper"][arrays["grasp/lost"] == 1].tolist())
         self.left_at = float(arrays["object/left_at"])
-        self.distance = float(np.linalg.norm(error[:dimension]))
-        self.angle = float(np.linalg.norm(error[dimension:]))
-        self.speed = float(np.linalg.norm(v[:dimension]))
+        self.distance = float(np.linalg.norm(error[linear]))
+        self.angle = float(np.linalg.norm(error[angular]))
+        self.speed = float(np.linalg.norm(v[linear]))
 
     def __repr__(self) -> str:
         return f"CaptureSummary({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"

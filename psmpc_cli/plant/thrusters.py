@@ -88,17 +88,23 @@ class ThrusterFiring:
         self.period = period
         self._tick = tick
         self._pulsed = pulsed
-        self._owed = np.zeros(len(thrusters.wrenches))
-        self._refused = np.zeros_like(self._owed)
+        d = len(thrusters.wrenches)
+        T = thrusters.count
+
+        # of the period of pulses
+        self.mean = np.zeros(d)
         self._length = period  # ticks of the period that begins next
-        self._thrusts = np.zeros((0, thrusters.count))  # over the ticks that are left of the period
-        self.mean = np.zeros_like(self._owed)
-        self._unfinished = self._thrusts  # of pulses of the period before that have not ended, over the next ticks
-        self._is_loaded = False
-        self._fires = np.zeros(thrusters.count, bool)  # at the last tick of the sample before
-        self._rows: list[np.ndarray] = []  # thrusts over the ticks of the sample
-        self._is_shut: np.ndarray | None = None  # at its ticks that are left
-        self._shut = np.zeros(thrusters.count)  # over its ticks, on average
+        self._thrusts = np.zeros((0, T))  # over the ticks that are left of the period [N]
+        self._unfinished = self._thrusts  # those of pulses of the period before that go on in this one [N]
+        self._owed = np.zeros(d)  # impulse that the law has asked for, and pulses have not given yet
+        self._is_loaded = False  # whether the law counts with a load
+
+        # of the sample, for its log
+        self._rows: list[np.ndarray] = []  # thrusts over its ticks so far [N]
+        self._fires = np.zeros(T, bool)  # which fired at the last tick of the sample before
+        self._refused = np.zeros(d)  # impulse that no thrusts can give
+        self._is_shut: np.ndarray | None = None  # which are shut at the ticks that are left; None: none
+        self._shut = np.zeros(T)  # share of its ticks at which each is shut
 
     def begin_sample(self, is_shut: np.ndarray | None) -> None:
         """Take in which thrusters are shut at the ticks of the sample that begins (M, T); None: none is."""

@@ -550,12 +550,16 @@ class NlpSolver(Solver):
     def _call(
         self, key: CompiledKey, arguments: Mapping[str, np.ndarray], stop_at: float
     ) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
-        """Call a compiled solver; return vectors, statistics, the wall time [s], and what it wrote, if it is reported.
+        """Call a solver that CasADi has built, in time for a deadline.
 
         Args:
             key: Which solver.
-            arguments: Its arguments.
+            arguments: Its arguments by CasADi's names, such as x0 and p.
             stop_at: When it has to stop, if it can, an instant of `time.perf_counter` [s].
+
+        Returns:
+            Solution, objective, constraints and multipliers by CasADi's names (x, f, g, lam_x, lam_g); whether and how
+            it succeeded, and its iterations; the wall time [s]; what it printed, empty unless that is reported.
         """
         if key in self._clocks:
             self._clocks[key].stop_at = stop_at

@@ -387,18 +387,27 @@ class Urdf:
         return {each: None if limit is None else readers[each](joint, limit) for each in quantities}
 
     def _range(self, joint: UrdfJoint, limit: Any) -> list[float | str] | None:
-        """Return the limits of a joint's position [rad, m], None where it has none."""
+        """Return low and high limit of a joint's position with their units, None where it has none.
+
+        URDF files write joints without limits in several ways: as another type, without numbers, with two zeros, or
+        with numbers that no joint reaches. All of them mean None, and are noted. Limits in the wrong order, or one
+        alone that no joint reaches, are errors.
+
+        Args:
+            joint: The joint.
+            limit: Its element `limit`, at which notes and errors point.
+        """
         own = f"of joint {quoted(joint.name)}"
         if not joint.type.is_bounded:
             ends = [f'{end}="{limit.get(end)}"' for end in ("lower", "upper") if limit.get(end) is not None]
             if ends:
                 self.note(limit, f"{' and '.join(ends)} {own}, which is {joint.written_type}: without limits")
             return None
-        before = len(self.errors)
+        errors_before = len(self.errors)
         low, high = (
             self._numbers(joint.element, f"limit/@{end}", 1, "0", largest=np.inf)[0] for end in ("lower", "upper")
         )
-        if len(self.errors) > before:
+        if len(self.errors) > errors_before:
             return None
         if low == high == 0:
             self.note(limit, f"the limits {own} are both 0 or not given: without limits")

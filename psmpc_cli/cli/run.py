@@ -313,8 +313,8 @@ def view(
     def page() -> "Page":
         runs: dict[str, Run] = {}
         for log in logs:
-            for name, found in read_contents(log).runs(run or [], quiet).items():
-                runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = found
+            for name, chosen in read_contents(log).runs(run or [], quiet).items():
+                runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = chosen
         return show(runs)
 
     _save(page, output, logs, "view", force, open_it)

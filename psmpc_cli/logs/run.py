@@ -643,19 +643,25 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
 
 
 def _check_datasets(group: h5py.Group, present: Iterable[Column]) -> None:
-    """Make sure, before any is read, that the datasets are those of the schema and fit together.
+    """Make sure that the datasets of a log are those of the schema, and as long as the scales of their dimensions.
+
+    It comes before any is read, so that a file that another program wrote is told at once.
+
+    Args:
+        group: The group of the run.
+        present: The datasets that a log of such a run has.
 
     Raises:
-        LogError: They are not, or do not.
+        LogError: One is unknown, of another type, or of another shape.
     """
-    known = {column.path: column for column in present}
-    groups = {path.rpartition("/")[0] for path in known}
-    found: list[str] = []
-    group.visit(found.append)
-    if unknown := [path for path in found if path not in known and path not in groups]:
+    columns_by_path = {column.path: column for column in present}
+    groups = {path.rpartition("/")[0] for path in columns_by_path}
+    paths: list[str] = []
+    group.visit(paths.append)
+    if unknown := [path for path in paths if path not in columns_by_path and path not in groups]:
         raise misfit(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
-    lengths = {path: len(group[path]) for path, column in known.items() if column.is_scale}
-    for path, column in known.items():
+    lengths = {path: len(group[path]) for path, column in columns_by_path.items() if column.is_scale}
+    for path, column in columns_by_path.items():
         dataset = group[path]
         shape = tuple(lengths[dim] for dim in column.dims)
         dtype = h5py.string_dtype() if column.dtype == "text" else np.dtype(column.dtype)

@@ -260,10 +260,17 @@ def _macros(compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
 
 
 def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str, flags: Sequence[str]) -> Path:
-    """Compile a library and return its path in a directory.
+    """Compile C code into a shared library of a cache, and return its path there.
 
-    It is made in a temporary directory beside, stored on disk and then renamed: safe for several processes at once, and
-    when the machine stops.
+    Its name ends with a digest of its content, by which a damaged file is told. It is made in a temporary directory of
+    the cache, stored on disk and then renamed: safe for several processes at once, and when the machine stops.
+
+    Args:
+        compiler: Command of the compiler, word by word.
+        source: The code.
+        directory: The cache.
+        name: What the name of the file begins with.
+        flags: Further arguments of the compiler.
     """
     with tempfile.TemporaryDirectory(prefix=MAKING, dir=directory) as folder:
         # The file names are always the same because compilers write them into the library.

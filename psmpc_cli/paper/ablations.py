@@ -256,19 +256,23 @@ def minima(switch_times: np.ndarray, cost: np.ndarray) -> np.ndarray:
 
 
 def pick_window(log: Run) -> SwitchWindow:
-    """Return the window of a log's first switch whose optimized instant lies at 0.3 of the horizon.
+    """Choose the window in which the cost is scanned over the switch time: one switch, planned at 0.3 of the horizon.
+
+    Of all windows of a log with its first switch alone it is the one nearest to that, so that there is time before the
+    switch and after it.
 
     Raises:
         LogError: The log has no plans, or no window with one switch.
     """
-    with_one = np.flatnonzero(log["window/count"] == 2)
-    first = log["window/first"]
-    if not len(with_one):
+    samples = np.flatnonzero(log["window/count"] == 2)
+    first_stage = log["window/first"]
+    if not len(samples):
         raise LogError(f"{log.path}: found no window with one switch, expected a run of several stages")
-    with_one = with_one[first[with_one] == first[with_one[0]]]
+    samples = samples[first_stage[samples] == first_stage[samples[0]]]
     problem = build_problem(converging(log.task))
-    to_go = ahead(log)[1][with_one]
-    solve = logged_solve(log, int(with_one[np.argmin(np.abs(to_go - 0.3 * problem.spec.controller.horizon))]))
+    _, time_to_switch = ahead(log)
+    wanted = 0.3 * problem.spec.controller.horizon
+    solve = logged_solve(log, int(samples[np.argmin(np.abs(time_to_switch[samples] - wanted))]))
     return SwitchWindow(_ratio(solve.window.omega), problem, build_solver(problem), solve.window, solve.plan)
 
 

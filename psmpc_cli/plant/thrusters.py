@@ -119,21 +119,25 @@ class ThrusterFiring:
         return len(self._thrusts)
 
     def span(self, driven: np.ndarray | None, first: int, last: int) -> "FiringSpan":
-        """Return the ticks of a sample from one on in which the same holds of the thrusters.
+        """Return the ticks from one on over which thrusters go on as they begin: off, or within one period of pulses.
+
+        Plants advance over them at once. A period begins where thrusters push the base and none is under way.
 
         Args:
-            driven: Whether something acts on each coordinate of the base at the ticks (M, d); None: on all of them.
-            first: The tick.
-            last: The one after the last that is asked for.
+            driven: Whether something acts on each coordinate of the base at the ticks of the sample (M, d); thrusters
+                push it where something acts on its position. None: they always do.
+            first: The first tick.
+            last: The one after the last that may be among them.
         """
-        if driven is None:
-            return FiringSpan(first, min(first + (self.ticks_left or self._length), last), True, not self.ticks_left)
-        pushed = driven[first:last, 0] > 0
-        others = np.flatnonzero(pushed != pushed[0])
-        end = first + int(others[0]) if others.size else last
-        if not pushed[0]:
-            return FiringSpan(first, end, False, False)
-        return FiringSpan(first, min(first + (self.ticks_left or self._length), end), True, not self.ticks_left)
+        end = last
+        if driven is not None:
+            is_pushed = driven[first:last, 0] > 0
+            changes = np.flatnonzero(is_pushed != is_pushed[0])
+            end = first + int(changes[0]) if changes.size else last
+            if not is_pushed[0]:
+                return FiringSpan(first, end, is_pushed=False, begins=False)
+        end_of_period = first + (self.ticks_left or self._length)
+        return FiringSpan(first, min(end_of_period, end), is_pushed=True, begins=not self.ticks_left)
 
     def count_with_load(self, is_loaded: bool) -> None:
         """Take in whether the law counts with a load from this tick on, and end the period where that changes.

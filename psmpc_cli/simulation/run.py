@@ -15,7 +15,7 @@ from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.compiled import library_of
 from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.plant import Plant, Setpoints, build_plant, ticks_of
+from psmpc_cli.plant import Plant, Setpoints, Ticks, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.thrusters import firing_of
 from psmpc_cli.plant.tick_functions import TickKind, capture_tick, tick_function
@@ -143,6 +143,9 @@ DIVERGED = 1e9
 def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[Sample, None, Ending]:
     """Run the closed loop of an experiment: yield its samples, and return how it ended.
 
+    At every sample the state is measured, the controller decides, its command is sent, and the plant advances by what
+    has arrived. What is known of the sample is measured last.
+
     Args:
         experiment: The experiment, built for this run alone.
         until: Index of the stage at whose end the loop stops; by default that of the task.
@@ -184,14 +187,18 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
             contact = uncertainty.contact(state, previous_stage, stage)
             disturbance = uncertainty.disturbance(sample_number, now, stage, in_force.law)
         ticks = plant.advance(now, state if contact is None else contact.state, setpoints, disturbance)
-        if (
-            not np.vdot(ticks.states, ticks.states) + np.vdot(ticks.F, ticks.F) < DIVERGED**2
-        ):  # nor where it is not a number
+        if _has_diverged(ticks):
             reason = "the motion diverged, faster than it can be simulated"
             return Ending(False, reason, now, command.state, state, command.switches, stuck=True)
         yield meter.measure(command, ticks, state, setpoints.u, contact, in_force)
         state = ticks.states[-1]
         sample_number += 1
+
+
+def _has_diverged(ticks: Ticks) -> bool:
+    """Tell whether states or forces are beyond what any robot reaches, or not numbers."""
+    squared_norm = np.vdot(ticks.states, ticks.states) + np.vdot(ticks.F, ticks.F)
+    return bool(np.isnan(squared_norm) or squared_norm >= DIVERGED**2)
 
 
 class _Line:

@@ -515,20 +515,22 @@ class Filter:
         self._entries: list[tuple[float, float]] = []
 
     def accepts(self, trial: Iterate, iterate: Iterate, slope: float, is_elastic: bool) -> bool:
-        """Tell whether a trial point is accepted; if so, enter the iterate where the filter has to remember it.
+        """Tell whether a step of the line search is accepted; if so, the filter may remember where it started.
+
+        The symbols are those of the class: theta is the violation, phi the objective, k the iterate before the step.
 
         Args:
             trial: The iterate after the step.
-            iterate: Where the step starts.
-            slope: m, with the penalties of soft limits.
+            iterate: Iterate k, where the step starts.
+            slope: m, the predicted change of phi by a full step, with the penalties of soft limits.
             is_elastic: The step is that of an elastic program.
         """
         theta = trial.reached.violation
         theta_k = iterate.reached.violation
         phi_k = iterate.reached.objective
         phi = trial.reached.objective - ROUNDING * (1 + abs(phi_k))
-        steep = slope < 0 and trial.step_length * (-slope) ** S_PHI > theta_k**S_THETA
-        if theta_k <= FEASIBLE and steep:
+        is_steep = slope < 0 and trial.step_length * (-slope) ** S_PHI > theta_k**S_THETA
+        if theta_k <= FEASIBLE and is_steep:
             return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.step_length * slope
         improves = _reduces(theta, theta_k) if is_elastic else _improves(theta, phi, theta_k, phi_k)
         if not (self._acceptable(theta, phi) and improves):

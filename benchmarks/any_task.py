@@ -517,8 +517,8 @@ def plan(task: Row, run: psmpc.Run, sample: int) -> tuple[Array, Array, Array]:
     nodes += [after] if after else []
     K = sum(nodes)
     S = len(nodes) - 1
-    instants, X, u = np.split(run.plan("solution", sample), [S, S + 2 * n * (K + 1)])
-    ends = [run.time[sample], *instants, run.time[sample] + task["controller"]["horizon"]]
+    switch_times, X, u = np.split(run.plan("solution", sample), [S, S + 2 * n * (K + 1)])
+    ends = [run.time[sample], *switch_times, run.time[sample] + task["controller"]["horizon"]]
     return np.repeat(np.diff(ends) / nodes, nodes)[:, None], X.reshape(K + 1, 2 * n), u.reshape(K, n)
 
 

@@ -134,7 +134,7 @@ def solve(problem: Problem, nodes: int) -> Solution:
         chart=model.space.chart_at(Q),
     )
     rest = resting_plan(0.0, window.horizon, nodes, window.x0, window.chart)
-    guess = on_mesh(replace(rest, instants=np.array([window.horizon / 2])), window)
+    guess = on_mesh(replace(rest, switch_times=np.array([window.horizon / 2])), window)
     solution = build_solver(problem, problem.spec.solver).solve(window, guess)
     if not solution.outcome.usable:
         raise RuntimeError(f"{nodes} intervals: {solution.outcome.value}")
@@ -143,7 +143,7 @@ def solve(problem: Problem, nodes: int) -> Solution:
 
 def costs(model: RobotModel, plan: Plan, nodes: int, end: int) -> dict[str, float]:
     """Return the published cost and its parts, with the forces at the beginning, 0, or the end, 1, of the intervals."""
-    duration = float(plan.instants[0])
+    duration = float(plan.switch_times[0])
     Q, v = plan.chart.from_chart(plan.X[: nodes + 1])
     F = np.array([model.inverse_dynamics(Q[k + end], v[k + end], plan.u[k]) for k in range(nodes)])
     weights = np.concatenate([WEIGHTS["base"], WEIGHTS["arm"]])

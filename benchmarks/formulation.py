@@ -214,7 +214,7 @@ def _against(optima: Sequence[Solution], solver: Solver) -> dict[str, str]:
     found = [solver.solve(optimum.window, optimum.guess) for optimum in optima]
     pairs = [(one, other) for one, other in zip(found, optima, strict=True) if one.outcome is Outcome.OPTIMAL]
     J = np.array([one.objective / other.objective - 1 for one, other in pairs])
-    t = np.array([np.abs(one.plan.instants - other.plan.instants).max(initial=0.0) for one, other in pairs])
+    t = np.array([np.abs(one.plan.switch_times - other.plan.switch_times).max(initial=0.0) for one, other in pairs])
     iterations = [one.iterations for one, _ in pairs]
     return {
         "solved": f"{len(pairs)} of {len(optima)}",

@@ -980,7 +980,7 @@ def optimum(count: str = "10") -> Iterator[str]:
         found = replay(run, WHOLE_SAMPLE, "ipopt")
         if found.solution.outcome is Outcome.OPTIMAL:
             of_objectives = found.solution.objective / found.logged.objective - 1
-            of_instants = found.solution.plan.instants[0] - found.logged.plan.instants[0]
+            of_instants = found.solution.plan.switch_times[0] - found.logged.plan.switch_times[0]
             compared.append((of_objectives, of_instants))
     of_objective, of_instant = np.abs(compared).max(axis=0)
     row = {

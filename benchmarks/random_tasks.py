@@ -47,7 +47,7 @@ WEIGHTS = {
 ENDS = (["base"], ["arms"], ["all"])
 
 SAMPLE, END, HAIR = 0.1, 0.2, 1e-6
-"""By how much switching instants and the end of a run may differ [s]."""
+"""By how much switch times and the end of a run may differ [s]."""
 
 ALTERNATION, JUMP, ROUGHER = 3, 0.3, 1.1
 """Smoothness: samples in a row at which a control may change its sign, by how much an optimized instant may move from

@@ -172,8 +172,8 @@ def _stage_times(story: Story) -> dict[str, np.ndarray]:
 def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
     Q, Qdot, u = _motion(time, story)
     first = int(np.searchsorted(story.ends, time, side="right"))
-    instants = np.array([end + 0.02 * (end - time) for end in story.ends[first:-1] if end < time + HORIZON])
-    count, stages, blur = len(instants) + 1, len(story.ends), story.blur * (-1) ** round(time / story.sample)
+    switch_times = np.array([end + 0.02 * (end - time) for end in story.ends[first:-1] if end < time + HORIZON])
+    count, stages, blur = len(switch_times) + 1, len(story.ends), story.blur * (-1) ** round(time / story.sample)
 
     def placed(values: np.ndarray) -> np.ndarray:
         return np.r_[np.full(first, np.nan), values, np.full(stages - first - len(values), np.nan)]
@@ -188,17 +188,17 @@ def _row(model: RobotModel, time: float, story: Story) -> dict[str, Any]:
         "pose/xi": _poses(model, Q),
         "window/first": first,
         "window/count": count,
-        "window/instants": placed(instants),
+        "window/instants": placed(switch_times),
         "window/cost": placed(2.0 ** -np.arange(count)),
         "window/basin": -1,
         "window/nodes": placed(np.full(count, 25.0)),
         "window/presence": np.full(stages, np.nan),
-        "window/share": placed(_shares(time, instants)),
+        "window/share": placed(_shares(time, switch_times)),
         **{f"events/{name}": 0 for name in ("appended", "postponed", "braking", "unmeasured")},
         "events/solve_failed": abs(time - 20.0) < 1e-6,
         "solver/status": "solved",
         "solver/warm": 0,
-        "solver/iterations": 9 + 5 * len(instants),
+        "solver/iterations": 9 + 5 * len(switch_times),
         "solver/wall_time": 0.012 * count,
         "solver/objective": 1.0,
         "normalization/nadir": placed(np.ones(count)),
@@ -228,9 +228,9 @@ def _clearance(time: float, story: Story) -> dict[str, np.ndarray]:
     return {"clearance/distance": apart, "clearance/margin": apart - 0.02, "clearance/points": points}
 
 
-def _shares(time: float, instants: np.ndarray) -> np.ndarray:
+def _shares(time: float, switch_times: np.ndarray) -> np.ndarray:
     """The stages of the window take over one after another, each over a horizon."""
-    begun = np.array([1.0, *np.clip(1.0 - (instants - time) / HORIZON, 0.0, 1.0), 0.0])
+    begun = np.array([1.0, *np.clip(1.0 - (switch_times - time) / HORIZON, 0.0, 1.0), 0.0])
     return begun[:-1] - begun[1:]
 
 

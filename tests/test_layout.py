@@ -14,7 +14,9 @@ APART = ("acceptance", "documentation")
 
 REACHED_THROUGH = {
     "cli/common.py": "cli/test_run.py",
+    "cli/descriptions.py": "cli/test_inspect.py",
     "cli/options.py": "cli/test_run.py",
+    "control/control_law.py": "control/test_controller.py",
     "ocp/constraints/base.py": "ocp/test_constraints.py",
     "ocp/constraints/end.py": "ocp/test_constraints.py",
     "ocp/constraints/jerk.py": "solvers/test_base_rates.py",
@@ -25,10 +27,12 @@ REACHED_THROUGH = {
     "ocp/skills/task.py": "ocp/test_objective.py",
     "plant/ideal.py": "plant/test_base.py",
     "plant/rk4.py": "plant/test_base.py",
+    "plant/tick_functions.py": "plant/test_base.py",
     "report/pages.py": "cli/test_run_pages.py",
     "report/texts.py": "cli/test_run.py",
     "robot/model.py": "robot/test_kinematics.py",
     "solvers/sqp_window.py": "solvers/test_quadratic.py",
+    "specs/actuators.py": "specs/test_robot.py",
     "specs/arguments.py": "test_public_api.py",
     "studies/measures.py": "studies/test_monte_carlo.py",
 }

@@ -117,7 +117,7 @@ def meshed(solver: Solver, before: Solution, solution: Solution, nodes: int) -> 
     window, count = stated(solution.window, nodes), len(solution.window.stages)
     equal = window.start + window.horizon * np.arange(1, count) / count
     rest = resting_plan(window.start, window.horizon, window.K, window.x0, window.chart)
-    cold = on_mesh(replace(rest, instants=equal), window)
+    cold = on_mesh(replace(rest, switch_times=equal), window)
     found = solver.solve(stated(before.window, nodes), before.guess)
     assert found.outcome.usable, "the run's windows have solutions"
     moved = shift(found.plan.in_chart(window.chart), window.start, window.horizon, window.x0)
@@ -163,7 +163,7 @@ def plain_mesh(case: Meshed) -> peers.Mesh:
     low, high = node_limits(Grid(len(window.x0) // 2, window.nodes), window.stages)
     shift_limits(window, case.starts["warm"][0], low, high)
     starts = {
-        name: peers.Start(plan.X, plan.u, np.diff(plan.instants, prepend=window.start), before is not None)
+        name: peers.Start(plan.X, plan.u, np.diff(plan.switch_times, prepend=window.start), before is not None)
         for name, (plan, before) in case.starts.items()
     }
     return peers.Mesh(low, high, starts)
@@ -198,7 +198,7 @@ def own_solve(problem: Problem, window: Window, kind: str) -> Solve:
             "time": process_time() - began,
             "status": solution.outcome.name.lower(),
             "objective": solution.objective,
-            "instants": (solution.plan.instants - window.start).tolist(),
+            "instants": (solution.plan.switch_times - window.start).tolist(),
             "iterations": solution.iterations,
         }
 
@@ -235,8 +235,8 @@ def peer_results(directory: Path) -> Iterator[tuple[list[Result], str]]:
 
 def apart(found: Result, expected: Result) -> tuple[float, float]:
     """Return the relative difference of the objectives and the largest of the instants [s]."""
-    instants = [abs(a - b) for a, b in zip(found["instants"], expected["instants"], strict=True)]
-    return abs(found["objective"] / expected["objective"] - 1), max(instants, default=0.0)
+    switch_times = [abs(a - b) for a, b in zip(found["instants"], expected["instants"], strict=True)]
+    return abs(found["objective"] / expected["objective"] - 1), max(switch_times, default=0.0)
 
 
 def table(rows: Iterable[Result]) -> tuple[list[str], bool]:

@@ -265,7 +265,7 @@ def watched_run(quiet: bool, end: float = math.inf) -> "Iterator[tuple[Callable[
             factor = f"{pace:.1f}" if pace > 0 else "-"
             seconds = (end - command.time) / pace
             left = f"  about {duration(seconds)} left" if 0 < seconds < math.inf else ""
-            ahead = ", ".join(f"{instant:.2f}" for instant in command.instants) or "none"
+            ahead = ", ".join(f"{instant:.2f}" for instant in command.switch_times) or "none"
             is_due = command.time >= due or bool(command.switches)
             due = command.time + 5.0 if is_due else due
             line.show(

@@ -146,7 +146,7 @@ class SeveralRuns(Contents):
         return InputError(f"{self.path} holds several runs: found {found}, expected --run with {self.choices}")
 
 
-class Compared(SeveralRuns):
+class ComparisonLogs(SeveralRuns):
     """The logs of a comparison."""
 
     kind = COMPARISON
@@ -271,7 +271,9 @@ class Fronts(Contents):
         tables.print_fronts(self.value)
 
 
-KINDS: Mapping[str, type[Contents]] = {each.kind: each for each in (Log, Compared, Sweep, KeySweep, Fronts, MonteCarlo)}
+KINDS: Mapping[str, type[Contents]] = {
+    each.kind: each for each in (Log, ComparisonLogs, Sweep, KeySweep, Fronts, MonteCarlo)
+}
 """The classes by the kinds that files name."""
 
 

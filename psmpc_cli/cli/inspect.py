@@ -51,13 +51,14 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
     if kind_of_reference(reference) == "robot":
         subject: Any = load_robot(reference)
         drawn = "robot"
-        from psmpc_cli.cli.tables import print_robot
+        from psmpc_cli.cli.descriptions import print_robot
 
         echo(f"OK: robot {subject.name}")
         print_robot(subject)
     else:
         validate(reference, changes)
-        from psmpc_cli.cli.tables import print_gradients, print_task
+        from psmpc_cli.cli.descriptions import print_task
+        from psmpc_cli.cli.tables import print_gradients
         from psmpc_cli.ocp.feasibility import load_task, remarks
         from psmpc_cli.ocp.forecast import forecast_stages
         from psmpc_cli.specs.document import counted
@@ -124,8 +125,8 @@ def schema(
     """Print the JSON Schema of robot and task descriptions, for editors."""
     from psmpc_cli.specs.library import KINDS, json_schema
 
-    found = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind)
-    echo(json.dumps(found, indent=2))
+    schemas = {each: json_schema(each) for each in KINDS} if kind is None else json_schema(kind)
+    echo(json.dumps(schemas, indent=2))
 
 
 def bench(
@@ -148,6 +149,6 @@ def bench(
     repeat = repeat or (1 if quick else 3)
     appends = 2 if quick else None
     with ending_on_signals("no table was made") as interruption, live_line(quiet) as line:
-        found = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.check)
-    print_table(study.HEADINGS, list(study.bench_rows(found)), left=3)
-    echo(f"{study.NOTE}\n\n{study.describe_machine(found)}")
+        measured = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.check)
+    print_table(study.HEADINGS, list(study.bench_rows(measured)), left=3)
+    echo(f"{study.NOTE}\n\n{study.describe_machine(measured)}")

@@ -1,7 +1,7 @@
 """Runs and their logs: `psmpc simulate`, `rerun`, `replay`, `verify`, `show`, `plot`, `view` and `report`."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,11 +56,7 @@ def simulate(
     view = view or open_it
     if verbose:
         logging.getLogger("psmpc_cli").setLevel(logging.INFO)
-    overrides: list[Change] = [*(changes or [])]
-    short = {"controller": controller, "plant": plant}
-    overrides += [
-        (f"--{name} {chosen}", f"{name}.kind={chosen}") for name, chosen in short.items() if chosen is not None
-    ]
+    overrides = _overrides(changes or [], {"controller": controller, "plant": plant})
     films = ("render",) if render else ()
     if task is not None and unfinished is None:
         common.validate(task, overrides)
@@ -70,7 +66,6 @@ def simulate(
     from psmpc_cli.ocp.feasibility import load_task
     from psmpc_cli.simulation.follow import FollowedTask
     from psmpc_cli.simulation.run import simulate as run_task
-    from psmpc_cli.solvers import Outcome
     from psmpc_cli.specs.library import find
 
     if unfinished is not None:
@@ -102,10 +97,28 @@ def simulate(
         _save(lambda: show(log), page, [path], "view", force, open_it)
     if log.interrupted:
         raise typer.Exit(interruption.exit_code)
-    if log.attributes["stuck"]:
-        outcomes = [Outcome[str(status).upper()] for status in log["solver/status"][-1:]]
+    _require_not_stuck(log)
+
+
+def _overrides(changes: "Sequence[Change]", kinds: Mapping[str, str | None]) -> "list[Change]":
+    """Return changes of a task with those that short options stand for, such as `--plant mujoco`.
+
+    Args:
+        changes: Those by `--set`.
+        kinds: The chosen kinds by the names of the options; None where an option is not given.
+    """
+    chosen = {option: kind for option, kind in kinds.items() if kind is not None}
+    return [*changes, *((f"--{option} {kind}", f"{option}.kind={kind}") for option, kind in chosen.items())]
+
+
+def _require_not_stuck(run: "Run") -> None:
+    """Raise RunError if a run could not go on, with what the last solve came to."""
+    from psmpc_cli.solvers import Outcome
+
+    if run.attributes["stuck"]:
+        outcomes = [Outcome[str(status).upper()] for status in run["solver/status"][-1:]]
         advice = "".join(f" ({outcome.value})" for outcome in outcomes if not outcome.usable)
-        raise RunError(f"{log.attributes['end_reason']}{advice}; {log.path} holds the run up to then")
+        raise RunError(f"{run.attributes['end_reason']}{advice}; {run.path} holds the run up to then")
 
 
 def _continue(path: Path, output: Path | None, watch: "Callable[[Sample], None]") -> None:
@@ -163,23 +176,23 @@ def replay(
     from psmpc_cli.simulation.replay import replay as solve_again
 
     run = read_run(log)
-    found = solve_again(run, step, solver)
-    window = found.logged.window
+    again = solve_again(run, step, solver)
+    window = again.logged.window
     kind = solver or run.task.spec.solver.kind
     stages = ", ".join(stage.name for stage in window.stages)
     echo(f"sample {step} of {len(run.time)}, {window.start:.2f} s: window of {stages}; solver {kind}")
-    for remark in found.remarks:
+    for remark in again.remarks:
         echo(f"note: {remark}")
-    echo("\n".join(found.iterations))
+    echo("\n".join(again.iterations))
     if (largest := max(window.omega)) != 1:
         echo(f"objective in the lines above: J over the largest priority, {largest:g}")
-    rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in found.compared.items()]
-    rows.append(("largest of a control in the plan", "", "", f"{found.largest_of_controls:.1e}"))
+    rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in again.compared.items()]
+    rows.append(("largest of a control in the plan", "", "", f"{again.largest_of_controls:.1e}"))
     print_table(("", "logged", "again", "difference"), rows, left=1)
     equal = f"the log is repeated to {EQUAL:g}"
-    differs = f"differs from the log by up to {found.largest:.1e}"
-    result = (equal if found.largest <= EQUAL else differs) + ("" if found.same_solver else ", by another solver")
-    was, now = (f"{each.outcome.name.lower()} after {each.iterations}" for each in (found.logged, found.solution))
+    differs = f"differs from the log by up to {again.largest:.1e}"
+    result = (equal if again.largest <= EQUAL else differs) + ("" if again.same_solver else ", by another solver")
+    was, now = (f"{each.outcome.name.lower()} after {each.iterations}" for each in (again.logged, again.solution))
     echo(f"{result}: {was} iterations, again {now}")
 
 
@@ -195,14 +208,14 @@ def verify(
 
     began = time.perf_counter()
     with common.live_line(quiet=False) as line:
-        found = Verification(read_run(log), every, line.show)
-    echo(f"{found.count} horizons, the low-level law acting at every instant")
-    if found.count:
-        _print_peaks(found.horizons)
-    if found.samples:
-        echo(f"\nclosed loop, {found.samples} samples, each from its logged state, the force held over a tick")
-        _print_peaks(found.loop)
-    for remark in found.remarks:
+        verification = Verification(read_run(log), every, line.show)
+    echo(f"{verification.count} horizons, the low-level law acting at every instant")
+    if verification.count:
+        _print_peaks(verification.horizons)
+    if verification.samples:
+        echo(f"\nclosed loop, {verification.samples} samples, each from its logged state, the force held over a tick")
+        _print_peaks(verification.loop)
+    for remark in verification.remarks:
         echo(f"note: {remark}")
     echo(f"integrated in {time.perf_counter() - began:.1f} s")
 
@@ -301,8 +314,8 @@ def view(
     def page() -> "Page":
         runs: dict[str, Run] = {}
         for log in logs:
-            for name, found in read_contents(log).runs(run or [], quiet).items():
-                runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = found
+            for name, chosen in read_contents(log).runs(run or [], quiet).items():
+                runs[name if name not in runs else f"{name} of {log.stem} {len(runs) + 1}"] = chosen
         return show(runs)
 
     _save(page, output, logs, "view", force, open_it)

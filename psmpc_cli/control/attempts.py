@@ -160,7 +160,7 @@ class Attempts:
             started = unfinished.plan.in_chart(prediction.chart)
             if np.isfinite(started.X).all():
                 iterate = shift(started, prediction.start, self._spec.horizon, prediction.X[0])
-                if len(iterate.instants) == len(sequence.instants):
+                if len(iterate.switch_times) == len(sequence.switch_times):
                     return iterate
         return sequence.guess(prediction)
 

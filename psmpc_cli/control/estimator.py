@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control.delay import DelayEstimate, DelayEstimator, Sent, SentCommands
+from psmpc_cli.control.identification.delay import DelayEstimate, DelayEstimator, Sent, SentCommands
 from psmpc_cli.control.interface import State
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.low_level import LowLevelLaw

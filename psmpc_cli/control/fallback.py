@@ -60,7 +60,7 @@ class PlansInForce:
         """Return the plans with the solved one trusted no further than to where it ends a stage, if it does."""
         if self.sequence is None:
             return self
-        ends = self.sequence.instants[stage - self.sequence.first :]
+        ends = self.sequence.switch_times[stage - self.sequence.first :]
         if not len(ends):
             return self
         return replace(self, trusted_until=min(self.trusted_until, float(ends[0])))

@@ -85,7 +85,7 @@ class Hierarchy:
             stage=stage if begun else _waiting(stage),
             scale=scale,
             bound=bound,
-            ends=begun and len(solved.plan.instants) > 0,
+            ends=begun and len(solved.plan.switch_times) > 0,
         )
 
 

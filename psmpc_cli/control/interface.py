@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from psmpc_cli.control.inertia import InertiaEstimate
-from psmpc_cli.control.load import LoadEstimate
+from psmpc_cli.control.identification.inertia import InertiaEstimate
+from psmpc_cli.control.identification.load import LoadEstimate
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.plan import Plan
@@ -286,9 +286,9 @@ class Command:
         return float(self.edges[0])
 
     @property
-    def instants(self) -> np.ndarray:
+    def switch_times(self) -> np.ndarray:
         """Planned switch times [s], absolute; see `MovingSequence`."""
-        return self.sequence.instants
+        return self.sequence.switch_times
 
     @property
     def stage(self) -> PlacedStage:

@@ -1,4 +1,4 @@
-"""Multistart: a window solved from several guesses of its instants, since one solve may end in the lesser basin.
+"""Multistart: a window solved from several guesses of its switch times, since one solve may end in the lesser basin.
 
 See docs/formulation.md, section 6.
 """
@@ -19,7 +19,7 @@ BETTER = 1e-4
 """By what part of its J the last plan's own basin must be beaten: two solves of one basin differ by up to 2e-5."""
 
 EARLIEST_PENDING_COST = 2.0
-"""Pending cost on top of the window's own that makes the earliest instants the optimum."""
+"""Pending cost on top of the window's own that makes the earliest switch times the optimum."""
 
 IN_SWEEPS = 3
 """Guesses a window is solved from in a sweep whose pending cost allows of several basins."""
@@ -36,11 +36,11 @@ def multistart_for(controller: ControllerSpec) -> int:
 
 
 def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: Solution | None, starts: int) -> Solution:
-    """Return the best solve of a window from so many guesses of its instants: those of a plan (S,) [s], then others.
+    """Return the best solve of a window from so many guesses of its switch times: those of a plan, then others.
 
-    The others are spread from the earliest instants that can be met to the latest, each solved with the durations kept
-    near the guess: set free, an interior-point method leaves an early basin for the end of the horizon, uphill. The
-    prediction's original basin is solved again if the free solve left it, and is given up only for one that is
+    The others are spread from the earliest switch times that can be met to the latest, each solved with the durations
+    kept near the guess: set free, an interior-point method leaves an early basin, uphill, for the end of the horizon.
+    The prediction's original basin is solved again if the free solve left it, and is given up only for one that is
     `BETTER`. A window without a free switch time is solved once; so is one without a solution from the prediction,
     because none of the others finds one then. Wall time and iterations are those of all solves.
     """
@@ -48,18 +48,18 @@ def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: So
     if not original.outcome.usable or all(stage.end.shape.is_fixed for stage in window.stages[:-1]):
         return original
     earliest = solver.solve(replace(window, pending_cost=window.pending_cost + EARLIEST_PENDING_COST), guess)
-    room = _room(window, earliest.plan.instants)
-    if earliest.outcome is not Outcome.OPTIMAL or room.max() < 10 * SHORTEST:
+    slack = _slack(window, earliest.plan.switch_times)
+    if earliest.outcome is not Outcome.OPTIMAL or slack.max() < 10 * SHORTEST:
         return _counting(original, original, earliest)
-    shares, half_step = even_shares(len(guess.instants), starts - 1)
-    within = half_step * float(room.max())
+    shares, half_step = even_shares(len(guess.switch_times), starts - 1)
+    within = half_step * float(slack.max())
     solves = [original, earliest]
     mine = original
-    if np.abs(original.plan.instants - guess.instants).max() > within:
-        solves.append(_solve_near(solver, window, guess, guess.instants, within))
+    if np.abs(original.plan.switch_times - guess.switch_times).max() > within:
+        solves.append(_solve_near(solver, window, guess, guess.switch_times, within))
         mine = solves[-1] if _best(original, solves[-1:]) else original
-    spread = earliest.plan.instants + shares * room
-    others = [_solve_near(solver, window, earliest.plan, instants, within) for instants in spread]
+    spread = earliest.plan.switch_times + shares * slack
+    others = [_solve_near(solver, window, earliest.plan, switch_times, within) for switch_times in spread]
     basin = _best(mine, others)
     return replace(_counting((mine, *others)[basin], *solves, *others), basin=basin)
 
@@ -75,32 +75,38 @@ def even_shares(switches: int, count: int) -> tuple[np.ndarray, float]:
     return picked, 0.5 / max(levels - 1, 1)
 
 
-def _room(window: Window, earliest: np.ndarray) -> np.ndarray:
-    """Return how much later than the earliest instants (S,) [s] each may be, dwell times and fixed times heeded [s]."""
+def _slack(window: Window, earliest: np.ndarray) -> np.ndarray:
+    """Return how much later than its earliest time each switch may be (S,) [s], dwell and fixed times heeded.
+
+    Args:
+        window: The window.
+        earliest: Earliest switch times (S,) [s].
+    """
     latest = np.zeros(len(earliest))
     bound = window.start + window.horizon
     shortest = shortest_durations(window)
     for s in reversed(range(len(earliest))):
-        bound = latest[s] = min(bound - shortest[s + 1], window.stages[s].end.latest)
+        bound = min(bound - shortest[s + 1], window.stages[s].end.latest)
+        latest[s] = bound
     return np.asarray(np.maximum(latest - earliest, 0.0))
 
 
-def _solve_near(solver: Solver, window: Window, plan: Plan, instants: np.ndarray, within: float) -> Solution:
-    """Solve a window from a plan stretched to guessed instants (S,) [s], durations kept within so many seconds of them.
+def _solve_near(solver: Solver, window: Window, plan: Plan, switch_times: np.ndarray, within: float) -> Solution:
+    """Solve a window from a plan stretched to guessed switch times (S,), durations kept within so many seconds of them.
 
-    A moving target is known about the guessed instants alone, so the window is solved again about those it found.
+    A moving target is known about the guessed switch times alone, so the window is solved again about those it found.
     """
-    solved = solver.solve(window, _stretched(plan, instants), None, within)
+    solved = solver.solve(window, _stretched(plan, switch_times), None, within)
     if solved.outcome is Outcome.OPTIMAL and any(stage.reference.moves for stage in window.stages):
         again = solver.solve(window, solved.plan, None, within)
         return _counting(again, solved, again)
     return solved
 
 
-def _stretched(plan: Plan, instants: np.ndarray) -> Plan:
-    """Return a plan in which the robot is at other instants where the plan is at its own; velocities stay."""
-    old, new = (np.r_[plan.start, marks, plan.end] for marks in (plan.instants, instants))
-    return replace(plan, times=np.interp(plan.times, old, new), instants=instants)
+def _stretched(plan: Plan, switch_times: np.ndarray) -> Plan:
+    """Return a plan in which the robot is at other switch times where the plan is at its own; velocities stay."""
+    old, new = (np.r_[plan.start, marks, plan.end] for marks in (plan.switch_times, switch_times))
+    return replace(plan, times=np.interp(plan.times, old, new), switch_times=switch_times)
 
 
 def _best(original: Solution, others: list[Solution]) -> int:

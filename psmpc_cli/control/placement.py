@@ -94,7 +94,7 @@ class Placer:
         if self._problem.spec.routes is not None:
             stages = tuple(stage.with_waypoint(waypoints.get(stage.index)) for stage in stages)
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
-        begins = dict(enumerate([time, *sequence.instants][: sequence.count], start=sequence.first))
+        begins = dict(enumerate([time, *sequence.switch_times][: sequence.count], start=sequence.first))
         all_signs = {
             stage.index: self._signs(stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {}))
             for stage in stages
@@ -167,7 +167,7 @@ class Placer:
         Of a stage that has not begun the plan in force says in which state it does: where its switch is planned, or at
         the end of the plan.
         """
-        begins = dict(zip(range(sequence.first + 1, len(self._stages)), sequence.instants, strict=False))
+        begins = dict(zip(range(sequence.first + 1, len(self._stages)), sequence.switch_times, strict=False))
 
         def states() -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
             yield sequence.first, wheels.Q, wheels.v
@@ -201,7 +201,7 @@ class Placer:
     def _at_object(
         self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_planned_ends: bool
     ) -> tuple[PlacedStage, ...]:
-        ends = dict(enumerate(sequence.instants, start=sequence.first))
+        ends = dict(enumerate(sequence.switch_times, start=sequence.first))
         placed = list(self._stages)
         for stage in placed[sequence.first :]:
             when = float(ends.get(stage.index, time + self._horizon)) if at_planned_ends else time

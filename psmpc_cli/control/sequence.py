@@ -22,13 +22,13 @@ class MovingSequence:
     Attributes:
         segments: Index of the stage before each switch time of the window, and after the last: the current stage, then
             those that wait, or the current one again where it continues after its own end.
-        instants: Planned switch times in the window [s], absolute, one fewer.
+        switch_times: Planned switch times in the window [s], absolute, one fewer.
         progress: How far the current stage has come.
         ended_at: When the task's last stage ended [s]; infinite before. It stays the current one.
     """
 
     segments: tuple[int, ...]
-    instants: np.ndarray
+    switch_times: np.ndarray
     progress: StageProgress
     ended_at: float = np.inf
 
@@ -55,31 +55,31 @@ class MovingSequence:
     @property
     def planned_end(self) -> float:
         """When the window has the current stage end [s]; infinite where it does not."""
-        return float(self.instants[0]) if len(self.instants) else np.inf
+        return float(self.switch_times[0]) if len(self.switch_times) else np.inf
 
     @property
     def begins(self) -> tuple[float, ...]:
         """When each stage in the window begins [s]."""
-        return (self.progress.entered, *self.instants)[: self.count]
+        return (self.progress.entered, *self.switch_times)[: self.count]
 
     @property
     def current_only(self) -> "MovingSequence":
         """The current stage, without a planned end and without stages that wait."""
-        return replace(self, segments=self.segments[:1], instants=np.zeros(0))
+        return replace(self, segments=self.segments[:1], switch_times=np.zeros(0))
 
     def up_to(self, stage: int) -> "MovingSequence":
         """Return the sequence without the stages after one of its own."""
         segments = tuple(index for index in self.segments if index <= stage)
-        return replace(self, segments=segments, instants=self.instants[: len(segments) - 1])
+        return replace(self, segments=segments, switch_times=self.switch_times[: len(segments) - 1])
 
-    def extended(self, stage: int, instant: float) -> "MovingSequence":
+    def extended(self, stage: int, switch_time: float) -> "MovingSequence":
         """Return the sequence with a stage that follows at a switch time [s]."""
-        return replace(self, segments=(*self.segments, stage), instants=np.r_[self.instants, instant])
+        return replace(self, segments=(*self.segments, stage), switch_times=np.r_[self.switch_times, switch_time])
 
     def after_current(self, ended: float) -> "MovingSequence":
         """Return the sequence once the current stage has ended [s]: those that wait, or the task's next stage."""
         waiting = tuple(index for index in self.segments if index > self.first)
-        return MovingSequence(waiting or (self.first + 1,), self.instants[1:], StageProgress(ended))
+        return MovingSequence(waiting or (self.first + 1,), self.switch_times[1:], StageProgress(ended))
 
     def since_closing(self, held: range) -> float:
         """Return since when the current stage, or what follows the last one, holds the object [s].
@@ -96,7 +96,7 @@ class MovingSequence:
 
     def guess(self, prediction: Plan) -> Plan:
         """Return a prediction with the switch times of the sequence: what a solve of its window starts from."""
-        return replace(prediction, instants=self.instants)
+        return replace(prediction, switch_times=self.switch_times)
 
     def with_measurement(
         self, stages: Sequence[PlacedStage], costs: StageCosts, now: float, x: np.ndarray
@@ -233,8 +233,8 @@ def detect(
     if is_of_one_stage and len(sequence.segments) > 1:
         return None
     stage = stages[sequence.last]
-    progress = StageProgress(float(sequence.instants[-1])) if len(sequence.instants) else sequence.progress
-    instant = stage.end.foreseen(progress, guess, lambda X: costs.met(stage, X, margin))
-    if not np.isfinite(instant):
+    progress = StageProgress(float(sequence.switch_times[-1])) if len(sequence.switch_times) else sequence.progress
+    switch_time = stage.end.foreseen(progress, guess, lambda X: costs.met(stage, X, margin))
+    if not np.isfinite(switch_time):
         return None
-    return sequence.extended(sequence.last if is_of_one_stage else sequence.last + 1, instant)
+    return sequence.extended(sequence.last if is_of_one_stage else sequence.last + 1, switch_time)

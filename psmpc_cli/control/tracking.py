@@ -220,7 +220,7 @@ def to_be_closed(holding: range, sequence: MovingSequence, ticks: np.ndarray) ->
     def end(stage: int) -> float:
         if stage < sequence.first:
             return -np.inf
-        ends = (*sequence.instants, sequence.ended_at, np.inf)
+        ends = (*sequence.switch_times, sequence.ended_at, np.inf)
         return float(ends[min(stage - sequence.first, len(ends) - 1)])
 
     taken = end(holding.start - 1)

@@ -81,7 +81,9 @@ class WindowBuilder:
         if spec.nodes != "auto":
             return window
         if before is None:
-            return replace(window, nodes=first_counts(window, sequence.instants, spec.mesh_tolerance, spec.sample_time))
+            return replace(
+                window, nodes=first_counts(window, sequence.switch_times, spec.mesh_tolerance, spec.sample_time)
+            )
         before_nodes = dict(zip(_parts(before.window), before.window.nodes, strict=True))
         had = [before_nodes.get(part) for part in _parts(window)]
         counts = node_counts(

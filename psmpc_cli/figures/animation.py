@@ -205,7 +205,13 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
 
 
 def _geom(shape: Shape, planar: bool, thick: float) -> dict[str, Any]:
-    """Describe a shape as a geom of MuJoCo; boxes and half-spaces of the plane are so thick to either side [m]."""
+    """Return the keys of the MuJoCo geom that shows a shape.
+
+    Args:
+        shape: The shape.
+        planar: Whether the robot is planar: the film then looks down on the plane, in which a half-space is a wall.
+        thick: How far boxes and walls reach above and below the plane, at least [m].
+    """
     import mujoco
 
     if shape.kind == "box":
@@ -228,8 +234,8 @@ def _geom(shape: Shape, planar: bool, thick: float) -> dict[str, Any]:
 def _mocap_frames(scene: Scene, time: float) -> np.ndarray:
     """Return the frames (., 4, 4) [m] of the mocap bodies of a scene at a time [s], in the order of `film_model`."""
     held = scene.object_frame(time)
-    found = [] if held is None else [held]
-    return np.reshape([*found, *(obstacle_frame(each, time) for each in scene.obstacles)], (-1, 4, 4))
+    of_object = [] if held is None else [held]
+    return np.reshape([*of_object, *(obstacle_frame(each, time) for each in scene.obstacles)], (-1, 4, 4))
 
 
 def _opaque(color: str) -> list[float]:

@@ -269,11 +269,11 @@ def _plot_quantity(
 
 def _label_of(panel: CoordinatePanel) -> str:
     """Write part, quantity and unit in as few lines, two at least, as are shorter than a panel is high."""
-    part, quantity, unit = panel.part, panel.quantity, f"({panel.unit})"
-    for lines in ((f"{part} {quantity}", unit), (part, f"{quantity} {unit}")):
+    unit = f"({panel.unit})"
+    for lines in ((f"{panel.part} {panel.quantity}", unit), (panel.part, f"{panel.quantity} {unit}")):
         if max(map(len, lines)) * style.CHARACTER < PANEL_HEIGHT:
             return "\n".join(lines)
-    return f"{part}\n{quantity}\n{unit}"
+    return f"{panel.part}\n{panel.quantity}\n{unit}"
 
 
 def coordinate_panels(
@@ -330,11 +330,11 @@ def _panels_of_parts(
 
     for name, rows in list(model.parts.items())[1:]:
         for own, (quantity, unit) in ((ANGLE_UNITS, angular), (LENGTH, linear)):
-            found = [row for row in range(rows.start, rows.stop) if model.units[row] == own]
-            numbers = [row - rows.start + 1 for row in found]
+            rows_in_unit = [row for row in range(rows.start, rows.stop) if model.units[row] == own]
+            numbers = [row - rows.start + 1 for row in rows_in_unit]
             labels = [f"joint {i}" for i in numbers]
-            if found:
-                yield CoordinatePanel(style.readable(name).capitalize(), quantity, unit, found, labels)
+            if rows_in_unit:
+                yield CoordinatePanel(style.readable(name).capitalize(), quantity, unit, rows_in_unit, labels)
 
 
 def _plot_limits(axes: Axes, run: Run, kind: str, rows: Sequence[int], values: np.ndarray) -> None:

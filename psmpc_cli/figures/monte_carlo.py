@@ -46,7 +46,7 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredQuantity:
     """What is measured of every run and has a panel.
 
     Attributes:
@@ -69,20 +69,20 @@ class Measured:
         return np.array(list(self.values.values()))
 
 
-def measured(runs: MonteCarloRuns) -> list[Measured]:
+def measured(runs: MonteCarloRuns) -> list[MeasuredQuantity]:
     """List what is known of any run: final error [tolerances], margins [%] and those of monitors by unit."""
     margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
     safer = style.better("up", "safer")
     every = [
-        Measured(
+        MeasuredQuantity(
             "Final error\n(tolerances)", {"": runs["final_error"]}, 1.0, "tolerance", style.better("down", "closer")
         ),
-        Measured("Tightest margin\n(% of the limit)", margins, 0.0, "limit", safer),
+        MeasuredQuantity("Tightest margin\n(% of the limit)", margins, 0.0, "limit", safer),
     ]
     of_monitors = dict(zip(runs.monitors, runs["monitor_margin"].T, strict=True)) if runs.monitors else {}
     for unit in dict.fromkeys(runs.monitors.values()):
         monitored = {style.readable(name): of_monitors[name] for name, its in runs.monitors.items() if its == unit}
-        every.append(Measured(f"Margin of monitor\n({unit})", monitored, 0.0, "bound", safer))
+        every.append(MeasuredQuantity(f"Margin of monitor\n({unit})", monitored, 0.0, "bound", safer))
     return [each for each in every if np.isfinite(each.every).any()]
 
 

@@ -190,10 +190,10 @@ class Scene:
         start = float(self.run.motion.time[0])
         end = self.run.motion.end
         early = [(span.early, f"{readable(span.name)} starts") for span in self.run.spans if span.early is not None]
-        found = [(start, "start"), *early, *self.switches(), *[(self.left, "object lost")] * self.lost]
-        found += [(end, "end of the run")] * all(abs(time - end) > 1e-6 for time, _ in found)
+        instants = [(start, "start"), *early, *self.switches(), *[(self.left, "object lost")] * self.lost]
+        instants += [(end, "end of the run")] * all(abs(time - end) > 1e-6 for time, _ in instants)
         kept: list[tuple[float, str]] = []
-        for time, event in sorted(found, key=lambda instant: instant[0]):
+        for time, event in sorted(instants, key=lambda instant: instant[0]):
             if kept and time <= kept[-1][0] + self.run.task.spec.controller.sample_time:
                 kept[-1] = kept[-1][0], f"{kept[-1][1]}, {event}"
             else:
@@ -212,10 +212,10 @@ def points_with_shadows(
     With them are those of obstacles at times [s] that are near.
     """
     of_bodies = _finite(np.vstack(bodies))
-    found = np.vstack([of_bodies, _finite(np.vstack([*others, np.zeros((0, 3))]))])
-    found = np.vstack([found, *(points_near(obstacle, time, found) for obstacle in obstacles for time in times)])
-    lowest = found[:, 2].min(initial=np.inf)
-    return np.vstack([found, np.c_[of_bodies[:, :2], np.full(len(of_bodies), lowest)]])
+    points = np.vstack([of_bodies, _finite(np.vstack([*others, np.zeros((0, 3))]))])
+    points = np.vstack([points, *(points_near(obstacle, time, points) for obstacle in obstacles for time in times)])
+    lowest = points[:, 2].min(initial=np.inf)
+    return np.vstack([points, np.c_[of_bodies[:, :2], np.full(len(of_bodies), lowest)]])
 
 
 def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
@@ -229,16 +229,16 @@ def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.n
     shape = obstacle.shape.shape
     frame = obstacle_frame(obstacle, time)
     if shape.kind == "box":
-        found = corners(frame, half_edges(shape.edges))
+        of_obstacle = corners(frame, half_edges(shape.edges))
     elif shape.kind == "capsule":
         around = shape.size[0] * np.vstack([np.eye(3), -np.eye(3)])
-        found = (in_inertial_frame(frame, capsule_ends(shape))[:, None] + around).reshape(-1, 3)
+        of_obstacle = (in_inertial_frame(frame, capsule_ends(shape))[:, None] + around).reshape(-1, 3)
     else:
         normal = frame[:3, :3] @ shape.size
         middle = (low + high) / 2
-        found = (middle - (middle - frame[:3, 3]) @ normal * normal)[None]
-    is_near = (found.min(axis=0) <= high + room).all() and (found.max(axis=0) >= low - room).all()
-    return np.clip(found, low - room, high + room) if is_near else np.zeros((0, 3))
+        of_obstacle = (middle - (middle - frame[:3, 3]) @ normal * normal)[None]
+    is_near = (of_obstacle.min(axis=0) <= high + room).all() and (of_obstacle.max(axis=0) >= low - room).all()
+    return np.clip(of_obstacle, low - room, high + room) if is_near else np.zeros((0, 3))
 
 
 def obstacle_frame(obstacle: ObstacleSpec, time: float) -> np.ndarray:

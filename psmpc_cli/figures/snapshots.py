@@ -275,8 +275,8 @@ def _draw_obstacles(
         if camera == OBLIQUE:
             draw_shadow(axes, camera, shape, frame, float(extent[:, 2].min()))
         if moves and time and shape.kind != "half_space":
-            way = camera.project(np.array([obstacle_frame(obstacle, 0.0)[:3, 3], frame[:3, 3]]))
-            axes.plot(*way.T, **style.look("path of an obstacle", zorder=1.2))
+            path = camera.project(np.array([obstacle_frame(obstacle, 0.0)[:3, 3], frame[:3, 3]]))
+            axes.plot(*path.T, **style.look("path of an obstacle", zorder=1.2))
 
 
 def draw_robot(

@@ -184,7 +184,7 @@ def plot_starts(cells: SweepCells) -> Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class ComparedQuantity:
     """A quantity of every cell that a recommendation compares; less of it is better.
 
     Attributes:
@@ -204,16 +204,21 @@ class Compared:
     from_zero: bool = False
 
 
-def _compared(cells: SweepCells) -> list[Compared]:
+def _compared(cells: SweepCells) -> list[ComparedQuantity]:
     """List the quantities that a recommendation compares, those that are known of a cell that has ended."""
-    effort, force = ("control_effort", "peak_base_force")
+
+    def beside_reference(label: str, less: str, name: str) -> ComparedQuantity:
+        """Compare a quantity of the cells, by name, with that of the task's own priorities."""
+        return ComparedQuantity(label, less, cells.of(name), float(cells.reference(name)), "task's own")
+
     mission_end = np.where(cells.succeeded, cells.mission_end, np.nan)
-    own_effort, own_force = (float(cells.reference(name)) for name in (effort, force))
     every = (
-        Compared("Mission ends\n(s)", "sooner", mission_end),
-        Compared("Control effort\n(m²/s³, rad²/s³)", "less effort", cells.of(effort), own_effort, "task's own"),
-        Compared("Peak base force\n(N)", "gentler", cells.of(force), own_force, "task's own"),
-        Compared("End error\n(tolerances)", "closer", cells.end_error, ALLOWED_ERROR, "allowed", from_zero=True),
+        ComparedQuantity("Mission ends\n(s)", "sooner", mission_end),
+        beside_reference("Control effort\n(m²/s³, rad²/s³)", "less effort", "control_effort"),
+        beside_reference("Peak base force\n(N)", "gentler", "peak_base_force"),
+        ComparedQuantity(
+            "End error\n(tolerances)", "closer", cells.end_error, ALLOWED_ERROR, "allowed", from_zero=True
+        ),
     )
     return [each for each in every if np.isfinite(each.values[cells.ended]).any()]
 

@@ -70,8 +70,8 @@ def compare_runs(log: Run, again: Run) -> Comparison:
         if (path in log or path in again) and not path.endswith("wall_time")
         if column.value is not None or not log.interrupted
     ]
-    found = (_difference(column, log, again) for column in columns)
-    return Comparison(len(columns), tuple(each for each in found if each is not None))
+    differences = (_difference(column, log, again) for column in columns)
+    return Comparison(len(columns), tuple(each for each in differences if each is not None))
 
 
 def _difference(column: Column, log: Run, again: Run) -> Difference | None:

@@ -137,9 +137,9 @@ def read_array(dataset: h5py.Dataset) -> np.ndarray:
 
 def read_attributes(item: h5py.HLObject) -> dict[str, Any]:
     """Read the attributes of an object; ValueError if a text is not UTF-8."""
-    found = {name: item.attrs[name] for name in item.attrs if name not in OF_SCALES}
-    "".join(value for value in found.values() if isinstance(value, str)).encode()
-    return found
+    attributes = {name: item.attrs[name] for name in item.attrs if name not in OF_SCALES}
+    "".join(value for value in attributes.values() if isinstance(value, str)).encode()
+    return attributes
 
 
 def kind_of(path: Path) -> str:
@@ -158,9 +158,11 @@ def kind_in(file: h5py.File) -> str:
 
 def _check_version(path: Path, file: h5py.File) -> None:
     """Reject a file of another format version."""
-    found = file.attrs["format_version"]
-    if found != FORMAT_VERSION:
-        version, writer = (shortened(ascii(str(value))[1:-1]) for value in (found, file.attrs["psmpc_version"]))
+    format_version = file.attrs["format_version"]
+    if format_version != FORMAT_VERSION:
+        version, writer = (
+            shortened(ascii(str(value))[1:-1]) for value in (format_version, file.attrs["psmpc_version"])
+        )
         raise LogError(
             f"{path}: found log format {version}, written by psmpc {writer}; this version reads "
             f"format {FORMAT_VERSION}: read it with that version, or run the experiment again"

@@ -128,10 +128,12 @@ class Motion:
             values: The values, one row a time of the motion.
             quaternions: First columns of the quaternions.
         """
-        found = np.column_stack([np.interp(time, self.time, column) for column in values.T])
+        interpolated = np.column_stack([np.interp(time, self.time, column) for column in values.T])
         for first in quaternions if self.Q.shape[1] > self.v.shape[1] else ():
-            found[:, first : first + 4] /= np.linalg.norm(found[:, first : first + 4], axis=1, keepdims=True)
-        return found
+            interpolated[:, first : first + 4] /= np.linalg.norm(
+                interpolated[:, first : first + 4], axis=1, keepdims=True
+            )
+        return interpolated
 
 
 @dataclass(frozen=True)
@@ -522,8 +524,8 @@ class Run:
 
     def _columns_along(self, dim: str) -> tuple[Column, ...]:
         """Return the datasets that the run has along a dimension and that fit into a table: equal rows, no scale."""
-        found = columns(dim, self.Q_has_a_scale)
-        return tuple(column for column in found if column.path in self.arrays and not column.ragged)
+        defined = columns(dim, self.Q_has_a_scale)
+        return tuple(column for column in defined if column.path in self.arrays and not column.ragged)
 
     def _units_of_columns(self, column: Column) -> list[str]:
         """Return the unit of each column of a dataset of two dimensions."""
@@ -593,12 +595,12 @@ def resolve_runs(runs: RunOrPath | Mapping[str, RunOrPath]) -> Run | dict[str, R
         return read_comparison(path) if kind_of(path) == COMPARISON else read_run(path)
     if not runs:
         raise rejected("run", runs, wanted)
-    found = {}
+    by_name = {}
     for name, run in runs.items():
         require("run", name, str, wanted)
         require(f"run of {quoted(name)}", run, (Run, str, PathLike), "a Run, or the path of its log")
-        found[name] = run if isinstance(run, Run) else read_run(run)
-    return found
+        by_name[name] = run if isinstance(run, Run) else read_run(run)
+    return by_name
 
 
 def read_comparison(path: Path) -> dict[str, Run]:
@@ -643,23 +645,25 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
 
 
 def _datasets(group: h5py.Group, members: Collection[str], present: Iterable[Column]) -> dict[str, h5py.Dataset]:
-    """Open the datasets, by path; make sure, before any is read, that they are those of the schema and fit together.
+    """Open the datasets of a log by path, which have to be those of the schema and as long as their dimensions' scales.
+
+    All are checked before any is read, so that a file that another program wrote is told at once.
 
     Args:
         group: The group of the run.
         members: Paths of all that is in it.
-        present: The datasets that such a log has.
+        present: The datasets that a log of such a run has.
 
     Raises:
-        LogError: They are not, or do not.
+        LogError: One is unknown, of another type, or of another shape.
     """
-    known = {column.path: column for column in present}
-    groups = {path.rpartition("/")[0] for path in known}
-    if unknown := [path for path in members if path not in known and path not in groups]:
+    columns_by_path = {column.path: column for column in present}
+    groups = {path.rpartition("/")[0] for path in columns_by_path}
+    if unknown := [path for path in members if path not in columns_by_path and path not in groups]:
         raise misfit(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
-    datasets = {path: group[path] for path in known}
-    lengths = {path: len(datasets[path]) for path, column in known.items() if column.is_scale}
-    for path, column in known.items():
+    datasets = {path: group[path] for path in columns_by_path}
+    lengths = {path: len(datasets[path]) for path, column in columns_by_path.items() if column.is_scale}
+    for path, column in columns_by_path.items():
         dataset = datasets[path]
         shape = tuple(lengths[dim] for dim in column.dims)
         dtype = h5py.string_dtype() if column.dtype == "text" else np.dtype(column.dtype)

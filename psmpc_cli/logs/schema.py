@@ -247,9 +247,9 @@ def _window(path: str, units: str, long_name: str, values: ValueReader) -> Colum
 
     def row(sample: Sample) -> list[float]:
         sequence = sample.command.sequence
-        found = read(sample)[: sequence.count]
+        values_in_window = read(sample)[: sequence.count]
         values_of_stages = [np.nan] * sample.stages
-        values_of_stages[sequence.first : sequence.first + len(found)] = found
+        values_of_stages[sequence.first : sequence.first + len(values_in_window)] = values_in_window
         return values_of_stages
 
     return Column(path, units, f"{long_name}; NaN outside the window", row, dims=("time", "stage"))
@@ -261,8 +261,8 @@ def _by_stage(path: str, units: str, long_name: str, values: ValueReader = "", *
     unknown = more.get("unknown", np.nan)
 
     def row(sample: Sample) -> list[float]:
-        found = read(sample)
-        return [found.get(stage, unknown) for stage in range(sample.stages)]
+        by_stage = read(sample)
+        return [by_stage.get(stage, unknown) for stage in range(sample.stages)]
 
     return Column(path, units, long_name, row, dims=("time", "stage"), **more)
 
@@ -591,7 +591,7 @@ SCHEMA = (
     _sampled("pose/condition", "1", "condition number of J_C, lengths in metres", only=TASK_INPUT),
     _sampled_count("window/first", "1", "index of the current stage", "command.sequence.first"),
     _sampled_count("window/count", "1", "number of stages in the window", "command.sequence.count"),
-    _window("window/instants", "s", "planned switch time that ends each stage", "command.instants"),
+    _window("window/instants", "s", "planned switch time that ends each stage", "command.switch_times"),
     _window("window/cost", "1", "normalized cost integral of each stage", _costs),
     _sampled_count(
         "window/basin",

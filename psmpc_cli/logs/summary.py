@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from psmpc_cli.control.delay import LONGEST as LONGEST_DELAY
-from psmpc_cli.control.delay import STEP
+from psmpc_cli.control.identification.delay import LONGEST as LONGEST_DELAY
+from psmpc_cli.control.identification.delay import STEP
 from psmpc_cli.logs.schema import PEAKS, SLIDING_PEAKS, sliding_of
 from psmpc_cli.logs.verdicts import (
     Arrays,
@@ -143,21 +143,20 @@ class CaptureSummary:
 
     def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
         """Read what became of the object from the datasets of a log."""
-        destination = task.body.destination
         _, pose, v = when_let_go(task, arrays)
         space = space_of_pose(len(pose))
-        dimension = space.dimension
-        error = np.full(len(v), np.nan)
-        if destination is not None:
-            error = space.pose_error(pose, destination.pose)
+        linear = slice(space.dimension)
+        angular = slice(space.dimension, None)
+        destination = task.body.destination
+        error = np.full(len(v), np.nan) if destination is None else space.pose_error(pose, destination.pose)
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
         self.loads = largest_loads(arrays)
         self.lost: tuple[str, ...] = tuple(arrays["gripper"][arrays["grasp/lost"] == 1].tolist())
         self.left_at = float(arrays["object/left_at"])
-        self.distance = float(np.linalg.norm(error[:dimension]))
-        self.angle = float(np.linalg.norm(error[dimension:]))
-        self.speed = float(np.linalg.norm(v[:dimension]))
+        self.distance = float(np.linalg.norm(error[linear]))
+        self.angle = float(np.linalg.norm(error[angular]))
+        self.speed = float(np.linalg.norm(v[linear]))
 
     def __repr__(self) -> str:
         return f"CaptureSummary({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
@@ -282,6 +281,19 @@ class Summary:
 
     def __init__(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
         """Summarize a run from the datasets and attributes of its log, and the problem it solved."""
+        self._read_outcome(arrays, attributes, problem)
+        self._read_solves(arrays, problem)
+        self._read_efforts(arrays, attributes)
+        self._read_actuators(arrays, problem)
+        self._read_deviations(arrays, problem)
+        self._read_estimates(arrays, problem)
+        self.limits = _limits(arrays, problem.stages, problem.model.units)
+        self.distances = _distances(arrays)
+        self.capture = CaptureSummary(problem.spec, arrays) if "grasp/pull" in arrays else None
+        self.clearance = summarize_clearance(arrays)
+
+    def _read_outcome(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
+        """Read how the run and its stages ended."""
         spec = problem.spec
         time = arrays["time"]
         end = float(arrays["final/end_time"])
@@ -294,81 +306,99 @@ class Summary:
         self.duration = end if self.ended else float(time[-1]) if len(time) else 0.0
         published = spec.published.get(str(attributes["controller"]), PublishedRun())
         self.stages = _stages(arrays, spec.onset.epsilon, published)
-        self.sample_time = spec.controller.sample_time
-        self.solves = _solves(arrays, np.ones(len(time), bool))
+        self.returned_at: tuple[float, ...] = tuple(time[list(returns_of(arrays))].tolist())
+
+    def _read_solves(self, arrays: Arrays, problem: Problem) -> None:
+        """Read how the solves went: their times, events, basins and levels."""
+        controller = problem.spec.controller
+        samples = len(arrays["time"])
+        self.sample_time = controller.sample_time
+        self.solves = _solves(arrays, np.ones(samples, bool))
         has_switch = np.asarray(np.isfinite(arrays["window/instants"]).any(axis=1))
         self.switching_solves = _solves(arrays, has_switch)
-        self.missed = int(np.sum(arrays["solver/wall_time"] > spec.controller.sample_time))
-        self.returned_at: tuple[float, ...] = tuple(time[list(returns_of(arrays))].tolist())
+        self.missed = int(np.sum(arrays["solver/wall_time"] > controller.sample_time))
         self.appended, self.postponed, self.failed_solves, self.unmeasured = (
             int(arrays[f"events/{name}"].sum()) for name in ("appended", "postponed", "solve_failed", "unmeasured")
         )
         basin = arrays["window/basin"]
-        levels = arrays.get("levels/solved")
         self.basins = int(np.sum(basin > 0)) if np.any(basin >= 0) else None
+        levels = arrays.get("levels/solved")
         self.unsolved_levels = None if levels is None else int(np.sum(levels == 0))
-        rise = arrays.get("levels/rise", np.full((len(time), 0), np.nan))
+        rise = arrays.get("levels/rise", np.full((samples, 0), np.nan))
         self.level_rise = float(np.nanmax(rise, initial=-np.inf)) if np.isfinite(rise).any() else np.nan
-        keeps_costs = spec.controller.traits.has_levels and spec.controller.htmpc.constraint == "cost"
-        raised = rise > spec.controller.htmpc.tolerance + LEVEL_ACCURACY
+        keeps_costs = controller.traits.has_levels and controller.htmpc.constraint == "cost"
+        raised = rise > controller.htmpc.tolerance + LEVEL_ACCURACY
         self.raised_levels = int(np.sum(raised)) if keeps_costs else None
-        self.limits = _limits(arrays, problem.stages, problem.model.units)
+
+    def _read_efforts(self, arrays: Arrays, attributes: Mapping[str, Any]) -> None:
+        """Read what the run took of controls and forces, and how near forces came to their limits."""
+        time = arrays["time"]
+        coordinates = tuple(arrays["coordinate"])
         self.control_effort = float(arrays["effort/control"].sum())
         self.squared_acceleration = float(arrays["effort/squared_acceleration"].sum())
         self.base_force = float(arrays["effort/base_force"].sum())
         self.base_torque = float(arrays["effort/base_torque"].sum())
         peaks = {name: arrays.get(f"peak/{name}", np.array([np.nan])) for name in (*PEAKS, *SLIDING_PEAKS)}
         self.peaks = {name: float(np.max(values, initial=0.0)) for name, values in peaks.items()}
-        coordinates = tuple(arrays["coordinate"])
         utilization = arrays.get("force/utilization", np.full((len(time), len(coordinates)), np.nan))
         saturated = arrays.get("force/saturated", np.zeros(0))
         self.tightest_force = largest(utilization, coordinates, time)
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
         self.far_beyond = float(np.mean((utilization > FAR_BEYOND).any(axis=1))) if len(saturated) else np.nan
-        self.wheels = _wheels(arrays, problem, time)
-        self.floating = tuple(_floating(arrays, problem))
-        self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
-        self.limits_dynamics |= spec.fires(problem.model.spec)
-        self.thrusters = _thrusters(arrays, problem)
         varied = variation(
             np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates, sliding_of(attributes)
         )
         self.variation_base_position, self.variation_base_angle, self.variation_joints, self.variation_sliding = varied
+
+    def _read_actuators(self, arrays: Arrays, problem: Problem) -> None:
+        """Read what thrusters and wheels did, and where nothing acted on the base."""
+        self.wheels = _wheels(arrays, problem, arrays["time"])
+        self.floating = tuple(_floating(arrays, problem))
+        self.limits_dynamics = any(_limits_dynamics(stage.limits) for stage in problem.stages)
+        self.limits_dynamics |= problem.spec.fires(problem.model.spec)
+        self.thrusters = _thrusters(arrays, problem)
+
+    def _read_deviations(self, arrays: Arrays, problem: Problem) -> None:
+        """Read how far the motion was from plans, limits, end conditions and the balances of physics."""
+        time = arrays["time"]
         self.momentum_error, self.energy_error = (
             float(np.max(np.abs(arrays[f"balance/{name}"]), initial=0.0)) if len(time) else np.nan
             for name in ("momentum", "energy")
         )
-        self.distances = _distances(arrays)
-        units = {kind: [getattr(each, kind) for each in problem.model.units] for kind in ("position", "velocity")}
-        velocities = tuple(f"{name} velocity" for name in coordinates)
-        deviations = (
-            largest(np.abs(arrays["deviation/Q"]), coordinates, time, units=units["position"]),
-            largest(np.abs(arrays["deviation/Qdot"]), velocities, time, units=units["velocity"]),
-        )
         self.near_singular = int(np.sum(arrays.get("events/near_singular", 0)))
         self.largest_condition = _largest_condition(arrays, problem.stages)
         self.closing_samples = _closing_samples(arrays)
-        elsewhere = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
-        beyond = {"position": -arrays["margin/position"], "velocity": -arrays["margin/velocity"]}
-        names = {"position": coordinates, "velocity": velocities}
-        violations = (_violation(arrays, kind, beyond[kind], names[kind], units[kind]) for kind in beyond)
-        others = (
-            _violation(arrays, kind, np.where(elsewhere, beyond[kind], np.nan), names[kind], units[kind])
-            for kind in beyond
+
+        coordinates = tuple(arrays["coordinate"])
+        names = {"position": coordinates, "velocity": tuple(f"{name} velocity" for name in coordinates)}
+        units = {kind: [getattr(each, kind) for each in problem.model.units] for kind in names}
+        deviations = (
+            largest(np.abs(arrays["deviation/Q"]), names["position"], time, units=units["position"]),
+            largest(np.abs(arrays["deviation/Qdot"]), names["velocity"], time, units=units["velocity"]),
         )
         self.off_plan = tuple(each for each in deviations if each is not None)
+
+        elsewhere = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
+        beyond = {kind: -arrays[f"margin/{kind}"] for kind in names}
+        violations = [_violation(arrays, kind, beyond[kind], names[kind], units[kind]) for kind in names]
+        others = [
+            _violation(arrays, kind, np.where(elsewhere, beyond[kind], np.nan), names[kind], units[kind])
+            for kind in names
+        ]
         self.beyond_limits = tuple(each for each in violations if each is not None and each.value > 0)
         self.beyond_limits_elsewhere = tuple(each for each in others if each is not None and each.value > 0)
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
+
+    def _read_estimates(self, arrays: Arrays, problem: Problem) -> None:
+        """Read what was found out of the delay of commands and of the load."""
+        spec = problem.spec
         self.delay = _delay(arrays)
-        reached = arrays.get("delay/expected", np.zeros(0)).max(initial=0.0)
-        self.delay_is_cut_off = spec.controller.delay == "auto" and bool(reached >= LONGEST_DELAY - STEP)
+        longest = arrays.get("delay/expected", np.zeros(0)).max(initial=0.0)
+        self.delay_is_cut_off = spec.controller.delay == "auto" and bool(longest >= LONGEST_DELAY - STEP)
         looked_for = spec.controller.delay != "auto" or spec.finds_delay(problem.model.spec)
         self.unknown_delay = 0.0 if looked_for else spec.uncertainty.delay
         self.load = _load(arrays)
-        self.capture = CaptureSummary(spec, arrays) if "grasp/pull" in arrays else None
-        self.clearance = summarize_clearance(arrays)
 
     def __repr__(self) -> str:
         outcomes = {True: "succeeded", False: "did not succeed", None: "not judged"}
@@ -608,11 +638,11 @@ def _violation(
     arrays: Arrays, kind: str, beyond: np.ndarray, names: Sequence[str], units: Sequence[str]
 ) -> Largest | None:
     """Find the largest violation of a kind of limit among (T, n), and how much of it the plan has; None without any."""
-    found = largest(beyond, names, arrays["time"], units=units)
-    if found is None:
+    violation = largest(beyond, names, arrays["time"], units=units)
+    if violation is None:
         return None
-    planned = -arrays[f"margin/planned_{kind}"][found.sample, list(names).index(found.where)]
-    return replace(found, planned=max(float(planned), 0.0))
+    planned = -arrays[f"margin/planned_{kind}"][violation.sample, list(names).index(violation.where)]
+    return replace(violation, planned=max(float(planned), 0.0))
 
 
 def _largest_condition(arrays: Arrays, stages: tuple[Stage, ...]) -> Largest | None:
@@ -654,10 +684,10 @@ def largest(
         sample: The sample that all rows are of; by default each row is of the sample of its number.
         units: Units of the columns; by default they have none.
     """
-    found = np.where(np.isnan(values), -np.inf, values)
-    if not np.isfinite(found).any():
+    known_values = np.where(np.isnan(values), -np.inf, values)
+    if not np.isfinite(known_values).any():
         return None
-    row, column = (int(at) for at in np.unravel_index(int(np.argmax(found)), found.shape))
+    row, column = (int(at) for at in np.unravel_index(int(np.argmax(known_values)), known_values.shape))
     unit = "1" if units is None else units[column]
     at = row if sample is None else sample
-    return Largest(float(found[row, column]), str(names[column]), float(time[row]), at, unit)
+    return Largest(float(known_values[row, column]), str(names[column]), float(time[row]), at, unit)

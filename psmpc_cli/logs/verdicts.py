@@ -133,17 +133,17 @@ def judge_touch(arrays: Arrays) -> Verdict:
 
     Nothing can touch where every pair is excepted.
     """
-    found = summarize_clearance(arrays)
-    if found is None:
+    clearance = summarize_clearance(arrays)
+    if clearance is None:
         has_none = "clearance/pair" in arrays and not len(arrays["clearance/pair"])
         return Verdict(NOTHING_TOUCHED, has_none, np.inf if has_none else np.nan, "m", np.nan)
     return Verdict(
         name=NOTHING_TOUCHED,
-        held=not found.touched,
-        margin=found.nearest.distance,
+        held=not clearance.touched,
+        margin=clearance.nearest.distance,
         unit="m",
-        broken_at=found.touched_at,
-        instead=found.touch,
+        broken_at=clearance.touched_at,
+        instead=clearance.touch,
     )
 
 
@@ -230,11 +230,11 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
 
 def _loads_over_strength(loads: Mapping[str, float], strength: Mapping[str, float]) -> str:
     """Write the largest loads on a grasp, and what it holds of each."""
-    found = []
+    ratios = []
     for load, unit in GRASP_LOADS.items():
         bound = f" of {strength[load]:g}" if np.isfinite(strength[load]) else ""
-        found.append(f"{load} {loads[load]:.3g}{bound} {unit}")
-    return ", ".join(found)
+        ratios.append(f"{load} {loads[load]:.3g}{bound} {unit}")
+    return ", ".join(ratios)
 
 
 def _why_not_taken(arrays: Arrays, end: float) -> str:
@@ -301,8 +301,8 @@ def monitor_bounds(monitor: MonitorSpec, start: float) -> list[tuple[float, int]
     """
     relative = ((monitor.above_start_at_most, 1), (monitor.below_start_at_most, -1))
     bounds = ((monitor.at_most, 1), (monitor.at_least, -1))
-    found = [(start + side * apart, side) for apart, side in relative if apart is not None]
-    return found + [(bound, side) for bound, side in bounds if bound is not None]
+    bounds_from_start = [(start + side * apart, side) for apart, side in relative if apart is not None]
+    return bounds_from_start + [(bound, side) for bound, side in bounds if bound is not None]
 
 
 def position_of(xi: np.ndarray, names: list[str], frame: str) -> np.ndarray:

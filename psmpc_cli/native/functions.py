@@ -144,10 +144,23 @@ class Tape:
 
     @staticmethod
     def _instructions(function: ca.Function, operations: np.ndarray) -> tuple[np.ndarray, list[float]]:
-        """Return the instructions, (count, 4) as tape.c has them, and the constants in the order of their slots."""
+        """Translate the instructions of a CasADi function into those of tape.c.
+
+        Each is a row: operation, register of the result, registers of both operands; of an operation with one operand
+        that stands twice. CasADi numbers entries of arguments and results within each of them: here the entries of all
+        arguments are numbered through, then come the constants, and the entries of all results are numbered through.
+
+        Args:
+            function: The function.
+            operations: The operations of its instructions (count,).
+
+        Returns:
+            The instructions (count, 4), and the constants in their order, each once.
+        """
         count = len(operations)
         first_input = np.cumsum([0, *(function.numel_in(i) for i in range(function.n_in()))]).tolist()
         first_output = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))]).tolist()
+        first_constant = first_input[-1]
         instructions = np.zeros((count, 4), np.int32)
         instructions[:, 0] = operations
         results = map(function.instruction_output, range(count))
@@ -158,8 +171,8 @@ class Tape:
         ]
         constants = dict[float, int]()
         for k in np.flatnonzero(operations == OPERATIONS["OP_CONST"]).tolist():
-            slot = constants.setdefault(function.instruction_constant(k), len(constants))
-            instructions[k, 1:] = function.instruction_output(k)[0], first_input[-1] + slot, 0
+            number = constants.setdefault(function.instruction_constant(k), len(constants))
+            instructions[k, 1:] = function.instruction_output(k)[0], first_constant + number, 0
         for k in np.flatnonzero(operations == OPERATIONS["OP_INPUT"]).tolist():
             argument, entry = function.instruction_input(k)
             instructions[k, 2:] = first_input[argument] + entry, 0

@@ -132,14 +132,14 @@ def paths_of(libraries: Sequence[Library]) -> list[Path | None]:
     A file is None where there is no compiler or it failed. How many are compiled is logged as progress, the first
     reason of a failure as information.
     """
-    found: dict[Library, Path | None] = {}
+    files: dict[Library, Path | None] = {}
     try:
-        found = {each: each.find() for each in libraries}
-        if missing := [each for each, path in found.items() if path is None]:
-            found |= _compile_missing(missing)
+        files = {each: each.find() for each in libraries}
+        if missing := [each for each, path in files.items() if path is None]:
+            files |= _compile_missing(missing)
     except (CompilationError, OSError) as error:
         _report(f"{error}; continuing without compiled code")
-    return [found.get(each) for each in libraries]
+    return [files.get(each) for each in libraries]
 
 
 @lru_cache(maxsize=1)
@@ -260,10 +260,17 @@ def _macros(compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
 
 
 def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str, flags: Sequence[str]) -> Path:
-    """Compile a library and return its path in a directory.
+    """Compile C code into a shared library of a cache, and return its path there.
 
-    It is made in a temporary directory beside, stored on disk and then renamed: safe for several processes at once, and
-    when the machine stops.
+    Its name ends with a digest of its content, by which a damaged file is told. It is made in a temporary directory of
+    the cache, stored on disk and then renamed: safe for several processes at once, and when the machine stops.
+
+    Args:
+        compiler: Command of the compiler, word by word.
+        source: The code.
+        directory: The cache.
+        name: What the name of the file begins with.
+        flags: Further arguments of the compiler.
     """
     with tempfile.TemporaryDirectory(prefix=MAKING, dir=directory) as folder:
         # The file names are always the same because compilers write them into the library.

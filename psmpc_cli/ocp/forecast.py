@@ -87,11 +87,11 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
         target = np.append(
             coordinates_of(space, stage, stage.target), angle_between(attitude, stage.target[space.attitude])
         )
-        way = target[rows] - value[rows]
-        distance = np.maximum(np.abs(way) - within - tolerance[rows], 0.0)
-        rate, gain = np.where(way > 0, most[::2, rows], most[1::2, rows])
+        difference = target[rows] - value[rows]
+        distance = np.maximum(np.abs(difference) - within - tolerance[rows], 0.0)
+        rate, gain = np.where(difference > 0, most[::2, rows], most[1::2, rows])
         stuck = (distance > 0) & (rate <= 0)
-        begins = np.where(is_known[rows], rate, np.minimum(np.sign(way) * speed[rows], rate))
+        begins = np.where(is_known[rows], rate, np.minimum(np.sign(difference) * speed[rows], rate))
         arrivals = since[rows] + shortest_time(distance, rate, gain, begins)
         hold = stage.end.hold
         shortest = max(end + max(stage.end.dwell, hold), *(arrivals[~stuck] + hold), 0.0)

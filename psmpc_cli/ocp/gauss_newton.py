@@ -28,8 +28,8 @@ from psmpc_cli.robot.motion import velocity_shares
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
-    """A point in the velocity form: states x_k (K + 1, 2n) and free durations (S,) [s]."""
+class Unknowns:
+    """The unknowns of the velocity form, or a step of them: states x_k (K + 1, 2n) and free durations (S,) [s]."""
 
     X: np.ndarray
     tau: np.ndarray
@@ -39,9 +39,9 @@ class Point:
         """x_k+1 - x_k, (K, 2n)."""
         return np.asarray(self.X[1:] - self.X[:-1])
 
-    def moved(self, by: "Point", step_length: float) -> "Point":
-        """Return the point after a step of a length, 1 being the full one."""
-        return Point(self.X + step_length * by.X, self.tau + step_length * by.tau)
+    def moved(self, by: "Unknowns", step_length: float) -> "Unknowns":
+        """Return the unknowns after a step of a length, 1 being the full one."""
+        return Unknowns(self.X + step_length * by.X, self.tau + step_length * by.tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,22 +202,22 @@ class VelocityForm:
         """Return the intervals of a stage; they begin at nodes of the same numbers."""
         return slice(self.grid.first_node[s], self.grid.first_node[s + 1])
 
-    def durations(self, point: Point, horizon: float) -> np.ndarray:
+    def durations(self, point: Unknowns, horizon: float) -> np.ndarray:
         """Return tau_s of all stages, (S + 1,) [s]."""
         durations = np.empty(len(point.tau) + 1)
         durations[:-1] = point.tau
         durations[-1] = horizon - point.tau.sum()
         return durations
 
-    def steps(self, point: Point, horizon: float) -> np.ndarray:
+    def steps(self, point: Unknowns, horizon: float) -> np.ndarray:
         """Return h of each interval, (K, 1) [s]."""
         return np.asarray((self.durations(point, horizon) / self.nodes)[self.grid.stage_of, None])
 
-    def inputs(self, point: Point, horizon: float) -> np.ndarray:
+    def inputs(self, point: Unknowns, horizon: float) -> np.ndarray:
         """Return the accelerations over the intervals, (K, n)."""
         return np.asarray(point.changes[:, self.grid.n :] / self.steps(point, horizon))
 
-    def residuals(self, point: Point, p: Parameters[np.ndarray]) -> Residuals:
+    def residuals(self, point: Unknowns, p: Parameters[np.ndarray]) -> Residuals:
         """Return objective and constraints at a point."""
         tau = self.durations(point, float(p.horizon))
         over_intervals = self.interval_row_values(point, p)
@@ -235,7 +235,7 @@ class VelocityForm:
 
     def _residuals(
         self,
-        point: Point,
+        point: Unknowns,
         p: Parameters[np.ndarray],
         costs: np.ndarray,
         terminal: float,
@@ -248,19 +248,19 @@ class VelocityForm:
         gaps = point.changes[:, : self.grid.n] - change
         return Residuals(J, costs, terminal, gaps, rows, over_intervals)
 
-    def _mean_velocities(self, point: Point) -> np.ndarray:
+    def _mean_velocities(self, point: Unknowns) -> np.ndarray:
         """Return the velocities by which the positions change over the intervals, (K, n)."""
         before, after = self.weights
         Qdot = point.X[:, self.grid.n :]
         return np.asarray(before * Qdot[:-1] + after * Qdot[1:])
 
-    def control(self, s: int, point: Point, p: Parameters[np.ndarray], tau: float) -> tuple[np.ndarray, float]:
+    def control(self, s: int, point: Unknowns, p: Parameters[np.ndarray], tau: float) -> tuple[np.ndarray, float]:
         """Return dQdot over a stage's intervals (N_s, n), and |dQdot|^2_Wr N_s / tau_s, the same as |u|^2_Wr tau_s."""
         dv = point.changes[self.intervals(s), self.grid.n :]
         W_r = p.control_weights[s][: self.grid.n]
         return dv, float((dv**2 @ W_r).sum() * self.grid.nodes[s] / tau)
 
-    def row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
+    def row_values(self, point: Unknowns, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the rows of all constraints at nodes, (E,)."""
         values = [
             rows.functions.value(point.X[nodes], rows.argument(p), rows=len(nodes))[0]
@@ -274,7 +274,7 @@ class VelocityForm:
             return np.zeros(0)
         return np.concatenate([rows.ravel() for rows in values])[self._node_order]
 
-    def interval_row_values(self, point: Point, p: Parameters[np.ndarray]) -> np.ndarray:
+    def interval_row_values(self, point: Unknowns, p: Parameters[np.ndarray]) -> np.ndarray:
         """Return the rows of all constraints over intervals, (I,)."""
         values = np.zeros(len(self.row_interval))
         if not self.interval_rows:
@@ -285,7 +285,7 @@ class VelocityForm:
             values[at] = rows.functions.values(Intervals(point.X, h, p.before, k), rows.argument(p)).ravel()
         return values
 
-    def rows(self, point: Point, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def rows(self, point: Unknowns, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of all constraints at nodes (E,), and the derivatives by x of those that are in all programs.
 
         These are (F, 2n), of `permanent_rows`.
@@ -304,7 +304,7 @@ class VelocityForm:
         return self._by_node(values), by_x
 
     def with_node_rows(
-        self, model: Linearization, point: Point, p: Parameters[np.ndarray], which: np.ndarray
+        self, model: Linearization, point: Unknowns, p: Parameters[np.ndarray], which: np.ndarray
     ) -> Linearization:
         """Return the model at a point with some more rows at nodes (J,)."""
         new = which[~mask(model.node_rows, len(self.row_node))[which]]
@@ -325,7 +325,7 @@ class VelocityForm:
         order = np.argsort(node_rows)
         return replace(model, node_rows=node_rows[order], rows_by_x=np.concatenate([model.rows_by_x, rows_by_x])[order])
 
-    def with_dependent_rates(self, point: Point, p: Parameters[np.ndarray]) -> Point:
+    def with_dependent_rates(self, point: Unknowns, p: Parameters[np.ndarray]) -> Unknowns:
         """Return a point with the rates solved for that equations determine; the point itself if there are none.
 
         Rows g linear in rates y, g = G y + ..., are solved by y - G^-1 g. So they hold at every iterate, as after an
@@ -345,7 +345,7 @@ class VelocityForm:
             X[at] = functions.with_dependent_rates(X[at], chain.argument(p))
         return replace(point, X=X)
 
-    def interval_jacobian(self, point: Point, p: Parameters[np.ndarray], which: np.ndarray) -> np.ndarray:
+    def interval_jacobian(self, point: Unknowns, p: Parameters[np.ndarray], which: np.ndarray) -> np.ndarray:
         """Return the derivatives of some rows over intervals (J,), (J, 4n + S + history).
 
         By x at both ends, tau, and the velocities where the interval before begins.
@@ -377,7 +377,7 @@ class VelocityForm:
             by_tau = by_tau + is_later * by_h_before * self.interval_steps[interval - 1]
         return np.hstack([by_states, by_tau, by_v_before])
 
-    def row_change(self, model: Linearization, step: Point) -> np.ndarray:
+    def row_change(self, model: Linearization, step: Unknowns) -> np.ndarray:
         """Return by how much a step changes the rows over intervals of a model (J,)."""
         k = self.row_interval[model.interval_rows]
         steps = [step.X[k], step.X[k + 1], np.tile(step.tau, (len(k), 1))]
@@ -415,17 +415,17 @@ class VelocityForm:
         omega = p.omega[self.grid.stage_of[self.row_interval]]
         return np.asarray(2 * omega * self.interval_weights(p))
 
-    def interval_bounds(self, window: Window, instants: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def interval_bounds(self, window: Window, switch_times: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high (I,) of the rows over intervals; each over the length of its interval, or itself.
 
-        Some depend on the switching instants (S,) [s]; without these they are the widest.
+        Some depend on the switch times (S,) [s]; without these they are the widest.
 
         See `interval_row_is_over_time`.
         """
         low = np.zeros(len(self.row_interval))
         high = np.zeros(len(self.row_interval))
         for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
-            low_by_interval, high_by_interval = rows.bounds_by_interval(window, instants)
+            low_by_interval, high_by_interval = rows.bounds_by_interval(window, switch_times)
             low[at] = low_by_interval.ravel()
             high[at] = high_by_interval.ravel()
         return low, high
@@ -447,7 +447,7 @@ class VelocityForm:
         return low[self._bound_of_row], high[self._bound_of_row]
 
     def with_curvature(
-        self, model: Linearization, point: Point, p: Parameters[np.ndarray], multipliers: np.ndarray
+        self, model: Linearization, point: Unknowns, p: Parameters[np.ndarray], multipliers: np.ndarray
     ) -> Linearization:
         """Return the model with second derivatives by Q that the Gauss-Newton model does not have.
 
@@ -473,7 +473,7 @@ class VelocityForm:
             self._add_residual_curvature(H_QQ, point, p)
         return replace(model, H_QQ=H_QQ)
 
-    def _add_residual_curvature(self, H_QQ: np.ndarray, point: Point, p: Parameters[np.ndarray]) -> None:
+    def _add_residual_curvature(self, H_QQ: np.ndarray, point: Unknowns, p: Parameters[np.ndarray]) -> None:
         """Add 2 w sum_i W_i e_i d2e_i/dQ2 at the nodes of each stage, w = omega tau / (N scale), to (K + 1, n, n)."""
         n = self.grid.n
         tau = self.durations(point, float(p.horizon))
@@ -484,7 +484,7 @@ class VelocityForm:
             weight = float(p.omega[s] * tau[s] / N / p.scale[s])
             H_QQ[nodes] += 2 * weight * curvature.reshape(N, n, n)
 
-    def linearize(self, point: Point, p: Parameters[np.ndarray]) -> Linearization:
+    def linearize(self, point: Unknowns, p: Parameters[np.ndarray]) -> Linearization:
         """Return the quadratic model at a point; of the rows over intervals it has those of every program.
 
         Derivatives by the durations of all stages become those by the free ones through D, `stage_durations`: the
@@ -621,7 +621,7 @@ class _CostModel:
         H_tau_tau: Its diagonal by the durations, (S + 1,).
     """
 
-    def __init__(self, form: VelocityForm, point: Point, p: Parameters[np.ndarray]) -> None:
+    def __init__(self, form: VelocityForm, point: Unknowns, p: Parameters[np.ndarray]) -> None:
         K = form.grid.K
         n = form.grid.n
         S = form.grid.switches

@@ -159,11 +159,11 @@ class Rollout:
     Args:
         model: The robot.
         window: The window.
-        instants: Guessed instants (S,) [s], about which trajectories are linear.
+        switch_times: Guessed switch times (S,) [s], about which trajectories are linear.
     """
 
-    def __init__(self, model: RobotModel, window: Window, instants: np.ndarray) -> None:
-        self._shooting = Shooting(model, window_shape(window), window_numbers(window, instants).mapped(ca.DM))
+    def __init__(self, model: RobotModel, window: Window, switch_times: np.ndarray) -> None:
+        self._shooting = Shooting(model, window_shape(window), window_numbers(window, switch_times).mapped(ca.DM))
 
     def by_adjoint(self, tau: np.ndarray, U: list[np.ndarray]) -> np.ndarray:
         """Return dJ/dt_s (S,) by the discrete adjoint, for durations tau (S + 1,) and inputs U, (N_s, inputs) each."""
@@ -198,7 +198,20 @@ def _columns(U: Sequence[np.ndarray]) -> list[list[ca.DM]]:
 
 
 def _stage_terms(model: RobotModel, shape: StageShape, discretization: str) -> ca.Function:
-    """Return a stage's step F, its weighted and normalized cost L, its flow f, and their derivatives, by name."""
+    """Return the terms of the switching gradient at one interval of a stage, by name.
+
+    They are the weighted and normalized running cost L = omega (cost - offset) / scale, the flow f, and the derivatives
+    of these and of the step F by their arguments: F_x is dF / dx. The adjoint recursion and (26) are made of them.
+
+    Args:
+        model: The robot.
+        shape: The structure of the stage.
+        discretization: How the step integrates the motion over an interval.
+
+    Returns:
+        A function with named arguments: state x, control u, step h, target and anchor r, weights W and W_r, load,
+        priority omega, offset and scale of the normalization.
+    """
     functions = stage_functions(model, shape)
     x = ca.SX.sym("x", 2 * model.n)
     u = ca.SX.sym("u", functions.inputs)

@@ -24,7 +24,7 @@ class Grid:
 
     @property
     def switches(self) -> int:
-        """Number of switching instants in the window, S."""
+        """Number of switch times in the window, S."""
         return len(self.nodes) - 1
 
     @cached_property
@@ -63,19 +63,19 @@ class Plan:
         times: Node times (K + 1,) [s], absolute, nondecreasing.
         X: States [Q; Qdot] at the nodes (K + 1, 2n).
         u: Accelerations Qddot over the intervals (K, n).
-        instants: Switching instants in the plan (S,) [s], absolute.
+        switch_times: Switch times in the plan (S,) [s], absolute.
         chart: The chart that states and accelerations are in.
     """
 
     times: np.ndarray
     X: np.ndarray
     u: np.ndarray
-    instants: np.ndarray
+    switch_times: np.ndarray
     chart: Chart = IDENTITY
 
     def __repr__(self) -> str:
         intervals, n = self.u.shape
-        size = f"{intervals} intervals of {n} accelerations, {len(self.instants)} switches"
+        size = f"{intervals} intervals of {n} accelerations, {len(self.switch_times)} switches"
         return f"<Plan from {self.times[0]:g} s to {self.times[-1]:g} s: {size}>"
 
     def in_chart(self, chart: Chart) -> "Plan":
@@ -85,7 +85,7 @@ class Plan:
         X = self.chart.moved(self.X, chart)
         n = self.u.shape[1]
         steps = np.maximum(np.diff(self.times), 1e-12)[:, None]
-        return Plan(self.times, X, np.diff(X[:, n:], axis=0) / steps, self.instants, chart)
+        return Plan(self.times, X, np.diff(X[:, n:], axis=0) / steps, self.switch_times, chart)
 
     @property
     def start(self) -> float:
@@ -99,8 +99,8 @@ class Plan:
 
     @property
     def flat(self) -> np.ndarray:
-        """Switching instants, then states row by row, then accelerations row by row, as one vector."""
-        return np.concatenate([self.instants, self.X.ravel(), self.u.ravel()])
+        """Switch times, then states row by row, then accelerations row by row, as one vector."""
+        return np.concatenate([self.switch_times, self.X.ravel(), self.u.ravel()])
 
     def states_at(self, times: np.ndarray) -> np.ndarray:
         """Return the states (len(times), 2n), exact between the nodes; past its end the robot coasts."""
@@ -153,7 +153,7 @@ class Plan:
             width: Of the time [s], see `motion.averaged_control`.
         """
         middles = (edges[:-1] + edges[1:]) / 2
-        to_switch = np.abs(middles[:, None] - self.instants).min(axis=1, initial=np.inf)
+        to_switch = np.abs(middles[:, None] - self.switch_times).min(axis=1, initial=np.inf)
         widths = np.minimum(width, 2 * to_switch)
         changes = motion.averaged_control(self.u, self.times, edges, before, widths) - self.mean_control(edges)
         return np.asarray(self.velocity_rates(edges) + changes)
@@ -180,7 +180,7 @@ def resting_plan(start: float, horizon: float, nodes: int, x: np.ndarray, chart:
 def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
     """Return the plan from now on, begun at the measured state x (2n,) and extended to the horizon's new end.
 
-    Its instants are those of the plan that are still to come.
+    Its switch times are those of the plan that are still to come.
     """
     end = now + horizon
     first, stop = plan.times.searchsorted((now + 1e-9, end - 1e-9))
@@ -188,7 +188,7 @@ def shift(plan: Plan, now: float, horizon: float, x: np.ndarray) -> Plan:
     last = motion.advanced(plan.X[stop - 1 : stop], u[-1:], end - plan.times[stop - 1])
     X = np.concatenate((x[None], plan.X[first:stop], last))
     times = np.concatenate(((now,), plan.times[first:stop], (end,)))
-    return Plan(times, X, u, plan.instants[plan.instants > now], plan.chart)
+    return Plan(times, X, u, plan.switch_times[plan.switch_times > now], plan.chart)
 
 
 def braking_plan(

@@ -244,16 +244,16 @@ def _duration(
     return max(stage.end.dwell, float(times[rows].max(initial=0.0)) + stage.end.hold)
 
 
-def _times(space: ConfigurationSpace, stage: Stage, way: np.ndarray, turn: float) -> np.ndarray:
-    """Return how long coordinates take at the speed limits of a stage for a way from rest, (n + 1,) [s].
+def _times(space: ConfigurationSpace, stage: Stage, displacement: np.ndarray, turn: float) -> np.ndarray:
+    """Return how long coordinates take at the speed limits of a stage for displacements from rest, (n + 1,) [s].
 
     Args:
         space: The robot's coordinates.
         stage: The stage.
-        way: By how much they change (n,) [m, rad].
+        displacement: By how much they change (n,) [m, rad].
         turn: By how much a spatial base turns [rad]; it stands for the components of its attitude.
     """
-    change = np.append(way, turn)
+    change = np.append(displacement, turn)
     if space.has_quaternion:
         change[space.rotation] = 0.0
     rates = largest_rates(space, stage)

@@ -34,7 +34,7 @@ class Kept:
         stage: The stage.
         scale: Normalization of its cost.
         bound: The largest its cost integral may be, (), or each of its errors at the nodes after the first, (K, rows).
-        ends: Its end condition holds at the window's first switching instant.
+        ends: Its end condition holds at the window's first switch time.
     """
 
     stage: PlacedStage
@@ -60,7 +60,7 @@ class Window:
         discretization: `exact` or `euler`.
         soft: Limits on the states may be violated, at a cost.
         cost_bound: The largest cost integral of the last stage, for epsilon constraints; IPOPT alone takes one.
-        kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, with the instants held.
+        kept: Earlier stages that must not get worse, under HTMPC; IPOPT and fatrop take them, switch times held.
         ends: The stages before the last end by their end conditions; not so where `kept` alone says what ends.
         chart: The chart that its states are in.
         applied: Acceleration that was commanded last (n,), in the chart: changes of acceleration count from it. (0,)
@@ -127,9 +127,9 @@ class Window:
         """Return by how much limits of v are moved at the nodes (K + 1, n) in a solve from a guess on this mesh."""
         return self.chart.rate_shift(guess.X) if self.rate_shift is None else self.rate_shift
 
-    def times(self, instants: np.ndarray) -> np.ndarray:
-        """Return the node times (K + 1,) [s] with switching instants (S,) [s], absolute."""
-        return mesh(np.array([self.start, *instants, self.start + self.horizon]), self.nodes)
+    def times(self, switch_times: np.ndarray) -> np.ndarray:
+        """Return the node times (K + 1,) [s] with switch times (S,) [s], absolute."""
+        return mesh(np.array([self.start, *switch_times, self.start + self.horizon]), self.nodes)
 
     def plan_of(self, flat: np.ndarray) -> Plan:
         """Return the plan on this window's mesh from `Plan.flat`.
@@ -139,8 +139,10 @@ class Window:
         """
         S = len(self.stages) - 1
         n = len(self.x0) // 2
-        instants, X, u = np.split(flat, [S, S + 2 * n * (self.K + 1)])
-        return Plan(self.times(instants), X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), instants, self.chart)
+        switch_times, X, u = np.split(flat, [S, S + 2 * n * (self.K + 1)])
+        return Plan(
+            self.times(switch_times), X.reshape(self.K + 1, 2 * n), u.reshape(self.K, n), switch_times, self.chart
+        )
 
 
 @dataclass(frozen=True)
@@ -254,8 +256,8 @@ def _mapped(of: Callable[[Any], Any], found: Any) -> Any:
     return of(found)
 
 
-def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarray]:
-    """Return the parameters of a window's optimization, its instants guessed at (S,) [s]."""
+def window_numbers(window: Window, switch_times: np.ndarray) -> Parameters[np.ndarray]:
+    """Return the parameters of a window's optimization, its switch times guessed at (S,) [s]."""
     stages = (*window.stages, *(each.stage for each in window.kept))
     none = np.zeros(len(window.kept))
     return Parameters(
@@ -272,8 +274,8 @@ def window_numbers(window: Window, instants: np.ndarray) -> Parameters[np.ndarra
         rate_weights=tuple(stage.rate_weights for stage in stages),
         loads=tuple(stage.load_numbers for stage in stages),
         targets=tuple(stage.standing for stage in stages),
-        paths=_paths(window, instants),
-        constraints=_of_constraints(window, instants),
+        paths=_paths(window, switch_times),
+        constraints=_of_constraints(window, switch_times),
     )
 
 
@@ -285,7 +287,7 @@ def _applied_before(window: Window) -> np.ndarray:
     return np.append(window.applied if len(window.applied) else np.zeros(n), window.tick)
 
 
-def _of_constraints(window: Window, instants: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
+def _of_constraints(window: Window, switch_times: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
     """Return the anchor and the arguments of the constraints of each stage, one row a node where these move."""
     anchor = window.chart.anchor
     times = list[np.ndarray]()
@@ -294,13 +296,13 @@ def _of_constraints(window: Window, instants: np.ndarray) -> tuple[dict[str, np.
         if each.at_nodes is None:
             return np.concatenate([anchor, each.of_functions])
         if not times:
-            since = window.times(instants)[1:] - window.start
+            since = window.times(switch_times)[1:] - window.start
             times.extend(since[last - N : last] for N, last in zip(window.nodes, accumulate(window.nodes), strict=True))
         at_nodes = each.at_nodes(each.argument, times[s])
-        found = np.empty((len(at_nodes), len(anchor) + at_nodes.shape[1]))
-        found[:, : len(anchor)] = anchor
-        found[:, len(anchor) :] = at_nodes
-        return found
+        numbers = np.empty((len(at_nodes), len(anchor) + at_nodes.shape[1]))
+        numbers[:, : len(anchor)] = anchor
+        numbers[:, len(anchor) :] = at_nodes
+        return numbers
 
     return tuple(
         {name: taken(each, s) for name, each in stage.constraints.items() if each.is_known}
@@ -308,24 +310,24 @@ def _of_constraints(window: Window, instants: np.ndarray) -> tuple[dict[str, np.
     )
 
 
-def _paths(window: Window, instants: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return what each stage's cost follows, about the durations that guessed instants give; see `Parameters`.
+def _paths(window: Window, switch_times: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return what each stage's cost follows, about the durations that guessed switch times give; see `Parameters`.
 
     A trajectory's time counts from where its stage begins: for the current stage in the past, for others at an instant.
     A node moves along the trajectory as the stage gets longer. Between two of its times the trajectory is straight, and
     so is this; a node that passes one of them is put right by the next solve.
     """
-    tau = durations(instants, window.start, window.horizon)
-    elapsed = [window.elapsed, *np.zeros(len(instants))]
+    tau = durations(switch_times, window.start, window.horizon)
+    elapsed = [window.elapsed, *np.zeros(len(switch_times))]
     paths = [_path(*each) for each in zip(window.stages, window.nodes, tau, elapsed, strict=True)]
-    return (*paths, *(_kept_path(each.stage, window, instants) for each in window.kept))
+    return (*paths, *(_kept_path(each.stage, window, switch_times) for each in window.kept))
 
 
-def _kept_path(stage: Stage, window: Window, instants: np.ndarray) -> np.ndarray:
-    """Return what a kept stage's cost follows at all nodes, as `Parameters.paths`; its instants are held."""
+def _kept_path(stage: Stage, window: Window, switch_times: np.ndarray) -> np.ndarray:
+    """Return what a kept stage's cost follows at all nodes, as `Parameters.paths`; its switch times are held."""
     if not stage.reference.moves:
         return np.zeros((len(stage.target), 0))
-    values, _ = stage.reference.at(window.elapsed + window.times(instants) - window.start)
+    values, _ = stage.reference.at(window.elapsed + window.times(switch_times) - window.start)
     return np.vstack([values, np.zeros_like(values)]).T
 
 
@@ -372,24 +374,24 @@ def shortest_durations(window: Window) -> np.ndarray:
     return np.asarray(np.maximum(dwell, SHORTEST))
 
 
-def durations(instants: np.ndarray, start: float, horizon: float) -> np.ndarray:
-    """Return the durations (S + 1,) [s] between start, the instants and the end of the horizon."""
-    ends = np.concatenate(([start], instants, [start + horizon]))
+def durations(switch_times: np.ndarray, start: float, horizon: float) -> np.ndarray:
+    """Return the durations (S + 1,) [s] between start, the switch times and the end of the horizon."""
+    ends = np.concatenate(([start], switch_times, [start + horizon]))
     return np.asarray(ends[1:] - ends[:-1])
 
 
 def on_mesh(plan: Plan, window: Window) -> Plan:
-    """Return a plan read at the nodes of a window, begun at its measured state; the plan's instants (S,) stay."""
-    times = window.times(plan.instants)
+    """Return a plan read at the nodes of a window, begun at its measured state; the plan's switch times (S,) stay."""
+    times = window.times(plan.switch_times)
     X, u = plan.at(times)
     X[0] = window.x0
-    return Plan(times, X, u[:-1], plan.instants, plan.chart)
+    return Plan(times, X, u[:-1], plan.switch_times, plan.chart)
 
 
 def plan_on_mesh(window: Window, X: np.ndarray, u: np.ndarray, tau: np.ndarray) -> Plan:
     """Return the plan of states X (K + 1, 2n) and accelerations u (K, n) at the nodes, free durations tau (S,) [s]."""
-    instants = window.start + tau.cumsum()
-    return Plan(window.times(instants), X, u, instants, window.chart)
+    switch_times = window.start + tau.cumsum()
+    return Plan(window.times(switch_times), X, u, switch_times, window.chart)
 
 
 def normalization(
@@ -445,22 +447,22 @@ def node_counts(
 
     Args:
         window: The window; its own nodes do not matter.
-        plan: The prediction, with the instants of the window (S,) [s].
+        plan: The prediction, with the switch times of the window (S,) [s].
         costs: The costs of the robot's stages.
         step: Longest time between two states that are looked at [s].
         tolerance: Of J, relative.
         before: Number of intervals each stage had in the window before, None where it was not in that, (S + 1,).
     """
-    tau = durations(plan.instants, window.start, window.horizon)
+    tau = durations(plan.switch_times, window.start, window.horizon)
     changes, J = _quadrature(window, plan, tau, costs, step)
     root = np.sqrt(changes)
     needed = np.maximum(root * root.sum() / (2 * tolerance * J), tau / step)
     return tuple(_count(need, had) for need, had in zip(needed, before, strict=True))
 
 
-def first_counts(window: Window, instants: np.ndarray, tolerance: float, step: float) -> tuple[int, ...]:
+def first_counts(window: Window, switch_times: np.ndarray, tolerance: float, step: float) -> tuple[int, ...]:
     """Return the counts of a window without a plan before it: its costs may fall from their largest to nothing."""
-    tau = durations(instants, window.start, window.horizon)
+    tau = durations(switch_times, window.start, window.horizon)
     return tuple(_count(need, None) for need in np.maximum(1 / (2 * tolerance) * tau / window.horizon, tau / step))
 
 
@@ -472,9 +474,9 @@ def _quadrature(
     A cost that falls and rises again counts with both, as if the errors of its parts did not cancel.
     """
     omega = window.omega / window.omega.max()
-    begins = np.r_[window.start, plan.instants]
+    begins = np.r_[window.start, plan.switch_times]
     changes = np.zeros(len(tau))
-    J = window.pending_cost * float((plan.instants - window.start).sum())
+    J = window.pending_cost * float((plan.switch_times - window.start).sum())
     for s, stage in enumerate(window.stages):
         times = np.linspace(begins[s], begins[s] + tau[s], max(2, int(np.ceil(tau[s] / step)) + 1))
         since = times - begins[s] + (window.elapsed if s == 0 else 0.0)

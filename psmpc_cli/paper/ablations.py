@@ -161,13 +161,13 @@ def _pending_cost(logs: Logs, windows: Sequence[SwitchWindow], points: int) -> A
     for one in windows:
         label = one.label
         window = one.window
-        instants, printed = scan_instants(one, instant_grid(window.horizon, points))
-        numbers |= {f"T0 [s], {label}": window.start, f"earliest t_s [s], {label}": float(instants[0])}
+        switch_times, printed = scan_instants(one, instant_grid(window.horizon, points))
+        numbers |= {f"T0 [s], {label}": window.start, f"earliest t_s [s], {label}": float(switch_times[0])}
         for name, delta in ((PRINTED, 0.0), (OURS, window.pending_cost)):
-            cost = printed + delta * instants
-            panels[f"J, {name}"][label] = instants, cost / cost[0]
-            for what, times in (("minima", minima(instants, cost)), ("found", optimize_instants(one, delta))):
-                panels[f"{what}, {name}"][label] = times, np.interp(times, instants, cost / cost[0])
+            cost = printed + delta * switch_times
+            panels[f"J, {name}"][label] = switch_times, cost / cost[0]
+            for what, times in (("minima", minima(switch_times, cost)), ("found", optimize_instants(one, delta))):
+                panels[f"{what}, {name}"][label] = times, np.interp(times, switch_times, cost / cost[0])
                 numbers |= {f"{what} [s], {label}, {name}, {i}": float(time) for i, time in enumerate(times, start=1)}
     return Ablation("pending_cost", panels, numbers)
 
@@ -199,9 +199,9 @@ def _discretization(logs: Logs, one: SwitchWindow, nodes: int) -> Ablation:
 
 def ahead(log: Run) -> Curve:
     """Return the time until the planned end of the current stage [s] over time [s]; NaN where none is planned."""
-    instants = log["window/instants"]
+    switch_times = log["window/instants"]
     first = log["window/first"]
-    return log.time, instants[np.arange(len(first)), first] - log.time
+    return log.time, switch_times[np.arange(len(first)), first] - log.time
 
 
 def variation(log: Run) -> Curve:
@@ -246,29 +246,33 @@ def _end(log: Run) -> float:
     return summary.duration if summary.completed else np.nan
 
 
-def minima(instants: np.ndarray, cost: np.ndarray) -> np.ndarray:
+def minima(switch_times: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Return the switch times (G,) [s] at which J (G,) has a minimum, the lowest first, without shallow ones."""
     from scipy.signal import find_peaks
 
     depth = np.r_[-np.inf, -cost, -np.inf]  # J may be lowest at an end
     places, _ = find_peaks(depth, prominence=PROMINENT * np.ptp(cost))
-    return np.asarray(instants[sorted(places - 1, key=lambda i: float(cost[i]))])
+    return np.asarray(switch_times[sorted(places - 1, key=lambda i: float(cost[i]))])
 
 
 def pick_window(log: Run) -> SwitchWindow:
-    """Return the window of a log's first switch whose optimized instant lies at 0.3 of the horizon.
+    """Choose the window in which the cost is scanned over the switch time: one switch, planned at 0.3 of the horizon.
+
+    Of all windows of a log with its first switch alone it is the one nearest to that, so that there is time before the
+    switch and after it.
 
     Raises:
         LogError: The log has no plans, or no window with one switch.
     """
-    with_one = np.flatnonzero(log["window/count"] == 2)
-    first = log["window/first"]
-    if not len(with_one):
+    samples = np.flatnonzero(log["window/count"] == 2)
+    first_stage = log["window/first"]
+    if not len(samples):
         raise LogError(f"{log.path}: found no window with one switch, expected a run of several stages")
-    with_one = with_one[first[with_one] == first[with_one[0]]]
+    samples = samples[first_stage[samples] == first_stage[samples[0]]]
     problem = build_problem(converging(log.task))
-    to_go = ahead(log)[1][with_one]
-    solve = logged_solve(log, int(with_one[np.argmin(np.abs(to_go - 0.3 * problem.spec.controller.horizon))]))
+    _, time_to_switch = ahead(log)
+    wanted = 0.3 * problem.spec.controller.horizon
+    solve = logged_solve(log, int(samples[np.argmin(np.abs(time_to_switch[samples] - wanted))]))
     return SwitchWindow(_ratio(solve.window.omega), problem, build_solver(problem), solve.window, solve.plan)
 
 
@@ -284,7 +288,7 @@ def with_priorities(one: SwitchWindow, priorities: tuple[float, float]) -> Switc
     window = replace(one.window, omega=np.array(priorities))
     controller = one.problem.spec.controller
     plan = one.solver.solve(window, one.plan).plan
-    begins = np.r_[window.start - window.elapsed, plan.instants]
+    begins = np.r_[window.start - window.elapsed, plan.switch_times]
     kind = controller.normalization
     zeta = controller.zeta
     step = controller.normalization_step
@@ -296,13 +300,13 @@ def with_priorities(one: SwitchWindow, priorities: tuple[float, float]) -> Switc
 
 
 def scan_instants(one: SwitchWindow, grid: np.ndarray) -> Curve:
-    """Return the instants that can be met and J at each, with the instant fixed and all else optimized.
+    """Return the switch times that can be met and J at each, with the switch time fixed and all else optimized.
 
     J is over the window's largest priority and without pending cost, which adds a constant where the instant is fixed.
 
     Args:
         one: The window.
-        grid: Instants after T0 (G,) [s]; the scan goes on from them down to the earliest feasible one.
+        grid: Switch times after T0 (G,) [s]; the scan goes on from them down to the earliest feasible one.
     """
     window = replace(one.window, pending_cost=0.0)
     plan = one.plan
@@ -312,7 +316,7 @@ def scan_instants(one: SwitchWindow, grid: np.ndarray) -> Curve:
     while tried or (scanned and min(scanned) - infeasible > CLOSE):
         instant = tried.pop() if tried else (min(scanned) + infeasible) / 2
         for guess in (plan, one.plan):
-            at = replace(guess, instants=np.array([window.start + instant]))
+            at = replace(guess, switch_times=np.array([window.start + instant]))
             solved = one.solver.solve(window, at, within=0.0)
             if solved.outcome.usable:
                 scanned[instant] = solved.objective
@@ -321,19 +325,19 @@ def scan_instants(one: SwitchWindow, grid: np.ndarray) -> Curve:
         else:
             infeasible = instant
             tried = []
-    instants = sorted(scanned)
-    return np.array(instants), np.array([scanned[instant] for instant in instants])
+    switch_times = sorted(scanned)
+    return np.array(switch_times), np.array([scanned[instant] for instant in switch_times])
 
 
 def optimize_instants(one: SwitchWindow, pending_cost: float) -> np.ndarray:
-    """Return the instants after T0 (len(GUESSES),) [s] that the solver returns from each guess; NaN if it fails."""
+    """Return the switch times after T0 (len(GUESSES),) [s] that the solver returns from each guess; NaN if it fails."""
     window = replace(one.window, pending_cost=pending_cost)
-    found = []
+    optima = []
     for guess in GUESSES:
-        started = replace(one.plan, instants=np.array([window.start + guess * window.horizon]))
+        started = replace(one.plan, switch_times=np.array([window.start + guess * window.horizon]))
         solved = one.solver.solve(window, started)
-        found.append(float(solved.plan.instants[0]) - window.start if solved.outcome.usable else np.nan)
-    return np.array(found)
+        optima.append(float(solved.plan.switch_times[0]) - window.start if solved.outcome.usable else np.nan)
+    return np.array(optima)
 
 
 def on_mesh(one: SwitchWindow, nodes: int, discretization: str) -> tuple[float, float]:
@@ -354,6 +358,6 @@ def on_mesh(one: SwitchWindow, nodes: int, discretization: str) -> tuple[float, 
 
 
 def instant_grid(horizon: float, points: int) -> np.ndarray:
-    """Return instants after T0 [s], evenly through the horizon and ever denser towards its end."""
+    """Return switch times after T0 [s], evenly through the horizon and ever denser towards its end."""
     near = horizon - SHORTEST * 4.0 ** np.arange(4)
     return np.union1d(np.linspace(0.0, horizon, points + 2)[1:-1], near)

@@ -218,8 +218,19 @@ def plot_discretization(panels: Panels) -> Figure:
 
 
 def _plot_over_time(above: Axes, below: Axes, panels: Panels, letters: str) -> None:
-    """Plot how far ahead the planned switch time is [s], a point a sample, and the variation of the joints' control."""
-    for i, label in enumerate(label for label in panels["instant"] if label != HORIZON):
+    """Plot two quantities of several runs over time, one above the other.
+
+    Above is how far ahead of each sample its planned switch time lies [s], with the end of the horizon as a line: a
+    switch that is put off stays there. Below is the variation of the joints' control.
+
+    Args:
+        above: Axes of the planned switch times, a point a sample.
+        below: Axes of the variation.
+        panels: Times and values by quantity and label of the run.
+        letters: Those of the two panels.
+    """
+    runs = [label for label in panels["instant"] if label != HORIZON]
+    for i, label in enumerate(runs):
         name = NAMES.get(label, label)
         look = {"linestyle": "none", "markeredgecolor": "none", "markersize": 2.0, **style.mark_look(i)}
         above.plot(*panels["instant"][label], label=name, **look)
@@ -239,7 +250,7 @@ def _plot_over_time(above: Axes, below: Axes, panels: Panels, letters: str) -> N
 def _plot_scan(axes: Axes, panels: Panels, form: str, end: float) -> None:
     """Plot J over the instant for each ratio of priorities, its minima, and what the optimizer returns."""
     curves, minima, found = (panels[f"{what}, {form}"] for what in ("J", "minima", "found"))
-    earliest = min(float(instants[0]) for instants, _ in curves.values())
+    earliest = min(float(switch_times[0]) for switch_times, _ in curves.values())
     axes.axvspan(0.0, earliest, facecolor="#DDDDDD", edgecolor="none", zorder=0)
     axes.text(earliest / 2, 0.5, "infeasible", transform=axes.get_xaxis_transform(), ha="center")
     axes.axvline(end, **style.LEVEL)

@@ -125,9 +125,9 @@ def judge(claim: Claim, reproduction: Reproduction) -> Finding:
 def _setting(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that all runs have the setting."""
     values = {getattr(run.task.spec.controller, claim.reads[0]) for run in reproduction.runs.values()}
-    found = sorted(np.nan if value == "auto" else float(value) for value in values)
-    reproduced = next((value for value in found if value != claim.number), claim.number)
-    return Finding(claim, reproduced, found == [claim.number], reproduced - claim.number)
+    set_values = sorted(np.nan if value == "auto" else float(value) for value in values)
+    reproduced = next((value for value in set_values if value != claim.number), claim.number)
+    return Finding(claim, reproduced, set_values == [claim.number], reproduced - claim.number)
 
 
 def _reasons(cells: SweepCells) -> list[str]:
@@ -169,7 +169,7 @@ def _delivered(claim: Claim, reproduction: Reproduction) -> Finding:
 def _object_outcome(summary: Summary) -> tuple[str, str]:
     """Return whether a grasped object was delivered, not delivered, or not let go at all, and what became of it."""
     verdicts = {one.name: one for one in summary.monitors}
-    found = summary.capture
+    capture = summary.capture
     taken = verdicts[ObjectCheck.TAKEN]
     kept = verdicts[ObjectCheck.NOT_LOST]
     delivered = verdicts[ObjectCheck.DELIVERED]
@@ -179,9 +179,9 @@ def _object_outcome(summary: Summary) -> tuple[str, str]:
         return "not taken", "not taken"
     if not kept.held:
         return "not delivered", f"lost at {kept.broken_at:.1f} s"
-    if found is None or np.isnan(found.left_at):
+    if capture is None or np.isnan(capture.left_at):
         return "still held", "still held"
-    return "not delivered", f"let go {100 * found.distance:.1f} cm off at {found.speed:.2f} m/s"
+    return "not delivered", f"let go {100 * capture.distance:.1f} cm off at {capture.speed:.2f} m/s"
 
 
 def _trend(claim: Claim, reproduction: Reproduction) -> Finding:
@@ -378,8 +378,8 @@ def _explain_missing(stage_time: StageTime, reproduction: Reproduction) -> str:
 def _explain_start(start: StageTime, reproduction: Reproduction) -> str:
     """Describe when a stage starts, and how that depends on the threshold."""
     run = reproduction.runs[start.method]
-    found = sorted(zip(run.stages["epsilon"], run.stages["actual_start_by_epsilon"][start.index], strict=True))
-    by_epsilon = ", ".join(f"{format_time(time)} for epsilon = {epsilon:g}" for epsilon, time in found)
+    starts = sorted(zip(run.stages["epsilon"], run.stages["actual_start_by_epsilon"][start.index], strict=True))
+    by_epsilon = ", ".join(f"{format_time(time)} for epsilon = {epsilon:g}" for epsilon, time in starts)
     when = f"{start.name} starts at {format_time(start.time)}, {start.end} = {format_time(start.ended)}"
     return f"{when}; by its {run.task.spec.onset.kind} it starts at {by_epsilon}"
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pkgutil import resolve_name
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Setpoints, Ticks
 from psmpc_cli.plant.grasp import Capture, PlantSetup
 from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.plant.wheels import WheelDrive, WheelTicks
@@ -20,6 +20,7 @@ __all__ = [
     "JointFriction",
     "Plant",
     "PlantSetup",
+    "Setpoints",
     "Ticks",
     "WheelDrive",
     "WheelTicks",

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -246,32 +246,109 @@ class Disturbance:
         """Return that of a known robot with n velocities which nothing disturbs."""
         return cls(robot, robot, np.zeros((ticks, 2 * n)), np.zeros((ticks, n)))
 
+    @cached_property
+    def is_noisy(self) -> bool:
+        """Whether the law reads another state than the true one at any tick."""
+        return bool(self.noise.any())
+
+
+@dataclass(frozen=True, eq=False)
+class Setpoints:
+    """What the low-level law and the actuators are commanded to do over one sample, a row for each of its M ticks.
+
+    Attributes:
+        u: Rates of v (M, n) [m/s^2, rad/s^2].
+        closed: Whether the grippers are to be closed on the object (M,); None: at no tick.
+        twist_rates: Rates of the velocities J_C v of base and end-effectors (M, k) [m/s^2, rad/s^2], which the law in
+            task space follows instead of u; None where the law is that in joint space.
+        driven: Whether something acts on each coordinate of the base, 1 or 0 (M, n_twist); None: always on those of
+            the robot's description.
+        shut: Which thrusters must not fire (M, T); None: all may.
+        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law counts with it; None:
+            those of the object as described.
+    """
+
+    u: np.ndarray
+    closed: np.ndarray | None = None
+    twist_rates: np.ndarray | None = None
+    driven: np.ndarray | None = None
+    shut: np.ndarray | None = None
+    load: np.ndarray | None = None
+
+    @property
+    def grippers_close(self) -> np.ndarray:
+        """Whether the grippers are to be closed at each tick (M,)."""
+        return np.zeros(len(self.u), bool) if self.closed is None else self.closed
+
+    def at(self, tick: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return what the law follows at a tick: u (n,), and the rates in task space (k,) if they count instead."""
+        return self.u[tick], None if self.twist_rates is None else self.twist_rates[tick]
+
+    def mean(self, ticks: slice) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return the mean over ticks of what the law follows, as `at` does."""
+        rates = None if self.twist_rates is None else self.twist_rates[ticks].mean(axis=0)
+        return self.u[ticks].mean(axis=0), rates
+
 
 class Plant(Protocol):
     """Simulated physics of a robot under its low-level controller."""
 
     def advance(
-        self,
-        start: float,
-        state: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-        load: np.ndarray | None = None,
-        driven: np.ndarray | None = None,
+        self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Advance from a state (nq + n,) at `start` [s], the rates u of v (M, n) applied one a tick.
+        """Advance over one sample, the setpoints of one tick after the other in force.
 
-        Where rates of the frames' velocities (M, k) are given, they are applied instead, by the law in task space.
-
-        Without a disturbance nothing disturbs a plant; one is for plants built with friction. Those with an object
-        close their grippers, and open them, at the ticks at which they are to be closed (M,). The law counts with a
-        load of this mass and these moments while they are; by default with the object as described. At each tick
-        something acts on the coordinates of the base that are then `driven` (M, n_twist); by default those of the
-        robot's description.
+        Args:
+            start: When the sample begins [s].
+            state: State [Q; v] then (nq + n,).
+            setpoints: What is commanded at its ticks. Grippers are those of plants with an object.
+            disturbance: What the controller does not know; None: nothing. Only plants built with friction have it.
         """
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class _TickLaw:
+    """The low-level law in one tick: what it reads of the robot, and what it counts with.
+
+    Attributes:
+        law: The law.
+        Q, v: Measured position (nq,) and velocity (n,).
+        grasps: Of an object that all hands hold; None while they do not.
+        parameters: Inertial parameters for the robot's.
+        driven: On which coordinates of the base something acts.
+        drive: The wheels; None without any.
+    """
+
+    law: LowLevelLaw
+    Q: np.ndarray
+    v: np.ndarray
+    grasps: np.ndarray | None
+    parameters: InertialParameters
+    driven: tuple[float, ...]
+    drive: WheelDrive | None
+
+    @property
+    def counts_with_load(self) -> bool:
+        """Whether the hands hold a load that the law knows of."""
+        return self.grasps is not None and self.law.grasps is not None
+
+    def joint_force(self, u: np.ndarray, twist_rates: np.ndarray | None, base_force: np.ndarray) -> np.ndarray:
+        """Return the force (n,) with which joints follow their setpoints under a given force on the base.
+
+        Args:
+            u: Setpoint (n,).
+            twist_rates: Setpoint of the law in task space (k,), or None.
+            base_force: Force on the base and its mean over a period of pulses, see `LowLevelLaw.force`.
+        """
+        return self.law.force(
+            self.Q, self.v, u, twist_rates, self.grasps, self.parameters, self.driven, base_force=base_force
+        )
+
+    def force(self, u: np.ndarray, twist_rates: np.ndarray | None) -> np.ndarray:
+        """Return the force (n,) that follows a setpoint, with the balance of what unloads wheels in this tick."""
+        F = self.law.force(self.Q, self.v, u, twist_rates, self.grasps, self.parameters, self.driven)
+        return F if self.drive is None else self.drive.commanded(F, self.driven)
 
 
 class TickedPlant(ABC):
@@ -296,89 +373,113 @@ class TickedPlant(ABC):
         self.drive = drive
 
     def advance(
-        self,
-        start: float,
-        state: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-        load: np.ndarray | None = None,
-        driven: np.ndarray | None = None,
+        self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Advance over len(u) ticks; see `Plant.advance`."""
-        space = self.model.space
-        n = self.model.n
+        """Advance tick by tick; see `Plant.advance`."""
+        M, n = setpoints.u.shape
         nq = self.model.nq
-        M = len(u)
+        drive = self.drive
+        closed = setpoints.grippers_close
+        disturbance = disturbance or Disturbance.none(self.model.nominal, M, n)
+        law = self.law.counting_with(setpoints.load)
+        if self.firing is not None:
+            self.firing.begin_sample(setpoints.shut)
+        time = start + self.tick * np.arange(M + 1)
         states = np.vstack([state, np.empty((M, nq + n))])
         commanded = np.empty((M, n))
         F = np.empty((M, n))
         external_force = np.empty((M, n))
-        drive = self.drive
-        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
-        disturbance = disturbance or Disturbance.none(self.model.nominal, M, n)
-        is_noisy = bool(disturbance.noise.any())
-        law = self.law.counting_with(load)
-        time = start + self.tick * np.arange(M + 1)
+        sum_of_ticks = np.zeros(self.model.parts["base"].stop + 1)  # impulse and work
         for k in range(M):
-            grasps = self.begin_tick(float(time[k]), states[k], closed is not None and bool(closed[k]))
-            Q = states[k, :nq]
-            v = states[k, nq:]
-            if is_noisy:
-                Q = np.array(space.integrate(Q, disturbance.noise[k, :n]))
-                v = v + disturbance.noise[k, n:]
-            of_base = law.driven if driven is None else tuple(driven[k].tolist())
-            following = partial(
-                law.force,
-                Q,
-                v,
-                grasps=grasps,
-                parameters=disturbance.law if drive is None else disturbance.law.storing(drive.stored),
-                driven=of_base,
-            )
-            rates_of_tick = None if twist_rates is None else twist_rates[k]
-            commanded[k] = following(u[k], twist_rates=rates_of_tick)
+            grasps = self.begin_tick(float(time[k]), states[k], bool(closed[k]))
+            tick_law = self._tick_law(law, k, states[k], grasps, setpoints, disturbance)
+            commanded[k] = tick_law.force(*setpoints.at(k))
+            commanded[k], limits = self._fire(k, states[k], commanded[k], tick_law, setpoints)
+            F[k] = commanded[k] if limits is None else limits.limited(self.model.space, states[k, :nq], commanded[k])
             if drive is not None:
-                commanded[k] = drive.commanded(commanded[k], of_base)
-            limits = self.force_limits
-            if limits is not None and self.firing is not None:
-                self.firing.count_with_load(grasps is not None and law.grasps is not None)
-                span = self.firing.span(driven, k, M)
-                if span.begins:
-                    rates = None if twist_rates is None else twist_rates[span.ticks].mean(axis=0)
-                    wanted = following(u[span.ticks].mean(axis=0), twist_rates=rates)
-                    if drive is not None:
-                        wanted = drive.commanded(wanted, of_base)
-                    self.firing.begin(limits.on_base(space, states[k : k + 1, :nq], wanted[None])[0])
-                on_base = limits.on_base(space, states[k : k + 1, :nq], commanded[k : k + 1])
-                if span.is_pushed:
-                    wrench = self.firing.wrenches(1)
-                    base_force = np.array([self._on_base(Q, each) for each in (wrench[0], self.firing.mean)])
-                    pushed = following(u[k], twist_rates=rates_of_tick, base_force=base_force)
-                    commanded[k, space.joint_rates] = pushed[space.joint_rates]
-                    (held,) = limits.holding_base(wrench)
-                    limits = ForceLimits(*np.split(held, 2))
-                self.firing.pass_ticks(on_base, span.is_pushed)
-            F[k] = commanded[k] if limits is None else limits.limited(space, states[k, :nq], commanded[k])
-            if drive is not None:
-                F[k] = drive.begin_tick(F[k], of_base)
+                F[k] = drive.begin_tick(F[k], tick_law.driven)
             external_force[k] = F[k] if drive is None else drive.of_thrusters(F[k])
             external_force[k] += disturbance.external_force[k]
             states[k + 1], of_tick = self.step(states[k], F[k] + disturbance.external_force[k], disturbance.robot)
-            impulse_and_work += of_tick
+            sum_of_ticks += of_tick
             if drive is not None:
                 drive.end_tick()
         return Ticks(
             time=time,
             states=states,
             F=F,
-            impulse_and_work=self.impulse_and_work(impulse_and_work, states, external_force),
+            impulse_and_work=self.impulse_and_work(sum_of_ticks, states, external_force),
             target_object=self.end_sample(),
             commanded=None if self.force_limits is None else commanded,
             thrusters=None if self.firing is None else self.firing.end_sample(),
             wheels=None if drive is None else drive.end_sample(),
         )
+
+    def _tick_law(
+        self,
+        law: LowLevelLaw,
+        k: int,
+        state: np.ndarray,
+        grasps: np.ndarray | None,
+        setpoints: Setpoints,
+        disturbance: Disturbance,
+    ) -> _TickLaw:
+        """Return the law in tick k, which begins in a state [Q; v]: it reads that with noise."""
+        n = self.model.n
+        Q = state[: self.model.nq]
+        v = state[self.model.nq :]
+        if disturbance.is_noisy:
+            Q = np.array(self.model.space.integrate(Q, disturbance.noise[k, :n]))
+            v = v + disturbance.noise[k, n:]
+        return _TickLaw(
+            law=law,
+            Q=Q,
+            v=v,
+            grasps=grasps,
+            parameters=disturbance.law if self.drive is None else disturbance.law.storing(self.drive.stored),
+            driven=law.driven if setpoints.driven is None else tuple(setpoints.driven[k].tolist()),
+            drive=self.drive,
+        )
+
+    def _fire(
+        self, k: int, state: np.ndarray, commanded: np.ndarray, law: _TickLaw, setpoints: Setpoints
+    ) -> tuple[np.ndarray, ForceLimits | None]:
+        """Let thrusters give the force on the base in a tick, and joints follow their setpoints under it.
+
+        Where no thrusters fire the command stays, within the limits of the plant.
+
+        Args:
+            k: The tick.
+            state: State [Q; v] where it begins.
+            commanded: Force that the law commands (n,).
+            law: The law in this tick.
+            setpoints: Those of the sample.
+
+        Returns:
+            What is commanded of base and joints, and limits that hold the force on the base to that of the thrusters.
+        """
+        firing = self.firing
+        limits = self.force_limits
+        if firing is None or limits is None:
+            return commanded, limits
+        Q = state[None, : self.model.nq]
+        space = self.model.space
+        firing.count_with_load(law.counts_with_load)
+        span = firing.span(setpoints.driven, k, len(setpoints.u))
+        if span.begins:
+            wanted = law.force(*setpoints.mean(span.ticks))
+            firing.begin(limits.on_base(space, Q, wanted[None])[0])
+        wanted_on_base = limits.on_base(space, Q, commanded[None])
+        if span.is_pushed:
+            wrench = firing.wrenches(1)
+            base_force = np.array([self._on_base(law.Q, wrench[0]), self._on_base(law.Q, firing.mean)])
+            joint_force = law.joint_force(*setpoints.at(k), base_force)
+            commanded = commanded.copy()
+            commanded[space.joint_rates] = joint_force[space.joint_rates]
+            (held,) = limits.holding_base(wrench)
+            limits = ForceLimits(*np.split(held, 2))
+        firing.pass_ticks(wanted_on_base, span.is_pushed)
+        return commanded, limits
 
     def _on_base(self, Q: np.ndarray, wrench: np.ndarray) -> np.ndarray:
         """Return the generalized force (n_twist,) of a wrench of thrusters, less what unloads wheels in this tick."""

@@ -137,7 +137,8 @@ class GraspLaw:
 
     def _forces(self) -> ca.Function:
         sizes = {"Q": self.model.nq, "v": self.model.n, "pose": self.sizes[0], "rate": self.sizes[1]}
-        Q, v, pose, rate = symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
+        symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
+        Q, v, pose, rate = symbols
         p = ca.SX.sym("p", self.parameters * len(self.grippers))
         force = ca.SX.zeros(self.model.n)
         wrench = ca.SX.zeros(self.size)

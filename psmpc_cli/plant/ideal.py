@@ -3,7 +3,7 @@
 import numpy as np
 
 from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.plant.base import Disturbance, Ticks
+from psmpc_cli.plant.base import Disturbance, Setpoints, Ticks
 from psmpc_cli.plant.grasp import PlantSetup
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.motion import over_ticks
@@ -18,26 +18,19 @@ class IdealPlant:
         self._force = BatchFunction(model.dynamics.inverse)
 
     def advance(
-        self,
-        start: float,
-        state: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-        load: np.ndarray | None = None,
-        driven: np.ndarray | None = None,
+        self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Advance the state (nq + n,) over the M ticks of a sample, tick k under exactly the acceleration u[k] (n,).
+        """Advance over the M ticks of a sample, tick k under exactly the acceleration u[k]; see `Plant.advance`.
 
         F is the force that this acceleration needs at the beginning of its tick, by inverse dynamics. Impulse and work
-        are the change of momentum and kinetic energy from the first state to the last. `disturbance`, `closed` and
-        `driven` have no effect: this plant knows neither disturbances nor grippers, and all of its base is driven.
-        Rates of the frames' velocities are turned into accelerations where each tick begins.
+        are the change of momentum and kinetic energy from the first state to the last. Rates in task space are turned
+        into accelerations where each tick begins. This plant knows neither disturbances nor grippers, and all of its
+        base is driven.
         """
         model = self.model
-        if twist_rates is not None:
-            u = self._accelerations(state, twist_rates)
+        u = setpoints.u
+        if setpoints.twist_rates is not None:
+            u = self._accelerations(state, setpoints.twist_rates)
         Q, v = over_ticks(model.space, state[: model.nq], state[model.nq :], u, self.tick)
         (F,) = self._force(Q[:-1], v[:-1], u, model.nominal.vector, rows=len(u))
         momentum_and_energy = model.balance(Q[[0, -1]], v[[0, -1]])

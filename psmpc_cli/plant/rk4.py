@@ -1,35 +1,168 @@
 """The full rigid-body dynamics under the computed-torque law (7): force held over a tick, Runge-Kutta between ticks."""
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.compiled import compiled
 from psmpc_cli.native.functions import ArrayFunction
-from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks, limited_force
-from psmpc_cli.plant.grasp import Capture, GraspLaw, PlantSetup
+from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Setpoints, Ticks
+from psmpc_cli.plant.grasp import Capture, PlantSetup
 from psmpc_cli.plant.thrusters import ThrusterFiring
+from psmpc_cli.plant.tick_functions import TickKind, capture_tick, tick_function
 from psmpc_cli.plant.wheels import WheelDrive
-from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import of_driven, with_stored
-from psmpc_cli.robot.free_body import FreeBody
-from psmpc_cli.robot.held_load import held_force, pushed_held_force
-from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.wheels import Wheels, by_expressions
-from psmpc_cli.specs.object import GRASP_LOADS
-
-LOADS = len(GRASP_LOADS)
 
 
-class Rk4Plant:
+@dataclass(frozen=True, eq=False)
+class _Inputs:
+    """What the compiled function of ticks takes at each tick of a sample.
+
+    Attributes:
+        setpoints: What the law follows, then what of the base is driven where that varies (M, k).
+        disturbances: Noise (M, 2n) and external force (M, n), as far as the function has them.
+        in_task_space: Whether the law follows rates of the velocities J_C v.
+        varies: Whether it is told what of the base is driven.
+    """
+
+    setpoints: np.ndarray
+    disturbances: tuple[np.ndarray, ...]
+    in_task_space: bool
+    varies: bool
+
+    def kind(self, plain: TickKind, is_pushed: bool) -> TickKind:
+        """Return the function of a tick that takes them, of those with the arguments of the plant alone."""
+        return replace(plain, in_task_space=self.in_task_space, varies=self.varies, is_pushed=is_pushed)
+
+    def at(self, ticks: slice) -> list[np.ndarray]:
+        """Return the arguments at ticks, a row each."""
+        return [values[ticks] for values in (self.setpoints, *self.disturbances)]
+
+    def mean(self, ticks: slice) -> list[np.ndarray]:
+        """Return the arguments of one tick with the mean setpoints over ticks, disturbed as the first of them."""
+        first = slice(ticks.start, ticks.start + 1)
+        mean = self.setpoints[ticks].mean(axis=0)
+        return [mean[None], *(values[first] for values in self.disturbances)]
+
+
+class _CompiledPlant(ABC):
+    """A plant whose ticks between two events are one call of a function, as compiled C where it is `native`.
+
+    Events are beginnings of periods of pulses, and what a plant has of its own. With thrusters the limits of the force
+    on the base are at what they give, which the law then counts with.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        tick: float,
+        substeps: int,
+        native: bool,
+        friction: JointFriction | None,
+        force_limits: ForceLimits | None,
+        firing: ThrusterFiring | None,
+        drive: WheelDrive | None,
+    ) -> None:
+        self.model = model
+        self.tick = tick
+        self.friction = friction
+        self.force_limits = force_limits
+        self.firing = firing
+        self.drive = drive
+        self._native = native
+        self._plain = TickKind(tick, substeps, disturbed=friction is not None, limited=force_limits is not None)
+        self._one_tick: dict[TickKind, ca.Function] = {}
+        self._ticks: dict[tuple[int, TickKind], ArrayFunction] = {}
+
+    @abstractmethod
+    def _build_tick(self, kind: TickKind) -> ca.Function:
+        """Build the function of one tick z, at each tick, fixed, limits -> z_next, F, commanded F, others.
+
+        It has limits, and returns what is commanded besides what acts, where there are limits.
+        """
+
+    def _tick_of(self, kind: TickKind) -> ca.Function:
+        """Return the function of one tick, built on first use."""
+        if kind not in self._one_tick:
+            one = self._build_tick(kind)
+            self._one_tick[kind] = compiled(one) if self._native else one
+        return self._one_tick[kind]
+
+    def _over(self, ticks: int, kind: TickKind) -> ArrayFunction:
+        """Return the function of so many ticks, built on first use."""
+        if (ticks, kind) not in self._ticks:
+            self._ticks[ticks, kind] = ArrayFunction(self._tick_of(kind).mapaccum(ticks))
+        return self._ticks[ticks, kind]
+
+    def _begin_span(
+        self, first: int, last: int, z: np.ndarray, inputs: _Inputs, fixed: tuple[np.ndarray, ...], setpoints: Setpoints
+    ) -> tuple[slice, bool]:
+        """Return ticks over which the same holds of the thrusters; a period of pulses may begin with them.
+
+        Args:
+            first: The first of them.
+            last: The one after the last that may be among them.
+            z: Integrated state at the first.
+            inputs: Arguments at each tick of the sample.
+            fixed: Arguments that are the same at all ticks.
+            setpoints: Those of the sample.
+
+        Returns:
+            The ticks, and whether thrusters push the base in them.
+        """
+        firing = self.firing
+        limits = self.force_limits
+        if firing is None or limits is None:
+            return slice(first, last), False
+        span = firing.span(setpoints.driven, first, last)
+        if span.begins:
+            one = self._over(1, inputs.kind(self._plain, is_pushed=True))
+            _, _, wanted, *_ = one(z, *inputs.mean(span.ticks), *fixed, _without_thrust(limits, firing))
+            firing.begin(limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
+        return span.ticks, span.is_pushed
+
+    def _integrate(
+        self, ticks: slice, is_pushed: bool, z: np.ndarray, inputs: _Inputs, fixed: tuple[np.ndarray, ...]
+    ) -> list[np.ndarray]:
+        """Return the results of the function of ticks, within the limits of the force, a row a tick.
+
+        Args:
+            ticks: The ticks.
+            is_pushed: Whether thrusters push the base in them.
+            z: Integrated state at the first.
+            inputs: Arguments at each tick of the sample.
+            fixed: Arguments that are the same at all ticks.
+        """
+        count = ticks.stop - ticks.start
+        limits: tuple[np.ndarray, ...] = ()
+        if self.force_limits is not None:
+            limits = (self.force_limits.vector,)
+            if self.firing is not None and is_pushed:
+                limits = (_under_thrust(self.force_limits, self.firing, count),)
+        over = self._over(count, inputs.kind(self._plain, is_pushed))
+        return over(z, *inputs.at(ticks), *fixed, *limits)
+
+    def _pass_ticks(self, states: np.ndarray, commanded: np.ndarray, is_pushed: bool) -> None:
+        """Tell the thrusters what the law has commanded over ticks that have passed.
+
+        Args:
+            states: Integrated states where the ticks begin (K, nq and more).
+            commanded: Commanded forces (K, n) [N, N m].
+            is_pushed: Whether thrusters push the base in them.
+        """
+        if self.firing is not None and self.force_limits is not None:
+            Q = states[:, : self.model.nq]
+            self.firing.pass_ticks(self.force_limits.on_base(self.model.space, Q, commanded), is_pushed)
+
+
+class Rk4Plant(_CompiledPlant):
     """Integrates state, external impulse and work together, `substeps` steps a tick; `native`, as compiled C.
 
     With friction it is a disturbed plant: all that differs from what the controller knows is an argument of one
     function, so every draw, with and without a payload, runs the same code. Without one these arguments are constants.
-    Force limits are an argument where there are any. With thrusters the ticks of a period of pulses are one call, with
-    the limits of the force on the base at what they give, which the law then counts with.
+    Force limits are an argument where there are any.
     """
 
     def __init__(
@@ -43,66 +176,37 @@ class Rk4Plant:
         firing: ThrusterFiring | None = None,
         drive: WheelDrive | None = None,
     ) -> None:
-        self.model = model
-        self.tick = tick
-        self.friction = friction
-        self.force_limits = force_limits
-        self.firing = firing
-        self.drive = drive
-        self._native = native
-        self._substeps = substeps
-        self._ticks: dict[tuple[bool, bool, bool], ca.Function] = {}
-        self._sample: dict[tuple[int, bool, bool, bool], ArrayFunction] = {}
-        self._tick_by(in_task_space=False, is_pushed=firing is not None)
+        super().__init__(model, tick, substeps, native, friction, force_limits, firing, drive)
+        self._tick_of(replace(self._plain, is_pushed=firing is not None))
 
     def advance(
-        self,
-        start: float,
-        state: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-        load: np.ndarray | None = None,
-        driven: np.ndarray | None = None,
+        self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Simulate the robot over one sample: len(u) ticks of the low-level law.
+        """Simulate the robot over one sample; see `Plant.advance`.
 
-        Without thrusters they are integrated in one compiled call. The integrated state is z = [state; external
-        impulse; work; momenta of wheels]; impulse and work begin at 0 in each sample. See `Plant.advance` for the
-        arguments.
+        The integrated state is z = [state; external impulse; work; momenta of wheels]; impulse and work begin at 0.
         """
-        ticks = len(u)
-        nx = len(state)
-        in_task_space = twist_rates is not None
-        inputs = u if twist_rates is None else twist_rates
-        if driven is not None:
-            inputs = np.hstack([inputs, driven])
-        by_tick: tuple[np.ndarray, ...] = ()  # what differs from the robot that the low-level law knows
-        parameters: tuple[np.ndarray, ...] = ()
-        if self.friction is not None and disturbance is not None:
-            by_tick = disturbance.noise, disturbance.external_force
-            parameters = (np.concatenate([disturbance.robot.vector, disturbance.law.vector, self.friction.vector]),)
-
-        def over(
-            first: int, inputs: np.ndarray, z: np.ndarray, limits: tuple[np.ndarray, ...], is_pushed: bool = False
-        ) -> list[np.ndarray]:
-            chosen = slice(first, first + len(inputs))
-            what_differs = *(values[chosen] for values in by_tick), *parameters
-            of_ticks = self._over(len(inputs), in_task_space, driven is not None, is_pushed)
-            return of_ticks(z, inputs, *what_differs, *limits)
-
+        M = len(setpoints.u)
+        inputs, fixed = self._arguments(setpoints, disturbance)
+        if self.firing is not None:
+            self.firing.begin_sample(setpoints.shut)
         sums = self.model.parts["base"].stop + 1
         z = np.concatenate([state, np.zeros(sums), _momenta(self.model, self.drive)])
-        if self.force_limits is None:
-            Z, F, *more = over(0, inputs, z, ())
-        elif self.firing is None:
-            Z, F, *more = over(0, inputs, z, (self.force_limits.vector,))
-        else:
-            Z, F, *more = self._while_firing(self.firing, self.force_limits, inputs, driven, z, over)
-        robot, impulse_and_work, momenta = np.split(Z, [nx, nx + sums], axis=1)
+        spans = []
+        k = 0
+        while k < M:
+            ticks, is_pushed = self._begin_span(k, M, z, inputs, fixed, setpoints)
+            rows = self._integrate(ticks, is_pushed, z, inputs, fixed)
+            Z = rows[0]
+            if self.force_limits is not None:
+                self._pass_ticks(np.vstack([z, Z[:-1]]), rows[2], is_pushed)
+            spans.append(rows)
+            z = Z[-1]
+            k = ticks.stop
+        Z, F, *more = (np.concatenate(rows) for rows in zip(*spans, strict=True))
+        robot, impulse_and_work, momenta = np.split(Z, np.cumsum([len(state), sums]), axis=1)
         return Ticks(
-            time=start + self.tick * np.arange(ticks + 1),
+            time=start + self.tick * np.arange(M + 1),
             states=np.concatenate([state[None], robot]),
             F=F,
             impulse_and_work=impulse_and_work[-1],
@@ -111,64 +215,32 @@ class Rk4Plant:
             wheels=None if self.drive is None else _recorded(self.drive, momenta, more[-1]).end_sample(),
         )
 
-    def _while_firing(
-        self,
-        firing: ThrusterFiring,
-        force_limits: ForceLimits,
-        inputs: np.ndarray,
-        driven: np.ndarray | None,
-        z: np.ndarray,
-        over: Callable[[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...], bool], list[np.ndarray]],
-    ) -> list[np.ndarray]:
-        """Return what `over` does of all ticks, under what thrusters give in each period of pulses.
+    def _arguments(
+        self, setpoints: Setpoints, disturbance: Disturbance | None
+    ) -> tuple[_Inputs, tuple[np.ndarray, ...]]:
+        """Return the arguments of `tick_function` at each tick of a sample, and those that are the same at all."""
+        followed = setpoints.u if setpoints.twist_rates is None else setpoints.twist_rates
+        if setpoints.driven is not None:
+            followed = np.hstack([followed, setpoints.driven])
+        disturbances: tuple[np.ndarray, ...] = ()
+        fixed: tuple[np.ndarray, ...] = ()
+        if self.friction is not None and disturbance is not None:
+            disturbances = disturbance.noise, disturbance.external_force
+            fixed = (np.concatenate([disturbance.robot.vector, disturbance.law.vector, self.friction.vector]),)
+        inputs = _Inputs(
+            followed,
+            disturbances,
+            in_task_space=setpoints.twist_rates is not None,
+            varies=setpoints.driven is not None,
+        )
+        return inputs, fixed
 
-        Args:
-            firing: The thrusters.
-            force_limits: Limits of the force.
-            inputs: What the law follows at the ticks of the sample.
-            driven: Whether something acts on each coordinate of the base, see `Plant.advance`.
-            z: Integrated state at its beginning.
-            over: First tick, inputs of ticks, integrated state, limits, whether thrusters push the base -> integrated
-                states, forces applied and commanded, a row a tick each.
-        """
-        parts = []
-        k = 0
-        while k < len(inputs):
-            span = firing.span(driven, k, len(inputs))
-            if span.begins:
-                mean = inputs[span.ticks].mean(axis=0)
-                _, _, wanted, *_ = over(k, mean[None], z, (_without_thrust(force_limits, firing),), True)
-                firing.begin(force_limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
-            limits = force_limits.vector
-            if span.is_pushed:
-                limits = _under_thrust(force_limits, firing, span.count)
-            Z, F, commanded, *torque = over(k, inputs[span.ticks], z, (limits,), span.is_pushed)
-            before = np.vstack([z, Z[:-1]])[:, : self.model.nq]
-            firing.pass_ticks(force_limits.on_base(self.model.space, before, commanded), span.is_pushed)
-            parts.append((Z, F, commanded, *torque))
-            z = Z[-1]
-            k += span.count
-        return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
-
-    def _over(self, ticks: int, in_task_space: bool, varies: bool, is_pushed: bool) -> ArrayFunction:
-        """Return the function of so many ticks, built on first use."""
-        key = ticks, in_task_space, varies, is_pushed
-        if key not in self._sample:
-            self._sample[key] = ArrayFunction(self._tick_by(in_task_space, varies, is_pushed).mapaccum(ticks))
-        return self._sample[key]
-
-    def _tick_by(self, in_task_space: bool, varies: bool = False, is_pushed: bool = False) -> ca.Function:
-        """Return one tick as `tick_function` has it, built on first use."""
-        key = in_task_space, varies, is_pushed
-        if key not in self._ticks:
-            disturbed = self.friction is not None
-            limited = self.force_limits is not None
-            one = tick_function(self.model, self.tick, self._substeps, disturbed, limited, *key)
-            self._ticks[key] = compiled(one) if self._native else one
-        return self._ticks[key]
+    def _build_tick(self, kind: TickKind) -> ca.Function:
+        """Build `tick_function`."""
+        return tick_function(self.model, kind)
 
 
-class Rk4CapturePlant:
+class Rk4CapturePlant(_CompiledPlant):
     """A robot, an object, and the grasps between them, integrated together; the bushings in every stage of a step.
 
     Ticks between two events of grasps are one call: when grippers close or open, and where a grasp is lost, it ends.
@@ -187,86 +259,36 @@ class Rk4CapturePlant:
         firing: ThrusterFiring | None = None,
         drive: WheelDrive | None = None,
     ) -> None:
+        model = capture.law.model
+        super().__init__(model, capture.tick, substeps, native, friction, force_limits, firing, drive)
         self.capture = capture
-        self.model = capture.law.model
-        self.tick = capture.tick
-        self.friction = friction
-        self.force_limits = force_limits
-        self.firing = firing
-        self.drive = drive
-        self._native = native
-        self._substeps = substeps
-        self._ticks: dict[tuple[int, bool, bool, bool], ArrayFunction] = {}
 
     def advance(
-        self,
-        start: float,
-        state: np.ndarray,
-        u: np.ndarray,
-        disturbance: Disturbance | None = None,
-        closed: np.ndarray | None = None,
-        twist_rates: np.ndarray | None = None,
-        load: np.ndarray | None = None,
-        driven: np.ndarray | None = None,
+        self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
         """Simulate robot and object over one sample; see `Plant.advance`."""
         capture = self.capture
-        model = self.model
-        M, n = u.shape
-        nx = len(state)
-        base = model.parts["base"].stop
-        inputs = np.hstack([each for each in (u, twist_rates, driven) if each is not None])
-        of_law = twist_rates is not None, driven is not None
-        wanted = np.zeros(M, bool) if closed is None else closed
-        disturbance = disturbance or Disturbance.none(model.nominal, M, n)
-        friction = self.friction or JointFriction.none(n)
-        bodies = capture.body.vector, capture.described.vector if load is None else load
-        p = np.concatenate(
-            [disturbance.robot.vector, disturbance.law.vector, friction.vector, *bodies, [capture.filter]]
-        )
-        limits = () if self.force_limits is None else (self.force_limits.vector,)
+        M, n = setpoints.u.shape
+        inputs, parameters = self._arguments(setpoints, disturbance or Disturbance.none(self.model.nominal, M, n))
+        if self.firing is not None:
+            self.firing.begin_sample(setpoints.shut)
+        closed = setpoints.grippers_close
         times = start + self.tick * np.arange(M + 1)
-        states = np.vstack([state, np.empty((M, nx))])
+        states = np.vstack([state, np.empty((M, len(state)))])
         F = np.empty((M, n))
         commanded = np.empty((M, n))
-        impulse_and_work = np.zeros(base + 1)
+        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
         k = 0
         while k < M:
-            capture.want(times[k], states[k], bool(wanted[k]))
-            others = np.flatnonzero(wanted[k:] != wanted[k])
-            ticks = slice(k, k + int(others[0]) if others.size else M)
-            h = _momenta(model, self.drive)
+            capture.want(times[k], states[k], bool(closed[k]))
+            h = _momenta(self.model, self.drive)
             z = np.concatenate([states[k], impulse_and_work, h, capture.state, capture.load.ravel()])
-            noise: tuple[np.ndarray, ...] = (disturbance.noise[ticks],) if self.friction is not None else ()
-            grasps = np.concatenate([capture.parameters.ravel(), capture.closed])
-            held: tuple[np.ndarray, ...] = limits
-            span = None
-            if self.firing is not None and self.force_limits is not None:
+            fixed = np.concatenate([capture.parameters.ravel(), capture.closed]), parameters
+            if self.firing is not None:
                 self.firing.count_with_load(bool(capture.spec.known and capture.closed.all()))
-                span = self.firing.span(driven, k, ticks.stop)
-                Q = states[k : k + 1, : model.nq]
-                if span.begins:
-                    mean = inputs[span.ticks].mean(axis=0)
-                    noise_now = tuple(values[:1] for values in noise)
-                    _, _, commanded[k : k + 1], *_ = self._over(1, *of_law, is_pushed=True)(
-                        z,
-                        mean,
-                        *noise_now,
-                        disturbance.external_force[k],
-                        grasps,
-                        p,
-                        _without_thrust(self.force_limits, self.firing),
-                    )
-                    self.firing.begin(self.force_limits.on_base(model.space, Q, commanded[k : k + 1])[0])
-                ticks = span.ticks
-                noise = tuple(values[: span.count] for values in noise)
-                if span.is_pushed:
-                    held = (_under_thrust(self.force_limits, self.firing, span.count),)
-            is_pushed = span is not None and span.is_pushed
-            Z, F[ticks], commanded[ticks], wrench, *torque = self._over(ticks.stop - k, *of_law, is_pushed=is_pushed)(
-                z, inputs[ticks], *noise, disturbance.external_force[ticks], grasps, p, *held
-            )
-            sizes = [nx, base + 1, len(h), len(capture.state)]
+            ticks, is_pushed = self._begin_span(k, _end_of_equal(closed, k), z, inputs, fixed, setpoints)
+            Z, F[ticks], commanded[ticks], wrench, *torque = self._integrate(ticks, is_pushed, z, inputs, fixed)
+            sizes = [len(state), len(impulse_and_work), len(h), len(capture.state)]
             robot, sums, momenta, of_object, load = np.split(Z, np.cumsum(sizes), axis=1)
             count = capture.record(
                 times[ticks],
@@ -274,13 +296,9 @@ class Rk4CapturePlant:
                 wrench.reshape(len(Z), len(capture.closed), -1),
                 load.reshape(len(Z), len(capture.closed), -1),
             )
-            if count:
+            if count:  # ticks before a grasp is lost
                 states[k + 1 : k + 1 + count] = robot[:count]
-                if self.firing is not None and self.force_limits is not None and span is not None:
-                    passed = slice(k, k + count)
-                    Q = states[passed, : model.nq]
-                    of_base = self.force_limits.on_base(model.space, Q, commanded[passed])
-                    self.firing.pass_ticks(of_base, span.is_pushed)
+                self._pass_ticks(states[k : k + count], commanded[k : k + count], is_pushed)
                 if self.drive is not None:
                     _recorded(self.drive, momenta[:count], torque[0][:count])
                 impulse_and_work = sums[count - 1]
@@ -297,152 +315,40 @@ class Rk4CapturePlant:
             wheels=None if self.drive is None else self.drive.end_sample(),
         )
 
-    def _over(self, ticks: int, in_task_space: bool, varies: bool, is_pushed: bool) -> ArrayFunction:
-        """Return the function of so many ticks, built on first use."""
-        key = ticks, in_task_space, varies, is_pushed
-        if key not in self._ticks:
-            disturbed = self.friction is not None
-            limited = self.force_limits is not None
-            one = capture_tick(self.capture, self._substeps, disturbed, limited, *key[1:])
-            self._ticks[key] = ArrayFunction((compiled(one) if self._native else one).mapaccum(ticks))
-        return self._ticks[key]
+    def _arguments(self, setpoints: Setpoints, disturbance: Disturbance) -> tuple[_Inputs, np.ndarray]:
+        """Return the arguments of `capture_tick` at each tick of a sample, and its parameters, the same at all."""
+        capture = self.capture
+        columns = (setpoints.u, setpoints.twist_rates, setpoints.driven)
+        external_force = disturbance.external_force
+        inputs = _Inputs(
+            np.hstack([values for values in columns if values is not None]),
+            (external_force,) if self.friction is None else (disturbance.noise, external_force),
+            in_task_space=setpoints.twist_rates is not None,
+            varies=setpoints.driven is not None,
+        )
+        friction = self.friction or JointFriction.none(self.model.n)
+        known_object = capture.described.vector if setpoints.load is None else setpoints.load
+        parameters = np.concatenate(
+            [
+                disturbance.robot.vector,
+                disturbance.law.vector,
+                friction.vector,
+                capture.body.vector,
+                known_object,
+                [capture.filter],
+            ]
+        )
+        return inputs, parameters
+
+    def _build_tick(self, kind: TickKind) -> ca.Function:
+        """Build `capture_tick`."""
+        return capture_tick(self.capture, kind)
 
 
-def capture_tick(
-    capture: Capture,
-    substeps: int,
-    disturbed: bool,
-    limited: bool,
-    in_task_space: bool = False,
-    varies: bool = False,
-    is_pushed: bool = False,
-) -> ca.Function:
-    """Return one tick z, u -> z_next, F, commanded F, wrenches, torques of wheels.
-
-    z = [state; impulse; work; momenta of wheels; object; filtered loads]. In task space the rates of the frames'
-    velocities follow u, then what of the base is driven if that varies, see `tick_function`. Further arguments: noise
-    (2n,) of a disturbed tick; external force (n,); parameters of the bushings, then which of them are closed; the
-    inertial parameters of the robot and of the law, a `JointFriction`, the object and what the law knows of it, and the
-    filter of the loads; the vector of `ForceLimits` of a limited tick. Wrenches and loads are those at the beginning of
-    the tick. The object counts in the law while all grippers hold it, where it is known. See `tick_function` for a tick
-    in which thrusters push the base.
-    """
-    law = capture.law
-    of_plant = capture.tick, substeps, disturbed, limited, in_task_space, varies, is_pushed
-    key = capture_tick, law.grippers, bool(capture.spec.known), *of_plant
-    return law.model.derived(key, lambda: _capture_tick(law, bool(capture.spec.known), *of_plant))
-
-
-def _capture_tick(
-    law: GraspLaw,
-    known: bool,
-    tick: float,
-    substeps: int,
-    disturbed: bool,
-    limited: bool,
-    in_task_space: bool,
-    varies: bool,
-    is_pushed: bool,
-) -> ca.Function:
-    """Derive what `capture_tick` returns."""
-    model = law.model
-    n = model.n
-    nx = model.nq + n
-    grippers = len(law.grippers)
-    w = model.nominal.vector.size
-    of_body = 1 + len(law.body.inertia)
-    flow = _capture_flow(law)
-    rates = model.n_twists if in_task_space else 0
-    driven = model.space.n_twist * varies
-    sizes = {
-        "z": flow.size1_in(0) + LOADS * grippers,
-        "u": n + rates + driven,
-        "noise": 2 * n,
-        "push": n,
-        "grasps": (law.parameters + 1) * grippers,
-        "p": 2 * w + 2 * n + 1 + 2 * of_body + 1,
-        "limits": 2 * n + model.space.n_twist * is_pushed,
-    }
-    z, u, noise, push, grasps, p, limits = (ca.MX.sym(name, size) for name, size in sizes.items())
-    moving, filtered = ca.vertsplit(z, [0, flow.size1_in(0), sizes["z"]])
-    wheels = Wheels.of(model.spec)
-    of_object = flow.size1_in(0) - sum(law.sizes)
-    state, _, momenta, target_object = ca.vertsplit(
-        moving, [0, nx, of_object - wheels.count, of_object, flow.size1_in(0)]
-    )
-    bushings, closed = ca.vertsplit(grasps, [0, law.parameters * grippers, sizes["grasps"]])
-    robot, believed, friction, body, described, follows = ca.vertsplit(
-        p, np.cumsum([0, w, w, 2 * n + 1, of_body, of_body, 1]).tolist()
-    )
-    pose, rate = ca.vertsplit(target_object, [0, law.sizes[0], sum(law.sizes)])
-    Q, v = ca.vertsplit(state, [0, model.nq, nx])
-    _, _, _, wrenches, loads = law.forces(Q, v, pose, rate, bushings)
-    holding = ca.vec(ca.repmat(closed.T, LOADS, 1))
-    load = filtered + follows * holding * (ca.vec(loads) - filtered)
-    measured = ca.vertsplit(_measured(model)(state, noise) if disturbed else state, [0, model.nq, nx])
-    by_gripper = ca.horzsplit(ca.reshape(bushings, law.parameters, grippers))
-    stiff = ca.vertcat(*(bushing[:-2] for bushing in by_gripper))  # without the dampings
-    if wheels.count:
-        believed = with_stored(model.spec, believed, ca.DM(wheels.axes) @ momenta)
-    inputs = *ca.vertsplit(u, [0, n, n + rates, n + rates + driven]), stiff, believed, described
-    if is_pushed:
-        on_base = _force_on_base(model, wheels, tick)
-        inputs = *inputs, ca.vertcat(*(on_base(measured[0], wrench, momenta) for wrench in _thrust(model, limits)))
-    commanded = _law(law, known, in_task_space, varies, is_pushed)(ca.mmin(closed), *measured, *inputs)
-    of_base = u[n + rates :] if varies else ca.DM(model.driven())
-    commanded, F, external, torque = _with_wheels(model, wheels, tick, limited)(
-        Q, commanded, limits[: 2 * n], momenta, of_base
-    )
-    acting = ca.vertcat(external + push, torque)
-    held_arguments = [acting, bushings, ca.vertcat(robot, friction, body)]
-    attitudes = model.space.attitudes_at(0, flow.size1_in(0) - sum(law.sizes))
-    after = _runge_kutta(flow, moving, held_arguments, tick, substeps, attitudes)
-    arguments = [z, u, *([noise] if disturbed else []), push, grasps, p, *([limits] if limited else [])]
-    results = [ca.vertcat(after, load), F, commanded, ca.vec(wrenches), *([torque] if wheels.count else [])]
-    return ca.Function("capture", arguments, results)
-
-
-def _capture_flow(law: GraspLaw) -> ca.Function:
-    """Return the rates of z = [state; impulse; work; momenta of wheels; object], bushings, p under an external force.
-
-    The force F is followed by the torques of wheels, see `_gyrostat`. p are the inertial parameters of the robot,
-    viscous and Coulomb friction and its width, mass and inertia of the object.
-    """
-    model = law.model
-    n = law.model.n
-    nq = law.model.nq
-    base = law.model.parts["base"].stop
-    w = model.nominal.vector.size
-    no = sum(law.sizes)
-    moments = len(law.body.inertia)
-    wheels = Wheels.of(model.spec)
-    sizes = (
-        ("z", nq + n + base + 1 + wheels.count + no),
-        ("F", n + wheels.count),
-        ("g", law.parameters * len(law.grippers)),
-    )
-    z, F, g = (ca.SX.sym(*size) for size in sizes)
-    p = ca.SX.sym("p", w + 2 * n + 1 + 1 + moments)
-    robot, viscous, coulomb, width, body = ca.vertsplit(p, np.cumsum([0, w, n, n, 1, 1 + moments]).tolist())
-    Q = z[:nq]
-    v = z[nq : nq + n]
-    pose = z[z.numel() - no : z.numel() - law.sizes[1]]
-    rate = z[z.numel() - law.sizes[1] :]
-    momenta = z[z.numel() - no - wheels.count : z.numel() - no]
-    force, wrench, power, _, _ = law.forces(Q, v, pose, rate, g)
-    F_external, net, torque, power_of_wheels, robot = _gyrostat(model, wheels, F, momenta, robot)
-    acting = net - viscous * v - coulomb * ca.tanh(v / width)
-    target_object = FreeBody(body[0], ca.vertsplit(body[1:]))
-    pose_rate, velocity_rate = target_object.rates(ca.vertsplit(pose), ca.vertsplit(rate), ca.vertsplit(wrench))
-    vdot = model.dynamics.forward(Q, v, acting + force, robot)
-    Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    on_robot = (
-        F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot) - force
-    )  # by the mount
-    external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(on_robot))
-    power += ca.dot(acting, v) + power_of_wheels
-    zdot = ca.vertcat(*Qdot, vdot, *external, power, torque, *pose_rate, *velocity_rate)
-    return ca.Function("flow", [z, F, g, p], [zdot])
+def _end_of_equal(values: np.ndarray, first: int) -> int:
+    """Return the index after the last of the equal values (M,) from one on."""
+    others = np.flatnonzero(values[first:] != values[first])
+    return first + int(others[0]) if others.size else len(values)
 
 
 def _under_thrust(limits: ForceLimits, firing: ThrusterFiring, ticks: int) -> np.ndarray:
@@ -456,253 +362,6 @@ def _without_thrust(limits: ForceLimits, firing: ThrusterFiring) -> np.ndarray:
     return np.hstack([limits.holding_base(none), none])
 
 
-def _law(of_grasps: GraspLaw, known: bool, in_task_space: bool, varies: bool, is_pushed: bool) -> ca.Function:
-    """Return the low-level law: all hold, Q, v, u and more -> F (n,).
-
-    More are rates in task space, what of the base is driven if that varies, grasps, inertial parameters, object, and
-    where thrusters push the base the force on it and its mean over the period of pulses. While all grippers hold an
-    object that is known, the force is that of `held_force`.
-    """
-    model = of_grasps.model
-    space = model.space
-    sizes = {
-        "Q": model.nq,
-        "v": model.n,
-        "u": model.n,
-        "rates": model.n_twists if in_task_space else 0,
-        "driven": space.n_twist * varies,
-        "grasps": (space.n_pose + 2) * len(of_grasps.grippers),
-        "w": model.nominal.vector.size,
-        "body": 1 + space.n_principal,
-        "base_force": 2 * space.n_twist * is_pushed,
-    }
-    arguments = [ca.SX.sym(name, size) for name, size in sizes.items()]
-    Q, v, u, rates, driven, grasps, w, body, base_force = arguments
-    of_base = [driven] if varies else []
-    now_and_mean = ca.vertsplit(base_force, space.n_twist) if is_pushed else []
-    if is_pushed:
-        of_base = now_and_mean[:1]
-    F = law_of(model, in_task_space, varies, is_pushed)(Q, v, rates if in_task_space else u, w, *of_base)
-    if not is_pushed:
-        arguments = arguments[:-1]
-    if not known:
-        return ca.Function("law", [ca.SX.sym("all_hold"), *arguments], [F])
-    free = ca.Function("free", arguments, [F])
-    if is_pushed:
-        loaded = pushed_held_force(model, of_grasps.grippers)
-    elif varies:
-        loaded = of_driven(model.spec, held_force(model, of_grasps.grippers), driven)
-    else:
-        loaded = held_force(model, of_grasps.grippers, model.driven())
-    held = loaded(Q, v, u, grasps, w, body, *(now_and_mean or of_base))
-    return ca.Function.if_else("law", ca.Function("loaded", arguments, [held]), free)
-
-
-def _measured(model: RobotModel) -> ca.Function:
-    """Return the state that the law reads where it is moved by noise (2n,)."""
-    n = model.n
-    state, noise = (ca.SX.sym(name, size) for name, size in (("x", model.nq + n), ("noise", 2 * n)))
-    Q = _integrated(model.space, state[: model.nq], noise[:n])
-    return ca.Function("measured", [state, noise], [ca.vertcat(Q, state[model.nq :] + noise[n:])])
-
-
-def law_of(model: RobotModel, in_task_space: bool, varies: bool, is_pushed: bool) -> ca.Function:
-    """Return the low-level law Q, v, u, w -> F (n,) of a robot that holds nothing.
-
-    Its last argument is the force on the base where thrusters push it, or else what of the base is driven if that
-    varies. In task space the rates of the frames' velocities take the place of u.
-    """
-    if in_task_space:
-        return _pushed_task_law(model) if is_pushed else model.task_space.law
-    if is_pushed:
-        return model.pushed_law
-    if not varies:
-        return model.law()
-    every = (1.0,) * model.space.n_twist
-    return of_driven(model.spec, model.law(every), ca.SX.sym("driven", model.space.n_twist))
-
-
-def _pushed_task_law(model: RobotModel) -> ca.Function:
-    """Return Q, v, rates, w, force on the base -> F (n,), of joints under which they accelerate as in task space."""
-    task_space = model.task_space
-    motion = task_space.law.sx_in()
-    base_force = ca.SX.sym("base_force", model.space.n_twist)
-    Q, v, _, w = motion
-    pushed = model.pushed_law(Q, v, task_space.acceleration(*motion), w, base_force)
-    asked = task_space.law(*motion)
-    F = ca.vertcat(asked[model.space.base], pushed[model.space.joint_rates])
-    return ca.Function("pushed_task_law", [*motion, base_force], [ca.cse(F)])
-
-
-def _force_on_base(model: RobotModel, wheels: Wheels, tick: float) -> ca.Function:
-    """Return Q, wrench of thrusters along the base's axes, momenta -> generalized force on the base (n_twist,).
-
-    It is what motors that unload wheels leave of the wrench; see `WheelDrive.against_unloading`.
-    """
-    space = model.space
-    sizes = ("Q", model.nq), ("wrench", space.n_twist), ("momenta", wheels.count)
-    Q, wrench, momenta = (ca.SX.sym(*size) for size in sizes)
-    components = [*ca.vertsplit(wrench), *np.zeros(space.joints)]
-    force = ca.vertcat(*space.along_inertial_axes(ca.vertsplit(Q), components))
-    if wheels.count:
-        torques = wheels.unloading_torques(ca.vertsplit(momenta), tick, by_expressions)
-        force[space.rotation] -= ca.vertcat(*wheels.along_base(torques))
-    return ca.Function("force_on_base", [Q, wrench, momenta], [ca.cse(force[space.base])])
-
-
-def _thrust(model: RobotModel, limits: ca.MX) -> list[ca.MX]:
-    """Return the wrench of thrusters and its mean over the period, which the limits of a tick have."""
-    return [limits[: model.space.n_twist], limits[2 * model.n :]]
-
-
-def tick_function(
-    model: RobotModel,
-    tick: float,
-    substeps: int,
-    disturbed: bool,
-    limited: bool,
-    in_task_space: bool = False,
-    varies: bool = False,
-    is_pushed: bool = False,
-) -> ca.Function:
-    """Return one tick z, u -> z_next, F, torques of wheels: the law (7) sets F once.
-
-    z = [state; impulse (3,) or (6,); work; momenta of wheels].
-
-    In task space the law is `F = J' F_m`, and in the place of u are the rates of the frames' velocities. Where it
-    varies what of the base is driven (n_twist,), that follows u.
-
-    A disturbed one has the further arguments noise (2n,), external force (n,) and p: the inertial parameters of the
-    robot and of the law, then the vector of a `JointFriction`. A limited one has the vector of `ForceLimits` last, and
-    returns after F also the force that the law commanded, before it was cut there. Where thrusters push the base the
-    limits are those of `ForceLimits.holding_base`, and behind them stands the mean wrench of the period (n_twist,): the
-    torques of the joints are those for the one and the other, see `LowLevelLaw.force`.
-    """
-    of_plant = tick, substeps, disturbed, limited, in_task_space, varies, is_pushed
-    return model.derived((tick_function, *of_plant), lambda: _tick_function(model, *of_plant))
-
-
-def _tick_function(
-    model: RobotModel,
-    tick: float,
-    substeps: int,
-    disturbed: bool,
-    limited: bool,
-    in_task_space: bool,
-    varies: bool,
-    is_pushed: bool,
-) -> ca.Function:
-    """Derive what `tick_function` returns."""
-    n = model.n
-    nx = model.nq + model.n
-    law, flow = _law_and_flow(model, tick, disturbed, in_task_space, varies, is_pushed)
-    wheels = Wheels.of(model.spec)
-    sizes = (
-        ("z", flow.size1_in(0)),
-        ("u", law.size1_in(1)),
-        ("noise", 2 * n),
-        ("push", n),
-        ("limits", 2 * n + model.space.n_twist * is_pushed),
-    )
-    z, u, noise, external_force, limits = (ca.MX.sym(*size) for size in sizes)
-    p = ca.MX.sym("p", flow.size1_in(2) if disturbed else 0)
-    momenta = z[z.numel() - wheels.count :]
-    seen = ca.vertcat(z[:nx], momenta) if wheels.count else z[:nx]
-    pushes = _thrust(model, limits)[:1] if is_pushed else []
-    commanded = law(seen, u, *([noise, p] if disturbed else []), *pushes)
-    of_base = u[u.numel() - model.space.n_twist :] if varies else ca.DM(model.driven())
-    commanded, F, external, torque = _with_wheels(model, wheels, tick, limited)(
-        z[: model.nq], commanded, limits[: 2 * n], momenta, of_base
-    )
-    held = [ca.vertcat(external + external_force, torque), p] if disturbed else [ca.vertcat(external, torque)]
-    after = _runge_kutta(flow, z, held, tick, substeps, model.space.attitudes_at(0))
-    arguments = [z, u, *([noise, external_force, p] if disturbed else []), *([limits] if limited else [])]
-    results = [after, F, *([commanded] if limited else []), *([torque] if wheels.count else [])]
-    return ca.Function("disturbed" if disturbed else "tick", arguments, results)
-
-
-def _cut(model: RobotModel) -> ca.Function:
-    """Return the function Q, F, limits -> F that cuts a generalized force at the vector of `ForceLimits`."""
-    n = model.n
-    Q, F, limits = (ca.SX.sym(*size) for size in (("Q", model.nq), ("F", n), ("limits", 2 * n)))
-    within = limited_force(
-        model.space,
-        ca.vertsplit(Q),
-        ca.vertsplit(F),
-        ca.vertsplit(limits[:n]),
-        ca.vertsplit(limits[n:]),
-        lambda component, low, high: ca.fmin(ca.fmax(component, low), high),
-    )
-    return ca.Function("cut", [Q, F, limits], [ca.cse(ca.vertcat(*within))])
-
-
-def _with_wheels(model: RobotModel, wheels: Wheels, tick: float, limited: bool) -> Callable[..., list[ca.MX]]:
-    """Return what limits and wheels make of a commanded force: Q, commanded, limits, momenta, driven -> four of them.
-
-    They are the force that is commanded, with what balances the unloading of wheels; the force that acts; the part of
-    it that is external, without the motors of wheels; and their torques. See `WheelDrive`, which does the same.
-    """
-    cut = _cut(model) if limited else None
-    if not wheels.count:
-
-        def plain(Q: ca.MX, commanded: ca.MX, limits: ca.MX, momenta: ca.MX, driven: ca.MX) -> list[ca.MX]:
-            F = commanded if cut is None else cut(Q, commanded, limits)
-            return [commanded, F, F, ca.MX(0, 1)]
-
-        return plain
-    n = model.n
-    rotation = model.space.rotation
-    F, h, driven = (ca.SX.sym(*size) for size in (("F", n), ("h", wheels.count), ("driven", model.space.n_twist)))
-    stored = ca.vertsplit(h)
-
-    def along_base(torque: ca.SX) -> ca.SX:
-        moment = ca.SX.zeros(n)
-        moment[rotation] = ca.vertcat(*wheels.along_base(ca.vertsplit(torque)))
-        return moment
-
-    unloading = driven[0] * ca.vertcat(*wheels.unloading_torques(stored, tick, by_expressions))
-    unloads = ca.Function("unloads", [F, h, driven], [F + along_base(unloading)])
-    by_wheels = (1 - driven[0]) * driven[-1]
-    moment = ca.vertsplit(F[rotation])
-    turning = by_wheels * ca.vertcat(*wheels.turning_torques(moment, stored, tick, by_expressions))
-    torque = unloading + turning
-    external = ca.SX(F)
-    external[rotation] *= 1 - by_wheels
-    turns = ca.Function("turns", [F, h, driven], [external - along_base(torque), external, torque])
-
-    def driving(Q: ca.MX, commanded: ca.MX, limits: ca.MX, momenta: ca.MX, driven: ca.MX) -> list[ca.MX]:
-        commanded = unloads(commanded, momenta, driven)
-        within = commanded if cut is None else cut(Q, commanded, limits)
-        return [commanded, *turns(within, momenta, driven)]
-
-    return driving
-
-
-def _gyrostat(
-    model: RobotModel, wheels: Wheels, F: ca.SX, momenta: ca.SX, robot: ca.SX
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX | float, ca.SX]:
-    """Split what acts on a robot with wheels.
-
-    Args:
-        model: The robot.
-        wheels: Its wheels.
-        F: External generalized force, then the torques of the motors (n + W,).
-        momenta: What the wheels store (W,).
-        robot: Its inertial parameters.
-
-    Returns:
-        The external force (n,), that with what the motors do to the base (n,), their torques (W,), the power of what
-        they do to the wheels, and the inertial parameters with what the wheels store.
-    """
-    if not wheels.count:
-        return F, F, ca.SX(0, 1), 0.0, robot
-    external, torque = ca.vertsplit(F, [0, model.n, model.n + wheels.count])
-    net = ca.SX(external)
-    net[model.space.rotation] -= ca.vertcat(*wheels.along_base(ca.vertsplit(torque)))
-    power = ca.dot(torque, momenta / ca.DM(wheels.inertia))
-    return external, net, torque, power, with_stored(model.spec, robot, ca.DM(wheels.axes) @ momenta)
-
-
 def _momenta(model: RobotModel, drive: WheelDrive | None) -> np.ndarray:
     """Return what the wheels of a robot store (W,)."""
     return np.zeros(len(model.spec.wheels)) if drive is None else drive.momentum
@@ -713,86 +372,6 @@ def _recorded(drive: WheelDrive, momenta: np.ndarray, torques: np.ndarray) -> Wh
     for momentum, torque in zip(momenta, torques, strict=True):
         drive.record(momentum, torque)
     return drive
-
-
-def _law_and_flow(
-    model: RobotModel, tick: float, disturbed: bool, in_task_space: bool, varies: bool, is_pushed: bool
-) -> tuple[ca.Function, ca.Function]:
-    """Return the low-level law state, u, noise, p -> F, and the rate of z at z, F, p with the external force in F.
-
-    The state is followed by momenta of wheels, and F by their torques, see `_gyrostat`. Where thrusters push the base
-    the last argument of the law is their wrench along its axes.
-    Of an undisturbed plant noise and p are constant, and no arguments. Friction acts between the links: it does work,
-    but has no impulse on the whole. The flow is called, not written out, in each stage of an integration step: as C it
-    compiles in a third of the time.
-    """
-    n = model.n
-    nq = model.nq
-    base = model.parts["base"].stop
-    w = model.nominal.vector
-    nominal = np.concatenate([w, w, JointFriction.none(n).vector])
-    p = ca.SX.sym("p", nominal.size) if disturbed else ca.SX(nominal)
-    robot, believed, viscous, coulomb, width = ca.vertsplit(p, np.cumsum([0, w.size, w.size, n, n, 1]).tolist())
-    of_inputs = law_of(model, in_task_space, varies, is_pushed)
-    driven = model.space.n_twist * varies
-    wheels = Wheels.of(model.spec)
-    sizes = (
-        ("x", nq + n + wheels.count),
-        ("u", of_inputs.size1_in(2) + driven),
-        ("noise", 2 * n),
-        ("z", nq + n + base + 1 + wheels.count),
-        ("F", n + wheels.count),
-    )
-    state, u, noise, z, F = (ca.SX.sym(*size) for size in sizes)
-    if wheels.count:
-        believed = with_stored(model.spec, believed, ca.DM(wheels.axes) @ state[nq + n :])
-    measured_Q = state[:nq]
-    measured_v = state[nq : nq + n]
-    if disturbed:
-        measured_Q = _integrated(model.space, measured_Q, noise[:n])
-        measured_v = measured_v + noise[n:]
-    of_base = [u[u.numel() - driven :]] if varies else []
-    wrench = ca.SX.sym("wrench", model.space.n_twist * is_pushed)
-    pushes = [wrench] if is_pushed else []
-    if is_pushed:
-        of_base = [_force_on_base(model, wheels, tick)(measured_Q, wrench, state[nq + n :])]
-    commanded = of_inputs(measured_Q, measured_v, u[: u.numel() - driven], believed, *of_base)
-    Q = z[:nq]
-    v = z[nq : nq + n]
-    F_external, net, torque, power, robot = _gyrostat(model, wheels, F, z[nq + n + base + 1 :], robot)
-    acting = net - viscous * v - coulomb * ca.tanh(v / width)
-    Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    vdot = model.dynamics.forward(Q, v, acting, robot)
-    external = (
-        F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot)
-    )  # that of the mount
-    impulse_rate = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external))
-    rate = ca.vertcat(*Qdot, vdot, *impulse_rate, ca.dot(acting, v) + power, torque)
-    if not disturbed:
-        law = ca.Function("law", [state, u, *pushes], ca.cse([commanded]))
-        return law, ca.Function("flow", [z, F], ca.cse([rate]))
-    return ca.Function("law", [state, u, noise, p, *pushes], [commanded]), ca.Function("flow", [z, F, p], [rate])
-
-
-def _integrated(space: ConfigurationSpace, Q: ca.SX, step: ca.SX) -> ca.SX:
-    return ca.SX(ca.vertcat(*space.integrate(ca.vertsplit(Q), ca.vertsplit(step))))
-
-
-def _runge_kutta(
-    flow: ca.Function, z: ca.MX, held: list[ca.MX], tick: float, substeps: int, attitudes: list[slice]
-) -> ca.MX:
-    """Return z after a tick of classical Runge-Kutta steps, the other arguments of the flow held.
-
-    After each of them the quaternions, given by their rows, are made unit ones, from which they differ by the step's
-    error.
-    """
-    h = tick / substeps
-    for _ in range(substeps):
-        z = runge_kutta(lambda z: flow(z, *held), z, h)
-        for rows in attitudes:
-            q = z[rows]
-            z = ca.vertcat(z[: rows.start], q / ca.norm_2(q), z[rows.stop :])
-    return z
 
 
 def build(setup: PlantSetup) -> Plant:

@@ -88,20 +88,28 @@ class ThrusterFiring:
         self.period = period
         self._tick = tick
         self._pulsed = pulsed
-        self._owed = np.zeros(len(thrusters.wrenches))
-        self._refused = np.zeros_like(self._owed)
-        self._length = period  # ticks of the period that begins next
-        self._thrusts = np.zeros((0, thrusters.count))  # over the ticks that are left of the period
-        self.mean = np.zeros_like(self._owed)
-        self._kept = self._thrusts  # of pulses of the period before that have not ended, over the next ticks
-        self._is_loaded = False
-        self._fires = np.zeros(thrusters.count, bool)  # at the last tick of the sample before
-        self._rows: list[np.ndarray] = []  # thrusts over the ticks of the sample
-        self._is_shut: np.ndarray | None = None  # at its ticks that are left
-        self._shut = np.zeros(thrusters.count)  # over its ticks, on average
+        d = len(thrusters.wrenches)
+        T = thrusters.count
 
-    def begin_sample(self, is_shut: np.ndarray) -> None:
-        """Take in which thrusters are shut at the ticks of the sample that begins (M, T); without this none is."""
+        # of the period of pulses
+        self.mean = np.zeros(d)
+        self._length = period  # ticks of the period that begins next
+        self._thrusts = np.zeros((0, T))  # over the ticks that are left of the period [N]
+        self._unfinished = self._thrusts  # those of pulses of the period before that go on in this one [N]
+        self._owed = np.zeros(d)  # impulse that the law has asked for, and pulses have not given yet
+        self._is_loaded = False  # whether the law counts with a load
+
+        # of the sample, for its log
+        self._rows: list[np.ndarray] = []  # thrusts over its ticks so far [N]
+        self._fires = np.zeros(T, bool)  # which fired at the last tick of the sample before
+        self._refused = np.zeros(d)  # impulse that no thrusts can give
+        self._is_shut: np.ndarray | None = None  # which are shut at the ticks that are left; None: none
+        self._shut = np.zeros(T)  # share of its ticks at which each is shut
+
+    def begin_sample(self, is_shut: np.ndarray | None) -> None:
+        """Take in which thrusters are shut at the ticks of the sample that begins (M, T); None: none is."""
+        if is_shut is None or not is_shut.any():
+            return
         self._is_shut = is_shut
         self._shut = is_shut.mean(axis=0)
 
@@ -111,21 +119,25 @@ class ThrusterFiring:
         return len(self._thrusts)
 
     def span(self, driven: np.ndarray | None, first: int, last: int) -> "FiringSpan":
-        """Return the ticks of a sample from one on in which the same holds of the thrusters.
+        """Return the ticks from one on over which thrusters go on as they begin: off, or within one period of pulses.
+
+        Plants advance over them at once. A period begins where thrusters push the base and none is under way.
 
         Args:
-            driven: Whether something acts on each coordinate of the base at the ticks (M, d); None: on all of them.
-            first: The tick.
-            last: The one after the last that is asked for.
+            driven: Whether something acts on each coordinate of the base at the ticks of the sample (M, d); thrusters
+                push it where something acts on its position. None: they always do.
+            first: The first tick.
+            last: The one after the last that may be among them.
         """
-        if driven is None:
-            return FiringSpan(first, min(first + (self.ticks_left or self._length), last), True, not self.ticks_left)
-        pushed = driven[first:last, 0] > 0
-        others = np.flatnonzero(pushed != pushed[0])
-        end = first + int(others[0]) if others.size else last
-        if not pushed[0]:
-            return FiringSpan(first, end, False, False)
-        return FiringSpan(first, min(first + (self.ticks_left or self._length), end), True, not self.ticks_left)
+        end = last
+        if driven is not None:
+            is_pushed = driven[first:last, 0] > 0
+            changes = np.flatnonzero(is_pushed != is_pushed[0])
+            end = first + int(changes[0]) if changes.size else last
+            if not is_pushed[0]:
+                return FiringSpan(first, end, is_pushed=False, begins=False)
+        end_of_period = first + (self.ticks_left or self._length)
+        return FiringSpan(first, min(end_of_period, end), is_pushed=True, begins=not self.ticks_left)
 
     def count_with_load(self, is_loaded: bool) -> None:
         """Take in whether the law counts with a load from this tick on, and end the period where that changes.
@@ -143,7 +155,7 @@ class ThrusterFiring:
         self._length = left if fits else left + self.period
         fires = self._rows[-1][-1] > 0 if self._rows else self._fires
         goes_on = self._pulsed & fires & np.logical_and.accumulate(self._thrusts > 0, axis=0)
-        self._kept = np.where(goes_on, self._thrusts, 0.0)
+        self._unfinished = np.where(goes_on, self._thrusts, 0.0)
         self._thrusts = self._thrusts[:0]
 
     def begin(self, wanted: np.ndarray) -> None:
@@ -156,19 +168,21 @@ class ThrusterFiring:
         length = ticks * self._tick
         is_shut = None if self._is_shut is None else self._is_shut[0]
         if is_shut is not None:
-            self._kept = np.where(is_shut, 0.0, self._kept)
-        kept = self._tick * self.thrusters.wrenches @ self._kept.sum(axis=0)
-        allocation = self.thrusters.allocate(wanted + (self._owed - kept) / length, is_shut)
+            self._unfinished = np.where(is_shut, 0.0, self._unfinished)
+        impulse_of_unfinished = self._tick * self.thrusters.wrenches @ self._unfinished.sum(axis=0)
+        allocation = self.thrusters.allocate(wanted + (self._owed - impulse_of_unfinished) / length, is_shut)
         self._refused += allocation.residual * length
         self._owed -= allocation.residual * length
         if self._pulsed:
             self._thrusts = self.thrusters.pulses(allocation.thrusts, ticks, self._tick)
-            self._thrusts[: len(self._kept)] = np.maximum(self._thrusts[: len(self._kept)], self._kept)
+            self._thrusts[: len(self._unfinished)] = np.maximum(
+                self._thrusts[: len(self._unfinished)], self._unfinished
+            )
         else:
             self._thrusts = np.tile(allocation.thrusts, (ticks, 1))
         self.mean = self.thrusters.wrenches @ self._thrusts.mean(axis=0)
         self._length = self.period
-        self._kept = self._kept[:0]
+        self._unfinished = self._unfinished[:0]
 
     def wrenches(self, ticks: int) -> np.ndarray:
         """Return what they give over so many ticks of this period (ticks, d) [N, N m]."""
@@ -195,7 +209,7 @@ class ThrusterFiring:
             self._owed[:] = 0.0
             self._rows.append(np.zeros((ticks, self.thrusters.count)))
             self._thrusts = self._thrusts[:0]
-            self._kept = self._kept[:0]
+            self._unfinished = self._unfinished[:0]
             self._length = self.period
         if self._is_shut is not None:
             self._is_shut = self._is_shut[ticks:]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Ticks
+from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
@@ -82,32 +82,26 @@ class Uncertainty:
         change = take_up if self.holds(after) else release
         return change(self._model, state, self._true, self._with_payload(self._true))
 
-    def advance(
-        self,
-        plant: Plant,
-        sample: int,
-        start: float,
-        state: np.ndarray,
-        u: np.ndarray,
-        stage: int,
-        closed: np.ndarray,
-        twist_rates: np.ndarray | None = None,
-        law: LowLevelLaw | None = None,
-        driven: np.ndarray | None = None,
-    ) -> Ticks:
-        """Advance the plant over a sample of a stage from the true state; see `Plant.advance`.
+    def disturbance(self, sample: int, start: float, stage: int, law: LowLevelLaw) -> Disturbance | None:
+        """Return what disturbs the plant over a sample; None where nothing does.
 
-        The low-level law counts with what `law` does; by default with the described robot and object.
+        Args:
+            sample: Its number.
+            start: When it begins [s].
+            stage: The stage then, which tells whether the payload is held.
+            law: The low-level law, for what it takes the robot for.
         """
-        load = None if law is None else law.load
         if self.friction is None:
-            return plant.advance(start, state, u, None, closed, twist_rates, load, driven)
-        robot = self.true_parameters(stage)
-        believed = self._model.nominal if law is None else law.parameters
+            return None
+        believed = law.parameters
         if self.spec.carried.known and self.holds(stage):
             believed = self._with_payload(believed)
-        disturbance = Disturbance(robot, believed, self._noise(sample), self._push(start))
-        return plant.advance(start, state, u, disturbance, closed, twist_rates, load, driven)
+        return Disturbance(
+            robot=self.true_parameters(stage),
+            law=believed,
+            noise=self._noise(sample),
+            external_force=self._external_force(start),
+        )
 
     def true_parameters(self, stage: int) -> InertialParameters:
         """Return the inertial parameters of the simulated robot and what it holds in a stage."""
@@ -134,7 +128,7 @@ class Uncertainty:
     def _noise(self, sample: int) -> np.ndarray:
         return measurement_noise(self.spec.noise, self._model.spec, self._task.seed, sample, self._ticks)
 
-    def _push(self, start: float) -> np.ndarray:
+    def _external_force(self, start: float) -> np.ndarray:
         """Return the external generalized force at each tick of the sample that begins at `start` (M, n)."""
         external_force = np.zeros((self._ticks, self._model.n))
         impulse = self.spec.impulse
@@ -234,7 +228,9 @@ def friction_of(spec: UncertaintySpec, robot: RobotSpec) -> JointFriction:
     viscous, coulomb = (
         _by_coordinate(coefficients, robot, 0.0) for coefficients in (spec.friction.viscous, spec.friction.coulomb)
     )
-    viscous[: robot.parts["base"]] = coulomb[: robot.parts["base"]] = 0.0
+    base = slice(robot.parts["base"])
+    viscous[base] = 0.0
+    coulomb[base] = 0.0
     return JointFriction(viscous, coulomb, spec.friction.width)
 
 
@@ -252,12 +248,12 @@ def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
         is_turned=any(moved_by.is_turned for moved_by in in_stages),
     )
     declared = resolve_limits(robot, task.limits, moved_by=anywhere)
-    low, high = declared.force_low, declared.force_high
+    low = declared.force_low.copy()
+    high = declared.force_high.copy()
     if task.fires(robot):
         least, most = Thrusters.of(robot.thrusters).extent
         has_wheels = any(moved_by.is_turned and not moved_by.is_pushed for moved_by in in_stages)
         given = slice(robot.dimension if has_wheels else len(least))
-        low, high = low.copy(), high.copy()
         low[given] = np.maximum(low[given], least[given])
         high[given] = np.minimum(high[given], most[given])
     if not (np.isfinite(low) | np.isfinite(high)).any():

@@ -68,15 +68,15 @@ class Page:
         return path
 
 
-def render(template: str, room: str = "report", **context: Any) -> Page:
-    """Fill in a template of a room, which may extend those of `report`."""
-    return Page(_environment(room).get_template(template).render(**context))
+def render(template: str, layer: str = "report", **context: Any) -> Page:
+    """Fill in a template in the folder of a layer, which may extend those of `report`."""
+    return Page(_environment(layer).get_template(template).render(**context))
 
 
 @cache
-def _environment(room: str) -> Environment:
-    """Build the environment in which templates, style sheets and scripts of a room and of `report` are found."""
-    loader = ChoiceLoader([PackageLoader("psmpc_cli", folder) for folder in (room, "report")])
+def _environment(layer: str) -> Environment:
+    """Build the environment that finds templates, styles and scripts in the folders of a layer and of `report`."""
+    loader = ChoiceLoader([PackageLoader("psmpc_cli", folder) for folder in (layer, "report")])
     environment = Environment(
         loader=loader,
         autoescape=True,

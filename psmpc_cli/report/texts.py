@@ -100,9 +100,10 @@ def _closing_speeds(outcome: CaptureSummary) -> str:
 
 def _margin(summary: Summary, kind: str) -> str:
     """Write the smallest margin to a kind of limit, in percent of the limit, and its coordinate."""
-    found = (limit for limit in summary.limits if limit.kind == kind)
+    limits = (limit for limit in summary.limits if limit.kind == kind)
     return next(
-        (f"{number(100 * each.relative)} % ({number(each.margin)} {each.unit}) {each.coordinate}" for each in found), ""
+        (f"{number(100 * each.relative)} % ({number(each.margin)} {each.unit}) {each.coordinate}" for each in limits),
+        "",
     )
 
 
@@ -220,8 +221,8 @@ def _smallest_distance(summary: Summary) -> str:
 
 def _smallest_margin(summary: Summary) -> str:
     """Write which two parts came nearest to their margin, or farthest inside it, where it is not the nearest two."""
-    found = summary.clearance
-    return "" if found is None or found.tightest == found.nearest else _nearest(found.tightest)
+    clearance = summary.clearance
+    return "" if clearance is None or clearance.tightest == clearance.nearest else _nearest(clearance.tightest)
 
 
 def _departure(outcome: CaptureSummary) -> str:

@@ -88,8 +88,10 @@ def view(runs: RunOrPath | Mapping[str, RunOrPath]) -> Page:
         LogError: A run has no samples, its log holds another task than it says, or a path leads to no log.
         InputError: There is no run.
     """
-    found = resolve_runs(runs)
-    by_name = {style.title_of(str(found.attributes["controller"])): found} if isinstance(found, Run) else found
+    resolved = resolve_runs(runs)
+    by_name = (
+        {style.title_of(str(resolved.attributes["controller"])): resolved} if isinstance(resolved, Run) else resolved
+    )
     tasks = dict.fromkeys(style.words_of(str(run.attributes["task_name"])) for run in by_name.values())
     shown = [_run_data(style.title_of(name), run) for name, run in by_name.items()]
     return render("view.html.j2", title=", ".join(tasks), runs=shown)
@@ -216,14 +218,14 @@ def _targets(scene: Scene, time: np.ndarray) -> np.ndarray:
 
     NaN of stages that do not act, and where a stage asks for no position or attitude.
     """
-    found = np.full((len(time), len(scene.run.stage_names), len(scene.run.problem.model.pose_rows), 7), np.nan)
+    poses = np.full((len(time), len(scene.run.stage_names), len(scene.run.problem.model.pose_rows), 7), np.nan)
     for row, t in enumerate(time):
         for stage in scene.acting(float(t)):
             frames = scene.target_frames(stage, float(t))
             known = np.isfinite(frames).all(axis=(1, 2))
-            found[row, stage, :, :3] = frames[:, :3, 3]
-            found[row, stage, known, 3:] = Rotation.from_matrix(frames[known, :3, :3]).as_quat()
-    return found
+            poses[row, stage, :, :3] = frames[:, :3, 3]
+            poses[row, stage, known, 3:] = Rotation.from_matrix(frames[known, :3, :3]).as_quat()
+    return poses
 
 
 def _object(scene: Scene, time: np.ndarray) -> Json | None:

@@ -498,13 +498,19 @@ def _wrench(body: FreeBody, hold: _Hold, acceleration: ca.SX) -> ca.SX:
 
 
 def _borne(space: ConfigurationSpace, levers: ca.SX, p: ca.SX, wrench: ca.SX) -> ca.SX:
-    """Return the wrenches f_i = C_i (sum C)^-1 wrench of the grippers about the object's centre (A size,).
+    """Share the wrench that moves an object among A grippers, so that all grasps deflect equally.
+
+    Gripper i bears f_i = C_i (sum C)^-1 wrench, with C_i the stiffness of its grasp about the object's centre: then
+    (sum C)^-1 wrench is the deflection of each. One gripper bears all of it.
 
     Args:
         space: Of the object's poses.
         levers: From the object's centre to the grippers (3 A,).
         p: Grasps, with the stiffnesses k and kappa of each last.
-        wrench: What the object needs (size,).
+        wrench: Of force and moment that the object needs, about its centre (n_twist,).
+
+    Returns:
+        The wrenches f_i about the object's centre, one after the other (A n_twist,).
     """
     stiffness = [
         _at_centre(space, ca.vertsplit(lever), *ca.vertsplit(grasp)[-2:])

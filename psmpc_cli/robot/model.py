@@ -324,7 +324,8 @@ class RobotModel:
         It is along the base's axes, and without what turns with wheels about their own.
         """
         H = self.mass_matrix(Q)
-        linear, angular = slice(self.dimension), self.space.rotation
+        linear = slice(self.dimension)
+        angular = self.space.rotation
         coupling = H[angular, linear]
         return np.asarray(H[angular, angular] - coupling @ np.linalg.solve(H[linear, linear], coupling.T))
 
@@ -503,9 +504,9 @@ class RobotModel:
 def _derived_from(spec: RobotSpec) -> dict[Hashable, Any]:
     """Return what was derived from a robot's description in this thread, to be added to."""
     robots: list[tuple[RobotSpec, dict[Hashable, Any]]] = _of_thread.__dict__.setdefault("robots", [])
-    found = next((robot for robot in robots if robot[0] == spec), (spec, {}))
-    robots[:] = [found, *(robot for robot in robots if robot is not found)][:KEPT_ROBOTS]
-    return found[1]
+    entry = next((robot for robot in robots if robot[0] == spec), (spec, {}))
+    robots[:] = [entry, *(robot for robot in robots if robot is not entry)][:KEPT_ROBOTS]
+    return entry[1]
 
 
 def load_robot(reference: str | Path) -> RobotModel:

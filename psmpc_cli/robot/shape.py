@@ -68,9 +68,17 @@ def _planar_box(spec: RobotSpec, longest: float) -> tuple[Array, Array]:
 
 
 def _solid_box(base: Body, half: float) -> tuple[Array, Array]:
-    """Return half edges and frame of the solid box with mass, centre of mass and inertia of a body; a cube if massless.
+    """Return the solid box that moves as a body does, which is how a body without a shape is drawn.
 
-    A massless body has `half` as half edges of its cube [m].
+    A uniform box with half edges a, b, c has principal moments of inertia such as I_a = m (b^2 + c^2) / 3. So
+    a^2 = 3 (I_b + I_c - I_a) / (2 m), which is 1.5 / m times the sum of all three less 2 I_a.
+
+    Args:
+        base: The body.
+        half: Half edges of the cube that a body without a mass has instead [m].
+
+    Returns:
+        Half edges (3,) [m], and the frame of the box in that of the body (4, 4).
     """
     if not base.mass:
         return np.full(3, half), np.eye(4)
@@ -79,11 +87,12 @@ def _solid_box(base: Body, half: float) -> tuple[Array, Array]:
     if not (xy or xz or yz):
         moments = np.array([xx, yy, zz])
         axes = np.eye(3)
-    squares = 1.5 / base.mass * (moments.sum() - 2 * moments)
+    squared_half_edges = 1.5 / base.mass * (moments.sum() - 2 * moments)
     frame = np.eye(4)
-    frame[:3, :3] = axes * np.linalg.det(axes)
+    frame[:3, :3] = axes * np.linalg.det(axes)  # right-handed
     frame[:3, 3] = base.centre
-    return np.sqrt(np.maximum(squares, 1e-3 * squares.max())), frame
+    # a thin body would have no width to be seen
+    return np.sqrt(np.maximum(squared_half_edges, 1e-3 * squared_half_edges.max())), frame
 
 
 def _travel(spec: RobotSpec, number: int) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.specs.robot import Thruster
+from psmpc_cli.specs.actuators import Thruster
 
 Vector = NDArray[np.float64]
 
@@ -149,11 +149,11 @@ class Thrusters:
         """
         d = len(self.wrenches)
         directions = _distinct((self._scale[:, None] * self.wrenches).T)
-        found = comb(len(directions), d - 1)
-        if found <= MOST_SETS:
+        count = comb(len(directions), d - 1)
+        if count <= MOST_SETS:
             normals = _normals_of_facets(directions) * self._scale
-            found = len(normals)
-        if found > MOST_FACETS:
+            count = len(normals)
+        if count > MOST_FACETS:
             raise InputError(
                 f"thrusters: found {self.count} in {len(directions)} directions, whose wrenches have more than "
                 f"{MOST_FACETS} pairs of facets, expected fewer directions: make thrusters parallel, or leave them out "

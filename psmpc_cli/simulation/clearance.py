@@ -22,7 +22,7 @@ from psmpc_cli.specs.geometry import pair_name
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredPairs:
     """A group of pairs as it is measured.
 
     Attributes:
@@ -65,10 +65,10 @@ class ClearanceMeter:
             for measured_group in measured:
                 self.margins[stage, measured_group.columns] = 0.0 if spec is None else spec.margin
 
-    def _measured(self, group: Group) -> Measured:
+    def _measured(self, group: Group) -> MeasuredPairs:
         model = self._problem.model
         pairs = replace(group.pairs, gripper=None)
-        return Measured(
+        return MeasuredPairs(
             group=group,
             pairs=pairs,
             columns=np.array([self.pairs.index(name) for name in pairs.names]),
@@ -99,7 +99,7 @@ class ClearanceMeter:
         smallest[np.isinf(smallest)] = np.nan
         return smallest, points
 
-    def _argument(self, measured: Measured, chart: Chart, ticks: Ticks) -> np.ndarray | None:
+    def _argument(self, measured: MeasuredPairs, chart: Chart, ticks: Ticks) -> np.ndarray | None:
         """Return what the functions of a group take at the ticks of a sample (M + 1, numbers); None without object."""
         count = len(ticks.time)
         parts = [np.tile(chart.anchor, (count, 1)), np.zeros((count, 1))]

@@ -1,4 +1,4 @@
-"""Audits the gradient with respect to the switching instants on a task's own windows. Paper eqs. (21) to (27)."""
+"""Audits the gradient with respect to the switch times on a task's own windows. Paper eqs. (21) to (27)."""
 
 from dataclasses import dataclass, replace
 
@@ -59,10 +59,10 @@ def audit_gradients(experiment: Experiment) -> tuple[Audit, ...]:
 def _audit(experiment: Experiment, first: int) -> Audit:
     """Compare the gradient by the switch after a stage, computed in four ways, at random inputs."""
     random = np.random.default_rng(experiment.problem.spec.seed)
-    window, instants = _window(experiment, first, random)
-    tau = durations(instants, window.start, window.horizon)
+    window, switch_times = _window(experiment, first, random)
+    tau = durations(switch_times, window.start, window.horizon)
     model = experiment.problem.model
-    rollout = Rollout(model, window, instants)
+    rollout = Rollout(model, window, switch_times)
     inputs = [model.n_inputs(stage.input) for stage in window.stages]
     U = [0.1 * random.standard_normal(size) for size in zip(window.nodes, inputs, strict=True)]
     adjoint = rollout.by_adjoint(tau, U)
@@ -81,7 +81,7 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     """Build a window over two consecutive stages from a random state near the initial one.
 
     Returns:
-        The window, and its switching instant (1,) [s].
+        The window, and its switch time (1,) [s].
     """
     problem = experiment.problem
     controller = experiment.problem.spec.controller
@@ -95,12 +95,14 @@ def _window(experiment: Experiment, first: int, random: np.random.Generator) -> 
     chart = problem.model.space.chart_at(Q)
     x0 = np.asarray(chart.to_chart(Q[None], v[None])[0])
     nodes = controller.uniform_nodes
-    instants = np.array([0.4 * controller.horizon])
+    switch_times = np.array([0.4 * controller.horizon])
     prediction = resting_plan(0.0, controller.horizon, nodes, x0, chart)
     window = WindowBuilder(problem).build(
-        MovingSequence(tuple(range(first, first + len(instants) + 1)), instants, StageProgress(0.0)), placed, prediction
+        MovingSequence(tuple(range(first, first + len(switch_times) + 1)), switch_times, StageProgress(0.0)),
+        placed,
+        prediction,
     )
-    return replace(window, nodes=(nodes, nodes), terminal_cost=0.0), instants
+    return replace(window, nodes=(nodes, nodes), terminal_cost=0.0), switch_times
 
 
 def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes: int) -> float:
@@ -110,15 +112,17 @@ def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes:
     """
     free = tuple(_unconstrained(stage) for stage in window.stages)
     window = replace(window, nodes=(nodes,) * len(free), stages=free)
-    instants = window.start + np.cumsum(tau)[:-1]
-    guess = replace(resting_plan(window.start, window.horizon, nodes, window.x0, window.chart), instants=instants)
+    switch_times = window.start + np.cumsum(tau)[:-1]
+    guess = replace(
+        resting_plan(window.start, window.horizon, nodes, window.x0, window.chart), switch_times=switch_times
+    )
     solution = build_solver(experiment.problem).solve(window, guess, within=0.0)
     plan = solution.plan
     ends = np.cumsum(window.nodes)
     pieces = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]
     costs = experiment.problem.costs
     U = [costs.inputs(stage, plan.X[at], plan.u[at]) for stage, at in zip(free, pieces, strict=True)]
-    rollout = Rollout(experiment.problem.model, window, instants)
+    rollout = Rollout(experiment.problem.model, window, switch_times)
     return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())
 
 

@@ -20,7 +20,7 @@ from psmpc_cli.logs.schema import PendingSample, Sample
 from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.plan import Plan, shift, states_of
 from psmpc_cli.ocp.problem import ObjectState, in_own_chart
-from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.ocp.stage import PlacedStage, Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant import ForceLimits, Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
@@ -145,55 +145,88 @@ class Meter:
         return [row for _, of_stage in stages for row in self._metrics_in_stage(list(of_stage))]
 
     def _metrics_in_stage(self, samples: Sequence[PendingSample]) -> list[dict[str, Any]]:
-        """Compute the metrics of samples of one stage, which in space no two have."""
-        commands = [sample.in_force for sample in samples]
-        ticks = [sample.ticks for sample in samples]
-        problem = self._problem
-        stage = commands[0].stage
-        chart = commands[0].solution.window.chart
-        model = problem.model
-        n = problem.model.n
-        limits = stage.limits
-        states = np.array([sample.state for sample in samples])
-        u = np.array([sample.u[0] for sample in samples])
-        ends = np.array([of_sample.states[-1] for of_sample in ticks])
-        charted = [chart.entered(of_sample.states) for of_sample in ticks]
-        force, torque, joint_torque, sliding_force = self._norms(np.array([of_sample.F for of_sample in ticks]))
-        accelerations = np.array([sample.u for sample in samples])
-        linear, angular, joint, sliding = self._norms(accelerations)
-        controls = accelerations * model.actuated(stage.moved_by)  # a base that nothing moves has no control
-        # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
-        mean = controls.mean(axis=1)
-        sample_time = self._tick * accelerations.shape[1]
-        passed = np.stack([X[1:] for X in charted], axis=1)
-        v_passed = [of_sample.states[1:, model.nq :] for of_sample in ticks]
-        passed[:, :, n:] = np.stack(v_passed, axis=1)  # limits are of v
-        margin = _margins(passed, limits)
-        planned = np.array([_along_plan(*pair) for pair in zip(commands, ticks, strict=True)])
-        planned_margin = _margins(planned.swapaxes(0, 1), limits)
-        plans = [command.plan for command in commands]
-        Q, v = chart.from_chart(states_of(plans, [of_sample.time[-1] for of_sample in ticks]))
-        about = model.space.chart_at(Q[0])
-        deviation = np.hstack([(about.entered(ends) - about.to_chart(Q, v))[:, :n], ends[:, model.nq :] - v])
-        since = np.array(
-            [each.time[0] - command.sequence.progress.entered for command, each in zip(commands, ticks, strict=True)]
-        )
-        of_object = np.array([sample.of_object for sample in samples]).reshape(len(states), -1)
-        expected = np.array([sample.expected for sample in samples])
-        kept = self._momentum_and_energy(stage.index, ends) + of_object - expected
-        kept = kept + self._of_wheels(ends, [of_sample.wheels for of_sample in ticks])
-        held = self._uncertainty is not None and self._uncertainty.holds(stage.index)
-        at_ends = [self._ends(*of_sample) for of_sample in zip(commands, ticks, charted, strict=True)]
+        """Compute the metrics of K samples of one stage, by their paths in the log.
+
+        All are in one chart. In space each sample has a chart, and so a placed stage, of its own: there K is 1.
+        """
+        command = samples[0].in_force
+        stage = command.stage
+        chart = command.solution.window.chart
+        charted = [chart.entered(sample.ticks.states) for sample in samples]
         columns = {
-            "control/u": u,
-            "pose/xi": model.poses(states[:, : model.nq]).reshape(len(states), -1),
-            "cost/current_stage": problem.costs.at(stage, chart.entered(states), u, since),
             "window/presence": [sample.presence for sample in samples],
             "window/share": [sample.shares for sample in samples],
+            **self._states_and_costs(stage, chart, samples),
+            **self._margins(stage.limits, samples, charted),
+            **self._efforts_and_peaks(stage, samples),
+            **self._deviations(chart, samples, charted),
+            **self._balances(stage.index, samples),
+            "force/own_axes": self._along_base_axes([sample.ticks for sample in samples]),
+            **self._wheel_use([sample.ticks.wheels for sample in samples]),
+            **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
+            **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),
+        }
+        rows = list(zip(*columns.values(), strict=True))
+        for row in rows:
+            make_read_only(*row)
+        return [dict(zip(columns, row, strict=True)) for row in rows]
+
+    def _states_and_costs(
+        self, stage: PlacedStage, chart: Chart, samples: Sequence[PendingSample]
+    ) -> dict[str, np.ndarray]:
+        """Return true states and poses at samples, the first control after them, and what the stage's cost is there."""
+        model = self._problem.model
+        states = np.array([sample.state for sample in samples])
+        Q = states[:, : model.nq]
+        u = np.array([sample.u[0] for sample in samples])
+        since = np.array([sample.ticks.time[0] - sample.in_force.sequence.progress.entered for sample in samples])
+        columns = {
+            "state/Q_true": Q,
+            "state/Qdot_true": states[:, model.nq :],
+            "control/u": u,
+            "pose/xi": model.poses(Q).reshape(len(states), -1),
+            "cost/current_stage": self._problem.costs.at(stage, chart.entered(states), u, since),
+        }
+        if self._acts_in_task_space:
+            columns["pose/condition"] = model.task_space_condition(Q)
+        return columns
+
+    def _margins(
+        self, limits: Limits, samples: Sequence[PendingSample], charted: Sequence[np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Return the smallest margins to limits of states over the ticks of samples, as simulated and as planned.
+
+        Args:
+            limits: The limits.
+            samples: The samples.
+            charted: States of the ticks of each in the chart (M + 1, 2n).
+        """
+        n = self._problem.model.n
+        passed = np.stack([X[1:] for X in charted], axis=1)
+        v = [sample.ticks.states[1:, self._problem.model.nq :] for sample in samples]
+        passed[:, :, n:] = np.stack(v, axis=1)  # limits are of v
+        planned = np.array([_along_plan(sample.in_force, sample.ticks) for sample in samples])
+        margin = _margins(passed, limits)
+        planned_margin = _margins(planned.swapaxes(0, 1), limits)
+        return {
             "margin/position": margin[:, :n],
             "margin/velocity": margin[:, n:],
             "margin/planned_position": planned_margin[:, :n],
             "margin/planned_velocity": planned_margin[:, n:],
+        }
+
+    def _efforts_and_peaks(self, stage: PlacedStage, samples: Sequence[PendingSample]) -> dict[str, np.ndarray]:
+        """Return integrals of controls and forces over the ticks of samples, and their largest values in them."""
+        ticks = [sample.ticks for sample in samples]
+        force, torque, joint_torque, sliding_force = self._norms(np.array([of_sample.F for of_sample in ticks]))
+        accelerations = np.array([sample.u for sample in samples])
+        linear, angular, joint, sliding = self._norms(accelerations)
+        # a base that nothing moves has no control
+        controls = accelerations * self._problem.model.actuated(stage.moved_by)
+        # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
+        mean = controls.mean(axis=1)
+        sample_time = self._tick * accelerations.shape[1]
+        return {
             "effort/control": sample_time * (mean**2).sum(axis=1),
             "effort/squared_acceleration": self._tick * (controls**2).sum(axis=(1, 2)),
             "effort/base_force": self._tick * force.sum(axis=1),
@@ -206,32 +239,51 @@ class Meter:
             "peak/joint_acceleration": joint.max(axis=1),
             "peak/sliding_force": sliding_force.max(axis=1),
             "peak/sliding_acceleration": sliding.max(axis=1),
+        }
+
+    def _deviations(
+        self, chart: Chart, samples: Sequence[PendingSample], charted: Sequence[np.ndarray]
+    ) -> dict[str, Any]:
+        """Return how far samples end from their plans, and the errors of stages that end in them.
+
+        Args:
+            chart: The chart of the samples.
+            samples: The samples.
+            charted: States of the ticks of each in the chart (M + 1, 2n).
+        """
+        model = self._problem.model
+        n = model.n
+        ends = np.array([sample.ticks.states[-1] for sample in samples])
+        plans = [sample.in_force.plan for sample in samples]
+        Q, v = chart.from_chart(states_of(plans, [sample.ticks.time[-1] for sample in samples]))
+        about = model.space.chart_at(Q[0])
+        deviation = np.hstack([(about.entered(ends) - about.to_chart(Q, v))[:, :n], ends[:, model.nq :] - v])
+        end_errors = [self._ends(sample.in_force, sample.ticks, X) for sample, X in zip(samples, charted, strict=True)]
+        return {
             "deviation/Q": deviation[:, :n],
             "deviation/Qdot": deviation[:, n:],
-            "deviation/end": [{stage: error for stage, (error, _) in errors.items()} for errors in at_ends],
-            "deviation/end_noise": [{stage: error for stage, (_, error) in errors.items()} for errors in at_ends],
-            "balance/momentum": kept[:, :-1],
-            "balance/energy": kept[:, -1],
-            "force/own_axes": self._along_base_axes(ticks),
-            "state/Q_true": states[:, : model.nq],
-            "state/Qdot_true": states[:, model.nq :],
-            **self._wheel_use([of_sample.wheels for of_sample in ticks]),
-            "payload/held": [held] * len(states),
-            "payload/energy": [
-                0.0 if sample.contact is None else sample.contact.momentum_and_energy[-1] for sample in samples
-            ],
-            **(
-                {"pose/condition": model.task_space_condition(states[:, : model.nq])}
-                if self._acts_in_task_space
-                else {}
-            ),
-            **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
-            **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),
+            "deviation/end": [{stage: error for stage, (error, _) in errors.items()} for errors in end_errors],
+            "deviation/end_noise": [{stage: error for stage, (_, error) in errors.items()} for errors in end_errors],
         }
-        rows = list(zip(*columns.values(), strict=True))
-        for row in rows:
-            make_read_only(*row)
-        return [dict(zip(columns, row, strict=True)) for row in rows]
+
+    def _balances(self, stage: int, samples: Sequence[PendingSample]) -> dict[str, Any]:
+        """Return drifts of momentum and energy at the ends of samples of a stage, and what a payload does to energy.
+
+        The drift is what robot, object and wheels have, less what they should have by impulse and work so far.
+        """
+        ends = np.array([sample.ticks.states[-1] for sample in samples])
+        of_object = np.array([sample.of_object for sample in samples]).reshape(len(ends), -1)
+        expected = np.array([sample.expected for sample in samples])
+        drift = self._momentum_and_energy(stage, ends) + of_object - expected
+        drift = drift + self._of_wheels(ends, [sample.ticks.wheels for sample in samples])
+        held = self._uncertainty is not None and self._uncertainty.holds(stage)
+        contacts = [sample.contact for sample in samples]
+        return {
+            "balance/momentum": drift[:, :-1],
+            "balance/energy": drift[:, -1],
+            "payload/held": [held] * len(samples),
+            "payload/energy": [0.0 if contact is None else contact.momentum_and_energy[-1] for contact in contacts],
+        }
 
     def _of_wheels(self, states: np.ndarray, ticks: Sequence[WheelTicks | None]) -> np.ndarray | float:
         """Return momentum and energy of wheels at the ends of samples in states X (K, nq + n); 0 without any."""
@@ -341,10 +393,10 @@ class Meter:
             for index, time in command.switches
             if time == command.acts_at
         }
-        for stage, instant in zip(command.solution.window.stages, command.instants, strict=False):
-            if instant > ticks.time[-1] + SHORTEST:
+        for stage, switch_time in zip(command.solution.window.stages, command.switch_times, strict=False):
+            if switch_time > ticks.time[-1] + SHORTEST:
                 continue
-            time = float(instant)
+            time = float(switch_time)
             x = state_at(ticks.time, X, time)
             if stage.on_object:
                 Q, v = (rows[0] for rows in chart.from_chart(x[None]))

@@ -25,9 +25,10 @@ from psmpc_cli.specs.load import parse_task
 
 
 def logged_solve(run: Run, sample: int) -> Solution:
-    """Read the solve of a sample; under HTMPC that of the first level.
+    """Read the solve of a sample from a log, so that its window can be solved again; under HTMPC the first level's.
 
-    Its multipliers are those that it started from, and it has no costs.
+    A log has the numbers of the window, the guess, the solution and the multipliers that the solve started from. It has
+    neither the multipliers nor the stages' costs at the solution, so the one that is returned has none of these.
 
     Args:
         run: A run with plans.
@@ -37,19 +38,19 @@ def logged_solve(run: Run, sample: int) -> Solution:
         LogError: The run holds no plans, not this sample, or a plan that is not of its window.
     """
     vectors = (run.plan(name, sample) for name in ("parameters", "guess", "solution", "guess_multipliers"))
-    record, guess, solution, duals = vectors
+    window_numbers, guess, solution, guess_duals = vectors
     try:
-        window = read_window(run.problem_at(float(run.time[sample])), _frame(run, sample), record)
+        window = read_window(run.problem_at(float(run.time[sample])), _frame(run, sample), window_numbers)
         return Solution(
             outcome=Outcome[run["solver/status"][sample].upper()],
             plan=window.plan_of(solution),
-            objective=float(run["solver/objective"][sample]) / float(np.max(window.omega)),
+            objective=float(run["solver/objective"][sample]) / float(np.max(window.omega)),  # the log has J itself
             iterations=int(run["solver/iterations"][sample]),
             wall_time=float(run["solver/wall_time"][sample]),
             window=window,
             guess=window.plan_of(guess),
             warm=bool(run["solver/warm"][sample]),
-            guess_duals=duals,
+            guess_duals=guess_duals,
         )
     except (KeyError, ValueError):
         raise LogError(f"{run.path}: the plan of sample {sample} is not one of the window that the log has") from None
@@ -127,7 +128,7 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     controls = log.coordinates
     names = ["objective J", *ends, *(f"control of {name}" for name in controls)]
     solves = [
-        np.r_[solve.J, solve.plan.instants, solve.plan.mean_control(first_tick)[0]] for solve in (logged, solution)
+        np.r_[solve.J, solve.plan.switch_times, solve.plan.mean_control(first_tick)[0]] for solve in (logged, solution)
     ]
     return Replay(
         logged=logged,

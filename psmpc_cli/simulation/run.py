@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -15,10 +15,10 @@ from psmpc_cli.logs.schema import Sample
 from psmpc_cli.native.compiled import library_of
 from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.problem import Problem, build_problem
-from psmpc_cli.plant import Plant, build_plant, ticks_of
+from psmpc_cli.plant import Plant, Setpoints, Ticks, build_plant, ticks_of
 from psmpc_cli.plant.grasp import build_capture
-from psmpc_cli.plant.rk4 import capture_tick, tick_function
-from psmpc_cli.plant.thrusters import ThrusterFiring, firing_of
+from psmpc_cli.plant.thrusters import firing_of
+from psmpc_cli.plant.tick_functions import TickKind, capture_tick, tick_function
 from psmpc_cli.plant.uncertainty import Uncertainty, disturbs, force_limits_of, stream
 from psmpc_cli.plant.wheels import WheelDrive, drive_of
 from psmpc_cli.robot.model import RobotModel
@@ -26,7 +26,7 @@ from psmpc_cli.simulation.measures import Counterfactuals, Meter
 from psmpc_cli.simulation.recorder import Ending, RecordedLoop, Watch, libraries_of, record
 from psmpc_cli.specs.arguments import as_path, require, require_callable, require_whole
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robot import RobotSpec, stack
 from psmpc_cli.specs.task import TaskSpec
 
 NewTargets = Callable[[float], Mapping[str, Any] | None]
@@ -47,14 +47,12 @@ class Experiment(RecordedLoop):
         controller: The controller.
         plant: The physics.
         drive: The wheels of the plant; None of a robot without any.
-        firing: The thrusters of the plant; None where none fire.
         new_targets: Tells at each sample which targets are others from then on.
     """
 
     controller: Controller
     plant: Plant
     drive: WheelDrive | None = None
-    firing: ThrusterFiring | None = None
     new_targets: "NewTargets" = no_new_targets
 
 
@@ -69,7 +67,6 @@ def build_experiment(loaded: Task) -> Experiment:
     friction = None if uncertainty is None else uncertainty.friction
     capture = build_capture(task, model)
     drive = drive_of(task, model)
-    firing = firing_of(task, model)
     Q = stack(task.initial, loaded.robot, "joint")
     return Experiment(
         problem=problem,
@@ -82,11 +79,10 @@ def build_experiment(loaded: Task) -> Experiment:
             friction=friction,
             capture=capture,
             force_limits=force_limits_of(task, model.spec),
-            firing=firing,
+            firing=firing_of(task, model),
             drive=drive,
         ),
         drive=drive,
-        firing=firing,
         uncertainty=uncertainty,
         capture=capture,
         initial_state=np.r_[Q, stack(task.initial_velocity, loaded.robot, "joint", 0.0, of_error=True)],
@@ -123,16 +119,21 @@ def libraries_for(problem: Problem) -> list[Library]:
 
 def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     """Build the functions that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand."""
-    tick, substeps = ticks_of(task.plant)
     capture = build_capture(task, model)
-    is_limited = force_limits_of(task, model.spec) is not None
+    plain = TickKind(
+        *ticks_of(task.plant), disturbed=disturbs(task), limited=force_limits_of(task, model.spec) is not None
+    )
     varies = task.changes_mobility(model.spec)
     by_input = (False, True) if task.acts_in_task_space else (False,)
     pushed = {False, task.fires(model.spec)} if varies else {task.fires(model.spec)}
-    laws = [(in_task_space, varies, is_pushed) for in_task_space in by_input for is_pushed in sorted(pushed)]
+    kinds = [
+        replace(plain, in_task_space=in_task_space, varies=varies, is_pushed=is_pushed)
+        for in_task_space in by_input
+        for is_pushed in sorted(pushed)
+    ]
     if capture is not None:
-        return [capture_tick(capture, substeps, disturbs(task), is_limited, *law) for law in laws]
-    return [tick_function(model, tick, substeps, disturbs(task), is_limited, *law) for law in laws]
+        return [capture_tick(capture, kind) for kind in kinds]
+    return [tick_function(model, kind) for kind in kinds]
 
 
 DIVERGED = 1e9
@@ -141,6 +142,9 @@ DIVERGED = 1e9
 
 def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[Sample, None, Ending]:
     """Run the closed loop of an experiment: yield its samples, and return how it ended.
+
+    At every sample the state is measured, the controller decides, its command is sent, and the plant advances by what
+    has arrived. What is known of the sample is measured last.
 
     Args:
         experiment: The experiment, built for this run alone.
@@ -158,8 +162,7 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     stage = 0
     sample_time = experiment.problem.spec.controller.sample_time
     time_after_end = experiment.problem.spec.time_after_end
-    changes_mobility = experiment.problem.spec.changes_mobility(experiment.problem.model.spec)
-    line = _Line(experiment.problem.spec, experiment.problem.model.n)
+    line = _Line(experiment.problem.spec, experiment.problem.model.spec)
     while True:
         now = sample_number * sample_time
         measured = state if uncertainty is None else uncertainty.measured(sample_number, state)
@@ -175,49 +178,27 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
             return Ending(False, "stopped at the end of a stage", now, command.state, state, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
         line.send(sample_number, command)
-        in_force, u, closed, of_base, twist_rates, shut = line.over_sample(sample_number)
-        if experiment.firing is not None and shut.any():
-            experiment.firing.begin_sample(shut)
-        driven = of_base if changes_mobility else None
+        in_force, setpoints = line.over_sample(sample_number)
         previous_stage = stage
         stage = in_force.sequence.first
         contact = None
-        if uncertainty is None:
-            ticks = plant.advance(now, state, u, None, closed, twist_rates, in_force.law.load, driven)
-        else:
+        disturbance = None
+        if uncertainty is not None:
             contact = uncertainty.contact(state, previous_stage, stage)
-            law = in_force.law
-            ticks = uncertainty.advance(
-                plant, sample_number, now, contact.state, u, stage, closed, twist_rates, law, driven
-            )
-        if (
-            not np.vdot(ticks.states, ticks.states) + np.vdot(ticks.F, ticks.F) < DIVERGED**2
-        ):  # nor where it is not a number
+            disturbance = uncertainty.disturbance(sample_number, now, stage, in_force.law)
+        ticks = plant.advance(now, state if contact is None else contact.state, setpoints, disturbance)
+        if _has_diverged(ticks):
             reason = "the motion diverged, faster than it can be simulated"
             return Ending(False, reason, now, command.state, state, command.switches, stuck=True)
-        yield meter.measure(command, ticks, state, u, contact, in_force)
+        yield meter.measure(command, ticks, state, setpoints.u, contact, in_force)
         state = ticks.states[-1]
         sample_number += 1
 
 
-class _Applied(NamedTuple):
-    """What reaches the robot over a sample.
-
-    Attributes:
-        in_force: The command that acts when the sample begins; the first one before it has arrived.
-        u: Accelerations over the ticks (M, n) [m/s^2, rad/s^2].
-        closed: Whether grippers are to be closed (M,).
-        driven: Whether something acts on each coordinate of the base, 1 or 0 (M, n_twist).
-        twist_rates: Rates of the velocities J_C v (M, k), see `Command`; None where the law is that in joint space.
-        shut: Which thrusters must not fire (M, T).
-    """
-
-    in_force: Command
-    u: np.ndarray
-    closed: np.ndarray
-    driven: np.ndarray
-    twist_rates: np.ndarray | None
-    shut: np.ndarray
+def _has_diverged(ticks: Ticks) -> bool:
+    """Tell whether states or forces are beyond what any robot reaches, or not numbers."""
+    squared_norm = np.vdot(ticks.states, ticks.states) + np.vdot(ticks.F, ticks.F)
+    return bool(np.isnan(squared_norm) or squared_norm >= DIVERGED**2)
 
 
 class _Line:
@@ -227,14 +208,14 @@ class _Line:
     one is late. Commands arrive in order. Before the first one nothing is commanded.
     """
 
-    def __init__(self, task: TaskSpec, n: int) -> None:
+    def __init__(self, task: TaskSpec, robot: RobotSpec) -> None:
         rate = task.plant.low_level_rate
         self._ticks = round(task.controller.sample_time * rate)
         self._rate = rate
         self._delay = task.uncertainty.delay
         self._jitter = task.uncertainty.jitter
         self._seed = task.seed
-        self._n = n
+        self._changes_mobility = task.changes_mobility(robot)
         self._arrived: list[tuple[int, Command]] = []
 
     def send(self, sample: int, command: Command) -> None:
@@ -246,15 +227,20 @@ class _Line:
         before = self._arrived[-1][0] if self._arrived else 0
         self._arrived.append((max(arrival, before), command))
 
-    def over_sample(self, sample: int) -> _Applied:
-        """Return what acts over a sample."""
+    def over_sample(self, sample: int) -> tuple[Command, Setpoints]:
+        """Return the command in force when a sample begins, and the setpoints over the sample.
+
+        Before the first command has arrived it is that one.
+        """
         now = sample * self._ticks
         while len(self._arrived) > 1 and self._arrived[1][0] <= now:
             self._arrived.pop(0)
         arrival, command = self._arrived[0]
+        load = command.law.load
         if arrival == now and (len(self._arrived) == 1 or self._arrived[1][0] >= now + self._ticks):
-            return _Applied(command, command.u, command.closed, command.driven, command.twist_rates, command.shut)
-        u = np.zeros((self._ticks, self._n))
+            driven = command.driven if self._changes_mobility else None
+            return command, Setpoints(command.u, command.closed, command.twist_rates, driven, command.shut, load)
+        u = np.zeros((self._ticks, command.law.model.n))
         closed = np.zeros(self._ticks, bool)
         driven = np.tile(command.driven[0], (self._ticks, 1))
         shut = np.repeat(command.shut[:1], self._ticks, axis=0)
@@ -270,7 +256,7 @@ class _Line:
             shut[acts] = each.shut[own]
             if twist_rates is not None:
                 twist_rates[acts] = _twist_rates(each)[own]
-        return _Applied(command, u, closed, driven, twist_rates, shut)
+        return command, Setpoints(u, closed, twist_rates, driven if self._changes_mobility else None, shut, load)
 
 
 def _twist_rates(command: Command) -> np.ndarray:

@@ -32,7 +32,7 @@ QUANTITIES = {
 Peaks = dict[str, Largest]
 """The largest values by the names of `QUANTITIES`; none of what could not be measured."""
 
-Measured = tuple[str, Vector, Vector, Sequence[str]]
+QuantitySeries = tuple[str, Vector, Vector, Sequence[str]]
 """What is measured of a sample: its name in `QUANTITIES`, values (T, names), times (T,) [s] and names."""
 
 
@@ -87,7 +87,7 @@ class Verification:
             work.advance()
         self.remarks = tuple(_remarks(levels, uncertain, len(log.time) - self.samples))
 
-    def _measure_horizon(self, plan: Plan, window: Window) -> Iterator[Measured]:
+    def _measure_horizon(self, plan: Plan, window: Window) -> Iterator[QuantitySeries]:
         """Integrate the robot under its low-level law along a plan, and measure how far the motion is from the plan.
 
         It yields, by position and velocity: the differences of states at the plan's nodes; by how much limits are
@@ -138,7 +138,7 @@ class Verification:
         _, v = plan.chart.from_chart(plan.states_at(edges))
         return self._integrate("ticks", state, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
 
-    def _measure_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[Measured]:
+    def _measure_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[QuantitySeries]:
         """Compare the integrated motion over a sample with its plan, limits, next logged state and ends of stages."""
         log = self._log
         end = flow.times[-1:]
@@ -176,12 +176,12 @@ class Verification:
         )
         return np.asarray(np.maximum(np.maximum(stage.limits.state_low - X, X - stage.limits.state_high), 0.0))
 
-    def _positions_and_velocities(self, of: str, values: Vector, times: Vector) -> Iterator[Measured]:
+    def _positions_and_velocities(self, of: str, values: Vector, times: Vector) -> Iterator[QuantitySeries]:
         """Split what is measured of states (T, 2n) into quantities of positions and of velocities."""
         for name, part in zip(("position", "velocity"), np.hsplit(values, 2), strict=True):
             yield f"{name}{of}", part, times, self._log.coordinates
 
-    def _end_error(self, stage: Stage, x: Vector, time: float) -> Measured:
+    def _end_error(self, stage: Stage, x: Vector, time: float) -> QuantitySeries:
         """Measure the error of a stage's end condition over its tolerance. Paper eq. (18)."""
         error = self._problem.costs.end_error(stage, x)
         return "end condition", np.array([[error]]), np.array([time]), [stage.name]
@@ -199,7 +199,7 @@ def _remarks(levels: bool, uncertain: bool, left_out: int) -> Iterator[str]:
         yield f"{left_out} samples of the closed loop were left out, {why}"
 
 
-def _update_peaks(peaks: Peaks, sample: int, measured: Iterator[Measured]) -> None:
+def _update_peaks(peaks: Peaks, sample: int, measured: Iterator[QuantitySeries]) -> None:
     """Replace peaks by what was found at a sample, where that is larger."""
     for quantity, values, times, names in measured:
         peak = largest(values, names, times, sample)

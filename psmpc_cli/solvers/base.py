@@ -67,7 +67,8 @@ class Solution:
             back-end ignores them.
         guess_duals: Those that this one started from.
         bound_multiplier: Multiplier of the window's `cost_bound`; NaN without one.
-        basin: Which guess of the instants won, 0 the shifted plan's own; -1 where there was no other. See `multistart`.
+        basin: Which guess of the switch times won, 0 the shifted plan's own; -1 where there was no other; see
+            `multistart`.
     """
 
     outcome: Outcome
@@ -142,10 +143,10 @@ class Solver(ABC):
 
         Args:
             window: The window.
-            guess: The guessed plan; its instants (S,) [s] are those of the window.
+            guess: The guessed plan; its switch times (S,) [s] are those of the window.
             previous: The solution of the sample before. It starts the solve too where it is usable and its stages are
                 the same, or the last of them.
-            within: Durations are kept within so many seconds of the guessed ones; 0 holds the instants.
+            within: Durations are kept within so many seconds of the guessed ones; 0 holds the switch times.
         """
         guess = on_mesh(guess, window)
         previous = previous if previous is not None and _continues(previous, window) else None

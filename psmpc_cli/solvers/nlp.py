@@ -101,7 +101,7 @@ LONGEST_COMPILATION = 600.0
 """Processor time after which the compilation of a program is ended [s]."""
 
 Bound = Callable[[Window, np.ndarray, np.ndarray, np.ndarray], tuple[ArrayLike, ArrayLike]]
-"""Low and high of rows for a window, given those of [Q; Qdot] at its nodes, (K + 1, 2n) each, and guessed instants."""
+"""Low and high of rows, from a window, those of [Q; Qdot] at its nodes, (K + 1, 2n) each, and guessed switch times."""
 
 
 class Nlp:
@@ -213,9 +213,9 @@ class Nlp:
         """Return lbx, ubx, lbg, ubg, durations within so many seconds of the guess. Paper (14), (17), (18)."""
         low, high = self.limits(window, guess)
         limits = [stage.limits for stage in window.stages]
-        tau = durations(guess.instants, window.start, window.horizon)[:-1]
+        tau = durations(guess.switch_times, window.start, window.horizon)[:-1]
         shortest = np.maximum(shortest_durations(window)[:-1], tau - within)
-        rows = [(size, bound(window, low, high, guess.instants)) for size, bound in self._bounds]
+        rows = [(size, bound(window, low, high, guess.switch_times)) for size, bound in self._bounds]
         return {
             "lbx": self._box(-np.inf, low, shortest, 0.0, [of_stage.acceleration_low for of_stage in limits]),
             "ubx": self._box(np.inf, high, tau + within, np.inf, [of_stage.acceleration_high for of_stage in limits]),
@@ -401,9 +401,9 @@ def _node_bounds(rows: NodeRows, window: Window, *_: object) -> tuple[np.ndarray
 
 
 def _interval_bounds(
-    rows: IntervalRows, k: int, window: Window, low: np.ndarray, high: np.ndarray, instants: np.ndarray
+    rows: IntervalRows, k: int, window: Window, low: np.ndarray, high: np.ndarray, switch_times: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    low, high = rows.bounds_by_interval(window, instants)
+    low, high = rows.bounds_by_interval(window, switch_times)
     return low[rows.intervals.index(k)], high[rows.intervals.index(k)]
 
 
@@ -498,7 +498,7 @@ class NlpSolver(Solver):
     def _posed(self, window: Window, plan: Plan, has_all_rows: bool = False) -> tuple[Nlp, np.ndarray, np.ndarray]:
         """Return the NLP of a window, transcribed on first use, and its x and p of a plan on the window's mesh."""
         shape = window_shape(window)
-        parameters = window_numbers(window, plan.instants)
+        parameters = window_numbers(window, plan.switch_times)
         nlp = self._nlp((shape, has_all_rows), parameters)
         inputs = list[np.ndarray]()
         for stage, first, last in zip(window.stages, nlp.grid.first_node, nlp.grid.first_node[1:], strict=False):
@@ -506,7 +506,7 @@ class NlpSolver(Solver):
             u = plan.u[first:last]
             inputs.append(self._problem.costs.inputs(stage, X, u).T)
         violations = scaled_violations(plan.X, *nlp.limits(window, plan)).T if shape.soft else 0.0
-        tau = np.tile(np.diff(plan.instants, prepend=window.start)[:, None], nlp.grid.K + 1)
+        tau = np.tile(np.diff(plan.switch_times, prepend=window.start)[:, None], nlp.grid.K + 1)
         row_violations = nlp.row_violations(window, plan, parameters)
         u_before = np.vstack([parameters.before[:-1], plan.u]).T if shape.has_rates else 0.0
         z = nlp.pack(plan.X.T, tau, 0.0, u_before, violations, row_violations, *inputs)
@@ -550,12 +550,16 @@ class NlpSolver(Solver):
     def _call(
         self, key: CompiledKey, arguments: Mapping[str, np.ndarray], stop_at: float
     ) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
-        """Call a compiled solver; return vectors, statistics, the wall time [s], and what it wrote, if it is reported.
+        """Call a solver that CasADi has built, in time for a deadline.
 
         Args:
             key: Which solver.
-            arguments: Its arguments.
+            arguments: Its arguments by CasADi's names, such as x0 and p.
             stop_at: When it has to stop, if it can, an instant of `time.perf_counter` [s].
+
+        Returns:
+            Solution, objective, constraints and multipliers by CasADi's names (x, f, g, lam_x, lam_g); whether and how
+            it succeeded, and its iterations; the wall time [s]; what it printed, empty unless that is reported.
         """
         if key in self._clocks:
             self._clocks[key].stop_at = stop_at
@@ -609,7 +613,7 @@ class NlpSolver(Solver):
         try:
             with self._solving:
                 if key not in self._ready:
-                    self._calls(LONGEST_COMPILATION, "_compile", key, window_numbers(window, start.instants))
+                    self._calls(LONGEST_COMPILATION, "_compile", key, window_numbers(window, start.switch_times))
                     self._ready.add(key)
                 stop_at = self.stop_time(time.perf_counter())
                 arguments = nlp.arguments(x0, p, bounds)

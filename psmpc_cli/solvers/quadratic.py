@@ -19,7 +19,7 @@ from scipy.sparse import csr_array, diags_array, triu, vstack
 
 from psmpc_cli.native.library import Library, paths_of
 from psmpc_cli.native.structures import layout_source, require_layout
-from psmpc_cli.ocp.gauss_newton import Linearization, Point
+from psmpc_cli.ocp.gauss_newton import Linearization, Unknowns
 from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow
 
 SOURCES = ("recursion.c", "interval_rows.c", "program.c", "interior_point.c")
@@ -79,7 +79,7 @@ class QpSolution:
     """
 
     status: QpStatus
-    step: Point
+    step: Unknowns
     gaps: np.ndarray
     rows: np.ndarray
     node_multipliers: np.ndarray
@@ -212,7 +212,7 @@ class QpMethod(ABC):
         node_multipliers[model.node_rows] = arrays.row_multipliers[window.states + 2 * S :][: len(model.node_rows)]
         return QpSolution(
             status=status,
-            step=Point(X, arrays.tau),
+            step=Unknowns(X, arrays.tau),
             gaps=arrays.gap_multipliers,
             rows=arrays.row_multipliers,
             node_multipliers=node_multipliers,

@@ -16,7 +16,7 @@ from psmpc_cli.native.functions import BatchFunction, tape_library
 from psmpc_cli.native.library import Library, compile_all
 from psmpc_cli.ocp.constraints import ConstraintFunctions, IntervalFunctions
 from psmpc_cli.ocp.constraints.boxes import PENALTY
-from psmpc_cli.ocp.gauss_newton import Linearization, Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Linearization, Unknowns, VelocityForm
 from psmpc_cli.ocp.objective import ChangeFunctions, RateFunctions, stage_functions
 from psmpc_cli.ocp.plan import Plan, mesh
 from psmpc_cli.ocp.problem import Problem
@@ -184,9 +184,9 @@ class SqpSolver(Solver):
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         began = time.perf_counter()
-        tau = durations(guess.instants, window.start, window.horizon)[:-1]
+        tau = durations(guess.switch_times, window.start, window.horizon)[:-1]
         form, shared, method = self._setup(window)
-        parameters = window_numbers(window, guess.instants)
+        parameters = window_numbers(window, guess.switch_times)
         sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), parameters)
         is_warm = previous is not None
         solve = _Solve(
@@ -203,7 +203,7 @@ class SqpSolver(Solver):
         multipliers = np.zeros(0)
         if previous is not None and form.curved and len(previous.duals) == len(form.row_node):
             multipliers = previous.duals
-        iterate, outcome, count = solve.run(Point(guess.X, tau), multipliers)
+        iterate, outcome, count = solve.run(Unknowns(guess.X, tau), multipliers)
         point = iterate.reached.point
         at = iterate.reached.at
         return Solution(
@@ -284,7 +284,7 @@ class _Solve:
     is_warm: bool
     restores: bool
 
-    def run(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Outcome, int]:
+    def run(self, guess: Unknowns, multipliers: np.ndarray) -> tuple[Iterate, Outcome, int]:
         """Return the last iterate, how it is to be taken, and the number of iterations."""
         iterate, program = self._begin(guess, multipliers)
         if not (self.is_warm or self._keeps_limits(program)):
@@ -316,7 +316,7 @@ class _Solve:
             return feasible, Outcome.FEASIBLE, self.most_iterations
         return iterate, Outcome.ITERATION_LIMIT, self.most_iterations
 
-    def _begin(self, guess: Point, multipliers: np.ndarray) -> tuple[Iterate, Program]:
+    def _begin(self, guess: Unknowns, multipliers: np.ndarray) -> tuple[Iterate, Program]:
         """Return the iterate at a guess, and the program there."""
         here, model = self.window.linearize(self.window.with_dependent_rates(guess))
         return Iterate(here), self._restored(here, self._program(here, model, multipliers))
@@ -385,7 +385,7 @@ class _Solve:
                 return Program(model, qp, reached)
             model = window.with_rows(model, here.point, of_nodes, of_intervals)
 
-    def _after(self, here: Evaluation, step: Point, step_length: float) -> Evaluation:
+    def _after(self, here: Evaluation, step: Unknowns, step_length: float) -> Evaluation:
         """Return the point after a step of a length, 1 being the full one."""
         return self.window.evaluation(self.window.with_dependent_rates(here.point.moved(step, step_length)))
 
@@ -480,7 +480,7 @@ class _Solve:
         qp = replace(program.qp, step=correction.step)
         return Iterate(reached, _largest(program.qp.step), 1.0, qp=qp)
 
-    def _longest_step(self, point: Point, step: Point) -> float:
+    def _longest_step(self, point: Unknowns, step: Unknowns) -> float:
         """Return the largest step length that shortens no stage by more than `LARGEST_CUT` of its duration."""
         durations = self.window.form.durations(point, self.window.horizon)
         changes = self.window.form.stage_durations @ step.tau
@@ -488,7 +488,7 @@ class _Solve:
         return LARGEST_CUT / max(LARGEST_CUT, float(cuts.max()))
 
 
-def _largest(step: Point) -> float:
+def _largest(step: Unknowns) -> float:
     """Return the largest component of a step [m, rad, m/s, rad/s, s]."""
     return float(max(np.abs(step.X).max(), np.abs(step.tau).max(initial=0.0)))
 
@@ -518,20 +518,22 @@ class Filter:
         self._entries: list[tuple[float, float]] = []
 
     def accepts(self, trial: Iterate, iterate: Iterate, slope: float, is_elastic: bool) -> bool:
-        """Tell whether a trial point is accepted; if so, enter the iterate where the filter has to remember it.
+        """Tell whether a step of the line search is accepted; if so, the filter may remember where it started.
+
+        The symbols are those of the class: theta is the violation, phi the objective, k the iterate before the step.
 
         Args:
             trial: The iterate after the step.
-            iterate: Where the step starts.
-            slope: m, with the penalties of soft limits.
+            iterate: Iterate k, where the step starts.
+            slope: m, the predicted change of phi by a full step, with the penalties of soft limits.
             is_elastic: The step is that of an elastic program.
         """
         theta = trial.reached.violation
         theta_k = iterate.reached.violation
         phi_k = iterate.reached.objective
         phi = trial.reached.objective - ROUNDING * (1 + abs(phi_k))
-        steep = slope < 0 and trial.step_length * (-slope) ** S_PHI > theta_k**S_THETA
-        if theta_k <= FEASIBLE and steep:
+        is_steep = slope < 0 and trial.step_length * (-slope) ** S_PHI > theta_k**S_THETA
+        if theta_k <= FEASIBLE and is_steep:
             return self._acceptable(theta, phi) and phi <= phi_k + DECREASE * trial.step_length * slope
         improves = _reduces(theta, theta_k) if is_elastic else _improves(theta, phi, theta_k, phi_k)
         if not (self._acceptable(theta, phi) and improves):
@@ -553,7 +555,7 @@ def _reduces(theta: float, old_theta: float) -> bool:
     return theta <= (1 - MARGIN) * old_theta
 
 
-def aitken_factor(iterate: Iterate, step: Point) -> float:
+def aitken_factor(iterate: Iterate, step: Unknowns) -> float:
     """Return the step length that stops a step from undoing the last one, if both are about as long; else 1.
 
     Where the Gauss-Newton model misses curvature, steps alternate about the optimum. Let d_ be the last step, taken
@@ -579,7 +581,7 @@ def aitken_factor(iterate: Iterate, step: Point) -> float:
     return max(AITKEN_MIN_FACTOR, iterate.step_length * float(-(last @ change) / (change @ change)))
 
 
-def later_switch(window: SqpWindow, point: Point) -> Point | None:
+def later_switch(window: SqpWindow, point: Unknowns) -> Unknowns | None:
     """Return the motion of a guess with its last switch near the latest time; None where that cannot move.
 
     A stage that is too short for its end condition has to last longer and to be faster at once. The product of the two
@@ -600,4 +602,4 @@ def later_switch(window: SqpWindow, point: Point) -> Point | None:
     before, after = (np.r_[0.0, np.cumsum(durations), horizon] for durations in (point.tau, tau))
     motion = Plan(mesh(before, form.grid.nodes), point.X, form.inputs(point, horizon), before[1:-1])
     X = motion.states_at(mesh(after, form.grid.nodes))
-    return Point(np.vstack([point.X[:1], X[1:]]), tau)
+    return Unknowns(np.vstack([point.X[:1], X[1:]]), tau)

@@ -22,7 +22,7 @@ from psmpc_cli.ocp.constraints.boxes import (
     widened,
 )
 from psmpc_cli.ocp.end import SHORTEST
-from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm, mask
+from psmpc_cli.ocp.gauss_newton import Linearization, Residuals, Unknowns, VelocityForm, mask
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Parameters, Window, shortest_durations
 from psmpc_cli.solvers.base import FEASIBLE
@@ -76,7 +76,8 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     if np.isfinite(inputs).any():
         input_low, input_high = _over_h(*inputs, lows, highs)
     else:
-        input_low = input_high = np.zeros((0, grid.n))
+        input_low = np.zeros((0, grid.n))
+        input_high = np.zeros((0, grid.n))
     row_low = np.concatenate(lows)
     soft = np.zeros(len(row_low), bool)
     soft[: 2 * grid.n * grid.K] = window.soft
@@ -140,7 +141,7 @@ def window_bounds(
     if any(constraint.over_intervals for stage in window.stages for constraint in stage.constraints.values()):
         over_time = form.interval_row_is_over_time
         interval_low, interval_high = (
-            _finite(bound, over_time) for bound in form.interval_bounds(window, guess.instants)
+            _finite(bound, over_time) for bound in form.interval_bounds(window, guess.switch_times)
         )
         shared = replace(shared, interval_low=interval_low, interval_high=interval_high)
     first = len(window.x0) * window.K  # the durations stand after the states
@@ -175,7 +176,7 @@ class Evaluation:
         penalties: rho times the violations of the soft rows, ascending.
     """
 
-    point: Point
+    point: Unknowns
     at: Residuals
     objective: float
     rows: np.ndarray
@@ -214,7 +215,7 @@ class SqpWindow:
         """Number of the rows of states, the first of all."""
         return 2 * self.form.grid.n * self.form.grid.K
 
-    def with_dependent_rates(self, point: Point) -> Point:
+    def with_dependent_rates(self, point: Unknowns) -> Unknowns:
         """Return a point with the rates that rows at nodes determine."""
         return self.form.with_dependent_rates(point, self.p)
 
@@ -255,7 +256,7 @@ class SqpWindow:
             is_in[first + count + model.interval_rows] = True
         return np.flatnonzero(is_in)
 
-    def _interval_rows_beyond(self, point: Point, values: np.ndarray, share: float, excess: float) -> np.ndarray:
+    def _interval_rows_beyond(self, point: Unknowns, values: np.ndarray, share: float, excess: float) -> np.ndarray:
         """Return which rows over intervals (I,), of these values, exceed a share of their bounds by more than that.
 
         Only bounds over h have shares.
@@ -300,7 +301,7 @@ class SqpWindow:
         return of_nodes, of_intervals
 
     def with_rows(
-        self, model: Linearization, point: Point, of_nodes: np.ndarray, of_intervals: np.ndarray
+        self, model: Linearization, point: Unknowns, of_nodes: np.ndarray, of_intervals: np.ndarray
     ) -> Linearization:
         """Return the model at a point with some more rows at nodes and over intervals."""
         model = self.form.with_node_rows(model, point, self.p, of_nodes)
@@ -310,7 +311,7 @@ class SqpWindow:
         derivatives = self.form.interval_jacobian(point, self.p, of_model)
         return replace(model, interval_rows=of_model, interval_rows_by=derivatives)
 
-    def rows(self, point: Point, at: Residuals, h: np.ndarray) -> np.ndarray:
+    def rows(self, point: Unknowns, at: Residuals, h: np.ndarray) -> np.ndarray:
         """Return the rows at a point whose intervals have the lengths h (K, 1) [s], (R,)."""
         rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]
         if len(self.form.row_interval):
@@ -323,11 +324,11 @@ class SqpWindow:
             rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
         return np.concatenate(rows)
 
-    def evaluation(self, point: Point) -> Evaluation:
+    def evaluation(self, point: Unknowns) -> Evaluation:
         """Evaluate the window at a point."""
         return self.evaluated(point, self.form.residuals(point, self.p))
 
-    def evaluated(self, point: Point, at: Residuals) -> Evaluation:
+    def evaluated(self, point: Unknowns, at: Residuals) -> Evaluation:
         """Return the evaluation of a point with these residuals.
 
         The violation is in natural units, m, rad, m/s, rad/s, s. A limit on an acceleration counts by the velocity it
@@ -374,7 +375,7 @@ class SqpWindow:
             return 0.0
         return float(scaled_violations(self.p.x0, *self.bounds.first).sum())
 
-    def state_violations(self, point: Point) -> np.ndarray:
+    def state_violations(self, point: Unknowns) -> np.ndarray:
         """Return by how much nodes violate limits of states at worst, (2n,) [m, rad, m/s, rad/s]."""
         low = self.bounds.low[: self.states].reshape(point.X[1:].shape)
         high = self.bounds.high[: self.states].reshape(point.X[1:].shape)
@@ -399,7 +400,7 @@ class SqpWindow:
             return np.zeros(len(is_soft))
         return np.where(is_soft, PENALTY * here.shares[self.bounds.node[which]], 0.0)
 
-    def linearize(self, point: Point, before: Linearization | None = None) -> tuple[Evaluation, Linearization]:
+    def linearize(self, point: Unknowns, before: Linearization | None = None) -> tuple[Evaluation, Linearization]:
         """Return the evaluation of a point, and the model there, violations weighted with the durations they last.
 
         What a step changes of the violations is left to the program, which knows it exactly. Of the rows over
@@ -420,7 +421,7 @@ class SqpWindow:
         by_tau = here.penalties @ node_shares[self._soft_node] + self._penalty_of_first * node_shares[0]
         return here, replace(model, gradient_tau=model.gradient_tau + by_tau)
 
-    def foreseen(self, here: Evaluation, model: Linearization, step: Point) -> np.ndarray:
+    def foreseen(self, here: Evaluation, model: Linearization, step: Unknowns) -> np.ndarray:
         """Return the values of the rows (R,) that the model at a point has after a step.
 
         Of rows that the model does not have, and of those of durations and accelerations, it is their value at the
@@ -442,7 +443,7 @@ class SqpWindow:
         return rows
 
     def corrected(
-        self, here: Evaluation, model: Linearization, step: Point, reached: Evaluation
+        self, here: Evaluation, model: Linearization, step: Unknowns, reached: Evaluation
     ) -> tuple[Evaluation, Linearization]:
         """Return a point and a model whose program has the step nearest to one that meets the constraints after it.
 

@@ -195,7 +195,8 @@ def _capsules_about(points: Array) -> Iterator[Cover]:
             start = float((along + reach).min())
             end = float((along - reach).max())
             if end < start:  # a sphere is enough
-                start = end = (start + end) / 2
+                start = (start + end) / 2
+                end = start
             ends = np.zeros((1, 2, 3))
             ends[0, :, axis] = start, end
             yield Cover(ends, radius, 0.0)
@@ -265,5 +266,5 @@ def _outermost(points: Array) -> Array:
     directions = np.vstack([directions, np.eye(3), -np.eye(3)])
     spread = np.ptp(points, axis=0)
     scaled = (points - points.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
-    found = [(scaled @ some.T).argmax(axis=0) for some in np.array_split(directions, 16)]
-    return np.asarray(points[np.unique(np.concatenate(found))])
+    farthest = [(scaled @ some.T).argmax(axis=0) for some in np.array_split(directions, 16)]
+    return np.asarray(points[np.unique(np.concatenate(farthest))])

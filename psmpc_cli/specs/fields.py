@@ -112,7 +112,14 @@ def keys_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
-    """Give the errors of a model in our words; a misspelt key is not also reported as missing."""
+    """Yield pydantic's errors of a model in the words of our messages: what was found, and what was expected.
+
+    A key that is misspelt is not reported as missing as well, nor a list as too short of which entries are wrong.
+
+    Args:
+        details: The errors, as pydantic has them.
+        model: The model that was validated.
+    """
     keys = keys_of(model)
     unknown = [str(detail["loc"][0]) for detail in details if detail["type"] == "extra_forbidden"]
     misspelt = {suggestion(key, keys) for key in unknown}
@@ -124,7 +131,7 @@ def _explained(details: list[ErrorDetails], model: type[Spec]) -> Iterator[Any]:
         if kind == "missing" and at[0] in misspelt:
             continue
         if kind == "too_short" and len(value) >= context["min_length"]:
-            continue  # only too short because wrong entries do not count
+            continue  # wrong entries do not count
         if kind in _EXPLANATIONS:
             error = _EXPLANATIONS[kind](detail, model)
         else:

@@ -145,8 +145,8 @@ class StrengthSpec(Spec):
     @property
     def of_loads(self) -> np.ndarray:
         """The largest loads (3,) in the order of `GRASP_LOADS`; infinite where there is no limit."""
-        found = (getattr(self, load) for load in GRASP_LOADS)
-        return np.array([np.inf if largest is None else largest for largest in found])
+        largest_loads = (getattr(self, load) for load in GRASP_LOADS)
+        return np.array([np.inf if largest is None else largest for largest in largest_loads])
 
 
 def _ordered(at: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:

@@ -643,10 +643,10 @@ def _object_end(end: ObjectEndSpec, earlier_fields: Fields, context: Context) ->
         yield (), expected('an "object" with a mass and a destination', "no such object", at_key=True)
         return
     order = context.stages
-    found = _carrying(target_object, earlier_fields, context)
-    if found is not None and not found.taken < found.stage < found.let_go:
-        wanted = f"it in a stage that holds the object, from the one after {quoted(order[found.taken])} on"
-        yield (), expected(wanted, f"it in {quoted(order[found.stage])}", at_key=True)
+    carrying = _carrying(target_object, earlier_fields, context)
+    if carrying is not None and not carrying.taken < carrying.stage < carrying.let_go:
+        wanted = f"it in a stage that holds the object, from the one after {quoted(order[carrying.taken])} on"
+        yield (), expected(wanted, f"it in {quoted(order[carrying.stage])}", at_key=True)
 
 
 def parts_of_target(target: Mapping[str, Any] | TrajectorySpec) -> Collection[str]:
@@ -750,14 +750,14 @@ def _retry(retry: RetrySpec, earlier_fields: Fields, context: Context) -> RuleEr
         yield (), expected('an "object" with a mass', "no such object", at_key=True)
         return
     order = context.stages
-    found = _carrying(target_object, earlier_fields, context)
-    if found is None:
+    carrying = _carrying(target_object, earlier_fields, context)
+    if carrying is None:
         return
-    if not found.taken <= found.stage < found.let_go:
-        wanted = f"it in {quoted(order[found.taken])}, at whose end the object is taken, or in a stage that holds it"
-        yield (), expected(wanted, f"it in {quoted(order[found.stage])}", at_key=True)
+    if not carrying.taken <= carrying.stage < carrying.let_go:
+        wanted = f"it in {quoted(order[carrying.taken])}, at whose end the object is taken, or in a stage that holds it"
+        yield (), expected(wanted, f"it in {quoted(order[carrying.stage])}", at_key=True)
         return
-    earlier = order[: min(found.stage, found.taken + 1)]
+    earlier = order[: min(carrying.stage, carrying.taken + 1)]
     if retry.back_to in order and retry.back_to not in earlier:
         where = f"an earlier stage that does not hold the object: {', '.join(map(quoted, earlier))}"
         wanted = where if earlier else "a stage before the one that takes the object: there is none"
@@ -886,7 +886,8 @@ def _instants(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Co
         elif stage.at is not None and stage.at >= limit:
             yield (i, "at"), expected(f"a time before the time_limit of {limit:g} s", f"{stage.at:g} s")
         elif stage.at is not None:
-            earliest = fixed = stage.at
+            earliest = stage.at
+            fixed = stage.at
 
 
 def _controller(controller: ControllerSpec, earlier_fields: Fields, context: Context) -> RuleErrors:

@@ -232,11 +232,11 @@ class Urdf:
     def chain(self, tip: str) -> list[UrdfJoint]:
         """Return the joints from the root to a link."""
         carried = self.carried
-        found = list[UrdfJoint]()
+        joints = list[UrdfJoint]()
         while tip in carried:
-            found.insert(0, carried[tip])
+            joints.insert(0, carried[tip])
             tip = carried[tip].parent
-        return found
+        return joints
 
     def where(self, part: "UrdfLink | UrdfJoint") -> str:
         """Return file, line, kind and name of a link or joint, for messages."""
@@ -300,12 +300,12 @@ class Urdf:
 
     def _one(self, element: Any, tag: str) -> Any:
         """Return the element that another one has at most once, None if there is none."""
-        found = element.findall(tag)
-        for second in found[1:]:
+        elements = element.findall(tag)
+        for second in elements[1:]:
             owner = _owner(element)
-            whose = f"of {owner.tag} {quoted(owner.get('name'))} (first at line {found[0].sourceline})"
+            whose = f"of {owner.tag} {quoted(owner.get('name'))} (first at line {elements[0].sourceline})"
             self.wrong(second, f"a second <{tag}> {whose}", "one at most")
-        return found[0] if found else None
+        return elements[0] if elements else None
 
     def inertial(self, name: str) -> Inertial:
         """Read mass, centre of mass and inertia of a link."""
@@ -387,18 +387,27 @@ class Urdf:
         return {each: None if limit is None else readers[each](joint, limit) for each in quantities}
 
     def _range(self, joint: UrdfJoint, limit: Any) -> list[float | str] | None:
-        """Return the limits of a joint's position [rad, m], None where it has none."""
+        """Return low and high limit of a joint's position with their units, None where it has none.
+
+        URDF files write joints without limits in several ways: as another type, without numbers, with two zeros, or
+        with numbers that no joint reaches. All of them mean None, and are noted. Limits in the wrong order, or one
+        alone that no joint reaches, are errors.
+
+        Args:
+            joint: The joint.
+            limit: Its element `limit`, at which notes and errors point.
+        """
         own = f"of joint {quoted(joint.name)}"
         if not joint.type.is_bounded:
             ends = [f'{end}="{limit.get(end)}"' for end in ("lower", "upper") if limit.get(end) is not None]
             if ends:
                 self.note(limit, f"{' and '.join(ends)} {own}, which is {joint.written_type}: without limits")
             return None
-        before = len(self.errors)
+        errors_before = len(self.errors)
         low, high = (
             self._numbers(joint.element, f"limit/@{end}", 1, "0", largest=np.inf)[0] for end in ("lower", "upper")
         )
-        if len(self.errors) > before:
+        if len(self.errors) > errors_before:
             return None
         if low == high == 0:
             self.note(limit, f"the limits {own} are both 0 or not given: without limits")
@@ -694,13 +703,13 @@ def _chains(urdf: Urdf, file: UrdfRobot, base: str) -> dict[str, tuple[str, list
         SpecError: An arm that is named has no joint.
     """
     above = {joint.child for joint in urdf.chain(base)}
-    found = dict[str, tuple[str, list[UrdfJoint]]]()
+    arms = dict[str, tuple[str, list[UrdfJoint]]]()
     taken = set(file.locked)
     tips = {name: arm.tip for name, arm in (file.arms or {}).items()}
     for name, tip in (tips or {leaf: leaf for leaf in urdf.leaves if leaf != base}).items():
         way = [joint for joint in urdf.chain(tip) if joint.child not in above and joint.type.moves]
         if own := [joint for joint in way if joint.name not in taken]:
-            found[name] = tip, own
+            arms[name] = tip, own
             taken |= {joint.name for joint in own}
             if not is_arm_name(name):  # that of a leaf: those of a file are validated with it
                 leaf = f"the leaf {quoted(name)}, whose name no arm may have"
@@ -709,7 +718,7 @@ def _chains(urdf: Urdf, file: UrdfRobot, base: str) -> dict[str, tuple[str, list
         elif tips:
             no_joint = f"found no joint of its own on the way to {quoted(tip)}, the tip of arm {quoted(name)}"
             raise SpecError(f"{urdf.file}: {no_joint}, expected a tip that moves against the base and other arms")
-    return found
+    return arms
 
 
 def _placed(urdf: Urdf, base: str, locked: Mapping[str, float], bodies: Mapping[str, str]) -> Places:
@@ -914,11 +923,11 @@ def _path_of(reference: str, folder: Path) -> Path:
     above = [folder.resolve(), *folder.resolve().parents]
     tried = [each / package / inside for each in above]
     tried += [each / inside for each in above if each.name == package]
-    found = next(filter(os.path.isfile, tried), None)
-    if found is None:
+    file = next(filter(os.path.isfile, tried), None)
+    if file is None:
         wanted = f"expected a folder {quoted(package)} with it beside or above the URDF"
         raise SpecError(f"found no mesh {quoted(reference)}, {wanted}")
-    return found
+    return file
 
 
 def _with_unit(joint: UrdfJoint, limit: float) -> float | str:

@@ -255,11 +255,11 @@ def _time_solves(
         optimum = polished if polished.outcome is Outcome.OPTIMAL else optimum
         known = 1.0 if optimum.outcome is Outcome.OPTIMAL else np.nan
         for k, case in zip(range(w, len(calls), len(recorded)), cases, strict=True):
-            found = solutions[k]
-            gap = known * (found.objective - optimum.objective) / abs(optimum.objective)
-            late = known * np.abs(found.plan.instants - optimum.plan.instants).max(initial=0.0)
-            violation = tight.violation(window, found.plan)
-            counts = len(window.stages), found.outcome.usable, found.iterations
+            solution = solutions[k]
+            gap = known * (solution.objective - optimum.objective) / abs(optimum.objective)
+            late = known * np.abs(solution.plan.switch_times - optimum.plan.switch_times).max(initial=0.0)
+            violation = tight.violation(window, solution.plan)
+            counts = len(window.stages), solution.outcome.usable, solution.iterations
             yield case, TimedSolve(*counts, gap, late, violation, times[k])
 
 
@@ -271,7 +271,7 @@ def _call(
     guess = recorded.guess
     if start == "cold":
         resting = resting_plan(window.start, window.horizon, 100, window.x0, window.chart)
-        guess = replace(resting, instants=guess.instants)
+        guess = replace(resting, switch_times=guess.switch_times)
         previous = None
     elif previous is not None and not own:
         previous = solver.solve(previous.window, previous.guess)
@@ -296,8 +296,8 @@ def bench_rows(bench: Bench) -> Iterator[tuple[str, ...]]:
 
 def _over(function: Callable[[np.ndarray], np.floating], values: ArrayLike) -> float:
     """Return a statistic of the values that are known; NaN without one."""
-    found = np.asarray(values, float)
-    known = found[np.isfinite(found)]
+    numbers = np.asarray(values, float)
+    known = numbers[np.isfinite(numbers)]
     return float(function(known)) if len(known) else np.nan
 
 

@@ -31,18 +31,24 @@ class FrontMovement:
     """
 
     def __init__(self, results: Results) -> None:
+        """Follow the optima of weighted sums in a study's results, over the ratio of weights and over samples."""
         instants = results["instant"]
-        J = front_points(results, WEIGHTED)[0][:, 0]
-        first = results["t_s"] - instants
+        J = front_points(results, WEIGHTED)[0][:, 0]  # J_1 and J_2 by sample and ratio (S + 1, ratios, 2)
+        first_part = results["t_s"] - instants
+        horizon = float(np.asarray(results.attributes["horizon"]))
         self.instants: list[float] = instants.tolist()
-        self.parts = np.column_stack([first, float(np.asarray(results.attributes["horizon"])) - first])
+        self.parts = np.column_stack([first_part, horizon - first_part])
+
+        # as the ratio grows; to the upper left means less J_1 and more J_2
         relative = J / np.array([extents(front) for front in J])[:, None, :]
-        known = [front[np.isfinite(front).all(axis=1)] for front in relative]
-        backward = [np.diff(front, axis=0) * [-1.0, 1.0] for front in known]
+        fronts = [front[np.isfinite(front).all(axis=1)] for front in relative]
+        backward = [np.diff(front, axis=0) * [-1.0, 1.0] for front in fronts]
         self.against = [float(np.max(steps, initial=0.0)) for steps in backward]
-        self.moves = [bool(len(front)) and bool(np.all(np.ptp(front, axis=0) > 0)) for front in known]
-        steps = zip(self.moves, self.against, strict=True)
-        self.moving = sum(moves and step <= LEAST_IMPROVEMENT for moves, step in steps)
+        self.moves = [bool(len(front)) and bool(np.all(np.ptp(front, axis=0) > 0)) for front in fronts]
+        by_sample = zip(self.moves, self.against, strict=True)
+        self.moving = sum(moves and step <= LEAST_IMPROVEMENT for moves, step in by_sample)
+
+        # from sample to sample
         lows = np.nanmin(relative, axis=1, keepdims=True, initial=np.inf)
         followed = {"normalized": J, "per second": J / self.parts[:, None, :], "own extent": relative - lows}
         changes = {name: np.ma.masked_invalid(np.diff(values, axis=0)) for name, values in followed.items()}

@@ -133,6 +133,6 @@ def front_points(results: Results, method: str) -> tuple[Vector, Vector]:
 
     Along `later` are the instants held: the run's optimum alone, or later ones too where that is a criterion.
     """
-    found = (results[f"{method}_{name}"] for name in ("J_1", "J_2", "dominated"))
-    J_1, J_2, marks = (each if each.ndim == 3 else each[:, None] for each in found)
+    arrays = (results[f"{method}_{name}"] for name in ("J_1", "J_2", "dominated"))
+    J_1, J_2, marks = (each if each.ndim == 3 else each[:, None] for each in arrays)
     return np.stack([J_1, J_2], axis=-1), marks.astype(bool)

@@ -88,8 +88,8 @@ def _nearest(name: str, unknown: Any = np.nan) -> Callable[[Run], Any]:
     """Read what is known of the two parts that came nearest to each other; `unknown` where nothing keeps clear."""
 
     def read(run: Run) -> Any:
-        found = run.summary().clearance
-        return unknown if found is None else getattr(found.nearest, name)
+        clearance = run.summary().clearance
+        return unknown if clearance is None else getattr(clearance.nearest, name)
 
     return read
 
@@ -102,8 +102,8 @@ def _succeeded(run: Run) -> int:
 
 def _touched(run: Run) -> float:
     """Tell whether parts touched that keep clear: 1, 0, or NaN where nothing does."""
-    found = run.summary().clearance
-    return np.nan if found is None else float(bool(found.touched))
+    clearance = run.summary().clearance
+    return np.nan if clearance is None else float(bool(clearance.touched))
 
 
 def _stage_cost(run: Run) -> np.ndarray:
@@ -208,8 +208,8 @@ def over_weights(second: int) -> tuple[Column, ...]:
     def at_detection(run: Run, signal: np.ndarray) -> float:
         """Read a signal at the first sample with the switch in its window; NaN if there is none."""
         first = run["window/first"]
-        found = np.flatnonzero((first < second) & (first + run["window/count"] > second))
-        return float(signal[found[0]]) if len(found) else np.nan
+        samples = np.flatnonzero((first < second) & (first + run["window/count"] > second))
+        return float(signal[samples[0]]) if len(samples) else np.nan
 
     by_epsilon = "actual_start_by_epsilon"
     seen = "first sample with the switch in the window"

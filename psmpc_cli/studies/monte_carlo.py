@@ -176,14 +176,14 @@ class MonteCarloRuns:
     @property
     def keeps_clear(self) -> Array:
         """Which runs know the distances of parts that keep clear (runs,); none of a study without such parts."""
-        found = self.results.quantities.get("touched")
-        return np.zeros(len(self.made), bool) if found is None else np.isfinite(found.values)
+        touched = self.results.quantities.get("touched")
+        return np.zeros(len(self.made), bool) if touched is None else np.isfinite(touched.values)
 
     @property
     def is_without_limits(self) -> bool:
         """Whether the task is known to have no limit of forces and accelerations."""
-        found = self.results.quantities.get("limits_dynamics")
-        return found is not None and bool((found.values == 0).any())
+        limits = self.results.quantities.get("limits_dynamics")
+        return limits is not None and bool((limits.values == 0).any())
 
     def spread(self) -> Iterator[tuple[str, Array]]:
         """Yield every quantity that spreads over the runs: what it is, and its values of the runs that have it."""

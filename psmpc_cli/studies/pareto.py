@@ -109,11 +109,11 @@ def solve_pareto(
     samples = choose_samples(run, stages, settings.at)
     solves = [logged_solve(run, sample) for sample in samples]
     cells = {f"front at {each.window.start:g} s": (run.task, settings, each) for each in solves}
-    found = compute_all(_solve_sample, cells, jobs, watch, "fronts")
+    fronts = compute_all(_solve_sample, cells, jobs, watch, "fronts")
     attributes = {**header(build_experiment(run.task)).attributes, "method": settings.method}
     attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
     names = [run.stage_names[stage] for stage in stages]
-    results = join_samples(path, attributes, names, settings, list(found.values()))
+    results = join_samples(path, attributes, names, settings, list(fronts.values()))
     results.create(force)
     return results
 
@@ -174,7 +174,7 @@ class TradeOff:
         guess = near.plan
         within = np.inf
         if wait is not None:
-            guess = replace(guess, instants=np.array([problem.start + wait]))
+            guess = replace(guess, switch_times=np.array([problem.start + wait]))
             within = 0.0
         solver = self.solver if np.isinf(problem.cost_bound) else self._bounded
         point = solver.solve(problem, guess, within=within)
@@ -201,7 +201,7 @@ def point_costs(points: Sequence[Solution]) -> Vector:
 
 def _waits(points: Sequence[Solution]) -> Vector:
     """Return t_s - T0 of points (P,) [s]."""
-    waits = [point.plan.instants[0] - point.window.start for point in points]
+    waits = [point.plan.switch_times[0] - point.window.start for point in points]
     return np.where(np.isnan(point_costs(points)[:, 0]), np.nan, waits)
 
 
@@ -224,7 +224,7 @@ def _solve_sample(cell: tuple[Task, ParetoSettings, Solution]) -> list[Quantity]
     if problem.model.space.has_quaternion:  # one iteration may leave an instant 1e-3 s before limits of omega allow it
         solve = trade_off.solve(logged.window.about(logged.guess), logged, None)
     window = solve.window
-    instant = float(solve.plan.instants[0])
+    instant = float(solve.plan.switch_times[0])
     wait = instant - window.start
     held = wait + settings.delays * max(window.horizon - SHORTEST - wait, 0.0)
     swept = [_sweep(trade_off, solve, settings, float(at)) for at in held]

@@ -272,11 +272,13 @@ def task_in(results: Results, changes: Sequence[str] = ()) -> Task:
 def names_along(task: Task) -> list[Quantity]:
     """Build the further coordinates of a whole run's quantities: stages, and monitors where there are any."""
     judged = task.spec.judged
-    found = [Quantity("stage", ("stage",), np.array([each.name for each in task.spec.stages]), "1", "stage")]
+    coordinates = [Quantity("stage", ("stage",), np.array([each.name for each in task.spec.stages]), "1", "stage")]
     if judged:
-        found.append(Quantity("monitor", ("monitor",), np.array(list(judged)), "1", "monitor"))
-        found.append(Quantity("monitor_unit", ("monitor",), np.array(list(judged.values())), "1", "unit of its margin"))
-    return found
+        coordinates.append(Quantity("monitor", ("monitor",), np.array(list(judged)), "1", "monitor"))
+        coordinates.append(
+            Quantity("monitor_unit", ("monitor",), np.array(list(judged.values())), "1", "unit of its margin")
+        )
+    return coordinates
 
 
 def _resumed(study: Study, new: Results) -> Results:
@@ -414,15 +416,15 @@ def compute_all(
     Raises:
         RunError: A call is lost, since it kills its process.
     """
-    found = dict[str, Result]()
+    by_name = dict[str, Result]()
     work = Work(parts, len(items), watch)
     with closing(compute(function, items, jobs, wait=work.wait)) as results:
         for name, result in results:
             if result is None:
                 raise RunError(f"{name}: {LOST}: try fewer --jobs")
-            found[name] = result
+            by_name[name] = result
             work.advance(name)
-    return {name: found[name] for name in items}
+    return {name: by_name[name] for name in items}
 
 
 def _pickled(folder: str, function: Callable[[Item], Result], item: Item) -> Path:
@@ -513,12 +515,12 @@ def _on_cluster(address: str) -> Iterator[Workers]:
     with client:
         versions = client.run(resolve_name, "psmpc_cli:__version__", on_error="return")
         for worker, threads in client.nthreads().items():
-            found = versions.get(worker, OSError())
-            if isinstance(found, OSError):  # it ended or joined just now
+            version = versions.get(worker, OSError())
+            if isinstance(version, OSError):  # it ended or joined just now
                 continue
-            if threads != 1 or found != __version__:
+            if threads != 1 or version != __version__:
                 raise InputError(
-                    f"--dask: worker {worker} has {threads} threads and psmpc {found}, expected 1 "
+                    f"--dask: worker {worker} has {threads} threads and psmpc {version}, expected 1 "
                     f"(--nthreads 1; --nworkers for several calls at a time) and {__version__} as here"
                 )
         try:

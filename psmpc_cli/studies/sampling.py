@@ -118,12 +118,12 @@ def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf,
         InputError: One is no finite number above the smallest.
     """
     try:
-        found = sorted({float(part) for part in text.split(by)})
+        numbers = sorted({float(part) for part in text.split(by)})
     except ValueError:
-        found = [np.nan]
-    if not all(above < number < np.inf for number in found):
+        numbers = [np.nan]
+    if not all(above < number < np.inf for number in numbers):
         raise InputError(f"{option}: found '{text}', expected {expected}")
-    return tuple(found)
+    return tuple(numbers)
 
 
 def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampling:

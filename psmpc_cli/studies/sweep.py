@@ -62,11 +62,16 @@ def parse_stages(text: str, task: Task) -> tuple[int, int]:
     if task.spec.controller.kind != "psmpc":
         raise InputError(f"found controller.kind {task.spec.controller.kind}, which has no priorities; expected psmpc")
     given = [part.strip() for part in text.split(",")]
-    found = [names.index(part) if part in names else int(part) - 1 if part.isdigit() else -1 for part in given]
-    if len(found) != 2 or not 0 <= found[0] < len(names) or found[1] != found[0] + 1 or found[1] >= len(names):
+    indices = [names.index(part) if part in names else int(part) - 1 if part.isdigit() else -1 for part in given]
+    if (
+        len(indices) != 2
+        or not 0 <= indices[0] < len(names)
+        or indices[1] != indices[0] + 1
+        or indices[1] >= len(names)
+    ):
         listed = ", ".join(f"{i + 1} {name}" for i, name in enumerate(names))
         raise InputError(f"--stages: found '{text}', expected two in a row such as 1,2 of the task's stages: {listed}")
-    return found[0], found[1]
+    return indices[0], indices[1]
 
 
 def origins(task: Task, stages: tuple[int, int], omega: Array) -> Array:

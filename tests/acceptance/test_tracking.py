@@ -57,9 +57,9 @@ def test_next_stage_is_seen_before_and_its_instant_stays(tracked: Run) -> None:
     _, records, ends = tracked
     seen = np.array(
         [
-            record.command.instants[0]
+            record.command.switch_times[0]
             for record in records
-            if record.command.sequence.first == 1 and len(record.command.instants)
+            if record.command.sequence.first == 1 and len(record.command.switch_times)
         ]
     )
     assert len(seen) >= 30

@@ -153,7 +153,7 @@ def test_an_automatic_mesh_leads_to_the_same_instants(psmpc: Summary, log_of: Ca
 def test_the_runs_are_where_the_converged_solvers_are(log_of: Callable[[str], Run], name: str) -> None:
     """Those are in the baseline: at this mesh each takes a minute."""
     converged = BASELINE[f"{name}, converged (fatrop)"]
-    *instants, end = ends(log_of(name).summary()).values()
+    *switch_times, end = ends(log_of(name).summary()).values()
     *expected, expected_end = converged["switch_time"].values()
-    assert instants == pytest.approx(expected, abs=0.1)
+    assert switch_times == pytest.approx(expected, abs=0.1)
     assert end == pytest.approx(expected_end, abs=0.2)

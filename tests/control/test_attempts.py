@@ -25,7 +25,7 @@ def test_an_append_that_cannot_be_solved_is_postponed(experiment_of: Build) -> N
     samples, ending = run(fails)
     postponed = [s.command for s in samples if "postponed" in s.command.events and s.command.time < 0.95]
     assert postponed
-    assert all(command.outcome.usable and len(command.instants) == 0 for command in postponed)
+    assert all(command.outcome.usable and len(command.switch_times) == 0 for command in postponed)
     assert ending.completed
 
 
@@ -60,10 +60,10 @@ def test_entering_stages_are_solved_over_several_samples_where_their_iterations_
 def test_a_planned_end_whose_solve_ran_out_of_iterations_goes_on_from_its_iterate(experiment_of: Build) -> None:
     """Guesses of windows over one stage before and after its end are told from those without the end."""
     changes = (*SHORT, "solver.kind=sqp", "controller.kind=hard", "controller.one_stage=free_end")
-    usual = next(s for s in closed_loop(experiment_of(*changes)) if len(s.command.instants)).command
+    usual = next(s for s in closed_loop(experiment_of(*changes)) if len(s.command.switch_times)).command
     limited = with_failures(experiment_of(*changes), lambda w: len(w.stages) > 1 and w.start < usual.time + 0.25)
     commands = [sample.command for sample in islice(closed_loop(limited), 20)]
-    resumed = next(command for command in commands if len(command.instants))
+    resumed = next(command for command in commands if len(command.switch_times))
     assert resumed.time == pytest.approx(usual.time + 0.3)
     assert resumed.solution.iterations < usual.solution.iterations
     assert all(command.outcome.usable for command in commands)
@@ -104,7 +104,7 @@ def test_a_warm_window_without_a_solution_is_solved_once_more_as_a_cold_one(expe
     again = [sample.command for sample in samples if sample.command.time in solver.without]
     assert ending.completed
     assert again
-    assert all(len(command.instants) for command in again)
+    assert all(len(command.switch_times) for command in again)
 
 
 class Clocked(Solver):

@@ -72,8 +72,8 @@ def assert_decided_as_simulated(task: Task) -> None:
     ):
         np.testing.assert_array_equal(simulated[path], mine)
     for k, command in enumerate(commands):
-        instants = simulated["window/instants"][k]
-        np.testing.assert_array_equal(instants[np.isfinite(instants)], command.instants)
+        switch_times = simulated["window/instants"][k]
+        np.testing.assert_array_equal(switch_times[np.isfinite(switch_times)], command.switch_times)
     switches = [switch for command in (*commands, last) for switch in command.switches]
     assert [stage for stage, _ in switches] == list(range(len(task.spec.stages)))
     np.testing.assert_array_equal([time for _, time in switches], simulated.stages["switch_time"])
@@ -118,13 +118,13 @@ def test_smpc_is_psmpc_with_equal_priorities(experiment_of: Build) -> None:
     for one, other in zip(smpc, psmpc, strict=True):
         np.testing.assert_array_equal(one.command.state, other.command.state)
         np.testing.assert_array_equal(one.command.u, other.command.u)
-        np.testing.assert_array_equal(one.command.instants, other.command.instants)
+        np.testing.assert_array_equal(one.command.switch_times, other.command.switch_times)
 
 
 def test_hard_switching_never_looks_past_the_current_stage(experiment_of: Build) -> None:
     samples, ending = run(experiment_of(*SHORT, "controller.kind=hard"))
     assert ending.completed
-    assert all(len(sample.command.instants) == 0 for sample in samples)
+    assert all(len(sample.command.switch_times) == 0 for sample in samples)
     assert not any(sample.metrics["window/presence"] for sample in samples)
 
 
@@ -140,7 +140,7 @@ def test_the_objective_is_made_of_the_costs_of_the_stages(experiment_of: Build) 
     for sample in closed_loop(experiment_of(*SHORT)):
         command, window = sample.command, sample.command.solution.window
         if "solve_failed" not in command.events:
-            pending = window.omega.max() * np.sum(command.instants - command.time)
+            pending = window.omega.max() * np.sum(command.switch_times - command.time)
             expected = window.omega @ command.solution.costs + pending
             assert pytest.approx(expected, rel=1e-6) == command.solution.J
 

@@ -39,11 +39,11 @@ def test_the_optimal_switch_time_does_not_depend_on_the_guess(
     solver: Solver, decisions: list[Command], guess: float
 ) -> None:
     """The pending cost makes it the earliest at which the condition can be met."""
-    command = next(d for d in decisions if len(d.instants) == 1 and d.instants[0] - d.time < 1.4)
-    guessed = replace(command.prediction, instants=np.array([command.time + guess]))
+    command = next(d for d in decisions if len(d.switch_times) == 1 and d.switch_times[0] - d.time < 1.4)
+    guessed = replace(command.prediction, switch_times=np.array([command.time + guess]))
     solved = solver.solve(command.solution.window, guessed)
     assert solved.outcome.usable
-    assert solved.plan.instants[0] == pytest.approx(command.instants[0], abs=1e-3)
+    assert solved.plan.switch_times[0] == pytest.approx(command.switch_times[0], abs=1e-3)
 
 
 @pytest.mark.slow
@@ -57,8 +57,8 @@ def test_stages_end_at_their_fixed_times(experiment_of: Build, times: tuple[floa
     assert list(ended) == [0, 1, 2, 3]
     assert [ended[stage] for stage in range(3)] == pytest.approx(times, abs=1e-6)
     for command in (sample.command for sample in samples):
-        known = np.array(times)[command.stage.index :][: len(command.instants)]
-        np.testing.assert_allclose(command.instants, known, atol=1e-6)
+        known = np.array(times)[command.stage.index :][: len(command.switch_times)]
+        np.testing.assert_allclose(command.switch_times, known, atol=1e-6)
 
 
 def test_a_fixed_time_between_conditions(experiment_of: Build) -> None:

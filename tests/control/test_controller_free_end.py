@@ -43,13 +43,13 @@ def samples_with_an_end(log: Run) -> np.ndarray:
 
 def test_without_the_key_windows_have_no_end(experiment_of: Build) -> None:
     samples, _ = run(experiment_of(*SHORT, "controller.kind=hard"))
-    assert not any(len(sample.command.instants) for sample in samples)
+    assert not any(len(sample.command.switch_times) for sample in samples)
 
 
 def test_the_window_holds_one_stage_before_and_after_its_planned_end(experiment_of: Build) -> None:
     samples, ending = run(experiment_of(*SHORT, *FREE_END))
     assert ending.completed
-    planned = [sample.command for sample in samples if len(sample.command.instants)]
+    planned = [sample.command for sample in samples if len(sample.command.switch_times)]
     assert {command.stage.index for command in planned} == {0, 1, 2}
     for command in planned:
         first, again = command.solution.window.stages
@@ -63,12 +63,12 @@ def test_a_stage_ends_when_its_plan_has_it_end(experiment_of: Build) -> None:
     experiment = experiment_of(*SHORT, *FREE_END, "controller.nodes=25")
     samples, _ = run(experiment)
     costs = experiment.problem.costs
-    planned = {sample.command.stage.index: sample for sample in samples if len(sample.command.instants)}
+    planned = {sample.command.stage.index: sample for sample in samples if len(sample.command.switch_times)}
     switches = dict(switch for sample in samples for switch in sample.command.switches)
     for stage, last in planned.items():
         command = last.command
-        assert switches[stage] == command.instants[0] < command.edges[-1] + 1e-3
-        error = costs.end_error(command.stage, command.plan.states_at(command.instants)[0])
+        assert switches[stage] == command.switch_times[0] < command.edges[-1] + 1e-3
+        error = costs.end_error(command.stage, command.plan.states_at(command.switch_times)[0])
         assert error == pytest.approx(1.0, abs=1e-3)  # the pending cost has it end as soon as it may
 
 
@@ -123,7 +123,7 @@ def test_sqp_finds_the_optimum_that_ipopt_finds_from_its_plan() -> None:
     assert found.outcome.usable
     assert reference.outcome.usable
     assert found.objective == pytest.approx(reference.objective, rel=1e-6)
-    assert found.plan.instants == pytest.approx(reference.plan.instants, abs=1e-4)
+    assert found.plan.switch_times == pytest.approx(reference.plan.switch_times, abs=1e-4)
     np.testing.assert_allclose(found.plan.X, reference.plan.X, atol=1e-3)
 
 
@@ -141,7 +141,7 @@ def test_a_trajectory_does_not_begin_again_after_the_planned_end(experiment_of: 
     samples, ending = run(experiment)
     assert ending.completed
     moving = {stage.index for stage in experiment.problem.stages[:-1] if stage.reference.moves}
-    planned = [sample.command for sample in samples if len(sample.command.instants)]
+    planned = [sample.command for sample in samples if len(sample.command.switch_times)]
     windows = [command.solution.window for command in planned if command.stage.index in moving]
     assert windows
     for window in windows:
@@ -157,4 +157,4 @@ def test_the_planned_end_may_have_no_solution(experiment_of: Build) -> None:
     free, _ = run(failing)
     for one, other in zip(hard, free, strict=True):
         np.testing.assert_array_equal(one.command.u, other.command.u)
-        assert len(other.command.instants) == 0
+        assert len(other.command.switch_times) == 0

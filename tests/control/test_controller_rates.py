@@ -53,7 +53,7 @@ def flown(task: Task, longest: float = 30.0) -> Flown:
         command = controller.step(time, state)
         failed += "solve_failed" in command.events
         commanded.append(command.u)
-        stages.append(command.sequence.first + np.searchsorted(command.instants, command.edges[:-1], side="right"))
+        stages.append(command.sequence.first + np.searchsorted(command.switch_times, command.edges[:-1], side="right"))
         Q, v = over_ticks(space, state.Q, state.v, command.u, command.tick)
         excess = np.maximum(excess, np.maximum(v - limits.velocity_high, limits.velocity_low - v).max(axis=0))
         state = State(Q[-1], v[-1])

@@ -29,7 +29,7 @@ def test_stages_are_seen_postponed_and_ended_as_with_hard_limits(experiment_of: 
     for one, other in zip(hard, soft, strict=True):
         assert one.command.events == other.command.events
         assert one.command.sequence.first == other.command.sequence.first
-        assert np.abs(one.command.plan.instants - other.command.plan.instants).max(initial=0.0) < 1e-3
+        assert np.abs(one.command.plan.switch_times - other.command.plan.switch_times).max(initial=0.0) < 1e-3
         assert (other.command.solution.violations < 1e-6).all()
 
 

@@ -106,7 +106,7 @@ def test_an_arm_that_points_exactly_away_turns_round() -> None:
 def test_the_predicted_switch_time_stays_where_it_is() -> None:
     """About (1, 1, 1), from the sample after it is first seen on."""
     commands, switches, _ = stepped(turning(120, "controller.nodes=25"))
-    seen = [float(command.instants[0]) for command in commands if len(command.instants)]
+    seen = [float(command.switch_times[0]) for command in commands if len(command.switch_times)]
     assert len(seen) > 5
     assert np.ptp(seen[1:]) < 0.01
     assert switches[0] == pytest.approx(seen[-1], abs=1e-3)

@@ -22,7 +22,7 @@ def test_a_failed_solve_leaves_the_shifted_plan(experiment_of: Build) -> None:
     assert [round(command.time, 1) for command in failed] == [0.5, 0.6, 0.7, 0.8, 0.9]
     assert all(command.outcome.name == "ITERATION_LIMIT" for command in failed)
     before = next(sample.command for sample in samples if round(sample.command.time, 1) == 0.4)
-    np.testing.assert_allclose(failed[0].instants, before.instants)
+    np.testing.assert_allclose(failed[0].switch_times, before.switch_times)
     assert ending.completed
 
 
@@ -73,12 +73,12 @@ def test_a_switch_that_is_due_takes_place_where_the_measured_state_is_near_its_t
     controller = experiment.controller
     for sample in closed_loop(experiment):
         command = sample.command
-        if len(command.instants) and command.instants[0] < command.time + 0.105:
+        if len(command.switch_times) and command.switch_times[0] < command.time + 0.105:
             break
-    planned, x = command.instants[0], sample.ticks.states[-1].copy()
+    planned, x = command.switch_times[0], sample.ticks.states[-1].copy()
     x[0] -= 4 * command.stage.end.tolerance[0]
     due = controller.step(command.time + 0.1, State.of(x))
     assert 0.001 < planned - due.time < 0.005
-    np.testing.assert_array_equal(due.instants, planned)
+    np.testing.assert_array_equal(due.switch_times, planned)
     after = controller.step(due.time + 0.1, State.of(x))
     assert [(switch.stage, switch.time) for switch in after.switches] == [(command.stage.index, planned)]

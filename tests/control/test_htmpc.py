@@ -123,13 +123,13 @@ def test_later_levels_keep_the_planned_end_of_the_current_stage(experiment_of: B
     for sample in islice(closed_loop(experiment), 16):
         command = sample.command
         first, *later = command.levels
-        if not len(command.instants):
+        if not len(command.switch_times):
             continue
         assert first.window.count == 1
         for level in (level for level in later if level.outcome.usable):
             compared += 1
             np.testing.assert_array_equal(level.plan.times, first.plan.times)
-            at_end = level.plan.states_at(command.instants)[0]
+            at_end = level.plan.states_at(command.switch_times)[0]
             assert experiment.problem.costs.end_error(command.stage, at_end) <= 1 + 1e-3
             if constraint == "cost":
                 assert level.costs_of_stages[0] <= first.costs_of_stages[-1] * (1 + tolerance + LEVEL_ACCURACY)

@@ -56,7 +56,7 @@ def counting(experiment_of: Build) -> Counting:
 @pytest.fixture(scope="module")
 def switching(decisions: list[Command]) -> Command:
     """A command with a switch planned, after the sample of its detection."""
-    return next(d for d in decisions if len(d.plan.instants) == 1 and "appended" not in d.events)
+    return next(d for d in decisions if len(d.plan.switch_times) == 1 and "appended" not in d.events)
 
 
 def decided(experiment: Experiment, until: float) -> Command:
@@ -66,7 +66,7 @@ def decided(experiment: Experiment, until: float) -> Command:
 
 def ahead(solution: Solution) -> float:
     """Return how far ahead the first switch lies [s]."""
-    return float(solution.plan.instants[0]) - solution.plan.start
+    return float(solution.plan.switch_times[0]) - solution.plan.start
 
 
 @pytest.mark.slow
@@ -104,7 +104,7 @@ def test_with_the_whole_pending_cost_nothing_changes(experiment_of: Build) -> No
     assert ending.time == same.time
     np.testing.assert_array_equal(states(one), states(several))
     assert {sample.command.solution.basin for sample in one} == {-1}
-    basins = [sample.command.solution.basin for sample in several if len(sample.command.instants)]
+    basins = [sample.command.solution.basin for sample in several if len(sample.command.switch_times)]
     assert set(basins) <= {0, -1}
     assert basins.count(0) > 30
 
@@ -120,12 +120,12 @@ def test_time_and_iterations_count_every_solve(counting: Counting, switching: Co
 
 @pytest.mark.slow
 def test_several_switches_are_guessed_in_their_order(counting: Counting, decisions: list[Command]) -> None:
-    command = next(d for d in decisions if len(d.plan.instants) == 2 and "appended" not in d.events)
+    command = next(d for d in decisions if len(d.plan.switch_times) == 2 and "appended" not in d.events)
     window = replace(command.solution.window, pending_cost=0.0)
     best = solve_from_several(counting, window, command.prediction, None, 4)
     assert best.objective <= counting.solved[0].objective
     for solved in counting.solved:
-        assert np.all(np.diff(solved.plan.instants) > 0)
+        assert np.all(np.diff(solved.plan.switch_times) > 0)
         if solved.outcome.usable and solved.window.pending_cost == 0:
             assert best.objective <= solved.objective * (1 + 2e-4)
 
@@ -139,7 +139,7 @@ def test_a_window_without_a_solution_is_solved_once(counting: Counting, switchin
 def test_a_fixed_time_leaves_nothing_to_guess(counting: Counting, switching: Command) -> None:
     first, second = switching.solution.window.stages
     timed = replace(
-        switching.solution.window, stages=(replace(first, end=AtTime(at=float(switching.plan.instants[0]))), second)
+        switching.solution.window, stages=(replace(first, end=AtTime(at=float(switching.plan.switch_times[0]))), second)
     )
     solve_from_several(counting, timed, switching.prediction, None, 3)
     assert len(counting.solved) == 1

@@ -25,7 +25,7 @@ def arriving(at: float, end: float = 4.0) -> Plan:
 def test_every_stage_whose_instant_has_passed_is_dropped() -> None:
     sequence, switches = drop_passed(sequence_of(0, [1.0, 1.05, 3.0]), 1.1)
     assert [(s.stage, s.time) for s in switches] == [(0, 1.0), (1, 1.05)]
-    assert (sequence.first, sequence.progress.entered, sequence.instants.tolist()) == (2, 1.05, [3.0])
+    assert (sequence.first, sequence.progress.entered, sequence.switch_times.tolist()) == (2, 1.05, [3.0])
 
 
 def test_the_current_stage_is_dropped_when_the_measured_state_meets_its_condition(
@@ -45,7 +45,7 @@ def test_a_stage_stays_for_its_dwell_time(stages: tuple[PlacedStage, ...], costs
     assert (kept.first, dropped.first) == (0, 1)
     longer = detect(sequence_of(0), dwelling, costs, arriving(1.0), 10)
     assert longer is not None
-    assert longer.instants[0] >= 2.5
+    assert longer.switch_times[0] >= 2.5
 
 
 def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_margin(
@@ -53,7 +53,7 @@ def test_the_next_stage_is_detected_at_the_predicted_hitting_time_within_the_mar
 ) -> None:
     longer = detect(sequence_of(0), stages, costs, arriving(2.0), 10)
     assert longer is not None
-    assert abs(longer.instants[0] - (2.0 - 0.02 / 0.2)) < 0.02
+    assert abs(longer.switch_times[0] - (2.0 - 0.02 / 0.2)) < 0.02
     assert detect(sequence_of(0), stages, costs, arriving(4.5), 10) is None
 
 
@@ -97,7 +97,7 @@ def test_a_break_begins_the_hold_again_and_keeps_the_next_stage_out(
     assert (unbroken.progress.met_since, broken.progress.met_since) == (0.0, pytest.approx(0.2))
     longer = detect(unbroken, holding, costs, prediction, 10)
     assert longer is not None
-    assert longer.instants.tolist() == pytest.approx([HOLD])
+    assert longer.switch_times.tolist() == pytest.approx([HOLD])
     assert detect(broken, holding, costs, prediction, 10) is None
     assert detect(seen([np.zeros(18)], holding, costs), holding, costs, prediction, 10) is None
     lost = longer.with_measurement(holding, costs, 0.4, np.zeros(18))
@@ -109,7 +109,7 @@ def test_a_stage_that_awaits_its_object_does_not_end(stages: tuple[PlacedStage, 
     end = ByObject(**of_state, awaits_object=True, inside=np.zeros(3))
     awaiting = (replace(stages[0], end=end), *stages[1:])
     kept, _ = drop_met(sequence_of(0, [3.0]), awaiting, costs, 2.0, AT_TARGET)
-    assert (kept.first, kept.instants.tolist()) == (0, [3.0])
+    assert (kept.first, kept.switch_times.tolist()) == (0, [3.0])
 
 
 CONTINUING = replace(sequence_of(1, [2.0], 0.5), segments=(1, 1))
@@ -130,7 +130,7 @@ def test_a_stage_that_continues_is_alone_in_its_window() -> None:
 def test_the_next_stage_follows_one_that_continued(stages: tuple[PlacedStage, ...], costs: StageCosts) -> None:
     passed, switches = drop_passed(CONTINUING, 2.1)
     assert [(s.stage, s.time) for s in switches] == [(1, 2.0)]
-    assert (passed.segments, passed.progress.entered, len(passed.instants)) == ((2,), 2.0, 0)
+    assert (passed.segments, passed.progress.entered, len(passed.switch_times)) == ((2,), 2.0, 0)
     approaching = replace(CONTINUING, segments=(0, 0))
     met, switches = drop_met(approaching, stages, costs, 1.5, AT_TARGET)
     assert [(s.stage, s.time) for s in switches] == [(0, 1.5)]

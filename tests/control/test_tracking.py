@@ -84,7 +84,7 @@ def test_a_held_object_is_where_its_gripper_has_it_however_that_accelerates(task
 
 
 @pytest.mark.parametrize(
-    ("first", "instants", "closed"),
+    ("first", "switch_times", "closed"),
     [
         (0, [], [False] * 4),
         (0, [0.5, 2.015], [False, False, True, True]),
@@ -94,7 +94,7 @@ def test_a_held_object_is_where_its_gripper_has_it_however_that_accelerates(task
         (3, [], [False] * 4),
     ],
 )
-def test_grippers_close_and_open_at_planned_switches(first: int, instants: list[float], closed: list[bool]) -> None:
+def test_grippers_close_and_open_at_planned_switches(first: int, switch_times: list[float], closed: list[bool]) -> None:
     holding = build_problem(DRIFTING).held_stages
-    sequence = sequence_of(first, instants)
+    sequence = sequence_of(first, switch_times)
     assert to_be_closed(holding, sequence, 2.0 + 0.01 * np.arange(4)).tolist() == closed

@@ -9,6 +9,7 @@ import pytest
 import psmpc_cli as psmpc
 from psmpc_cli.control.wheels import WheelEstimate, WheelEstimator
 from psmpc_cli.ocp.problem import build_problem
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.specs.load import Task
 
@@ -28,7 +29,7 @@ def test_what_wheels_store_follows_where_it_is_not_measured(tmp_path: Path, buil
         np.testing.assert_allclose(command.wheels, drive.momentum, rtol=0, atol=1e-12)
         state = psmpc.State.of(x, drive.momentum)
         torques = command.motor_torques(time, state)
-        ticks = experiment.plant.advance(time, x, command.u, driven=command.driven)
+        ticks = experiment.plant.advance(time, x, Setpoints(command.u, driven=command.driven))
         assert ticks.wheels is not None
         np.testing.assert_allclose(torques, ticks.wheels.torque[0], rtol=0, atol=1e-12)
         F = command.force(time, state)
@@ -52,7 +53,7 @@ def test_what_wheels_store_while_thrusters_unload_them(tmp_path: Path) -> None:
         state = psmpc.State.of(x) if sample else first
         command = experiment.controller.step(0.1 * sample, state)
         np.testing.assert_allclose(command.wheels, drive.momentum, rtol=0, atol=1e-12)
-        x = experiment.plant.advance(0.1 * sample, x, command.u, driven=command.driven).states[-1]
+        x = experiment.plant.advance(0.1 * sample, x, Setpoints(command.u, driven=command.driven)).states[-1]
     assert np.abs(drive.momentum - drive.wheels.initial).max() < 0.009
 
 

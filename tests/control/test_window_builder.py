@@ -45,7 +45,7 @@ def test_an_automatic_mesh_is_for_the_prediction_where_that_comes_from_a_solve()
     builder = WindowBuilder(problem)
     stages = [stage.unplaced_copy() for stage in problem.stages]
     first = builder.build(SEQUENCE, stages, prediction)
-    guess = replace(prediction, instants=SEQUENCE.instants)
+    guess = replace(prediction, switch_times=SEQUENCE.switch_times)
     solved = Solution(Outcome.OPTIMAL, guess, 1.0, 1, 0.0, first, guess)
     later = builder.build(SEQUENCE, stages, prediction, solved)
     assert set(first.nodes) | set(later.nodes) <= set(COUNTS)
@@ -59,7 +59,7 @@ def test_a_stage_that_continues_has_one_scale_and_meshes_of_its_own_before_and_a
     stages[1] = moving
     builder = WindowBuilder(problem)
     prediction = resting_plan(2.0, 4.0, 1, np.linspace(-0.4, 0.4, 18))
-    sequence = replace(SEQUENCE, segments=(1, 1), instants=np.array([2.5]))
+    sequence = replace(SEQUENCE, segments=(1, 1), switch_times=np.array([2.5]))
     window = builder.build(sequence, stages, prediction)
     before, after = window.stages
     assert (before.name, after.name, window.count) == ("capture", "capture", 1)
@@ -69,7 +69,7 @@ def test_a_stage_that_continues_has_one_scale_and_meshes_of_its_own_before_and_a
     assert window.scale[0] == window.scale[1] == builder.build(sequence.current_only, stages, prediction).scale[0]
     assert window.nodes[0] < window.nodes[1]
 
-    guess = replace(prediction, instants=sequence.instants)
+    guess = replace(prediction, switch_times=sequence.switch_times)
     solved = Solution(Outcome.OPTIMAL, guess, 1.0, 1, 0.0, window, guess)
     needed = builder.build(sequence, stages, prediction, replace(solved, window=builder.build(SEQUENCE, stages, guess)))
     finer = tuple(COUNTS[COUNTS.index(count) + 1] for count in needed.nodes)

@@ -28,12 +28,12 @@ Load = Callable[..., Run]
 
 
 def test_every_planned_switch_time_is_drawn_and_how_far_it_is_off(run: Run) -> None:
-    figure, instants = plot_instants(run), run["window/instants"]
+    figure, switch_times = plot_instants(run), run["window/instants"]
     drawn = {str(line.get_gid()): points(line) for line in figure.axes[1].lines if line.get_gid()}
     assert list(drawn) == ["approach", "capture", "transport"]
     for stage, curve in enumerate(drawn.values()):
-        seen = np.isfinite(instants[:, stage])
-        np.testing.assert_array_equal(curve, np.column_stack([run.time[seen], instants[seen, stage]]))
+        seen = np.isfinite(switch_times[:, stage])
+        np.testing.assert_array_equal(curve, np.column_stack([run.time[seen], switch_times[seen, stage]]))
     for curve, end in zip(long_curves(figure.axes[2]), (10.0, 13.0, 23.0), strict=True):
         np.testing.assert_allclose(curve[:, 1], 20.0 * (end - curve[:, 0]), atol=1e-6)  # as made up, in ms
     assert figure.axes[2].get_ylabel() == "Planned minus\nactual (ms)"

@@ -98,12 +98,12 @@ def test_studies_without_values_have_no_figures_of_them(tmp_path: Path) -> None:
 
 
 def test_one_planned_time_that_is_far_off_does_not_flatten_the_others(run: Run) -> None:
-    instants = run["window/instants"].copy()
-    planned = np.argwhere(np.isfinite(instants))
+    switch_times = run["window/instants"].copy()
+    planned = np.argwhere(np.isfinite(switch_times))
     off = np.array(run.stages["switch_time"])[planned[:, 1]]
-    instants[tuple(planned.T)] = off + 1e-3
-    instants[tuple(planned[0])] += 5.0
-    axes = plot_instants(with_column(run, "window/instants", instants)).axes[2]
+    switch_times[tuple(planned.T)] = off + 1e-3
+    switch_times[tuple(planned[0])] += 5.0
+    axes = plot_instants(with_column(run, "window/instants", switch_times)).axes[2]
     assert (axes.get_yscale(), note(axes)) == ("symlog", "log beyond 0.1"), "in seconds"
     low, high = axes.get_ylim()
     assert low > -0.1 and high > 5

@@ -111,11 +111,15 @@ def test_the_largest_difference_and_the_first_row_are_told(pair: tuple[Path, Pat
         file["state/Q"][3, 0] -= 0.5
         file["solver/status"][2] = b"failed"
         file["window/instants"][0, 0] = 7.0
-    status, position, instants = differences(*pair)
+    status, position, switch_times = differences(*pair)
     assert (position.path, position.largest, position.row, position.units) == ("state/Q", 0.5, 1, "m, rad")
     assert (status.path, status.row, status.what) == ("solver/status", 2, "texts")
     assert np.isnan(status.largest)
-    assert (instants.path, instants.row, instants.what) == ("window/instants", 0, "values only one of them has")
+    assert (switch_times.path, switch_times.row, switch_times.what) == (
+        "window/instants",
+        0,
+        "values only one of them has",
+    )
 
 
 def test_logs_of_other_lengths_and_contents_differ(tmp_path: Path, pair: tuple[Path, Path]) -> None:

@@ -87,9 +87,9 @@ def test_published_values_are_those_of_the_same_controller(log: Run) -> None:
 
 def test_solve_times_are_told_apart_by_windows_with_a_switch(log: Run) -> None:
     times = np.arange(1.0, 21.0)
-    instants = np.full((20, 4), np.nan)
-    instants[15:, 1] = 30.0
-    summary = changed(log, solver_wall_time=times, solver_iterations=times, window_instants=instants).summary()
+    switch_times = np.full((20, 4), np.nan)
+    switch_times[15:, 1] = 30.0
+    summary = changed(log, solver_wall_time=times, solver_iterations=times, window_instants=switch_times).summary()
     assert (summary.solves.median, summary.solves.largest, summary.solves.iterations) == (10.5, 20.0, 10.5)
     assert (summary.switching_solves.count, summary.switching_solves.median) == (5, 18.0)
     assert 19 < summary.solves.p95 < summary.solves.p99 < 20

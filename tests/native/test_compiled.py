@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.native.compiled import compiled
-from psmpc_cli.plant.rk4 import tick_function
+from psmpc_cli.plant.tick_functions import TickKind, tick_function
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -23,9 +23,9 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     "build",
     [
         lambda model: model.f_2,
-        lambda model: tick_function(model, 1e-3, 1, False, False),
-        lambda model: tick_function(model, 1e-3, 1, False, False, in_task_space=True),
-        lambda model: tick_function(model, 1e-3, 2, True, True),
+        lambda model: tick_function(model, TickKind(1e-3, 1, False, False)),
+        lambda model: tick_function(model, TickKind(1e-3, 1, False, False, in_task_space=True)),
+        lambda model: tick_function(model, TickKind(1e-3, 2, True, True)),
     ],
     ids=["pose acceleration", "a tick", "a tick in task space", "two substeps, disturbed, limited"],
 )

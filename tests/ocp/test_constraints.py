@@ -134,13 +134,13 @@ def test_derivatives_are_those_of_the_rows(problem: Problem, kept: bool) -> None
 @pytest.mark.parametrize("kept", [False, True])
 def test_the_nonlinear_program_has_the_same_rows(problem: Problem, kept: bool) -> None:
     window = window_of(problem, kept)
-    instants = np.array([INSTANT][: not kept])
-    p = window_numbers(window, instants)
+    switch_times = np.array([INSTANT][: not kept])
+    p = window_numbers(window, switch_times)
     nlp = Nlp(problem.model, window_shape(window), p)
-    plan = replace(resting_plan(0.0, 3.0, 6, window.x0, window.chart), instants=instants)
+    plan = replace(resting_plan(0.0, 3.0, 6, window.x0, window.chart), switch_times=switch_times)
     bounds = nlp.bounds(window, plan, np.inf)
     X = np.array([some_state(problem.model) * (1 + k) for k in range(7)])
-    tau = np.tile(instants[:, None], 7)
+    tau = np.tile(switch_times[:, None], 7)
     sums = np.zeros((0, 7))
     x = nlp.pack(
         X.T, tau, sums, np.zeros((0, 7)), np.zeros((0, 7)), [], *(np.zeros((problem.model.n, N)) for N in window.nodes)

@@ -3,7 +3,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
@@ -26,15 +26,15 @@ class Case:
         stages = (*slow[:-1], moving(slow[-1])) if len(slow) > 1 else (moving(slow[0]),)
         changes = {"terminal_cost": 0.3, "offset": np.full(len(stages), 0.2), "discretization": discretization}
         self.window: Window = window_over(stages, **changes)
-        instants = np.linspace(1.0, 5.0, len(stages) + 1)[1:-1]
+        switch_times = np.linspace(1.0, 5.0, len(stages) + 1)[1:-1]
         self.form = VelocityForm(model, window_shape(self.window))
-        self.p, random = window_numbers(self.window, instants), np.random.default_rng(len(stages))
-        X = coasting(self.window, *instants).X
+        self.p, random = window_numbers(self.window, switch_times), np.random.default_rng(len(stages))
+        X = coasting(self.window, *switch_times).X
         X[1:] += random.normal(scale=0.1, size=X[1:].shape)
-        self.point = Point(X, np.diff(instants, prepend=1.0) + random.uniform(0.0, 0.1, size=len(instants)))
-        self.direction = Point(random.normal(size=X.shape), random.normal(scale=0.1, size=len(instants)))
+        self.point = Unknowns(X, np.diff(switch_times, prepend=1.0) + random.uniform(0.0, 0.1, size=len(switch_times)))
+        self.direction = Unknowns(random.normal(size=X.shape), random.normal(scale=0.1, size=len(switch_times)))
 
-    def by_differences(self, of: Callable[[Point], np.ndarray]) -> np.ndarray:
+    def by_differences(self, of: Callable[[Unknowns], np.ndarray]) -> np.ndarray:
         after, before = (of(self.point.moved(self.direction, sign * H)) for sign in (1, -1))
         return (after - before) / (2 * H)
 
@@ -55,7 +55,7 @@ def test_costs_and_constraints_are_those_of_the_nlp(case: Case, problem: Problem
     nlp = NlpSolver(problem, SolverSpec(kind="ipopt"))
     point, window = case.point, case.window
     plan = plan_on_mesh(window, point.X, case.form.inputs(point, window.horizon), point.tau)
-    at = case.form.residuals(point, window_numbers(window, plan.instants))
+    at = case.form.residuals(point, window_numbers(window, plan.switch_times))
     np.testing.assert_allclose(nlp.costs(window, plan)[:-1], at.costs[:-1], rtol=1e-12)
     assert nlp.costs(window, plan)[-1] == pytest.approx(at.costs[-1] + at.terminal, rel=1e-12)
     at = case.form.residuals(point, case.p)
@@ -90,14 +90,14 @@ def test_the_curvature_of_end_conditions_is_the_change_of_their_derivatives(
     assert not VelocityForm(model, window_shape(window_over(stages[:2]))).curved
     window = window_over(stages[1:3])
     form, p = VelocityForm(model, window_shape(window)), window_numbers(window, np.array([3.0]))
-    point, multipliers = Point(coasting(window, 3.0).X, np.array([2.0])), np.random.default_rng(0).normal(size=9)
+    point, multipliers = Unknowns(coasting(window, 3.0).X, np.array([2.0])), np.random.default_rng(0).normal(size=9)
     node, n = form.grid.first_node[1], form.grid.n
 
     def gradient(Q: np.ndarray) -> np.ndarray:
         """Of multipliers times rows, by Q."""
         X = point.X.copy()
         X[node, :n] = Q
-        return np.asarray(multipliers @ form.rows(Point(X, point.tau), p)[1])[:n]
+        return np.asarray(multipliers @ form.rows(Unknowns(X, point.tau), p)[1])[:n]
 
     plain = form.linearize(point, p)
     curved = form.with_curvature(plain, point, p, multipliers)

@@ -55,7 +55,7 @@ def test_shifted_plan_agrees_with_the_plan_where_both_are(plan: Plan, share: flo
     np.testing.assert_allclose(shifted.states_at(later), plan.states_at(later), atol=1e-8)
     assert shifted.start == now
     assert shifted.end == now + 3.0
-    assert np.all(shifted.instants > now)
+    assert np.all(shifted.switch_times > now)
 
 
 def test_a_shifted_plan_coasts_past_the_end_of_the_old_one() -> None:

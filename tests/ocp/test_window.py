@@ -93,7 +93,7 @@ def test_a_plan_is_rebuilt_from_its_vector(stages: tuple[Stage, ...]) -> None:
     window = window_over(stages[:3], nodes=(2, 5, 3))
     plan = coasting(window, 1.7, 3.1)
     again = window.plan_of(plan.flat)
-    for name in ("times", "X", "u", "instants"):
+    for name in ("times", "X", "u", "switch_times"):
         np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
     np.testing.assert_array_equal(on_mesh(again, window).X, plan.X)
     with pytest.raises(ValueError, match="reshape"):
@@ -159,7 +159,7 @@ def test_windows_of_a_mission_agree_with_two_hundred_nodes(problem: Problem, mis
         assert one.outcome.usable
         assert other.outcome.usable
         assert one.objective == pytest.approx(other.objective, rel=1e-2)
-        assert np.abs(one.plan.instants - other.plan.instants).max(initial=0.0) < 0.02
+        assert np.abs(one.plan.switch_times - other.plan.switch_times).max(initial=0.0) < 0.02
         saved.append(sum(counts) / sum(fine))
     assert np.median(saved) < 0.5
 
@@ -167,7 +167,7 @@ def test_windows_of_a_mission_agree_with_two_hundred_nodes(problem: Problem, mis
 def test_no_interval_is_longer_than_a_sample(mission: Sequence[RecordedSolve], costs: StageCosts) -> None:
     for solve in mission:
         counts = counts_of(solve, costs)
-        tau = durations(solve.guess.instants, solve.window.start, solve.window.horizon)
+        tau = durations(solve.guess.switch_times, solve.window.start, solve.window.horizon)
         assert np.all(tau / counts <= STEP + 1e-9)
         assert set(counts) <= set(COUNTS)
 

@@ -36,10 +36,10 @@ def window_over(stages: tuple[Stage, ...], **changes: Any) -> Window:
     return Window(**{**numbers, **changes})
 
 
-def coasting(window: Window, *instants: float) -> Plan:
+def coasting(window: Window, *switch_times: float) -> Plan:
     """The plan without control from a window's state, on its mesh."""
     plan = resting_plan(window.start, window.horizon, 1, window.x0)
-    return on_mesh(replace(plan, instants=np.array(instants, float)), window)
+    return on_mesh(replace(plan, switch_times=np.array(switch_times, float)), window)
 
 
 def moving(stage: Stage, seed: int = 1) -> Stage:
@@ -56,7 +56,7 @@ def ending(stage: AnyStage, **changes: Any) -> AnyStage:
     return replace(stage, end=replace(stage.end, **changes))
 
 
-def sequence_of(first: int, instants: Sequence[float] = (), entered: float = 0.0) -> MovingSequence:
+def sequence_of(first: int, switch_times: Sequence[float] = (), entered: float = 0.0) -> MovingSequence:
     """Return a sequence of the current stage and one more for each planned switch time."""
-    segments = tuple(range(first, first + len(instants) + 1))
-    return MovingSequence(segments, np.array(instants, float), StageProgress(entered))
+    segments = tuple(range(first, first + len(switch_times) + 1))
+    return MovingSequence(segments, np.array(switch_times, float), StageProgress(entered))

@@ -99,31 +99,31 @@ def test_a_run_of_one_stage_has_no_window_to_look_at(tmp_path: Path) -> None:
 
 
 def test_j_at_the_optimal_instant_is_the_optimum(one: SwitchWindow, log: Run) -> None:
-    instant = one.plan.instants - one.window.start
-    instants, cost = scan_instants(one, instant)
+    instant = one.plan.switch_times - one.window.start
+    switch_times, cost = scan_instants(one, instant)
     sample = int(np.argmin(np.abs(log.time - one.window.start)))
     largest = max(log.stages["priority"])
-    J = np.interp(instant, instants, cost + one.window.pending_cost * instants)
+    J = np.interp(instant, switch_times, cost + one.window.pending_cost * switch_times)
     np.testing.assert_allclose(J * largest, log["solver/objective"][sample], rtol=1e-6)
 
 
 def test_the_scan_ends_at_the_earliest_feasible_instant(one: SwitchWindow) -> None:
-    instants, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
+    switch_times, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
     target = one.window.stages[0]
     away = (
         np.abs(one.problem.costs.errors(target, one.window.x0[None])[0, list(target.end.rows)]) - target.end.tolerance
     )
     least = float(np.max(away / target.limits.velocity_high[list(target.end.rows)]))
-    assert least <= instants[0] <= least + CLOSE + 0.02
-    assert np.all(np.diff(instants) > 0)
+    assert least <= switch_times[0] <= least + CLOSE + 0.02
+    assert np.all(np.diff(switch_times) > 0)
     assert np.all(np.isfinite(cost))
 
 
 def test_with_the_pending_cost_every_guess_leads_to_the_scan_s_minimum(one: SwitchWindow) -> None:
-    instants, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
+    switch_times, cost = scan_instants(one, instant_grid(one.window.horizon, 8))
     found = optimize_instants(one, 1.0)
     assert np.ptp(found) < 1e-3
-    best = instants[np.argmin(cost + instants)]
+    best = switch_times[np.argmin(cost + switch_times)]
     assert found[0] == pytest.approx(best, abs=0.05)
 
 

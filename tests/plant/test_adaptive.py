@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.plant.adaptive import AdaptiveDynamics
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
@@ -27,14 +28,16 @@ def test_under_the_law_the_motion_is_the_double_integrators(
     """Paper eqs. (7), (8)."""
     x, u = motion
     flow = physics.under("law", x, 3.0 + 0.05 * np.arange(9), u)
-    np.testing.assert_allclose(flow.between_pieces, IdealPlant(model, 0.05).advance(3.0, x, u).states, atol=1e-10)
+    np.testing.assert_allclose(
+        flow.between_pieces, IdealPlant(model, 0.05).advance(3.0, x, Setpoints(u)).states, atol=1e-10
+    )
 
 
 def test_a_force_held_over_a_tick_is_the_plants(
     model: RobotModel, physics: AdaptiveDynamics, motion: tuple[np.ndarray, np.ndarray]
 ) -> None:
     x, u = motion
-    ticks = Rk4Plant(model, 0.01, substeps=10).advance(3.0, x, u)
+    ticks = Rk4Plant(model, 0.01, substeps=10).advance(3.0, x, Setpoints(u))
     np.testing.assert_allclose(physics.under("ticks", x, ticks.time, u).between_pieces, ticks.states, atol=1e-9)
     np.testing.assert_allclose(physics.under("force", x, ticks.time, ticks.F).between_pieces, ticks.states, atol=1e-9)
 

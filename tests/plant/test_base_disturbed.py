@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Plant, Ticks
+from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Plant, Setpoints, Ticks
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.dynamics import InertialParameters
@@ -61,7 +61,10 @@ def imbalance(model: RobotModel, robot: InertialParameters, ticks: Ticks) -> np.
 def test_without_a_disturbance_it_is_the_robot_the_controller_knows(
     model: RobotModel, x: np.ndarray, u: np.ndarray, nothing: Disturbance, plant: type
 ) -> None:
-    ticks, known = build(plant, model, FREE).advance(2.0, x, u, nothing), Rk4Plant(model, TICK).advance(2.0, x, u)
+    ticks, known = (
+        build(plant, model, FREE).advance(2.0, x, Setpoints(u), nothing),
+        Rk4Plant(model, TICK).advance(2.0, x, Setpoints(u)),
+    )
     np.testing.assert_allclose(ticks.states, known.states, atol=1e-12)
     np.testing.assert_allclose(ticks.F, known.F, atol=1e-9)
     np.testing.assert_array_equal(ticks.time, known.time)
@@ -70,7 +73,9 @@ def test_without_a_disturbance_it_is_the_robot_the_controller_knows(
 def test_compiled_is_interpreted_to_the_bit(
     model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance
 ) -> None:
-    one, other = (Rk4Plant(model, TICK, 1, native, ROUGH).advance(0.0, x, u, everything) for native in (False, True))
+    one, other = (
+        Rk4Plant(model, TICK, 1, native, ROUGH).advance(0.0, x, Setpoints(u), everything) for native in (False, True)
+    )
     np.testing.assert_array_equal(one.states, other.states)
     np.testing.assert_array_equal(one.F, other.F)
 
@@ -78,9 +83,9 @@ def test_compiled_is_interpreted_to_the_bit(
 def test_the_engines_agree_on_other_bodies_with_a_payload(
     model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance
 ) -> None:
-    one, other = (build(plant, model, FREE).advance(0.0, x, u, everything) for plant in PLANTS)
+    one, other = (build(plant, model, FREE).advance(0.0, x, Setpoints(u), everything) for plant in PLANTS)
     np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-11)
-    assert np.abs(one.states - Rk4Plant(model, TICK).advance(0.0, x, u).states).max() > 1e-3
+    assert np.abs(one.states - Rk4Plant(model, TICK).advance(0.0, x, Setpoints(u)).states).max() > 1e-3
 
 
 def test_the_engines_differ_under_friction_by_the_step_it_is_held_for(
@@ -88,7 +93,9 @@ def test_the_engines_differ_under_friction_by_the_step_it_is_held_for(
 ) -> None:
     apart = []
     for substeps in (1, 4):
-        one, other = (build(plant, model, ROUGH, substeps).advance(0.0, x, u, everything) for plant in PLANTS)
+        one, other = (
+            build(plant, model, ROUGH, substeps).advance(0.0, x, Setpoints(u), everything) for plant in PLANTS
+        )
         apart.append(np.abs(one.states - other.states).max())
     assert apart[1] < 0.5 * apart[0]
     assert apart[0] < 2e-3
@@ -99,7 +106,7 @@ def test_the_engines_differ_under_friction_by_the_step_it_is_held_for(
 def test_momentum_changes_by_the_impulse_and_energy_by_the_work(
     model: RobotModel, x: np.ndarray, u: np.ndarray, everything: Disturbance, plant: type, friction: JointFriction
 ) -> None:
-    ticks = build(plant, model, friction, 2).advance(0.0, x, u, everything)
+    ticks = build(plant, model, friction, 2).advance(0.0, x, Setpoints(u), everything)
     np.testing.assert_allclose(imbalance(model, everything.robot, ticks), 0, atol=1e-8)
 
 
@@ -110,7 +117,7 @@ def test_friction_takes_energy_and_no_momentum(
     """No force acts: the limits leave nothing of it."""
     still = ForceLimits(np.full(9, -1e-12), np.full(9, 1e-12))
     without_force = plant(model, TICK, 1, friction=ROUGH, force_limits=still)
-    ticks = without_force.advance(0.0, x, np.zeros((M, 9)), nothing)
+    ticks = without_force.advance(0.0, x, Setpoints(np.zeros((M, 9))), nothing)
     assert ticks.impulse_and_work[-1] < -1e-4
     np.testing.assert_allclose(ticks.impulse_and_work[:-1], 0, atol=1e-10)
     np.testing.assert_allclose(imbalance(model, nothing.robot, ticks), 0, atol=1e-9)
@@ -121,7 +128,7 @@ def test_the_law_reads_the_noise_and_the_bodies_do_not(
     model: RobotModel, x: np.ndarray, u: np.ndarray, nothing: Disturbance, plant: type
 ) -> None:
     noisy = replace(nothing, noise=1e-2 * np.random.default_rng(0).standard_normal((M, 18)))
-    ticks, quiet = (build(plant, model, FREE).advance(0.0, x, u, given) for given in (noisy, nothing))
+    ticks, quiet = (build(plant, model, FREE).advance(0.0, x, Setpoints(u), given) for given in (noisy, nothing))
     seen = x + noisy.noise[0]
     np.testing.assert_allclose(ticks.F[0], model.inverse_dynamics(seen[:9], seen[9:], u[0]), atol=1e-12)
     np.testing.assert_array_equal(ticks.states[0], quiet.states[0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Ticks, build_plant
+from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Setpoints, Ticks, build_plant
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -65,7 +65,7 @@ def disturbance(robot: RobotModel) -> Disturbance:
 
 def limits_within(robot: RobotModel, x: Array, u: Array) -> ForceLimits:
     """Limits, another one each way, at half of the largest forces that are commanded."""
-    free = Rk4Plant(robot, TICK).advance(0.0, x, u)
+    free = Rk4Plant(robot, TICK).advance(0.0, x, Setpoints(u))
     largest = np.abs(along_own_axes(robot, free.states[:-1], free.F)).max(axis=0)
     return ForceLimits(-0.4 * largest, 0.6 * largest)
 
@@ -96,7 +96,7 @@ def test_forces_are_cut_along_the_axes_of_the_base(
     limits = limits_within(robot, x, u)
     friction = JointFriction.none(robot.n) if disturbed else None
     built = plant(robot, TICK, friction=friction, force_limits=limits)
-    ticks: Ticks = built.advance(0.0, x, u, disturbance if disturbed else None)
+    ticks: Ticks = built.advance(0.0, x, Setpoints(u), disturbance if disturbed else None)
 
     commanded = along_own_axes(robot, ticks.states[:-1], ticks.commanded)
     applied = along_own_axes(robot, ticks.states[:-1], ticks.F)
@@ -124,7 +124,7 @@ def test_utilization_is_the_commanded_force_over_the_limit_on_its_side(robot: Ro
     limits = limits_within(robot, x, u)
     last = np.arange(robot.n) == robot.n - 1
     limits = ForceLimits(np.where(last, -np.inf, limits.low), np.where(last, np.inf, limits.high))
-    ticks = Rk4Plant(robot, TICK, force_limits=limits).advance(0.0, x, u)
+    ticks = Rk4Plant(robot, TICK, force_limits=limits).advance(0.0, x, Setpoints(u))
     Q = ticks.states[:-1, : robot.nq]
     commanded = limits.utilization(robot.space, Q, ticks.commanded)
     applied = limits.utilization(robot.space, Q, ticks.F)
@@ -151,7 +151,7 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work_of_what_is_appli
     limits = limits_within(robot, x, u)
     rough = JointFriction(np.r_[np.zeros(6), np.full(robot.n - 6, 0.02)], np.zeros(robot.n), 0.02)
     for friction, given in ((None, None), (rough, disturbance)):
-        ticks = plant(robot, TICK, 2, friction=friction, force_limits=limits).advance(0.0, x, u, given)
+        ticks = plant(robot, TICK, 2, friction=friction, force_limits=limits).advance(0.0, x, Setpoints(u), given)
         assert not np.array_equal(ticks.F, ticks.commanded)
         true = None if given is None else given.robot
         change = kept(robot, ticks.states[-1], true) - kept(robot, x, true)
@@ -161,9 +161,11 @@ def test_momentum_changes_by_the_impulse_and_energy_by_the_work_of_what_is_appli
 @BOTH
 def test_the_engines_agree(robot: RobotModel, x: Array, u: Array) -> None:
     limits = limits_within(robot, x, u)
-    one, other = (plant(robot, TICK, force_limits=limits).advance(0.0, x, u) for plant in (Rk4Plant, MujocoPlant))
+    one, other = (
+        plant(robot, TICK, force_limits=limits).advance(0.0, x, Setpoints(u)) for plant in (Rk4Plant, MujocoPlant)
+    )
     np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-10)
-    assert np.abs(one.states - Rk4Plant(robot, TICK).advance(0.0, x, u).states).max() > 1e-5
+    assert np.abs(one.states - Rk4Plant(robot, TICK).advance(0.0, x, Setpoints(u)).states).max() > 1e-5
 
 
 @BOTH
@@ -171,7 +173,8 @@ def test_compiled_is_interpreted_to_the_bit(robot: RobotModel, x: Array, u: Arra
     limits = limits_within(robot, x, u)
     for friction, given in ((None, None), (JointFriction.none(robot.n), disturbance)):
         one, other = (
-            Rk4Plant(robot, TICK, 1, native, friction, limits).advance(0.0, x, u, given) for native in (False, True)
+            Rk4Plant(robot, TICK, 1, native, friction, limits).advance(0.0, x, Setpoints(u), given)
+            for native in (False, True)
         )
         for name in ("states", "F", "commanded"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
@@ -182,8 +185,8 @@ def test_compiled_is_interpreted_to_the_bit(robot: RobotModel, x: Array, u: Arra
 def test_infinite_limits_are_none(robot: RobotModel, x: Array, u: Array, plant: type) -> None:
     """To the bit: a force that is not cut is not turned back and forth either."""
     infinite = np.full(robot.n, np.inf)
-    limited = plant(robot, TICK, force_limits=ForceLimits(-infinite, infinite)).advance(0.0, x, u)
-    free = plant(robot, TICK).advance(0.0, x, u)
+    limited = plant(robot, TICK, force_limits=ForceLimits(-infinite, infinite)).advance(0.0, x, Setpoints(u))
+    free = plant(robot, TICK).advance(0.0, x, Setpoints(u))
     np.testing.assert_array_equal(limited.states, free.states)
     np.testing.assert_array_equal(limited.F, free.F)
     np.testing.assert_array_equal(limited.commanded, free.F)
@@ -200,7 +203,7 @@ def test_a_base_without_thrusters_gets_exactly_no_force(
     v = x[robot.nq :] * (np.arange(robot.n) >= 3 if mobility == "fixed" else 1)
     largest = np.r_[np.full(3, np.inf), np.full(6, 0.05)]
     limited = plant(model, TICK, force_limits=ForceLimits(-largest, largest))
-    ticks = limited.advance(0.0, np.r_[x[: robot.nq], v], u)
+    ticks = limited.advance(0.0, np.r_[x[: robot.nq], v], Setpoints(u))
     np.testing.assert_array_equal(ticks.F[:, :3], 0.0)
     assert (np.abs(ticks.F[:, 3:]) <= 0.05).all() and (np.abs(ticks.F[:, 3:]) == 0.05).any()
 
@@ -216,7 +219,9 @@ def test_forces_are_cut_while_the_robot_holds_an_object(tmp_path: Path, kind: st
         capture = build_capture(task.spec, model)
         assert capture is not None
         before = np.r_[kept(model, start)] + capture.kept
-        ticks = build_plant(spec, model, False, None, capture, limits).advance(0.0, start, u, None, np.ones(50, bool))
+        ticks = build_plant(spec, model, False, None, capture, limits).advance(
+            0.0, start, Setpoints(u, closed=np.ones(50, bool))
+        )
         assert ticks.target_object is not None and ticks.target_object.closed.all()
         after = kept(model, ticks.states[-1]) + capture.kept
         np.testing.assert_allclose(after - before, ticks.impulse_and_work, rtol=0, atol=1e-6)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.ocp.plan import Plan
-from psmpc_cli.plant import Disturbance, JointFriction, Plant, Ticks
+from psmpc_cli.plant import Disturbance, JointFriction, Plant, Setpoints, Ticks
 from psmpc_cli.plant.adaptive import AdaptiveDynamics
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.mujoco import MujocoPlant
@@ -80,7 +80,7 @@ def apart(robot: RobotModel, one: Array, other: Array) -> float:
 def test_momentum_changes_by_the_impulse_and_energy_by_the_work(
     robot: RobotModel, x: Array, u: Array, plant: type
 ) -> None:
-    ticks: Ticks = plant(robot, TICK).advance(0.0, x, u)
+    ticks: Ticks = plant(robot, TICK).advance(0.0, x, Setpoints(u))
     np.testing.assert_allclose(kept(robot, ticks.states[-1]) - kept(robot, x), ticks.impulse_and_work, atol=1e-10)
 
 
@@ -90,15 +90,15 @@ def test_so_it_is_with_everything_that_disturbs(
 ) -> None:
     n = robot.n
     rough = JointFriction(np.r_[np.zeros(6), np.full(n - 6, 0.02)], np.zeros(n), 0.02)
-    ticks: Ticks = plant(robot, TICK, 2, friction=rough).advance(0.0, x, u, everything)
+    ticks: Ticks = plant(robot, TICK, 2, friction=rough).advance(0.0, x, Setpoints(u), everything)
     before, after = (kept(robot, ticks.states[k], everything.robot) for k in (0, -1))
     np.testing.assert_allclose(after - before, ticks.impulse_and_work, atol=2e-9)
 
 
 def test_the_engines_agree(robot: RobotModel, x: Array, u: Array, everything: Disturbance) -> None:
-    free, replayed = JointFriction.none(robot.n), Rk4Plant(robot, TICK).advance(0.0, x, u)
+    free, replayed = JointFriction.none(robot.n), Rk4Plant(robot, TICK).advance(0.0, x, Setpoints(u))
     built: list[Plant] = [plant(robot, TICK, 1, friction=free) for plant in PLANTS]
-    one, other = (plant.advance(0.0, x, u, everything).states for plant in built)
+    one, other = (plant.advance(0.0, x, Setpoints(u), everything).states for plant in built)
     assert apart(robot, one, other) < 1e-10
     assert apart(robot, one, replayed.states) > 1e-3
     assert apart(robot, MujocoPlant(robot, TICK).replay(x, replayed.F), replayed.states) < 1e-10
@@ -109,7 +109,7 @@ def test_a_push_is_a_blow_to_the_base_in_space(robot: RobotModel, x: Array, ever
     blow = replace(everything, robot=robot.nominal, noise=np.zeros((M, 2 * robot.n)))
     free = Rk4Plant(robot, TICK, friction=JointFriction.none(robot.n))
     x = np.r_[x[: robot.nq], np.zeros(robot.n)]
-    ticks = free.advance(0.0, x, np.zeros((M, robot.n)), blow)
+    ticks = free.advance(0.0, x, Setpoints(np.zeros((M, robot.n))), blow)
     force, torque = TICK * blow.external_force[20, :3], TICK * blow.external_force[20, 3:6]
     turned = Rotation.from_quat(x[3:7], scalar_first=True).apply(torque)
     np.testing.assert_allclose(
@@ -120,7 +120,7 @@ def test_a_push_is_a_blow_to_the_base_in_space(robot: RobotModel, x: Array, ever
 def test_the_quaternion_stays_a_unit_one_for_a_minute(robot: RobotModel, x: Array) -> None:
     plant, u = Rk4Plant(robot, 1e-2), np.zeros((6000, robot.n))
     u[:, 3:6] = 0.3 * np.sin(np.outer(1e-2 * np.arange(6000), [0.2, 0.3, 0.5]))
-    quaternions = plant.advance(0.0, x, u).states[:, 3:7]
+    quaternions = plant.advance(0.0, x, Setpoints(u)).states[:, 3:7]
     np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1, rtol=0, atol=1e-12)
 
 
@@ -129,7 +129,9 @@ def test_computed_torque_makes_the_robot_follow_the_ideal_plant(robot: RobotMode
     errors = []
     for rate in (250, 1000):
         u = np.tile(np.linspace(-0.5, 0.5, robot.n), (rate // 5, 1))
-        ideal, full = (plant(robot, 1 / rate).advance(0.0, x, u).states[-1] for plant in (IdealPlant, Rk4Plant))
+        ideal, full = (
+            plant(robot, 1 / rate).advance(0.0, x, Setpoints(u)).states[-1] for plant in (IdealPlant, Rk4Plant)
+        )
         errors.append(np.abs(ideal - full).max())
     assert errors[1] < 2e-4
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
@@ -150,7 +152,7 @@ def test_under_the_law_the_motion_is_the_plans(robot: RobotModel, x: Array) -> N
 
 
 def test_a_held_force_is_the_plants(robot: RobotModel, x: Array, u: Array) -> None:
-    ticks, physics = Rk4Plant(robot, TICK).advance(3.0, x, u[:20]), AdaptiveDynamics(robot)
+    ticks, physics = Rk4Plant(robot, TICK).advance(3.0, x, Setpoints(u[:20])), AdaptiveDynamics(robot)
     np.testing.assert_allclose(physics.under("ticks", x, ticks.time, u[:20]).between_pieces, ticks.states, atol=1e-9)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.plant.base import Disturbance, JointFriction, Plant
+from psmpc_cli.plant.base import Disturbance, JointFriction, Plant, Setpoints
 from psmpc_cli.plant.ideal import IdealPlant
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -42,7 +42,9 @@ def test_twists_follow_what_the_law_in_task_space_commands(robot: RobotModel, x:
     for tick in (4 * TICK, TICK):
         count = round(0.1 / tick)
         plant: Plant = build(robot, tick)
-        ticks = plant.advance(0.0, x, np.full((count, robot.n), np.nan), twist_rates=np.tile(rates, (count, 1)))
+        ticks = plant.advance(
+            0.0, x, Setpoints(np.full((count, robot.n), np.nan), twist_rates=np.tile(rates, (count, 1)))
+        )
         end = robot.twists(*np.split(ticks.states[-1], [robot.nq]))
         errors.append(np.abs(end - start - 0.1 * rates).max())
         expected = robot.task_space_force(Q, v, rates)
@@ -58,8 +60,8 @@ def test_both_laws_lead_to_the_same_motion(robot: RobotModel, x: np.ndarray, bui
     rates = np.linspace(-0.3, 0.3, len(robot.twists(Q, v)))
     u = robot.task_space_acceleration(Q, v, rates)
     plant: Plant = build(robot, TICK)
-    one = plant.advance(0.0, x, u[None], twist_rates=rates[None])
-    other = plant.advance(0.0, x, u[None])
+    one = plant.advance(0.0, x, Setpoints(u[None], twist_rates=rates[None]))
+    other = plant.advance(0.0, x, Setpoints(u[None]))
     np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-12)
     np.testing.assert_allclose(one.F, other.F, rtol=0, atol=1e-9 * np.abs(other.F).max())
 
@@ -67,12 +69,12 @@ def test_both_laws_lead_to_the_same_motion(robot: RobotModel, x: np.ndarray, bui
 def test_rates_of_twists_are_those_of_planned_accelerations(robot: RobotModel, x: np.ndarray) -> None:
     Q, v = np.split(x, [robot.nq])
     u = np.random.default_rng(0).uniform(-0.3, 0.3, (M, robot.n))
-    planned = IdealPlant(robot, TICK).advance(0.0, x, u)
+    planned = IdealPlant(robot, TICK).advance(0.0, x, Setpoints(u))
     rates = robot.twist_rates(Q, v, u, TICK)
     twists = robot.twists(*np.split(planned.states, [robot.nq], axis=1))
     np.testing.assert_allclose(twists[0] + TICK * np.cumsum(rates, axis=0), twists[1:], rtol=0, atol=1e-12)
     if len(rates[0]) == robot.n:
-        led_to = IdealPlant(robot, TICK).advance(0.0, x, u, twist_rates=rates)
+        led_to = IdealPlant(robot, TICK).advance(0.0, x, Setpoints(u, twist_rates=rates))
         assert np.abs(planned.states - x).max() > 1e-2
         np.testing.assert_allclose(
             led_to.states, planned.states, rtol=0, atol=1e-4
@@ -88,13 +90,17 @@ def test_a_disturbed_plant_takes_the_law_of_what_it_knows() -> None:
     disturbance = Disturbance(robot=heavier, law=known, noise=np.zeros((M, 18)), external_force=nothing)
     rates = np.full((M, 9), 0.1)
     one, other = (
-        plant(robot, TICK, friction=JointFriction.none(9)).advance(0.0, x, nothing, disturbance, None, rates)
+        plant(robot, TICK, friction=JointFriction.none(9)).advance(
+            0.0, x, Setpoints(nothing, twist_rates=rates), disturbance
+        )
         for plant in (Rk4Plant, MujocoPlant)
     )
     np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-8)
     Q, v = np.split(x, 2)
     np.testing.assert_allclose(one.F[0], robot.task_space_force(Q, v, rates[0]), rtol=1e-9)
     assert (
-        np.abs(one.states[-1] - Rk4Plant(robot, TICK).advance(0.0, x, nothing, None, None, rates).states[-1]).max()
+        np.abs(
+            one.states[-1] - Rk4Plant(robot, TICK).advance(0.0, x, Setpoints(nothing, twist_rates=rates)).states[-1]
+        ).max()
         > 1e-5
     )

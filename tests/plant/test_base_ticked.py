@@ -7,7 +7,7 @@ import pytest
 
 from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction
 from psmpc_cli.plant.adaptive import AdaptiveDynamics
-from psmpc_cli.plant.base import TickedPlant
+from psmpc_cli.plant.base import Setpoints, TickedPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
@@ -53,8 +53,8 @@ def test_the_loop_is_that_which_rk4_has_compiled(
     model: RobotModel, x: np.ndarray, u: np.ndarray, disturbance: Disturbance, limits: ForceLimits | None
 ) -> None:
     rk4 = Rk4Plant(model, TICK, friction=JointFriction.none(9), force_limits=limits)
-    expected = rk4.advance(1.5, x, u, disturbance)
-    ticks = Adaptive(model, limits).advance(1.5, x, u, disturbance)
+    expected = rk4.advance(1.5, x, Setpoints(u), disturbance)
+    ticks = Adaptive(model, limits).advance(1.5, x, Setpoints(u), disturbance)
     np.testing.assert_array_equal(ticks.time, expected.time)
     np.testing.assert_allclose(ticks.states, expected.states, rtol=0, atol=INTEGRATION)
     np.testing.assert_allclose(ticks.F, expected.F, rtol=0, atol=1e-6)  # N, N m: forces of states that differ so
@@ -89,6 +89,6 @@ def test_the_law_knows_at_each_tick_what_hands_hold(model: RobotModel, x: np.nda
     closed = np.arange(M) >= 12
     plant = Holding(model)
     plant.law = Resting(model)
-    ticks = plant.advance(0.0, x, u, closed=closed)
+    ticks = plant.advance(0.0, x, Setpoints(u, closed=closed))
     assert (ticks.F[closed] == 0).all()
-    np.testing.assert_array_equal(ticks.F[~closed], Adaptive(model).advance(0.0, x, u).F[~closed])
+    np.testing.assert_array_equal(ticks.F[~closed], Adaptive(model).advance(0.0, x, Setpoints(u)).F[~closed])

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from psmpc_cli.control import Controller, State
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.errors import InputError
-from psmpc_cli.plant import Ticks, build_plant
+from psmpc_cli.plant import Setpoints, Ticks, build_plant
 from psmpc_cli.plant.grasp import Capture, CapturePlant, build_capture
 from psmpc_cli.plant.rk4 import Rk4CapturePlant
 from psmpc_cli.robot.free_body import FreeBody
@@ -97,7 +97,7 @@ def run(task: Task, samples: int = 3, push: float = 1.0, wanted: Array | None = 
     closed = np.arange(samples * M) >= 5 if wanted is None else wanted
     for k in range(samples):
         u = push * random.uniform(-0.2, 0.2, model.n) * np.ones((M, 1))
-        made.append(plant.advance(k * M * TICK, x, u, None, closed[k * M : (k + 1) * M]))
+        made.append(plant.advance(k * M * TICK, x, Setpoints(u, closed=closed[k * M : (k + 1) * M])))
         x = made[-1].states[-1]
     return made, capture
 
@@ -148,7 +148,7 @@ def test_plants_agree_on_a_robot_with_rotors(tmp_path: Path, seed: int) -> None:
         plant = build_plant(
             task.spec.plant.model_copy(update={"kind": kind}), model, False, None, build_capture(task.spec, model)
         )
-        made.append(plant.advance(0.0, x, u, None, np.ones(50, bool)))
+        made.append(plant.advance(0.0, x, Setpoints(u, closed=np.ones(50, bool))))
     one, other = made
     assert one.target_object is not None and other.target_object is not None
     assert one.target_object.closed.all() and one.target_object.load.max() > 0.1
@@ -179,7 +179,7 @@ def test_knowing_the_load_moves_the_robot_as_commanded() -> None:
         capture = build_capture(task.spec, model)
         plant = build_plant(task.spec.plant, model, False, None, capture)
         x = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)]
-        ticks = plant.advance(0.0, x, u, None, np.ones(300, bool))
+        ticks = plant.advance(0.0, x, Setpoints(u, closed=np.ones(300, bool)))
         apart.append(np.abs(ticks.states[-1, model.nq :] - 0.3 * u[0]).max())
     assert apart[1] < 1e-4 < 0.1 < apart[0]
 
@@ -247,7 +247,7 @@ def test_ticks_in_one_call_are_those_in_a_call_each(strength: dict[str, float] |
         made = list[tuple[Array, ...]]()
         events = list[object]()
         for k in range(0, len(u), count):
-            ticks = plant.advance(k * TICK, x, u[k : k + count], None, wanted[k : k + count])
+            ticks = plant.advance(k * TICK, x, Setpoints(u[k : k + count], closed=wanted[k : k + count]))
             flown = ticks.target_object
             assert flown is not None
             x = ticks.states[-1]
@@ -298,7 +298,7 @@ def test_no_grasp_that_is_accepted_diverges(tmp_path: Path, geared: bool) -> Non
             continue
         accepted += 1
         plant = build_plant(task.spec.plant, model, False, None, capture)
-        ticks = plant.advance(0.0, x, np.zeros((150, model.n)), None, np.ones(150, bool))
+        ticks = plant.advance(0.0, x, Setpoints(np.zeros((150, model.n)), closed=np.ones(150, bool)))
         assert capture is not None and capture.closed.all()
         assert np.abs(ticks.states[:, model.nq :]).max() < 5, seed
     assert accepted > DRAWN / 2
@@ -318,7 +318,7 @@ def test_a_commands_force_counts_a_known_load_in(known: bool) -> None:
     state = State(stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n))
     command = controller.step(0.0, state)
     plant = build_plant(task.spec.plant, model, False, None, build_capture(task.spec, model))
-    applied = plant.advance(0.0, state.vector, command.u[:1], None, command.closed[:1]).F[0]
+    applied = plant.advance(0.0, state.vector, Setpoints(command.u[:1], closed=command.closed[:1])).F[0]
     bare = model.inverse_dynamics(state.Q, state.v, command.u[0])
     assert np.abs(command.force(0.0, state) - applied).max() <= 0.02 * np.abs(applied - bare).max()
     assert bool(np.abs(applied - bare).max() > 1.0) == known
@@ -351,7 +351,7 @@ def test_a_law_that_does_not_know_its_load_accelerates_less_by_the_largest_ratio
     ratio, v = HeldLoad(model, capture.body, capture.spec).largest_ratio(Q)
     plant = build_plant(task.spec.plant, model, False, None, capture)
     u = 0.05 * v / np.abs(v).max()
-    ticks = plant.advance(0.0, np.r_[Q, np.zeros(model.n)], u * np.ones((M, 1)), None, np.ones(M, bool))
+    ticks = plant.advance(0.0, np.r_[Q, np.zeros(model.n)], Setpoints(u * np.ones((M, 1)), closed=np.ones(M, bool)))
     impulse_and_work = ticks.states[-1, model.nq :] / (M * TICK)
     H = model.mass_matrix(Q)
     assert impulse_and_work @ H @ u == pytest.approx(u @ H @ u / (1 + ratio), rel=0.02)

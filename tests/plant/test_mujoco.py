@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.plant import build_plant
+from psmpc_cli.plant import Setpoints, build_plant
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
@@ -23,7 +23,7 @@ def u() -> np.ndarray:
 
 
 def test_one_percent_of_a_links_inertia_shows_in_a_replay(model: RobotModel, x: np.ndarray, u: np.ndarray) -> None:
-    ticks = Rk4Plant(model, TICK).advance(0.0, x, u)
+    ticks = Rk4Plant(model, TICK).advance(0.0, x, Setpoints(u))
     arm = model.spec.arms["arm_1"]
     links = (arm.links[0].model_copy(update={"inertia": 1.01 * arm.links[0].inertia}), *arm.links[1:])
     arms = {**model.spec.arms, "arm_1": arm.model_copy(update={"links": links})}
@@ -36,7 +36,7 @@ def test_divergence_is_visible(
 ) -> None:
     """MuJoCo by itself would restart from zero and write a file."""
     monkeypatch.chdir(tmp_path)
-    ticks = MujocoPlant(model, TICK).advance(0.0, x, np.full((3, 9), np.nan))
+    ticks = MujocoPlant(model, TICK).advance(0.0, x, Setpoints(np.full((3, 9), np.nan)))
     assert np.isnan(ticks.states[-1]).all()
     assert "The simulation is unstable" in caplog.text
     assert list(tmp_path.iterdir()) == []

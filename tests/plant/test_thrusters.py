@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Plant, Ticks, build_plant
+from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Plant, Setpoints, Ticks, build_plant
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -16,8 +16,8 @@ from psmpc_cli.plant.wheels import WheelDrive
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.robot.wheels import Wheels
+from psmpc_cli.specs.actuators import PlanarThruster, SpatialThruster
 from psmpc_cli.specs.load import load_robot, load_task
-from psmpc_cli.specs.robot import PlanarThruster, SpatialThruster
 
 from ..wheeled import PYRAMID, robot_in
 from .drawn_grasps import drawn_grasp
@@ -52,7 +52,7 @@ def samples(plant: Plant, x: Array, u: Array, disturbance: Disturbance | None = 
     """What a plant does over all samples of u."""
     made = list[Ticks]()
     for k in range(len(u) // M):
-        made.append(plant.advance(k * M * TICK, x, u[k * M : (k + 1) * M], disturbance))
+        made.append(plant.advance(k * M * TICK, x, Setpoints(u[k * M : (k + 1) * M]), disturbance))
         x = made[-1].states[-1]
     return made
 
@@ -119,7 +119,7 @@ def test_noise_and_pushes_reach_a_robot_with_thrusters(platform: RobotModel, x: 
     for given in (disturbance, Disturbance.none(platform.nominal, M, 9)):
         friction = JointFriction.none(9)
         built = plant(platform, TICK, friction=friction, force_limits=WITHIN, firing=firing(platform))
-        results.append(built.advance(0.0, x, u[:M], given))
+        results.append(built.advance(0.0, x, Setpoints(u[:M]), given))
     pushed, quiet = results
     gained = pushed.states[-1, 9] - quiet.states[-1, 9]
     assert gained == pytest.approx(0.1 / platform.mass_matrix(x[:9])[0, 0], rel=0.5)
@@ -146,7 +146,7 @@ def test_thrusters_are_off_while_nothing_pushes_the_base(platform: RobotModel, x
     driven = np.ones((M, 3))
     driven[50:90] = 0, 0, 1
     u = u[:M] + np.r_[0, 0, 2.0, np.zeros(6)]
-    ticks = built.advance(0.0, x, u, driven=driven)
+    ticks = built.advance(0.0, x, Setpoints(u, driven=driven))
     fired = ticks.thrusters
     assert not fired.thrusts[50:90].any()
     assert fired.thrusts[:50].any() and fired.thrusts[90:].any()
@@ -156,7 +156,7 @@ def test_thrusters_are_off_while_nothing_pushes_the_base(platform: RobotModel, x
     np.testing.assert_array_equal(ticks.F[50:90], ticks.commanded[50:90])
     W = Thrusters.of(platform.spec.thrusters).wrenches
     np.testing.assert_allclose(own[:50], fired.thrusts[:50] @ W.T, atol=1e-9)
-    resting = built.advance(0.1, ticks.states[-1], u, driven=np.zeros((M, 3)))
+    resting = built.advance(0.1, ticks.states[-1], Setpoints(u, driven=np.zeros((M, 3))))
     assert not resting.thrusters.thrusts.any()
     assert not resting.thrusters.owed.any()
 
@@ -219,7 +219,7 @@ def test_thrusters_fire_while_the_robot_holds_an_object(tmp_path: Path, kind: st
     limits = force_limits_of(task.spec, model.spec)
     plant = build_plant(spec, model, False, None, capture, limits, firing(model, 40))
     before = model.balance(start[None, : model.nq], start[None, model.nq :])[0] + capture.kept
-    ticks = plant.advance(0.0, start, u, None, closed)
+    ticks = plant.advance(0.0, start, Setpoints(u, closed=closed))
     after = model.balance(ticks.states[-1:, : model.nq], ticks.states[-1:, model.nq :])[0] + capture.kept
     assert ticks.target_object is not None and ticks.thrusters is not None
     assert ticks.target_object.closed[:70].all() and not ticks.target_object.closed[70:].any()
@@ -356,7 +356,7 @@ def test_pulses_do_not_jerk_the_joints_of_hands_that_hold_a_load() -> None:
         states = []
         thrusts = []
         for k in range(0, 8 * M, M):
-            ticks = plant.advance(k * TICK, x, u[k : k + M], None, closed[k : k + M])
+            ticks = plant.advance(k * TICK, x, Setpoints(u[k : k + M], closed=closed[k : k + M]))
             assert ticks.target_object is not None and ticks.thrusters is not None
             np.testing.assert_array_equal(ticks.target_object.closed.all(axis=1), closed[k : k + M])
             x = ticks.states[-1]

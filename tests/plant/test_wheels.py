@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Plant, Ticks, build_plant
+from psmpc_cli.plant import Disturbance, ForceLimits, JointFriction, Plant, Setpoints, Ticks, build_plant
 from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
@@ -52,7 +52,7 @@ def samples(model: RobotModel, plant: Plant, mobility: str, u: Array, disturbed:
         if disturbed is not None:
             none = Disturbance.none(model.nominal, M, model.n)
             disturbance = replace(none, external_force=disturbed[k : k + M])
-        made.append(plant.advance(k * TICK, x, u[k : k + M], disturbance, driven=driven(model, mobility)))
+        made.append(plant.advance(k * TICK, x, Setpoints(u[k : k + M], driven=driven(model, mobility)), disturbance))
         x = made[-1].states[-1]
     return made
 
@@ -205,7 +205,7 @@ def test_both_plants_agree_while_grippers_hold_an_object(tmp_path: Path, name: s
         spec = task.spec.plant.model_copy(update={"kind": kind})
         plant = build_plant(spec, model, False, None, capture, drive=drive)
         before = total(model, drive.wheels, x[None], drive.momentum[None])[0] + capture.kept
-        ticks = plant.advance(0.0, x, u, None, np.ones(M, bool), driven=driven(model, "attitude"))
+        ticks = plant.advance(0.0, x, Setpoints(u, closed=np.ones(M, bool), driven=driven(model, "attitude")))
         after = total(model, drive.wheels, ticks.states[-1:], drive.momentum[None])[0] + capture.kept
         assert capture.closed.all()
         np.testing.assert_allclose((after - before)[:-1], ticks.impulse_and_work[:-1], rtol=0, atol=1e-9)

@@ -193,12 +193,12 @@ def test_no_combination_of_correlated_controls_is_nearer(seed: int) -> None:
 
 def test_the_stage_before_gives_its_share_to_the_next(observed: dict[str, list[Sample]]) -> None:
     samples = observed["control"]
-    alone = [sample for sample in samples if len(sample.command.instants) == 0]
-    shared = [sample for sample in samples if len(sample.command.instants) > 0 and sample.metrics["window/share"]]
+    alone = [sample for sample in samples if len(sample.command.switch_times) == 0]
+    shared = [sample for sample in samples if len(sample.command.switch_times) > 0 and sample.metrics["window/share"]]
     assert all(sample.metrics["window/share"] == {sample.command.stage.index: 1.0} for sample in alone)
     assert all(sum(sample.metrics["window/share"].values()) == pytest.approx(1) for sample in shared)
     assert any(0.05 < sample.metrics["window/share"][sample.command.stage.index] < 0.95 for sample in shared)
-    late = [s for s in shared if s.command.stage.index == 0 and s.command.instants[0] - s.command.time < 0.1]
+    late = [s for s in shared if s.command.stage.index == 0 and s.command.switch_times[0] - s.command.time < 0.1]
     assert all(sample.metrics["window/share"][1] > 0.5 for sample in late)  # capture, with its priority of 100
 
 

@@ -7,6 +7,7 @@ import pytest
 import psmpc_cli as psmpc
 from psmpc_cli.figures.registry import FIGURES, figures_of
 from psmpc_cli.logs.comparison import compare_runs
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.report.pages import report_run
 from psmpc_cli.report.texts import describe_mission
 from psmpc_cli.simulation.run import build_experiment
@@ -32,7 +33,7 @@ def recorded(task: Task, with_ticks: bool = False, longest: float = np.inf) -> p
         if controller.done or time >= longest - 1e-9:
             recorder.add(command)
             return recorder.run(f"time limit of {longest:g} s reached")
-        ticks = experiment.plant.advance(time, x, command.u, None, command.closed)
+        ticks = experiment.plant.advance(time, x, Setpoints(command.u, closed=command.closed))
         recorder.add(command, ticks if with_ticks else None)
         x = ticks.states[-1]
         time = len(recorder) * task.spec.controller.sample_time

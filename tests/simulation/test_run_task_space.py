@@ -16,6 +16,7 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
 from psmpc_cli.ocp.feasibility import load_task
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.report.texts import measure_rows, warnings_of
 from psmpc_cli.robot.model import RobotModel, load_robot
 from psmpc_cli.simulation.run import build_experiment, simulate
@@ -107,8 +108,8 @@ def test_the_force_of_a_command_is_that_of_the_law_in_task_space(robot: RobotMod
         command.force(0.0, State(Q, v)), joint.force(0.0, State(Q, v)), rtol=0, atol=1e-3 * bound
     )
     plant = experiment.plant
-    one = plant.advance(0.0, x, command.u, None, command.closed, rates)
-    other = plant.advance(0.0, x, command.u, None, command.closed)
+    one = plant.advance(0.0, x, Setpoints(command.u, closed=command.closed, twist_rates=rates))
+    other = plant.advance(0.0, x, Setpoints(command.u, closed=command.closed))
     moved = np.abs(other.states[-1] - x).max()
     assert moved > 1e-3
     np.testing.assert_allclose(

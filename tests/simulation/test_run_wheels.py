@@ -11,6 +11,7 @@ from psmpc_cli.logs.comparison import compare_runs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.constraints import node_rows
 from psmpc_cli.ocp.window import window_numbers, window_shape
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.report.texts import measure_rows
 from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.replay import logged_solve, replay, rerun
@@ -83,7 +84,7 @@ def test_a_plan_knows_what_wheels_store(name: str, request: pytest.FixtureReques
         solution = logged_solve(run, sample)
         window = solution.window
         (rows, *_) = (rows for rows in node_rows(model, window_shape(window)) if rows.name.startswith("wheels"))
-        argument = np.asarray(rows.argument(window_numbers(window, solution.plan.instants)))
+        argument = np.asarray(rows.argument(window_numbers(window, solution.plan.switch_times)))
         most = rows.bounds(window)[1]
         ticks = np.arange(100 * sample, 100 * sample + 400, 100)
         X = window.chart.entered(np.hstack([run["ticks/Q"][ticks], run["ticks/Qdot"][ticks]]))
@@ -116,7 +117,7 @@ def recorded(task: Task, samples: int, with_ticks: bool) -> Run:
         if sample == samples:
             recorder.add(command)
             break
-        ticks = experiment.plant.advance(0.1 * sample, x, command.u)
+        ticks = experiment.plant.advance(0.1 * sample, x, Setpoints(command.u))
         recorder.add(command, ticks if with_ticks else None)
         x = ticks.states[-1]
     return recorder.run(f"time limit of {0.1 * samples:g} s reached")

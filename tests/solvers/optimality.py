@@ -5,24 +5,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import eigvalsh, null_space
 
-from psmpc_cli.ocp.gauss_newton import Linearization, Point
+from psmpc_cli.ocp.gauss_newton import Linearization, Unknowns
 from psmpc_cli.solvers.quadratic import QpSolution
 
 from .random_programs import Task, interval_rows_after
 
 
-def flat(step: Point) -> np.ndarray:
+def flat(step: Unknowns) -> np.ndarray:
     """A step as one vector, that of x_0 left out."""
     return np.r_[step.X[1:].ravel(), step.tau]
 
 
-def objective(model: Linearization, step: Point) -> float:
+def objective(model: Linearization, step: Unknowns) -> float:
     """The objective's change by the quadratic model."""
     gradient, x = np.r_[model.gradient[1:].ravel(), model.gradient_tau], flat(step)
     return float(gradient @ x + x @ hessian(model) @ x / 2)
 
 
-def energy(model: Linearization, one: Point, other: Point) -> float:
+def energy(model: Linearization, one: Unknowns, other: Unknowns) -> float:
     """Half the square of two steps' difference in the Hessian's norm: what of it the objective can see."""
     apart = flat(one) - flat(other)
     return float(apart @ hessian(model) @ apart / 2)
@@ -90,12 +90,12 @@ def curvatures(task: Task, held: np.ndarray) -> np.ndarray:
     return np.asarray(eigvalsh(Z.T @ hessian(task.model) @ Z)) if Z.shape[1] else np.zeros(1)  # no such step
 
 
-def _step(point: Point, x: np.ndarray) -> Point:
+def _step(point: Unknowns, x: np.ndarray) -> Unknowns:
     K, size = len(point.X) - 1, point.X.shape[1]
-    return Point(np.vstack([np.zeros(size), x[: K * size].reshape(K, size)]), x[K * size :])
+    return Unknowns(np.vstack([np.zeros(size), x[: K * size].reshape(K, size)]), x[K * size :])
 
 
-def rows_after(task: Task, step: Point) -> np.ndarray:
+def rows_after(task: Task, step: Unknowns) -> np.ndarray:
     """The rows with bounds after a step: all but those of constraints are linear."""
     at, form = task.model.at, task.window.form
     ends = at.rows + (task.model.rows_by_x * step.X[form.row_node]).sum(axis=1)
@@ -105,7 +105,7 @@ def rows_after(task: Task, step: Point) -> np.ndarray:
     return task.window.rows(after, replace(at, rows=ends, interval_rows=over_intervals), h)
 
 
-def _change_of_gaps(model: Linearization, step: Point) -> np.ndarray:
+def _change_of_gaps(model: Linearization, step: Unknowns) -> np.ndarray:
     n, v = model.H_vv.shape[1], step.X[:, model.H_vv.shape[1] :]
     by_velocity = model.gap_velocity[:, :1] * v[:-1] + model.gap_velocity[:, 1:] * v[1:]
     return np.asarray(np.diff(step.X[:, :n], axis=0) + by_velocity + model.gap_tau @ step.tau)

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from psmpc_cli.ocp.gauss_newton import Linearization, Point, Residuals, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Linearization, Residuals, Unknowns, VelocityForm
 from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.solvers.sqp_window import Evaluation, SqpWindow, WindowBounds, nodes_of_rows
 
@@ -21,7 +21,7 @@ class Task:
 
     window: SqpWindow
     model: Linearization
-    point: Point
+    point: Unknowns
 
     @property
     def here(self) -> Evaluation:
@@ -61,13 +61,13 @@ def random_task(rng: np.random.Generator, nodes: tuple[int, ...], what: set[str]
     has_history = "history" in what
     form, n, horizon = structure(nodes, has_history or "intervals" in what, has_history), COORDINATES, 2.0
     grid, S = form.grid, len(nodes) - 1
-    point = Point(rng.normal(size=(grid.K + 1, 2 * n)), np.full(S, horizon / (S + 1)))
+    point = Unknowns(rng.normal(size=(grid.K + 1, 2 * n)), np.full(S, horizon / (S + 1)))
     model = _random_model(rng, form, point, horizon)
     bounds = _bounds_about(rng, form, model, point, _random_step(rng, model, grid), what)
     return Task(SqpWindow(form, bounds, cast(Any, SimpleNamespace(horizon=horizon, x0=point.X[0]))), model, point)
 
 
-def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, horizon: float) -> Linearization:
+def _random_model(rng: np.random.Generator, form: VelocityForm, point: Unknowns, horizon: float) -> Linearization:
     n, K, S = COORDINATES, form.grid.K, form.grid.switches
     h = form.steps(point, horizon)
     positions, arrow = np.zeros((K + 1, n, n)), np.zeros((K + 1, 2 * n, S))
@@ -105,7 +105,7 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Point, ho
     )
 
 
-def _random_step(rng: np.random.Generator, model: Linearization, grid: Grid) -> Point:
+def _random_step(rng: np.random.Generator, model: Linearization, grid: Grid) -> Unknowns:
     """A step that closes the gaps."""
     n, X, tau = COORDINATES, np.zeros((grid.K + 1, 2 * COORDINATES)), 0.1 * rng.normal(size=grid.switches)
     X[1:, n:] = rng.normal(size=(grid.K, n))
@@ -113,11 +113,11 @@ def _random_step(rng: np.random.Generator, model: Linearization, grid: Grid) -> 
         by_v, v = model.gap_velocity[k], X[:, n:]
         change = by_v[0] * v[k] + by_v[1] * v[k + 1] + model.gap_tau[k] @ tau + model.at.gaps[k]
         X[k + 1, :n] = X[k, :n] - change
-    return Point(X, tau)
+    return Unknowns(X, tau)
 
 
 def _bounds_about(
-    rng: np.random.Generator, form: VelocityForm, model: Linearization, point: Point, step: Point, what: set[str]
+    rng: np.random.Generator, form: VelocityForm, model: Linearization, point: Unknowns, step: Unknowns, what: set[str]
 ) -> WindowBounds:
     n, S = COORDINATES, form.grid.switches
     X, tau = (point.X + step.X)[1:], point.tau + step.tau
@@ -154,7 +154,7 @@ def _bounds_about(
     return WindowBounds(*rows, *intervals, *inputs, soft, nodes_of_rows(form, len(soft)), first)
 
 
-def interval_rows_after(form: VelocityForm, model: Linearization, step: Point) -> np.ndarray:
+def interval_rows_after(form: VelocityForm, model: Linearization, step: Unknowns) -> np.ndarray:
     """The rows over intervals after a step, without their bounds."""
     return model.at.interval_rows + form.row_change(model, step)
 

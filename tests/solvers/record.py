@@ -23,7 +23,7 @@ def chosen(mission: str, commands: list[Command]) -> set[int]:
         kept |= {of_count[0], of_count[len(of_count) // 2], of_count[-1]}
     kept |= {sample + later for sample in appended for later in (-1, 0, 1, 12)}
     capture_ends = (s for s, c in enumerate(commands) if counts[s] == 2 and c.solution.window.stages[0].index == 1)
-    kept.add(next(s for s in capture_ends if commands[s].plan.instants[0] - commands[s].time < 2.7))
+    kept.add(next(s for s in capture_ends if commands[s].plan.switch_times[0] - commands[s].time < 2.7))
     return kept
 
 

@@ -34,10 +34,10 @@ def problem(transport: Task) -> Problem:
 
 def shooting(model: RobotModel, window: Window, plan: Plan) -> tuple[ShootingNlp, np.ndarray, np.ndarray]:
     """The program of a window, and its variables and parameters at a plan."""
-    numbers = window_numbers(window, plan.instants)
+    numbers = window_numbers(window, plan.switch_times)
     nlp = ShootingNlp(model, window_shape(window), numbers, has_all_rows=True, printed=False)
     p = np.concatenate([np.ravel(piece, order="F") for piece in numbers.pieces()])
-    tau = np.tile(np.diff(plan.instants, prepend=window.start)[:, None], nlp.grid.K + 1)
+    tau = np.tile(np.diff(plan.switch_times, prepend=window.start)[:, None], nlp.grid.K + 1)
     inputs = np.split(plan.u.T, nlp.grid.first_node[1:-1], axis=1)
     violations = np.full((18, nlp.grid.K + 1), 1e-3) if window.soft else 0.0
     x = np.asarray(nlp.pack(plan.X.T, tau, 0.0, 0.0, violations, 0.0, *inputs)).ravel()
@@ -118,9 +118,9 @@ def test_the_printed_gradient_is_not_that_of_the_discrete_problem(
     optimum, found = (build_solver(problem, spec).solve(window, guess) for spec in (IPOPT, ADJOINT))
     assert found.outcome is optimum.outcome is Outcome.OPTIMAL
     assert found.objective == pytest.approx(optimum.objective, rel=1e-6)
-    assert found.plan.instants == pytest.approx(optimum.plan.instants, abs=1e-5)
-    rollout = Rollout(problem.model, window, optimum.plan.instants)
-    tau = durations(optimum.plan.instants, window.start, window.horizon)
+    assert found.plan.switch_times == pytest.approx(optimum.plan.switch_times, abs=1e-5)
+    rollout = Rollout(problem.model, window, optimum.plan.switch_times)
+    tau = durations(optimum.plan.switch_times, window.start, window.horizon)
     U = np.split(optimum.plan.u, 2)
     assert rollout.by_adjoint(tau, U) == pytest.approx([exact], abs=0.01)
     assert rollout.by_differences(tau, U) == pytest.approx([exact], abs=0.01)
@@ -128,7 +128,7 @@ def test_the_printed_gradient_is_not_that_of_the_discrete_problem(
     assert rollout.by_costate(tau, U, printed=True) == pytest.approx([1.0 - 100 + 0.2], abs=0.01)
     printed = build_solver(problem, PRINTED).solve(window, guess)
     assert printed.outcome is Outcome.OPTIMAL
-    assert printed.plan.instants == pytest.approx([window.start + window.horizon - 1e-3], abs=1e-6)
+    assert printed.plan.switch_times == pytest.approx([window.start + window.horizon - 1e-3], abs=1e-6)
     assert printed.objective > 1.3 * optimum.objective
 
 
@@ -136,7 +136,7 @@ def assert_same_optimum(problem: Problem, solve: RecordedSolve) -> None:
     found, optimum = (again(build_solver(problem, spec), solve, False) for spec in (ADJOINT, FATROP))
     assert found.outcome is optimum.outcome is Outcome.OPTIMAL
     assert found.objective == pytest.approx(optimum.objective, rel=1e-6)
-    assert np.abs(found.plan.instants - optimum.plan.instants).max(initial=0.0) < 1e-3
+    assert np.abs(found.plan.switch_times - optimum.plan.switch_times).max(initial=0.0) < 1e-3
 
 
 def test_a_window_of_one_stage_has_the_optimum_of_fatrop(problem: Problem) -> None:

@@ -54,7 +54,7 @@ def assert_same_optimum(one: Solution, other: Solution) -> None:
     assert one.outcome is other.outcome is Outcome.OPTIMAL
     assert one.objective == pytest.approx(other.objective, rel=1e-5)
     np.testing.assert_allclose(one.costs, other.costs, rtol=1e-3, atol=1e-6)
-    assert np.abs(one.plan.instants - other.plan.instants).max(initial=0.0) < 1e-3
+    assert np.abs(one.plan.switch_times - other.plan.switch_times).max(initial=0.0) < 1e-3
 
 
 @pytest.mark.parametrize("stages", [1, 2, 3])
@@ -107,7 +107,7 @@ def test_terminal_cost_offset_and_euler_are_solved_too(
     found, other = (again(solver_for(problem, each), solved, False) for each in (spec, IPOPT))
     assert_same_optimum(found, other)
     assert found.terminal == pytest.approx(other.terminal, rel=1e-4)
-    omega, waited = found.window.omega / found.window.omega.max(), found.plan.instants.sum() - found.window.start
+    omega, waited = found.window.omega / found.window.omega.max(), found.plan.switch_times.sum() - found.window.start
     assert found.objective == pytest.approx(omega @ found.costs + omega[-1] * found.terminal + waited, rel=1e-9)
 
 
@@ -123,11 +123,11 @@ def test_task_input_reaches_one_optimum_by_both_nlp_back_ends(problem: Problem) 
 
 @pytest.mark.parametrize("spec", [CONVERGED, FATROP, IPOPT, ADJOINT], ids=["sqp", "fatrop", "ipopt", "adjoint"])
 def test_durations_are_kept_near_the_guess(problem: Problem, two_stages: RecordedSolve, spec: SolverSpec) -> None:
-    guess = replace(two_stages.guess, instants=two_stages.guess.instants + 0.3)
+    guess = replace(two_stages.guess, switch_times=two_stages.guess.switch_times + 0.3)
     for within in (0.0, 0.05):
         found = solver_for(problem, spec).solve(two_stages.window, guess, None, within)
         assert found.outcome.usable
-        assert found.plan.instants == pytest.approx(guess.instants - within, abs=1e-6)  # the optimum is earlier
+        assert found.plan.switch_times == pytest.approx(guess.switch_times - within, abs=1e-6)  # the optimum is earlier
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_a_window_that_cannot_be_solved_says_so_with_advice(
 
 @pytest.mark.parametrize("kind", ["sqp", "fatrop", "ipopt", "adjoint"])
 def test_too_few_iterations_are_reported_as_such(problem: Problem, two_stages: RecordedSolve, kind: str) -> None:
-    guess = replace(two_stages.guess, X=two_stages.guess.X + 0.05, instants=two_stages.guess.instants + 0.3)
+    guess = replace(two_stages.guess, X=two_stages.guess.X + 0.05, switch_times=two_stages.guess.switch_times + 0.3)
     spec = SolverSpec.model_validate({"kind": kind, "max_iterations": 1})
     found = solver_for(problem, spec).solve(two_stages.window, guess)
     assert found.outcome is Outcome.ITERATION_LIMIT
@@ -160,7 +160,7 @@ def test_sqp_stops_at_a_deadline_after_the_iteration_that_passes_it(
     stopped = again(solver_for(problem, SolverSpec(kind="sqp", iterations=50, deadline=1e-9)), two_stages)
     assert (stopped.iterations, stopped.outcome) == (1, Outcome.FEASIBLE)
     X = two_stages.guess.X + np.r_[np.zeros((1, 18)), np.full((len(two_stages.guess.X) - 1, 18), 0.05)]
-    guess = replace(two_stages.guess, X=X, instants=two_stages.guess.instants + 0.3)
+    guess = replace(two_stages.guess, X=X, switch_times=two_stages.guess.switch_times + 0.3)
     late = solver_for(problem, SolverSpec(kind="sqp", deadline=1e-9)).solve(two_stages.window, guess)
     assert late.outcome is Outcome.DEADLINE
     assert judge.violation(late.window, late.plan) > FEASIBLE
@@ -194,7 +194,7 @@ def test_ipopt_bounds_the_cost_of_the_last_stage(problem: Problem) -> None:
     """
     solved = windows_over(2)[0]
     optimum = again(solver_for(problem, CONVERGED), solved)
-    held = replace(solved.guess, instants=optimum.plan.instants)
+    held = replace(solved.guess, switch_times=optimum.plan.switch_times)
     solver = solver_for(problem, SolverSpec(kind="ipopt", tolerance=1e-10, max_iterations=500))
     window = replace(solved.window, omega=np.array([1.0, 1e-2]))
     free = solver.solve(window, held, None, 0.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.ocp.constraints import interval_rows
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import JERK
 from psmpc_cli.ocp.window import on_mesh, window_numbers, window_shape
@@ -73,7 +73,7 @@ def assert_sqp_reaches_the_optimum_of_ipopt(problem: Problem, solves: Mapping[in
             found = sqp.solve(window, start)
             assert found.outcome is optimum.outcome is Outcome.OPTIMAL
             assert found.objective == pytest.approx(optimum.objective, rel=2e-5)
-            assert np.abs(found.plan.instants - optimum.plan.instants).max(initial=0.0) < 1e-4
+            assert np.abs(found.plan.switch_times - optimum.plan.switch_times).max(initial=0.0) < 1e-4
 
 
 @pytest.mark.slow
@@ -117,8 +117,8 @@ def test_programs_are_solved_like_piqp_solves_them(planar: Problem, stages: int)
     window = solve.window
     guess = on_mesh(solve.guess, window)
     form = VelocityForm(planar.model, window_shape(window))
-    point = Point(guess.X, np.diff(guess.instants, prepend=window.start))
-    parameters = window_numbers(window, guess.instants)
+    point = Unknowns(guess.X, np.diff(guess.switch_times, prepend=window.start))
+    parameters = window_numbers(window, guess.switch_times)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, point.tau, np.inf)
     task = Task(SqpWindow(form, bounds, parameters), form.linearize(point, parameters), point)
     rows = [rows for rows in interval_rows(planar.model, window_shape(window)) if rows.name == JERK]
@@ -134,7 +134,7 @@ def test_programs_are_solved_like_piqp_solves_them(planar: Problem, stages: int)
     )
 
 
-def change_of_objective(task: Task, step: Point) -> float:
+def change_of_objective(task: Task, step: Unknowns) -> float:
     """What a step changes of the quadratic model, residuals over intervals among it."""
     weights = task.window.interval_weights[task.model.interval_rows]
     return objective(task.model, step) + float(weights @ task.window.form.row_change(task.model, step) ** 2) / 2
@@ -147,13 +147,13 @@ def test_derivatives_of_the_rows_are_those_of_their_values(planar: Problem, coun
     window = solve.window
     guess = on_mesh(solve.guess, window)
     form = VelocityForm(planar.model, window_shape(window))
-    parameters = window_numbers(window, guess.instants)
-    point = Point(guess.X, np.diff(guess.instants, prepend=window.start) + 0.05)
+    parameters = window_numbers(window, guess.switch_times)
+    point = Unknowns(guess.X, np.diff(guess.switch_times, prepend=window.start) + 0.05)
     model = form.linearize(point, parameters)
     random = np.random.default_rng(count)
     X = random.normal(size=point.X.shape)
     X[0] = 0.0
-    step = Point(X, random.normal(size=len(point.tau)))
+    step = Unknowns(X, random.normal(size=len(point.tau)))
     after, before = (form.residuals(point.moved(step, sign * 1e-7), parameters) for sign in (1, -1))
     by_differences = (after.interval_rows - before.interval_rows)[model.interval_rows] / 2e-7
     np.testing.assert_allclose(form.row_change(model, step), by_differences, rtol=1e-5, atol=1e-4)

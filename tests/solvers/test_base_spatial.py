@@ -35,7 +35,7 @@ def assert_same_optimum(problem: Problem, one: RecordedSolve, stages: int) -> No
         found = solver_for(problem, spec).solve(one.window, one.guess)
         assert found.outcome is ipopt.outcome is Outcome.OPTIMAL
         assert found.objective == pytest.approx(ipopt.objective, rel=1e-6)
-        assert np.abs(found.plan.instants - ipopt.plan.instants).max(initial=0.0) < 1e-5
+        assert np.abs(found.plan.switch_times - ipopt.plan.switch_times).max(initial=0.0) < 1e-5
         assert found.violations == pytest.approx(ipopt.violations, abs=1e-6)
 
 

@@ -32,7 +32,7 @@ def solver(problem: Problem) -> NlpSolver:
 
 def by_hand(window: Window, plan: Plan, costs: StageCosts) -> np.ndarray:
     """What each stage adds to the objective along a plan: the sum of (20), each trajectory begun with its stage."""
-    begins, found = [window.start - window.elapsed, *plan.instants], []
+    begins, found = [window.start - window.elapsed, *plan.switch_times], []
     for s, (stage, begin) in enumerate(zip(window.stages, begins, strict=True)):
         at, since = slice(s * N, (s + 1) * N), plan.times - begin
         L = costs.at(stage, plan.X[at], plan.u[at], since[at])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
@@ -37,9 +37,9 @@ def first_program(model: RobotModel, solve: RecordedSolve) -> Task:
     window = replace(solve.window, stages=stages)
     guess = solve.guess
     form = VelocityForm(model, window_shape(window))
-    tau = np.diff(guess.instants, prepend=window.start)
-    point = Point(guess.X, tau)
-    parameters = window_numbers(window, guess.instants)
+    tau = np.diff(guess.switch_times, prepend=window.start)
+    point = Unknowns(guess.X, tau)
+    parameters = window_numbers(window, guess.switch_times)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
     return Task(SqpWindow(form, bounds, parameters), form.linearize(point, parameters), point)
 
@@ -213,7 +213,7 @@ def penalties(task: Task) -> np.ndarray:
     return task.window.row_penalties(task.here, slice(None))
 
 
-def costs_of_violations(task: Task, step: Point) -> float:
+def costs_of_violations(task: Task, step: Unknowns) -> float:
     bounds = task.window.bounds
     rows = rows_after(task, step)
     violations = np.maximum(np.maximum(bounds.low - rows, rows - bounds.high), 0.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control import Controller, State
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import Window, on_mesh, window_numbers, window_shape
@@ -47,14 +47,14 @@ def test_one_iteration_on_the_shifted_plan_comes_near_the_optimum(problem: Probl
     assert found.outcome.usable
     assert judge.violation(found.window, found.plan) <= FEASIBLE
     started = solved.window.omega / solved.window.omega.max() @ judge.costs(solved.window, solved.guess)
-    started += float((solved.guess.instants - solved.window.start).sum())
+    started += float((solved.guess.switch_times - solved.window.start).sum())
     infeasible = judge.violation(solved.window, solved.guess) > FEASIBLE
     assert infeasible or abs(found.objective - optimum.objective) <= abs(started - optimum.objective) + 1e-9
 
 
 def test_a_cold_start_is_iterated_until_the_step_is_small(problem: Problem, two_stages: RecordedSolve) -> None:
     """What is not marked as the shifted plan is none, however good it is."""
-    guess = replace(two_stages.guess, instants=two_stages.guess.instants + 0.2)
+    guess = replace(two_stages.guess, switch_times=two_stages.guess.switch_times + 0.2)
     cold = build_solver(problem, ONE).solve(two_stages.window, guess)
     assert not cold.warm
     assert cold.iterations > 1
@@ -66,14 +66,14 @@ def capture(problem: Problem) -> Solution:
     """The optimum of a window of Capture and Transport, in which Capture needs less than 2.7 s."""
     optimum = again(build_solver(problem, CONVERGED), recorded("transport")[CAPTURE])
     assert [stage.name for stage in optimum.window.stages] == ["capture", "transport"]
-    assert optimum.plan.instants[0] - optimum.window.start < 2.7
+    assert optimum.plan.switch_times[0] - optimum.window.start < 2.7
     return optimum
 
 
 def too_short(capture: Solution, soft: bool, share: float) -> RecordedSolve:
     """Return a solve of Capture, its limits soft or hard, whose guess has a share of the time that is needed."""
     start = capture.window.start
-    guess = replace(capture.plan, instants=start + share * (capture.plan.instants - start))
+    guess = replace(capture.plan, switch_times=start + share * (capture.plan.switch_times - start))
     window = replace(capture.window, soft=soft)
     return replace(recorded("transport")[CAPTURE], window=window, guess=guess)
 
@@ -87,7 +87,7 @@ def test_a_stage_too_short_for_its_end_condition_starts_again_from_a_late_switch
     optimum = build_solver(problem, CONVERGED).solve(short.window, capture.plan)
     found = build_solver(problem, CONVERGED).solve(short.window, short.guess)
     assert found.outcome is Outcome.OPTIMAL
-    assert found.plan.instants == pytest.approx(optimum.plan.instants, abs=1e-4)
+    assert found.plan.switch_times == pytest.approx(optimum.plan.switch_times, abs=1e-4)
 
 
 def test_a_first_program_that_only_soft_limits_give_a_solution_is_replaced_by_that_of_a_late_switch(
@@ -187,7 +187,7 @@ def floating() -> Problem:
 def from_rest(problem: Problem, window: Window) -> Plan:
     """Return the guess at rest with the switch in the middle of the window."""
     rest = resting_plan(0.0, window.horizon, problem.spec.controller.uniform_nodes, window.x0, window.chart)
-    return on_mesh(replace(rest, instants=np.array([window.horizon / 2])), window)
+    return on_mesh(replace(rest, switch_times=np.array([window.horizon / 2])), window)
 
 
 def out_of_reach(window: Window) -> Window:
@@ -269,14 +269,14 @@ def test_a_step_that_leaves_curved_rows_is_corrected() -> None:
     assert solution.window.stages[0].name == "approach"
 
 
-def first_window(solution: Solution, *changes: str) -> tuple[SqpWindow, Point]:
+def first_window(solution: Solution, *changes: str) -> tuple[SqpWindow, Unknowns]:
     """The window of a solution of `transport`, and its guess."""
     window = solution.window
     guess = solution.plan
     form = VelocityForm(build_problem(load_task("transport", changes)).model, window_shape(window))
     tau = np.zeros(0)
     bounds = window_bounds(form, fixed_bounds(form, window), window, guess, tau, np.inf)
-    return SqpWindow(form, bounds, window_numbers(window, guess.instants)), Point(guess.X, tau)
+    return SqpWindow(form, bounds, window_numbers(window, guess.switch_times)), Unknowns(guess.X, tau)
 
 
 def test_a_later_iterate_keeps_the_rows_of_the_program_before() -> None:

@@ -172,11 +172,11 @@ def trade_off(log: Run) -> TradeOff:
 
 @pytest.fixture(scope="module")
 def wait(solve: Solution) -> float:
-    return float(solve.plan.instants[0]) - solve.window.start
+    return float(solve.plan.switch_times[0]) - solve.window.start
 
 
 def wait_of(point: Solution) -> float:
-    return float(point.plan.instants[0]) - point.window.start
+    return float(point.plan.switch_times[0]) - point.window.start
 
 
 def test_the_run_s_own_weights_lead_to_the_run_s_optimum(trade_off: TradeOff, solve: Solution, wait: float) -> None:

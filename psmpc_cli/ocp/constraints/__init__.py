@@ -71,7 +71,7 @@ def _rows(model: RobotModel, shape: WindowShape) -> tuple[NodeRows | IntervalRow
 
 def missing_row_violation(model: RobotModel, window: Window, plan: Plan) -> float:
     """Return by how much a plan on the mesh of a window violates rows that are rarely active, at worst; 0 if none."""
-    p = window_numbers(window, plan.instants)
+    p = window_numbers(window, plan.switch_times)
     h = np.diff(plan.times)[:, None]
     worst = 0.0
     for rows in interval_rows(model, window_shape(window)):
@@ -90,7 +90,7 @@ def soft_row_violations(model: RobotModel, window: Window, plan: Plan) -> tuple[
     soft = [rows for rows in node_rows(model, window_shape(window)) if rows.soft]
     if not soft:
         return 0.0, 0.0
-    p = window_numbers(window, plan.instants)
+    p = window_numbers(window, plan.switch_times)
     at_nodes = [0.0]
     at_first = [0.0]
     for rows in soft:

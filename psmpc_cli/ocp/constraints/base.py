@@ -93,7 +93,7 @@ class IntervalRows:
         over_time: The rows are integrals over the interval: their bounds are those of the rows over h.
         rarely_active: The bounds of states say the same of most motions: a program has the rows that a solution without
             them violates. With all of them fatrop does not converge.
-        varying_bounds: Window, switching instants (S,) [s] -> low and high over each of the intervals, a row each; None
+        varying_bounds: Window, switch times (S,) [s] -> low and high over each of the intervals, a row each; None
             where they are `bounds`.
     """
 
@@ -106,20 +106,20 @@ class IntervalRows:
     permanent: bool = False
     over_time: bool = True
     rarely_active: bool = False
-    varying_bounds: Callable[[Window, np.ndarray], tuple[np.ndarray, np.ndarray] | None] = lambda window, instants: None
+    varying_bounds: Callable[[Window, np.ndarray], tuple[np.ndarray, np.ndarray] | None] = lambda window, times: None
 
     @property
     def is_permanent(self) -> bool:
         """Whether the rows are part of every program, however far from their bounds: residuals of the cost are."""
         return self.permanent or self.weights is not None
 
-    def bounds_by_interval(self, window: Window, instants: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def bounds_by_interval(self, window: Window, switch_times: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Return low and high of the rows over each of the intervals, (intervals, rows) each.
 
-        Without switching instants they are the widest.
+        Without switch times they are the widest.
         """
         shape = len(self.intervals), self.functions.count
-        varying = None if instants is None else self.varying_bounds(window, instants)
+        varying = None if switch_times is None else self.varying_bounds(window, switch_times)
         low, high = self.bounds(window) if varying is None else varying
         return np.broadcast_to(low, shape), np.broadcast_to(high, shape)
 
@@ -255,12 +255,14 @@ def _bounds(name: str, s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     return constraint.low, constraint.high
 
 
-def _varying_bounds(name: str, s: int, window: Window, instants: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _varying_bounds(
+    name: str, s: int, window: Window, switch_times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
     constraint = window.stages[s].constraints[name]
     if constraint.over_intervals is None:
         return None
     first = sum(window.nodes[:s])
-    since = window.times(instants)[first : first + window.nodes[s] + 1] - window.start
+    since = window.times(switch_times)[first : first + window.nodes[s] + 1] - window.start
     return constraint.over_intervals(constraint.of_bounds, since)
 
 

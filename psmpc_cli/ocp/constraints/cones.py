@@ -141,24 +141,29 @@ def _target(spec: ConeSpec) -> np.ndarray:
 
 
 def functions(model: RobotModel, cone: Cone) -> ConstraintFunctions:
-    """Return x, [anchor; pose of the axis; target; angle] -> the rows of a cone."""
+    """Return the rows of a cone as functions of x and of [anchor; pose of the axis; target; angle].
+
+    The axis is the x-axis of a pose that is fixed to a frame of the robot. The target is a point, or a direction, in
+    the inertial frame. Its direction from where the axis begins, in the frame of the axis, is all that rows depend on.
+    """
     space = model.space
     d = space.dimension
     x = ca.SX.sym("x", 2 * model.n)
     anchor = ca.SX.sym("anchor", space.n_anchor)
-    inside = ca.SX.sym("inside", space.n_pose)
+    axis_pose = ca.SX.sym("axis_pose", space.n_pose)
     target = ca.SX.sym("target", d)
     angle = ca.SX.sym("angle")
     xi = model.charted(x[: model.n], anchor)
-    position, quaternion = space.to_3d(ca.vertsplit(xi[model.pose_rows[cone.frame]]))
-    at, turned = space.to_3d(ca.vertsplit(inside))
+    frame_position, frame_attitude = space.to_3d(ca.vertsplit(xi[model.pose_rows[cone.frame]]))
+    position_in_frame, attitude_in_frame = space.to_3d(ca.vertsplit(axis_pose))
     line = [*ca.vertsplit(target), ca.SX(0)][:3]
     if cone.has_point:
-        line = add(line, scaled(add(position, rotate(quaternion, at)), -1))
-    x_seen, *others = rotate(conjugate(product(quaternion, turned)), line)
-    seen = ca.vertcat(x_seen + NEAREST * cone.has_point, *others)[:d]
-    rows = cone.rows(seen / ca.norm_2(seen), angle, space)
-    return ConstraintFunctions(x, ca.vertcat(anchor, inside, target, angle), ca.vertcat(*rows))
+        apex = add(frame_position, rotate(frame_attitude, position_in_frame))
+        line = add(line, scaled(apex, -1))
+    along_axis, *across = rotate(conjugate(product(frame_attitude, attitude_in_frame)), line)
+    line_in_axis_frame = ca.vertcat(along_axis + NEAREST * cone.has_point, *across)[:d]
+    rows = cone.rows(line_in_axis_frame / ca.norm_2(line_in_axis_frame), angle, space)
+    return ConstraintFunctions(x, ca.vertcat(anchor, axis_pose, target, angle), ca.vertcat(*rows))
 
 
 def _outside(line: ca.SX, angle: ca.SX) -> ca.SX:

@@ -15,7 +15,7 @@ FAR = 1e3
 """Coordinates of the point of an arm that need not point at anything [m]: the row stays smooth, and has no weight."""
 
 
-class Point(PartKind):
+class PointingAxis(PartKind):
     """A point that the x-axis of an end-effector goes through."""
 
     is_point = True
@@ -35,4 +35,4 @@ class Point(PartKind):
         return np.where(wanted == FAR, np.nan, wanted)
 
 
-KIND = Point()
+KIND = PointingAxis()

@@ -11,7 +11,7 @@ from psmpc_cli.ocp.skills.base import PartKind, Posture
 from psmpc_cli.robot.model import RobotModel
 
 
-class PoseOfBase(PartKind):
+class BasePose(PartKind):
     """A pose of the base."""
 
     is_pose = True
@@ -29,10 +29,10 @@ class PoseOfBase(PartKind):
         return wanted[: model.dimension]
 
 
-class Pose(PoseOfBase):
+class EndEffectorPose(BasePose):
     """A pose of an end-effector."""
 
     draws_joints = True
 
 
-KIND = Pose()
+KIND = EndEffectorPose()

@@ -119,7 +119,7 @@ def solved(problem: Problem, window: Window, kind: str, guess: Plan | None = Non
     spec = problem.spec.solver.model_copy(update={"kind": kind, "iterations": 100})
     if guess is None:
         rest = resting_plan(0.0, window.horizon, problem.spec.controller.uniform_nodes, window.x0, window.chart)
-        guess = on_mesh(replace(rest, instants=np.array([window.horizon / 2])), window)
+        guess = on_mesh(replace(rest, switch_times=np.array([window.horizon / 2])), window)
     return build_solver(problem, spec).solve(window, guess)
 
 

@@ -11,12 +11,13 @@ from hypothesis import given
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia, numbers
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.loads import Load, known_load
 from psmpc_cli.ocp.objective import Intervals, force_residual
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import window_numbers, window_shape
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.free_body import body_of
@@ -142,7 +143,7 @@ def test_a_window_has_the_optimum_of_the_problem_in_the_joint_rates(
     found = [solved(problem, window, kind) for kind in kinds]
     for solution in found:
         assert solution.outcome.usable
-        assert solution.plan.instants == pytest.approx([instant], abs=2e-3)
+        assert solution.plan.switch_times == pytest.approx([instant], abs=2e-3)
         assert solution.objective == pytest.approx(found[0].objective, rel=1e-5)
 
 
@@ -159,8 +160,8 @@ def test_what_force_costs_is_in_the_optimum_of_both_solvers(fast_arms: Path) -> 
     assert own.outcome is Outcome.OPTIMAL
     assert other.outcome is Outcome.OPTIMAL
     assert own.objective == pytest.approx(other.objective, rel=1e-5)
-    assert own.plan.instants == pytest.approx(other.plan.instants, abs=1e-4)
-    assert own.plan.instants > 1.3  # without it 1.287 s
+    assert own.plan.switch_times == pytest.approx(other.plan.switch_times, abs=1e-4)
+    assert own.plan.switch_times > 1.3  # without it 1.287 s
 
 
 @pytest.mark.parametrize("limits", [{}, {"limits": {"arms": {"force": [4.0] * 3}}}], ids=["free", "limited"])
@@ -174,8 +175,8 @@ def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object
     p = window_numbers(window, np.array([2.5]))
     X = window.x0 + 0.05 * rng.standard_normal((form.grid.K + 1, 2 * model.n))
     X[0] = window.x0
-    point = Point(X, np.array([2.5]))
-    direction = Point(rng.standard_normal(X.shape), np.array([0.3]))
+    point = Unknowns(X, np.array([2.5]))
+    direction = Unknowns(rng.standard_normal(X.shape), np.array([0.3]))
     direction.X[0] = 0.0
     linear = form.linearize(point, p)
     step = 1e-5
@@ -183,9 +184,9 @@ def test_the_model_of_what_force_costs(fast_arms: Path, limits: dict[str, object
     slope = (linear.gradient * direction.X).sum() + linear.gradient_tau @ direction.tau
     assert slope == pytest.approx((ahead - behind) / (2 * step), rel=1e-6)
     plan = solved(problem, window, "sqp").plan
-    bounds = window_bounds(form, fixed_bounds(form, window), window, plan, plan.instants, np.inf)
+    bounds = window_bounds(form, fixed_bounds(form, window), window, plan, plan.switch_times, np.inf)
     sqp_window = SqpWindow(form, bounds, p)
-    start = sqp_window.with_dependent_rates(Point(plan.X + 0.01 * (X - window.x0), plan.instants))
+    start = sqp_window.with_dependent_rates(Unknowns(plan.X + 0.01 * (X - window.x0), plan.switch_times))
     here, program = sqp_window.linearize(start)
     kernel = load_kernel(model.n, 1)
     assert kernel is not None
@@ -255,7 +256,7 @@ def test_forces_that_are_commanded_keep_to_the_limits(fast_arms: Path, plant: ty
     largest = 0.0
     while not controller.done and time < 15:
         command = controller.step(time, State(x[: model.nq], x[model.nq :]))
-        ticks = physics.advance(time, x, command.u)
+        ticks = physics.advance(time, x, Setpoints(command.u))
         largest = max(largest, np.abs(ticks.F).max())
         x = ticks.states[-1]
         time = float(ticks.time[-1])
@@ -320,7 +321,7 @@ def test_plans_keep_to_what_thrusters_can_give(fast_arms: Path, tmp_path: Path, 
         assert other.outcome is Outcome.OPTIMAL
         # fatrop stays off active bounds: as far with limits of single components
         assert own.objective == pytest.approx(other.objective, rel=2e-4 if kind == "fatrop" else 1e-5)
-        assert own.plan.instants == pytest.approx(other.plan.instants, abs=2e-3)
+        assert own.plan.switch_times == pytest.approx(other.plan.switch_times, abs=2e-3)
     free = build_problem(planar_task(fast_arms, THRUST))
     unlimited = solved(free, window_of(free, Q, np.zeros(problem.model.n)), "sqp")
     assert own.objective > 1.001 * unlimited.objective

@@ -8,12 +8,12 @@ import pytest
 
 from psmpc_cli.control import Controller, State
 from psmpc_cli.ocp.constraints.mobility import functions
-from psmpc_cli.ocp.gauss_newton import Point, VelocityForm
+from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.loads import LoadKind
 from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import window_numbers, window_shape
-from psmpc_cli.plant import Plant
+from psmpc_cli.plant import Plant, Setpoints
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
@@ -55,7 +55,7 @@ def test_a_window_has_the_optimum_of_the_problem_without_the_base(
     v[model.space.base] = drift(model, Q, momentum)
     solution = solved(problem, window_of(problem, Q, v), kind)
     assert solution.outcome.usable
-    assert solution.plan.instants == pytest.approx([instant], abs=1e-3)
+    assert solution.plan.switch_times == pytest.approx([instant], abs=1e-3)
     if J is not None:  # objectives are over the largest priority
         assert solution.objective * problem.stages[1].priority == pytest.approx(J, abs=1e-4)
 
@@ -75,7 +75,7 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
     X = 0.3 * rng.standard_normal((form.grid.K + 1, 2 * n))
     tau = np.array([1.0])
     if mobility == "fixed":
-        solved_for = form.with_dependent_rates(Point(X, tau), p).X
+        solved_for = form.with_dependent_rates(Unknowns(X, tau), p).X
         np.testing.assert_array_equal(solved_for[1:, n:][:, model.space.base], 0)
         return
     of_stage, _ = (each for each in form.interval_rows if each.name == "mobility")
@@ -96,7 +96,7 @@ def test_rows_and_their_derivatives(fast_arms: Path, build: Callable[..., Task],
         np.testing.assert_allclose(jacobian[:, i], difference[0] / (2 * step), atol=1e-7)
     np.testing.assert_array_equal(jacobian[:, -1], 0)
 
-    there = form.with_dependent_rates(Point(X, tau), p).X
+    there = form.with_dependent_rates(Unknowns(X, tau), p).X
     chart = model.space.chart_at(Q)
     momentum = model.balance(*chart.from_chart(there))[:, :free]
     np.testing.assert_allclose(momentum, np.tile(momentum[0], (len(X), 1)), atol=1e-12)
@@ -203,7 +203,7 @@ def test_a_floating_robot_keeps_its_momentum_and_moves_its_base_as_planned(
     time = 0.0
     while not controller.done and time < 15:
         command = controller.step(time, State(x[: model.nq], x[model.nq :]))
-        ticks = physics.advance(time, x, command.u)
+        ticks = physics.advance(time, x, Setpoints(command.u))
         assert (ticks.F[:, space.base] == 0.0).all()
         chart = command.plan.chart
         planned = command.plan.states_at(ticks.time[-1:])

@@ -11,14 +11,16 @@ from psmpc_cli.ocp.constraints.clearance import solids_of_obstacle
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast, Surrounding
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.stage import SampleContext
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.configuration import IDENTITY
 from psmpc_cli.robot.model import RobotModel, load_robot
 from psmpc_cli.robot.plumes import Plumes
 from psmpc_cli.robot.thrusters import Thrusters
+from psmpc_cli.specs.actuators import SpatialThruster
 from psmpc_cli.specs.geometry import ObstacleSpec
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import SpatialThruster, stack
+from psmpc_cli.specs.robot import stack
 
 from ...plumed import AHEAD, before_a_panel, robot_in
 
@@ -30,13 +32,19 @@ def forecast(task: Task, stage: int = 0) -> tuple[PlumeForecast, RobotModel]:
     return PlumeForecast.of(task.spec, model, stage), model
 
 
-def sample_at(task: Task, model: RobotModel, base: list[float], velocity: float = 0.0, **more: object) -> SampleContext:
+def sample_at(
+    task: Task,
+    model: RobotModel,
+    base: list[float],
+    velocity: float = 0.0,
+    object_state: tuple[np.ndarray, np.ndarray] | None = None,
+) -> SampleContext:
     """A sample in which the robot is folded, with a plan that goes on at a velocity along x."""
     x = np.r_[stack(task.spec.initial, task.robot, "joint"), np.zeros(model.n)]
     x[:3] = base
     x[model.n] = velocity
     plan = resting_plan(0.0, 8.0, 1, x, IDENTITY)
-    return SampleContext(0.0, x, np.zeros(0), plan=plan, **more)  # type: ignore[arg-type]
+    return SampleContext(0.0, x, np.zeros(0), plan=plan, object_state=object_state)
 
 
 def test_thrusters_are_shut_while_their_plumes_reach_an_obstacle(tmp_path: Path) -> None:
@@ -140,7 +148,7 @@ def test_a_plan_asks_for_what_the_remaining_thrusters_can_give(tmp_path: Path) -
                 residual = thrusters.allocate(wanted, some_are_shut).residual
                 np.testing.assert_allclose(residual, 0.0, atol=2e-3)
                 asked[int(some_are_shut.any())] += np.abs(wanted).sum()
-        state = plant.advance(0.1 * k, state, command.u).states[-1]
+        state = plant.advance(0.1 * k, state, Setpoints(command.u)).states[-1]
     assert (asked > 10).all()  # it is asked for forces with and without some that are shut
 
 

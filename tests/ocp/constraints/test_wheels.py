@@ -15,6 +15,7 @@ from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import Window, window_numbers, window_shape
+from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.run import build_experiment
@@ -40,7 +41,7 @@ def a_solve(task: Task, seed: int) -> tuple[Problem, Solution]:
     x = np.r_[Q, 0.005 * random.standard_normal(model.n)]
     for sample in range(50):
         command = experiment.controller.step(0.1 * sample, State.of(x, drive.momentum))
-        x = experiment.plant.advance(0.1 * sample, x, command.u, driven=command.driven).states[-1]
+        x = experiment.plant.advance(0.1 * sample, x, Setpoints(command.u, driven=command.driven)).states[-1]
         if sample > 1 and len(command.solution.window.stages) > 1:
             break
     return experiment.problem, command.solution
@@ -65,7 +66,7 @@ def test_what_follows_from_the_state_is_what_plants_store(tmp_path: Path, build:
     L = at_first[model.space.rotation]
     argument = np.r_[x[: model.nq][model.space.attitude], load.numbers[: -len(L)], L, wheels.unseen @ drive.momentum]
     u = 0.005 * np.sin(np.outer(np.arange(400) / 40, 1 + np.arange(model.n)))  # no motor is cut
-    ticks = experiment.plant.advance(0.0, x, u)
+    ticks = experiment.plant.advance(0.0, x, Setpoints(u))
     assert ticks.wheels is not None
     X = model.space.chart_at(x[: model.nq]).entered(ticks.states)
     rows = functions(model, load.kind)
@@ -90,7 +91,7 @@ def test_rows_of_motor_torques_are_those_of_the_law(tmp_path: Path, build: Calla
     wheels = Wheels.of(model.spec)
     (of_stage,) = (rows for rows in interval_rows(model, window_shape(window)) if rows.name == "forces 1")
     (of_nodes,) = (rows for rows in node_rows(model, window_shape(window)) if rows.name == "wheels 1")
-    p = window_numbers(window, solution.plan.instants)
+    p = window_numbers(window, solution.plan.switch_times)
     stored = np.asarray(of_nodes.functions.value(window.x0, np.asarray(of_nodes.argument(p)))[0][0])
     h_wheels = stored / of_nodes.bounds(window)[1] * wheels.momentum
     assert np.abs(h_wheels - wheels.initial).max() > 1e-4
@@ -161,7 +162,7 @@ def test_sqp_and_ipopt_agree(tmp_path: Path, build: Callable[..., Task], seed: i
 
 def utilization(model: RobotModel, window: Window, plan: Plan) -> float:
     """The largest part of a limit of wheels that a plan uses."""
-    p = window_numbers(window, plan.instants)
+    p = window_numbers(window, plan.switch_times)
     shape = window_shape(window)
     largest = 0.0
     h = np.diff(plan.times)[:, None]

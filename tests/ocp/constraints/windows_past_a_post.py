@@ -89,13 +89,13 @@ def solved(
     spec = problem.spec.solver.model_copy(update=to_optimum)
     if guess is None:
         guess = resting_plan(0.0, window.horizon, window.K, window.x0, window.chart)
-        guess = replace(guess, instants=np.linspace(0, window.horizon, len(window.nodes) + 1)[1:-1])
+        guess = replace(guess, switch_times=np.linspace(0, window.horizon, len(window.nodes) + 1)[1:-1])
     return build_solver(problem, spec).solve(window, on_mesh(guess, window))
 
 
 def active_rows(problem: Problem, window: Window, plan: Plan) -> int:
     """Number of distances that a plan has at their margin."""
-    p = window_numbers(window, plan.instants)
+    p = window_numbers(window, plan.switch_times)
     count = 0
     for rows in node_rows(problem.model, window_shape(window)):
         if rows.name.startswith("clearance"):

@@ -148,9 +148,9 @@ class SentCommands:
         which = np.searchsorted(starts, middles, side="right") - 1
         tick = np.minimum(((middles - starts[which]) / self.tick).astype(int), lengths[which] - 1)
         first = np.cumsum(lengths) - lengths
-        found = np.concatenate(rows)[np.where(which < 0, 0, first[which] + tick)]
-        found[which < 0] = 0.0
-        return found
+        commanded = np.concatenate(rows)[np.where(which < 0, 0, first[which] + tick)]
+        commanded[which < 0] = 0.0
+        return commanded
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,12 +241,16 @@ class DelayEstimator:
         block = np.array(times), np.array(velocities)
         stride = self._stride * (FEWER if is_sure else 1)
         in_force = round(estimate.seconds / self._tick)
-        found = self._likelihoods(*block, commands, is_loaded, stride, in_force)
-        if found is not None:
-            estimate = self._updated(estimate, estimate.evidence + found)
-            found = estimate.evidence + found
+        log_likelihoods = self._likelihoods(*block, commands, is_loaded, stride, in_force)
+        if log_likelihoods is not None:
+            estimate = self._updated(estimate, estimate.evidence + log_likelihoods)
+            log_likelihoods = estimate.evidence + log_likelihoods
         if is_over:
-            evidence = estimate.evidence if found is None else np.maximum(found - found.max(), -DEPTH)
+            evidence = (
+                estimate.evidence
+                if log_likelihoods is None
+                else np.maximum(log_likelihoods - log_likelihoods.max(), -DEPTH)
+            )
             estimate = replace(estimate, evidence=evidence, times=times[-1:], velocities=velocities[-1:])
         return estimate
 
@@ -280,11 +284,11 @@ class DelayEstimator:
 
         first = np.union1d(np.arange(0, len(self._delays), stride), self._near(in_force))
         model = _VelocityModel(v, gain, walk, self._noise)
-        best, found, surplus = self._highest(first, reached, model)
+        best, log_likelihoods, surplus = self._highest(first, reached, model)
         if surplus > NOISIER:
             model = model.with_noise_of(reached(np.array([best])))
-            _, found, surplus = self._highest(first, reached, model)
-        return np.asarray(found / max(1.0, surplus))
+            _, log_likelihoods, surplus = self._highest(first, reached, model)
+        return np.asarray(log_likelihoods / max(1.0, surplus))
 
     def _highest(
         self, first: np.ndarray, reached: Callable[[np.ndarray], np.ndarray], model: "_VelocityModel"
@@ -297,16 +301,16 @@ class DelayEstimator:
             model: What is known of the velocities.
         """
         every = np.arange(len(self._delays))
-        found = np.full(len(every), -np.inf)
+        log_likelihoods = np.full(len(every), -np.inf)
         squares = np.zeros(len(every))
         wanted = first
         while len(wanted):
-            found[wanted], squares[wanted] = model.likelihoods(reached(wanted))
-            best = int(np.argmax(found))
-            is_highest = np.isfinite(found[max(best - 1, 0) : best + 2]).all()
+            log_likelihoods[wanted], squares[wanted] = model.likelihoods(reached(wanted))
+            best = int(np.argmax(log_likelihoods))
+            is_highest = np.isfinite(log_likelihoods[max(best - 1, 0) : best + 2]).all()
             wanted = every[:0] if is_highest else self._near(best)
-        known = np.flatnonzero(np.isfinite(found))
-        return best, np.interp(every, known, found[known]), float(squares[best]) / model.v[1:].size
+        known = np.flatnonzero(np.isfinite(log_likelihoods))
+        return best, np.interp(every, known, log_likelihoods[known]), float(squares[best]) / model.v[1:].size
 
     def _near(self, delay: int) -> np.ndarray:
         """Return the delays that are near one, all in ticks."""

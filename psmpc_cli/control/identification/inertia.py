@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.control.delay import Acting
+from psmpc_cli.control.identification.delay import Acting
 from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
@@ -251,7 +251,11 @@ class InertiaEstimator:
 
 
 def _force_by_parameters(model: RobotModel) -> ca.Function:
-    """Return Q, v, vdot -> derivatives Y of F (n,) by masses, inertias and held loads, in which F is linear."""
+    """Return the regressor of the dynamics: Q, v, vdot -> Y = dF / dtheta.
+
+    The generalized force F (n,) of a motion is linear in theta, the masses and inertias of the bodies and of held
+    loads. So forces and a measured motion tell of theta by linear least squares.
+    """
 
     def derive() -> ca.Function:
         Q = ca.SX.sym("Q", model.nq)
@@ -271,7 +275,8 @@ def _force_by_parameters(model: RobotModel) -> ca.Function:
         w = ca.vertcat(mass, inertia, offset, stored, held)
         F = model.dynamics.inverse(Q, v, vdot, w)
         Y = ca.jacobian(F, ca.vertcat(mass, inertia, held))
-        [of_described] = ca.substitute([Y], [w], [ca.DM(described.vector)])
-        return ca.Function("force_by_parameters", [Q, v, vdot], [ca.densify(of_described)])
+        # it is independent of theta, but depends on the centres of mass and the stored momentum, as described
+        [Y_described] = ca.substitute([Y], [w], [ca.DM(described.vector)])
+        return ca.Function("force_by_parameters", [Q, v, vdot], [ca.densify(Y_described)])
 
     return model.derived((_force_by_parameters,), derive)

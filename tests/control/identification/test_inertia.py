@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import psmpc_cli as psmpc
-from psmpc_cli.control.delay import Acting
-from psmpc_cli.control.inertia import InertiaEstimate, InertiaEstimator, MeasuredMotion
+from psmpc_cli.control.identification.delay import Acting
+from psmpc_cli.control.identification.inertia import InertiaEstimate, InertiaEstimator, MeasuredMotion
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.control.delay import LONGEST, DelayEstimate, DelayEstimator, Sent, SentCommands
+from psmpc_cli.control.identification.delay import LONGEST, DelayEstimate, DelayEstimator, Sent, SentCommands
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 

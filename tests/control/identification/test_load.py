@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import psmpc_cli as psmpc
-from psmpc_cli.control.load import LoadEstimator, LoadPrior, RobotAndObject, _as_body, _without
+from psmpc_cli.control.identification.load import LoadEstimator, LoadPrior, RobotAndObject, _as_body, _without
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.specs.load import load_task
 

@@ -116,7 +116,8 @@ def test_a_mapping_sets_values_of_python() -> None:
         (
             "solver.kindd=ipopt",
             'solver.kindd: found an unknown key (did you mean "kind"?), '
-            "expected one of kind, tolerance, max_iterations, iterations, entry_iterations, deadline, gradient, compiled",
+            "expected one of kind, tolerance, max_iterations, iterations, entry_iterations, deadline, gradient, "
+            "compiled",
         ),
         (
             "solver.gradient=printed",

@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from psmpc_cli.errors import InputError, LogError
-from psmpc_cli.logs.schema import FORMAT_VERSION, RUN
+from psmpc_cli.logs.schema import FORMAT_VERSION, OLDEST_FORMAT, RUN
 from psmpc_cli.logs.walk import OF_SCALES, check_attributes, misfit, walk
 from psmpc_cli.specs.document import printable, read_regular, shortened
 
@@ -159,13 +159,13 @@ def kind_in(file: h5py.File) -> str:
 def _check_version(path: Path, file: h5py.File) -> None:
     """Reject a file of another format version."""
     format_version = file.attrs["format_version"]
-    if format_version != FORMAT_VERSION:
+    if format_version not in range(OLDEST_FORMAT, FORMAT_VERSION + 1):
         version, writer = (
             shortened(ascii(str(value))[1:-1]) for value in (format_version, file.attrs["psmpc_version"])
         )
         raise LogError(
             f"{path}: found log format {version}, written by psmpc {writer}; this version reads "
-            f"format {FORMAT_VERSION}: read it with that version, or run the experiment again"
+            f"formats {OLDEST_FORMAT} to {FORMAT_VERSION}: read it with that version, or run the experiment again"
         )
 
 

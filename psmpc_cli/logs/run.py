@@ -637,9 +637,13 @@ def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
     group.visit(members.append)
     columns = layout(Q_COORDINATE in members)
     conditions = {ALWAYS, *(column.only for column in columns if column.path in members)}
-    present = [part for column in columns if column.only in conditions for part in column.parts]
-    datasets = _datasets(group, members, present)
+    of_run = [part for column in columns if column.only in conditions for part in column.parts]
+    format_version = int(group.file.attrs["format_version"])
+    datasets = _datasets(group, members, [column for column in of_run if column.since <= format_version])
     arrays = {path: read_array(dataset) for path, dataset in datasets.items()}
+    for column in of_run:
+        if column.path not in arrays:
+            arrays[column.path] = np.full([len(arrays[scale]) for scale in column.dims], column.unknown)
     _check_values(group, arrays)
     return Run(path, attributes, arrays)
 

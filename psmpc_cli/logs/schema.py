@@ -55,6 +55,9 @@ from psmpc_cli.specs.parts import ANGLE, LENGTH, PURE_NUMBER, units_of
 FORMAT_VERSION = 5
 """Changes when a reader of the old format would misread the new one."""
 
+OLDEST_FORMAT = 4
+"""The oldest format that is read."""
+
 RUN = "run"
 COMPARISON = "comparison"
 SWEEP = "sweep"
@@ -182,6 +185,7 @@ class Column:
             dataset with a row a sample, `ticks/tick` in one with a row a tick; the others do not grow. See `layout`.
         only: The condition under which logs have it.
         unknown: Its value until another is known.
+        since: Format version of the first logs that have it; in older ones it is unknown throughout.
     """
 
     path: str
@@ -192,6 +196,7 @@ class Column:
     dims: tuple[str, ...] = ()
     only: Condition = ALWAYS
     unknown: float = float("nan")
+    since: int = OLDEST_FORMAT
 
     @property
     def is_scale(self) -> bool:
@@ -515,7 +520,9 @@ SCHEMA = (
         "generalized force of the low-level controller at the sample" + BASE_AXES,
         lambda s: s.ticks.F[0],
     ),
-    _sampled_velocities("force/own_axes", FORCE_UNITS, "the same, the base's along its own axes, as its limits are"),
+    _sampled_velocities(
+        "force/own_axes", FORCE_UNITS, "the same, the base's along its own axes, as its limits are", since=5
+    ),
     _sampled_limited(
         "force/utilization",
         "1",
@@ -645,8 +652,8 @@ SCHEMA = (
     _sampled_velocities(
         "margin/velocity", VELOCITY_UNITS, "smallest distance to a velocity limit until the next sample"
     ),
-    _sampled_velocities("margin/planned_position", POSITION_UNITS, "the same of the plan to a position limit"),
-    _sampled_velocities("margin/planned_velocity", VELOCITY_UNITS, "the same of the plan to a velocity limit"),
+    _sampled_velocities("margin/planned_position", POSITION_UNITS, "the same of the plan to a position limit", since=5),
+    _sampled_velocities("margin/planned_velocity", VELOCITY_UNITS, "the same of the plan to a velocity limit", since=5),
     _sampled("effort/control", EFFORT_UNITS, "T_s |dv / T_s|^2, dv the integral of u over the sample"),
     _sampled("effort/squared_acceleration", EFFORT_UNITS, "integral of |u|^2 until the next sample"),
     _sampled("effort/base_force", "N s", "integral of the norm of the base force"),

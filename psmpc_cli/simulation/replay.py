@@ -14,7 +14,7 @@ from psmpc_cli.errors import LogError
 from psmpc_cli.logs.comparison import Comparison, compare_runs
 from psmpc_cli.logs.files import check_output
 from psmpc_cli.logs.run import Run
-from psmpc_cli.logs.schema import Sample
+from psmpc_cli.logs.schema import FORMAT_VERSION, Sample
 from psmpc_cli.native.library import describe_compiler, describe_processor
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window_record import WindowFrame, read_window
@@ -107,6 +107,7 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
         LogError: The log holds no plans, not this sample, or a plan that is not of its window.
         SpecError: The solver does not exist or cannot solve this task.
     """
+    _require_newest_format(log)
     task = log.task
     logged = logged_solve(log, sample)
     iterations = list[str]()
@@ -160,6 +161,20 @@ def _remarks(log: Run, sample: int) -> Iterator[str]:
         yield "solves of the run had a deadline, this one has none"
 
 
+def _require_newest_format(log: Run) -> None:
+    """Reject a log whose windows and measurements are those of another version.
+
+    Raises:
+        LogError: The log is of an older format.
+    """
+    format_version = log.attributes.get("format_version", FORMAT_VERSION)
+    if format_version != FORMAT_VERSION:
+        raise LogError(
+            f"{log.path}: found log format {format_version}, expected {FORMAT_VERSION} to repeat a run or a solve: "
+            f"repeat it with a version that writes format {format_version}; show, plot, view and report read it here"
+        )
+
+
 def rerun(
     log: Run, path: Path | None = None, force: bool = False, watch: Watch = lambda sample: None
 ) -> Comparison | None:
@@ -176,6 +191,7 @@ def rerun(
         InputError: The new log exists already or cannot be written.
         RunError: It could not be written any further.
     """
+    _require_newest_format(log)
     samples = len(log.time)
     if not samples:
         raise LogError(f"{log.path}: holds no samples, so there is nothing to compare a run with")
@@ -208,6 +224,7 @@ def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sampl
         InputError: The new log cannot be written.
         RunError: The new log could not be written any further.
     """
+    _require_newest_format(log)
     if not log.interrupted:
         reason = log.attributes["end_reason"]
         raise LogError(f"{log.path}: this run has ended ({reason}), so there is nothing to continue")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from psmpc_cli.errors import InputError, LogError
 from psmpc_cli.logs.conditions import ALWAYS
 from psmpc_cli.logs.run import Run, read_run
-from psmpc_cli.logs.schema import FORMAT_VERSION, columns
+from psmpc_cli.logs.schema import FORMAT_VERSION, OLDEST_FORMAT, SCHEMA, columns
 from psmpc_cli.logs.write import Header, LogWriter
 
 from ..synthetic_logs import Story, story_among_obstacles, write_story
@@ -75,9 +75,23 @@ def test_other_version_is_named(path: Path) -> None:
     with h5py.File(path, "r+") as file:
         file.attrs["format_version"], file.attrs["psmpc_version"] = 99, "7.0"
     assert refusal(path) == (
-        f"{path}: found log format 99, written by psmpc 7.0; this version reads format {FORMAT_VERSION}: "
-        "read it with that version, or run the experiment again"
+        f"{path}: found log format 99, written by psmpc 7.0; this version reads formats {OLDEST_FORMAT} to "
+        f"{FORMAT_VERSION}: read it with that version, or run the experiment again"
     )
+
+
+def test_what_older_logs_do_not_have_is_unknown(path: Path) -> None:
+    newer = [column.path for column in SCHEMA if column.since > OLDEST_FORMAT]
+    run = read_run(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = OLDEST_FORMAT
+        for dataset in newer:
+            del file[dataset]
+    older = read_run(path)
+    assert newer
+    for dataset in newer:
+        assert older[dataset].shape == run[dataset].shape and np.isnan(older[dataset]).all()
+    assert np.array_equal(older["state/Q"], run["state/Q"])
 
 
 @pytest.mark.parametrize("name", ["finished", "end_reason", "task_yaml", "robot_yaml", "task_name", "stuck"])

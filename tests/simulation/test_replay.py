@@ -1,11 +1,14 @@
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from psmpc_cli.errors import SpecError
+from psmpc_cli.errors import LogError, SpecError
 from psmpc_cli.logs.run import Run
-from psmpc_cli.simulation.replay import replay
+from psmpc_cli.logs.schema import FORMAT_VERSION, OLDEST_FORMAT
+from psmpc_cli.simulation.replay import continue_run, replay, rerun
 
 from ..short_runs import there_and_back
 
@@ -42,6 +45,13 @@ def test_our_own_solver_repeats_the_log_and_shows_its_iterations(tmp_path: Path)
         assert [int(row[0]) for row in rows[1:]] == list(range(log["solver/iterations"][sample] + 1))
         objective = float(rows[-1][1]) * max(again.logged.window.omega)
         assert objective == pytest.approx(log["solver/objective"][sample], rel=1e-8)
+
+
+@pytest.mark.parametrize("repeat", [lambda log: replay(log, 0), rerun, continue_run])
+def test_logs_of_an_older_format_are_not_repeated(log: Run, repeat: Callable[[Run], object]) -> None:
+    older = replace(log, attributes={**log.attributes, "format_version": OLDEST_FORMAT})
+    with pytest.raises(LogError, match=f"found log format {OLDEST_FORMAT}, expected {FORMAT_VERSION} to repeat"):
+        repeat(older)
 
 
 def test_objective_instants_and_control_are_compared(log: Run) -> None:

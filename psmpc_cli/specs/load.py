@@ -291,12 +291,14 @@ def _task(document: Document, robot: Document | Path, name: str, changes: Change
     Raises:
         SpecError: Something is wrong with either; the message lists all of it.
     """
+    own_robot = document.value(("robot",))
     document, misplaced = override(document, changes)
     source = robot if isinstance(robot, Document) else None
     reference = document.value(("robot",))
     if isinstance(robot, Path) and isinstance(reference, str) and reference:
+        is_changed_to_file = reference != own_robot and Path(reference).is_file()  # seen from the working directory
         try:
-            source = _read_robot(find("robot", reference, robot))
+            source = _read_robot(find("robot", reference, Path() if is_changed_to_file else robot))
         except SpecError as error:
             document = replace(document, faults=(*document.faults, Fault(("robot",), str(error))))
     kind = document.value(("controller", "kind")) or document.value(("controller",))

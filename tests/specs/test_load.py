@@ -65,6 +65,17 @@ def test_a_mapping_is_a_task() -> None:
         load_task({**mapping, "seed": object()})
 
 
+def test_a_robot_given_as_a_change_is_found_from_the_working_directory_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = built_ins("robot")["planar_dual_arm"].read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(text.replace("name: planar_dual_arm", "name: mine"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert load_task("transport", ["robot=mine.yaml"]).robot.name == "mine"
+    with pytest.raises(SpecError, match="found no file"):
+        load_task("transport", ["robot=other.yaml"])
+
+
 def test_faults_of_task_and_robot_come_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     write(

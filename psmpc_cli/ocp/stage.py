@@ -288,30 +288,32 @@ class PlacedStage(Stage):
         return replace(at_times[0], reference=Trajectory(elapsed + times, values, tuple(self.attitudes.values())))
 
     def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "PlacedStage":
-        """Return the stage of a spatial robot with the numbers of its target that a sample sets.
+        """Return the stage with its target and reference as windows about a chart's anchor take them.
+
+        Quaternions get the signs meant, and behind the numbers of the skill stand those that a sample sets: the anchor,
+        the posture of redundant joints, and what the end says of the object. A planar robot has none of these.
 
         Args:
             anchor: Attitude about which the chart is (4,).
             joints: Posture to which redundant joints are drawn (joints,) [rad, m].
             signs: Of the target's quaternions, by frame: of the two for one attitude the one meant.
         """
-
-        def with_sample_numbers(values: np.ndarray) -> np.ndarray:
-            values = values.copy()
-            for frame, at in self.attitudes.items():
-                values[..., at : at + 4] *= signs[frame]
-            more = np.broadcast_to(of_sample, (*values.shape[:-1], len(of_sample)))
-            return np.concatenate([values, more], axis=-1)
-
-        of_sample = np.concatenate([anchor, joints, self.end.object_numbers])
-        if not (self.attitudes or len(of_sample)):
+        sample_numbers = np.concatenate([anchor, joints, self.end.object_numbers])
+        if not (self.attitudes or len(sample_numbers)):
             return self
-        taken = tuple(signs[frame] for frame in self.attitudes)
+
+        def completed(values: np.ndarray) -> np.ndarray:
+            values = values.copy()
+            for frame, first in self.attitudes.items():  # where the quaternion of a frame begins
+                values[..., first : first + 4] *= signs[frame]
+            behind = np.broadcast_to(sample_numbers, (*values.shape[:-1], len(sample_numbers)))
+            return np.concatenate([values, behind], axis=-1)
+
         return replace(
             self,
-            target=with_sample_numbers(self.target),
-            reference=self.reference.mapped(with_sample_numbers),
-            signs=taken,
+            target=completed(self.target),
+            reference=self.reference.mapped(completed),
+            signs=tuple(signs[frame] for frame in self.attitudes),
         )
 
 

@@ -136,32 +136,38 @@ class GraspLaw:
         )
 
     def _forces(self) -> ca.Function:
+        """Q, v, pose and rate of the object, grasps -> what the bushings of all grasps do, and how they are loaded.
+
+        They give the generalized force on the robot (n,), the wrench on the object about its centre, the power that
+        they take from both, the wrench that each gripper puts on the object (size, A), and the loads of each grasp
+        (3, A): pull along the line from the object's centre to the gripper, shear across it, and moment.
+        """
         sizes = {"Q": self.model.nq, "v": self.model.n, "pose": self.sizes[0], "rate": self.sizes[1]}
         symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
         Q, v, pose, rate = symbols
         p = ca.SX.sym("p", self.parameters * len(self.grippers))
         force = ca.SX.zeros(self.model.n)
-        wrench = ca.SX.zeros(self.size)
+        wrench_about_centre = ca.SX.zeros(self.size)
         power = ca.SX(0)
-        puts = []
+        wrenches_on_object = []
         loads = []
         for i in range(len(self.grippers)):
-            at, moving, J = self.gripper(i, Q, v)
-            bushing_parameters = p[self.parameters * i : self.parameters * (i + 1)]
-            w, back, power_of_grasp = self.bushing(at, moving, pose, rate, bushing_parameters)
-            force = force + J.T @ w
-            wrench = wrench + back
+            gripper_pose, gripper_rate, J = self.gripper(i, Q, v)
+            grasp = p[self.parameters * i : self.parameters * (i + 1)]
+            on_gripper, about_centre, power_of_grasp = self.bushing(gripper_pose, gripper_rate, pose, rate, grasp)
+            force = force + J.T @ on_gripper
+            wrench_about_centre = wrench_about_centre + about_centre
             power = power + power_of_grasp
-            inside, _ = self.space.to_3d(ca.vertsplit(bushing_parameters)[: self.sizes[0]])
+            inside, _ = self.space.to_3d(ca.vertsplit(grasp)[: self.sizes[0]])
             _, attitude = self.space.to_3d(ca.vertsplit(pose))
             outwards = rotate(attitude, inside)
-            on_object, moment = self.space.twist_to_3d(ca.vertsplit(-w))
+            force_on_object, moment = self.space.twist_to_3d(ca.vertsplit(-on_gripper))
             distance = ca.sqrt(dot(outwards, outwards))
-            pull = dot(on_object, outwards) / ca.fmax(distance, TINY)
-            shear = ca.sqrt(ca.fmax(dot(on_object, on_object) - pull**2, 0))
-            puts.append(-w)
+            pull = dot(force_on_object, outwards) / ca.fmax(distance, TINY)
+            shear = ca.sqrt(ca.fmax(dot(force_on_object, force_on_object) - pull**2, 0))
+            wrenches_on_object.append(-on_gripper)
             loads.append(ca.vertcat(pull, shear, ca.sqrt(dot(moment, moment))))
-        outputs = ca.cse([force, wrench, power, ca.horzcat(*puts), ca.horzcat(*loads)])
+        outputs = ca.cse([force, wrench_about_centre, power, ca.horzcat(*wrenches_on_object), ca.horzcat(*loads)])
         return ca.Function("forces", [*symbols, p], outputs)
 
     def approach(

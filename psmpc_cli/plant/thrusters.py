@@ -159,7 +159,10 @@ class ThrusterFiring:
         self._thrusts = self._thrusts[:0]
 
     def begin(self, wanted: np.ndarray) -> None:
-        """Begin a period.
+        """Begin a period of pulses: allocate what is wanted over it to the thrusters, tick by tick.
+
+        What earlier periods owe is wanted too, less what pulses that have not ended yet will give. What the thrusters
+        cannot give together is refused, and not owed any more, so that it does not add up.
 
         Args:
             wanted: Mean wrench that the law wants on the base over the period (d,) [N, N m].
@@ -175,9 +178,8 @@ class ThrusterFiring:
         self._owed -= allocation.residual * length
         if self._pulsed:
             self._thrusts = self.thrusters.pulses(allocation.thrusts, ticks, self._tick)
-            self._thrusts[: len(self._unfinished)] = np.maximum(
-                self._thrusts[: len(self._unfinished)], self._unfinished
-            )
+            first = slice(len(self._unfinished))  # a thruster in an unfinished pulse fires no second one meanwhile
+            self._thrusts[first] = np.maximum(self._thrusts[first], self._unfinished)
         else:
             self._thrusts = np.tile(allocation.thrusts, (ticks, 1))
         self.mean = self.thrusters.wrenches @ self._thrusts.mean(axis=0)

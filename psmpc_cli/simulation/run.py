@@ -118,18 +118,23 @@ def libraries_for(problem: Problem) -> list[Library]:
 
 
 def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
-    """Build the functions that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand."""
+    """Build the functions that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand.
+
+    There is one for each kind of tick that may occur: with the law in joint or in task space, and with or without
+    thrust on the base where stages switch thrusters off.
+    """
     capture = build_capture(task, model)
     plain = TickKind(
         *ticks_of(task.plant), disturbed=disturbs(task), limited=force_limits_of(task, model.spec) is not None
     )
     varies = task.changes_mobility(model.spec)
-    by_input = (False, True) if task.acts_in_task_space else (False,)
-    pushed = {False, task.fires(model.spec)} if varies else {task.fires(model.spec)}
+    fires = task.fires(model.spec)
+    laws_in_task_space = (False, True) if task.acts_in_task_space else (False,)
+    thrusts = sorted({False, fires}) if varies else [fires]
     kinds = [
-        replace(plain, in_task_space=in_task_space, varies=varies, is_pushed=is_pushed)
-        for in_task_space in by_input
-        for is_pushed in sorted(pushed)
+        replace(plain, in_task_space=in_task_space, varies=varies, is_pushed=has_thrust)
+        for in_task_space in laws_in_task_space
+        for has_thrust in thrusts
     ]
     if capture is not None:
         return [capture_tick(capture, kind) for kind in kinds]

@@ -582,24 +582,27 @@ def aitken_factor(iterate: Iterate, step: Unknowns) -> float:
 
 
 def later_switch(window: SqpWindow, point: Unknowns) -> Unknowns | None:
-    """Return the motion of a guess with its last switch near the latest time; None where that cannot move.
+    """Return a guess with the same motion, whose last switch is near its latest time; None where it cannot be later.
 
-    A stage that is too short for its end condition has to last longer and to be faster at once. The product of the two
-    is not in a linear program; from a late switch time the second alone is enough.
+    A stage that is too short for its end condition has both to last longer and to move faster. A linearized program has
+    the two changes, but not their product; from a guess whose switch is late already, a faster motion is enough.
+
+    Args:
+        window: The window.
+        point: The guess: states at nodes, and the durations tau (S,) of all stages but the last [s].
     """
     form = window.form
-    bounds = window.bounds
-    last = len(point.tau) - 1
-    horizon = window.horizon
+    tau = point.tau
+    last = len(tau) - 1
     if last < 0:
         return None
-    longest, together = bounds.high[window.states :][[last, 2 * last + 1]]
-    latest = min(longest, together - point.tau[:last].sum())
-    if latest <= point.tau[last]:
+    of_durations, of_sums = np.split(window.bounds.high[window.states :][: 2 * len(tau)], 2)  # rows behind the states
+    longest = min(of_durations[last], of_sums[last] - tau[:last].sum())
+    if longest <= tau[last]:
         return None
-    tau = point.tau.copy()
-    tau[last] += LATE_SWITCH_FRACTION * (latest - point.tau[last])
-    before, after = (np.r_[0.0, np.cumsum(durations), horizon] for durations in (point.tau, tau))
-    motion = Plan(mesh(before, form.grid.nodes), point.X, form.inputs(point, horizon), before[1:-1])
-    X = motion.states_at(mesh(after, form.grid.nodes))
-    return Unknowns(np.vstack([point.X[:1], X[1:]]), tau)
+    longer = tau.copy()
+    longer[last] += LATE_SWITCH_FRACTION * (longest - tau[last])
+    edges, later_edges = (np.r_[0.0, np.cumsum(durations), window.horizon] for durations in (tau, longer))
+    motion = Plan(mesh(edges, form.grid.nodes), point.X, form.inputs(point, window.horizon), edges[1:-1])
+    X = motion.states_at(mesh(later_edges, form.grid.nodes))
+    return Unknowns(np.vstack([point.X[:1], X[1:]]), longer)

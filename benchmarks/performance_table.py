@@ -497,7 +497,14 @@ def deadlines() -> Iterator[str]:
         largest = (_ms(max(times)) for _, times in (free, cut))
         over = sum(time > 0.04 for time in cut[1])
         rows.append((name, nodes, solver, len(cut[0]), several, *largest, over, "yes" if ended else "no"))
-    headings = ("task", "nodes", "solver", "samples, with deadline", "solves over 30 ms, run without deadline", "largest, without deadline [ms]")
+    headings = (
+        "task",
+        "nodes",
+        "solver",
+        "samples, with deadline",
+        "solves over 30 ms, run without deadline",
+        "largest, without deadline [ms]",
+    )
     more = ("largest, with deadline [ms]", "over 40 ms, with deadline", "as many stages done")
     return markdown(rows, *headings, *more)
 

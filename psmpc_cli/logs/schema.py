@@ -775,13 +775,17 @@ SCHEMA = (
     _of_object("object/left_velocity", VELOCITY_UNITS, "velocity of the object then", dims=("object_axis",)),
     _of_object("final/object_pose", POSITION_UNITS, "pose of the object at the end", dims=("object_coordinate",)),
     _of_object("final/object_velocity", VELOCITY_UNITS, "its velocity at the end", dims=("object_axis",)),
-    _of_object("grasp/closed_at", "s", "time at which each gripper closed in the last try; NaN if never", dims=("gripper",)),
+    _of_object(
+        "grasp/closed_at", "s", "time at which each gripper closed in the last try; NaN if never", dims=("gripper",)
+    ),
     _miss_of_gripper(
         "grasp/missed_by",
         f"{POSITION_UNITS}, {VELOCITY_UNITS}",
         "how far each gripper was from its grasp when it was to close, in the last try",
     ),
-    _of_object("grasp/opened_at", "s", "time at which each gripper opened in the last try; NaN if never", dims=("gripper",)),
+    _of_object(
+        "grasp/opened_at", "s", "time at which each gripper opened in the last try; NaN if never", dims=("gripper",)
+    ),
     _reason_of_opening(
         "grasp/lost", "1", "why each gripper opened: 1 a load beyond its strength, 0 to let go, -1 if it did not"
     ),

@@ -44,7 +44,9 @@ DEPARTURES = (
     _of_controller("pending_cost", "the pending cost in (16)", "no pending cost in (16)"),
     _of_controller("discretization", "the exact step in (20)", "Euler's step in (20)"),
     _of_controller("detection_margin", "the detection margin", "no detection margin"),
-    Departure("one iteration of sqp a sample", "every window solved to convergence", ("solver=fatrop",), ("solver=sqp",)),
+    Departure(
+        "one iteration of sqp a sample", "every window solved to convergence", ("solver=fatrop",), ("solver=sqp",)
+    ),
     Departure(
         "Approach and Transport ending by the base alone",
         "Approach and Transport ending by all coordinates",

@@ -78,11 +78,14 @@ def departures(nodes: str = "25") -> Iterator[str]:
 
 
 def _of_departures(nodes: str) -> Iterator[dict[str, str]]:
-    for base, switched in ((PRINTED, "as printed, with"), (SHIPPED, "as shipped, without")):
+    for base, name in ((PRINTED, "as printed"), (SHIPPED, "as shipped")):
         for departure in (None, *DEPARTURES):
             task = load_variant(base, departure, (f"controller.nodes={nodes}", *BRIEF))
-            name = switched.partition(",")[0] if departure is None else f"{switched} {departure.name}"
-            yield {"run": name, "N_s": nodes, **_row(psmpc.simulate(task))}
+            if departure is None:
+                run = name
+            else:
+                run = f"{name}, but {departure.name if base == PRINTED else departure.as_paper}"
+            yield {"run": run, "N_s": nodes, **_row(psmpc.simulate(task))}
 
 
 def _row(run: psmpc.Run) -> dict[str, str]:

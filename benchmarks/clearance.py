@@ -265,7 +265,7 @@ def missions(where: str = "plane", count: str = "200", *variants: str) -> Iterat
     )
     yield from markdown(rows, "run", *headings)
     yield ""
-    for each in made:
+    for each in sorted(made, key=lambda each: each["number"]):
         if not each["succeeded"] and each["variant"] == wanted[0]:
             yield f"- {each['number']}: {each['reason']}; nearest {each['pair']}, {1e3 * each['nearest']:.1f} mm"
 

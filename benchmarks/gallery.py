@@ -233,6 +233,7 @@ def shrink(path: Path, target: Path, width: int = 1100) -> None:
 def grid(folder: Path) -> Iterator[str]:
     """Run the commands in a folder, write their figures, and yield the lines of the page's grid."""
     seen: set[Path] = set()
+    used: set[str] = set()
     for robot, sections in SECTIONS.items():
         yield from ("", f"## {robot}")
         for shown in sections:
@@ -248,8 +249,10 @@ def grid(folder: Path) -> Iterator[str]:
             for name in (name for name in captions if name in new):
                 place = f"gallery/{new[name].parent.name}_{name}.png"
                 shrink(new[name], FIGURES / place)
-                picture = f"![{captions[name]}](figures/{place})"
-                yield from ("<figure markdown>", picture, f"<figcaption>{captions[name]}</figcaption>", "</figure>")
+                caption = captions[name] if captions[name] not in used else f"{shown.heading}. {captions[name]}"
+                used.add(captions[name])
+                picture = f"![{caption}](figures/{place})"
+                yield from ("<figure markdown>", picture, f"<figcaption>{caption}</figcaption>", "</figure>")
             yield from ("", "</div>")
             seen.update(new.values())
 

@@ -719,10 +719,11 @@ def priorities(made: Made) -> Iterator[str]:
     for length in HORIZONS:
         outcomes = {f"{value:g}": outcome(horizon(length, value)[0]) for value in LAST_PRIORITIES}
         by_horizon.append({"horizon [s]": f"{length:g}", **outcomes})
+    yield from ("End of the mission [s] with one priority changed:", "")
     yield from markdown(by_stage)
-    yield ""
+    yield from ("", "End of the mission [s] by horizon and priority of Release:", "")
     yield from markdown(by_horizon)
-    yield ""
+    yield from ("", "Draws of all four priorities that keep the object:", "")
     ratios = []
     for level, changes in map(drawn, range(DRAWN)):
         ratio = changes["stages.release.priority"] / changes["stages.transport.priority"]

@@ -339,14 +339,14 @@ def derivatives(repeat: str = "50") -> Iterator[str]:
     yield from markdown(
         rows,
         "n",
-        "thousand instructions: free, held",
-        "those of CasADi's derivatives",
-        "free, tape [us]",
-        "free in CasADi's interpreter, over tape",
-        "Pinocchio over free tape",
-        "held tape over free tape",
-        "held in CasADi's interpreter, over tape",
-        "Pinocchio over held tape",
+        "length of the tape, free and held [1000 instructions]",
+        "the same of CasADi's derivatives [1000]",
+        "free: time of the tape [us]",
+        "free: CasADi's interpreter / tape",
+        "free: Pinocchio / tape",
+        "tapes: held / free",
+        "held: CasADi's interpreter / tape",
+        "Pinocchio, free / tape, held",
     )
 
 
@@ -497,8 +497,15 @@ def deadlines() -> Iterator[str]:
         largest = (_ms(max(times)) for _, times in (free, cut))
         over = sum(time > 0.04 for time in cut[1])
         rows.append((name, nodes, solver, len(cut[0]), several, *largest, over, "yes" if ended else "no"))
-    headings = ("task", "nodes", "solver", "samples", "solves over 30 ms without it", "largest without it [ms]")
-    more = ("largest with it [ms]", "over 40 ms", "as many stages done")
+    headings = (
+        "task",
+        "nodes",
+        "solver",
+        "samples, with deadline",
+        "solves over 30 ms, run without deadline",
+        "largest, without deadline [ms]",
+    )
+    more = ("largest, with deadline [ms]", "over 40 ms, with deadline", "as many stages done")
     return markdown(rows, *headings, *more)
 
 

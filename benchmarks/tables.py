@@ -215,7 +215,7 @@ def options(name: str) -> Iterator[str]:
         records = (parameter.get_help_record(context) for parameter in command.get_params(context))
         pairs = [record for record in records if record is not None and record[0] != "--help"]
     rows = ((f"`{_cell(given)}`", _cell(meaning).replace("<", "&lt;")) for given, meaning in pairs)
-    return markdown(rows, "argument or option", "what it does")
+    return markdown(rows, "argument or option", "what it does") if pairs else iter(("It takes no options.",))
 
 
 def _cell(text: str) -> str:

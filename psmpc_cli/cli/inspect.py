@@ -131,7 +131,9 @@ def schema(
 
 def bench(
     task: options.Task = "transport",
-    nodes: Annotated[str | None, typer.Option(metavar="N,...", help="Default: 25,50,100,200,auto.")] = None,
+    nodes: Annotated[
+        str | None, typer.Option(metavar="N,...", help="Intervals of each stage. Default: 25,50,100,200,auto.")
+    ] = None,
     solvers: Annotated[
         str, typer.Option(metavar="NAME,...", help="Back-ends; piqp is sqp without compiled code.")
     ] = "sqp,piqp,fatrop,ipopt",

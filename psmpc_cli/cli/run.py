@@ -259,7 +259,7 @@ def plot(
         list[str] | None, typer.Option("--format", metavar="png|pdf|svg", help="Repeatable. Default: png.")
     ] = None,
     only: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="One of the figures named above; repeatable.")
+        list[str] | None, typer.Option(metavar="NAME", help="A figure that psmpc plot --help names; repeatable.")
     ] = None,
     animate: Annotated[
         bool, typer.Option("--animate", help="Add a GIF of the robot moving, an MP4 with ffmpeg.")

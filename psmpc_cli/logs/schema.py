@@ -603,7 +603,7 @@ SCHEMA = (
     _sampled_count(
         "window/basin",
         "1",
-        "guess of the switch times that won, 0 the last plan's; -1 if alone",
+        "index of the guess of the switch times whose plan was taken: 0 the last plan's; -1 if there was one guess",
         "command.solution.basin",
     ),
     _window("window/nodes", "1", "intervals N_s of each stage", "command.solution.window.nodes"),
@@ -705,7 +705,7 @@ SCHEMA = (
     _plan("guess_multipliers", "multipliers each solve started from; may be empty", "command.solution.guess_duals"),
     _plan(
         "parameters",
-        "elapsed time and hold left, then priorities, offsets, scales, and signs of attitudes of the stages",
+        "how long the stage has lasted, how long its end still has to hold, then priorities, offsets, scales and signs",
         lambda sample: record_of(sample.command.solution.window),
     ),
     _plan("solution", "solution of each solve, as plan/guess", "command.solution.plan.flat"),
@@ -782,15 +782,19 @@ SCHEMA = (
     _of_object("object/left_velocity", VELOCITY_UNITS, "velocity of the object then", dims=("object_axis",)),
     _of_object("final/object_pose", POSITION_UNITS, "pose of the object at the end", dims=("object_coordinate",)),
     _of_object("final/object_velocity", VELOCITY_UNITS, "its velocity at the end", dims=("object_axis",)),
-    _of_object("grasp/closed_at", "s", "when each gripper closed in the last try; NaN if never", dims=("gripper",)),
+    _of_object(
+        "grasp/closed_at", "s", "time at which each gripper closed in the last try; NaN if never", dims=("gripper",)
+    ),
     _miss_of_gripper(
         "grasp/missed_by",
         f"{POSITION_UNITS}, {VELOCITY_UNITS}",
         "how far each gripper was from its grasp when it was to close, in the last try",
     ),
-    _of_object("grasp/opened_at", "s", "when each gripper opened in the last try; NaN if never", dims=("gripper",)),
+    _of_object(
+        "grasp/opened_at", "s", "time at which each gripper opened in the last try; NaN if never", dims=("gripper",)
+    ),
     _reason_of_opening(
-        "grasp/lost", "1", "why it opened: 1 because of a load beyond its strength, 0 to let go, -1 if it did not"
+        "grasp/lost", "1", "why each gripper opened: 1 a load beyond its strength, 0 to let go, -1 if it did not"
     ),
     _of_body("uncertainty/mass_factor", "1", "true mass over the described one"),
     _of_body("uncertainty/inertia_factor", "1", "true inertia over the described one"),

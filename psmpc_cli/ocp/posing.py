@@ -72,11 +72,11 @@ def posing_remarks(
     for posing in posings(task, model, stages, stops):
         then = quoted(stages[posing.stage + 1].name)
         postures = ", ".join(f"{arm}: {_joints(task, model, posing, arm)}" for arm in posing.arms)
-        early = f", of which this controller has up to {posing.lead:.3g} s before the switch" if posing.lead else ""
+        begins = f"up to {posing.lead:.3g} s before the switch" if posing.lead else "at the switch"
         message = (
-            f"found {' and '.join(posing.arms)} held, though the end does not ask for that, where {then} has to move "
-            f"what it needs for {posing.time:.3g} s at the speed limits{early}; expected the arms posed for {then} "
-            f"meanwhile, at {postures}: saves some {posing.saved:.2g} s"
+            f"found {' and '.join(posing.arms)} held in a posture that the end of the stage does not ask for, and from "
+            f"which {then} has to move for {posing.time:.3g} s at the speed limits; this controller begins that "
+            f"{begins}; expected the arms posed for {then} before, which saves some {posing.saved:.2g} s: {postures}"
         )
         yield Fault(("stages", posing.stage, "target"), message)
 

@@ -18,38 +18,44 @@ class Departure:
     """One difference between the two tasks.
 
     Attributes:
-        name: What differs.
+        name: What differs, as we have it.
+        as_paper: The same as the paper has it.
         printed, shipped: The keys of a task in which it does, each `path=value`, with the values of either task.
     """
 
     name: str
+    as_paper: str
     printed: tuple[str, ...]
     shipped: tuple[str, ...]
 
 
-def _of_controller(key: str, name: str) -> Departure:
+def _of_controller(key: str, name: str, as_paper: str) -> Departure:
     """Return the departure that a key of the controller takes back; `as_printed` has the printed value."""
     shipped = getattr(ControllerSpec(), key)
-    return Departure(name, (f"controller.{key}={AS_PRINTED[key]}",), (f"controller.{key}={shipped}",))
+    return Departure(name, as_paper, (f"controller.{key}={AS_PRINTED[key]}",), (f"controller.{key}={shipped}",))
 
 
 _ENDS = tuple(f"stages.{stage}.ends_when.coordinates=" for stage in ("approach", "transport"))
 _ONSETS = {"approach": "base", "capture": "arms", "transport": "base", "release": "arms"}
 
 DEPARTURES = (
-    _of_controller("normalization", "the nadir alone in (12)"),
-    _of_controller("normalization_at", "costs read at samples in (12)"),
-    _of_controller("pending_cost", "the pending cost in (16)"),
-    _of_controller("discretization", "the exact step in (20)"),
-    _of_controller("detection_margin", "the detection margin"),
-    Departure("one iteration of sqp a sample", ("solver=fatrop",), ("solver=sqp",)),
+    _of_controller("normalization", "the nadir alone in (12)", "the range in (12)"),
+    _of_controller("normalization_at", "costs read at samples in (12)", "costs read at nodes in (12)"),
+    _of_controller("pending_cost", "the pending cost in (16)", "no pending cost in (16)"),
+    _of_controller("discretization", "the exact step in (20)", "Euler's step in (20)"),
+    _of_controller("detection_margin", "the detection margin", "no detection margin"),
+    Departure(
+        "one iteration of sqp a sample", "every window solved to convergence", ("solver=fatrop",), ("solver=sqp",)
+    ),
     Departure(
         "Approach and Transport ending by the base alone",
+        "Approach and Transport ending by all coordinates",
         tuple(f"{key}all" for key in _ENDS),
         tuple(f"{key}base" for key in _ENDS),
     ),
     Departure(
         "starts by closeness 0.5",
+        "starts by the control, 1e-4",
         (
             "onset={kind: control, epsilon: 1e-4, series: [1e-4, 1e-3, 0.01, 0.1]}",
             *(f"stages.{stage}.onset=null" for stage in _ONSETS),

@@ -192,8 +192,8 @@ class GraspSpec(Spec):
     )
     band: fields.Sparse[Annotated[tuple[fields.Positive, fields.Positive], listed("2 entries", 2)] | None] = Field(
         None,
-        description="by how much plans let hands that hold the object move against each other [m, rad]; default what "
-        "half of a grasp's strength strains, at most [1e-3, 2e-3]",
+        description="by how much hands that hold the object may move against each other over a horizon [m, rad]; "
+        "default the deflection of a grasp under half of its strength, at most [1e-3, 2e-3]",
     )
 
     @property

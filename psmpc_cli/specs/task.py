@@ -1152,7 +1152,9 @@ class TaskSpec(Spec):
         {}, description="published runs to compare with, by controller"
     )
     by_controller: Mapping[_ControllerKey, Mapping[str, Any]] = Field(
-        {}, exclude=True, description="keys to change where a controller runs, by controller and path"
+        {},
+        exclude=True,
+        description="settings for one controller alone, by controller: values by the path of their key",
     )
     log: LogSpec = Field(LogSpec(), description="what the log holds beyond the samples")
     seed: fields.Whole = Field(0, ge=0, description="seed of everything random")

@@ -150,7 +150,7 @@ class UncertaintySpec(Spec):
     force_share: Annotated[_Shares, in_joint_space(one=True)] = Field(
         1.0,
         exclude_if=_all_one,
-        description="how much of the declared limits of forces is there, one number or numbers by part",
+        description="the true limits of forces over the declared ones, one number or numbers by part",
     )
     impulse: ImpulseSpec | None = Field(None, description="a blow to the base")
     payload: PayloadSpec | None = Field(None, description="what the task's object weighs")

@@ -127,10 +127,10 @@ _ENDS = _number(
     "switch_time", "s", "switch time that ended each stage", lambda run: run.stages["switch_time"], dims=("stage",)
 )
 _STARTS = "actual start of each stage"
-_CURRENT = "integral of the cost Lbar of each stage while it was the current one"
+_CURRENT = "integral of the running cost of each stage, before normalization, while it was the current one"
 _FINAL = "largest error of the last stage's end condition at the end, over its tolerance"
-_AT_ENDS = "largest error of each stage's end condition at its end, but the last one's, over its tolerance"
-_AND_NOISE = "the same over its tolerance plus 2 sigma of its measurement"
+_AT_ENDS = "as `final_error`, for each stage but the last, when it ended"
+_AND_NOISE = "as `end_error`, over the tolerance plus 2 sigma of the measurement"
 _BEYOND = "tightest distance to a {} limit at a tick; negative beyond it"
 _OVER = "the same distance to a {} limit, over half the limits' distance"
 _NEAREST = "smallest distance at a tick of parts that keep clear; negative where they touched"
@@ -214,7 +214,7 @@ def over_weights(second: int) -> tuple[Column, ...]:
     by_epsilon = "actual_start_by_epsilon"
     seen = "first sample with the switch in the window"
     planned = "optimized switch time at that sample"
-    starts = "actual start of the second stage"
+    starts = "actual start of the second of both stages, for each threshold epsilon"
     ends = "switch time that ended the second stage"
     before = second - 1
     return (

@@ -331,7 +331,7 @@ class _TickLaw:
     @property
     def counts_with_load(self) -> bool:
         """Whether the hands hold a load that the law knows of."""
-        return self.grasps is not None and self.law.grasps is not None
+        return self.law.knows_load and self.grasps is not None
 
     def joint_force(self, u: np.ndarray, twist_rates: np.ndarray | None, base_force: np.ndarray) -> np.ndarray:
         """Return the force (n,) with which joints follow their setpoints under a given force on the base.
@@ -381,7 +381,7 @@ class TickedPlant(ABC):
         drive = self.drive
         closed = setpoints.grippers_close
         disturbance = disturbance or Disturbance.none(self.model.nominal, M, n)
-        law = self.law.counting_with(setpoints.load)
+        law = self.law.with_load(setpoints.load)
         if self.firing is not None:
             self.firing.begin_sample(setpoints.shut)
         time = start + self.tick * np.arange(M + 1)

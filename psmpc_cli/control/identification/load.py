@@ -92,6 +92,18 @@ class LoadEstimate:
         return f"<LoadEstimate: mass [kg] {mass}, moments of inertia [kg m^2] {', '.join(moments)}{dropped}>"
 
 
+class _NoLoad(LoadEstimate):
+    """Of a task that says what its load is, or has none."""
+
+    def __repr__(self) -> str:
+        return "<LoadEstimate: none, the load is not to be found out>"
+
+
+NO_LOAD = _NoLoad(
+    information=np.zeros((0, 0)), right=np.zeros(0), numbers=np.zeros(0), deviation=np.zeros(0), impulse=np.zeros(0)
+)
+
+
 @dataclass(frozen=True, eq=False)
 class RobotAndObject:
     """Robot and object at a sample.

@@ -300,7 +300,7 @@ class ControlLaw:
 
         Where the task declares no other try, or none is left, the mission has failed, and the sequence goes on.
         """
-        if measurement.holding is None or memory.grasp.fault is not None:
+        if measurement.holding is None or memory.grasp.has_failed:
             return memory, situation
         grasp, fault = memory.grasp.observed(
             memory.sequence,

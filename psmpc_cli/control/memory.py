@@ -8,7 +8,7 @@ import numpy as np
 from psmpc_cli.control.estimator import Estimate
 from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.identification.inertia import NO_INERTIA, InertiaEstimate
-from psmpc_cli.control.identification.load import NO_LOAD, LoadEstimate, RobotAndObject
+from psmpc_cli.control.identification.load import NO_LOAD, LoadEstimate, RobotAlone
 from psmpc_cli.control.interface import NewTarget
 from psmpc_cli.control.placement import RouteProgress, Signs
 from psmpc_cli.control.sequence import GraspProgress, MovingSequence
@@ -32,7 +32,7 @@ class Memory:
         target_object: What is known of an object that moves.
         load: What is known of its mass and moments; `NO_LOAD` where they are not to be found out.
         inertia: What is known of masses and inertias of the robot; `NO_INERTIA` where they are not to be found out.
-        motion: Robot and object at the last sample; None where they are not needed.
+        motion: Robot, and object in its hands, at the last sample; None where they are not needed.
         signs: Of the quaternions in spatial targets.
         arguments: Those of constraints that samples of the current stage set, by name.
         route: How far the robot has come on its routes.
@@ -51,7 +51,7 @@ class Memory:
     target_object: ObjectEstimate = NO_OBJECT
     load: LoadEstimate = NO_LOAD
     inertia: InertiaEstimate = NO_INERTIA
-    motion: RobotAndObject | None = None
+    motion: RobotAlone | None = None
     signs: Signs = field(default_factory=dict)
     arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
     route: RouteProgress = field(default_factory=RouteProgress)

@@ -12,7 +12,7 @@ import numpy as np
 
 from psmpc_cli.control.estimator import Estimate
 from psmpc_cli.control.identification.inertia import InertiaEstimator, MeasuredMotion
-from psmpc_cli.control.identification.load import LoadEstimator, LoadPrior, RobotAndObject
+from psmpc_cli.control.identification.load import LoadEstimator, LoadPrior, RobotAlone, RobotAndObject
 from psmpc_cli.control.interface import State
 from psmpc_cli.control.memory import Memory
 from psmpc_cli.control.wheels import WheelEstimator
@@ -150,8 +150,10 @@ class _Load(IdentificationStep):
     def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
         """Return the memory with what the momentum of robot and load tells of the load."""
         load = memory.load
-        object_state = memory.target_object.at(estimate.time) if is_held else None
-        motion = RobotAndObject(estimate.time, estimate.state.Q, estimate.state.v, object_state)
+        motion = RobotAlone(estimate.time, estimate.state.Q, estimate.state.v)
+        object_state = memory.target_object.at(estimate.time)
+        if is_held and object_state is not None:
+            motion = RobotAndObject(motion.time, motion.Q, motion.v, object_state)
         if memory.motion is not None:
             if memory.sequence.moves_grippers(self._held_stages, memory.time, estimate.time):
                 load = self._estimator.unsettled(load, estimate.time)

@@ -157,6 +157,11 @@ class GraspProgress:
     fault: GraspFault | None = None
 
     @property
+    def has_failed(self) -> bool:
+        """Whether there is no other try, so that the mission cannot succeed any more."""
+        return self.fault is not None
+
+    @property
     def tries(self) -> int:
         """How often the grippers were to close on the object, the last time included."""
         return 1 + sum(self.returns.values())

@@ -38,25 +38,44 @@ FOLLOWS = "follows from the angular momentum"
 
 @dataclass(frozen=True)
 class HeldObject:
-    """An object with a mass in known grasps.
+    """An object with a mass in known grasps; `EMPTY_HANDS` hold none.
 
     Attributes:
         mass: [kg].
         inertia: Principal moments, (1,) or (3,) [kg m^2].
         grippers: That hold it.
         grasps: Of each gripper its pose in the object's frame and both stiffnesses.
+        is_estimated: Its mass and moments are those that are found out by a sample.
     """
 
     mass: float
     inertia: tuple[float, ...]
     grippers: tuple[str, ...]
     grasps: tuple[tuple[float, ...], ...]
+    is_estimated: bool = False
 
     @classmethod
     def of(cls, body: ObjectBody, model: RobotModel) -> "HeldObject":
         """Return the object of a task as its grippers hold it."""
         grasps = described_grasps(body.grippers, body.grasp)
-        return cls(body.mass, body.inertia, body.grippers, tuple(map(tuple, grasps.tolist())))
+        return cls(body.mass, body.inertia, body.grippers, tuple(map(tuple, grasps.tolist())), body.grasp.is_estimated)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Mass, principal moments and grasps, as expressions take them."""
+        return np.array([self.mass, *self.inertia, *np.ravel(self.grasps)])
+
+
+class _EmptyHands(HeldObject):
+    """No object with a mass, or none that is known."""
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """None."""
+        return np.zeros(0)
+
+
+EMPTY_HANDS = _EmptyHands(mass=0.0, inertia=(), grippers=(), grasps=())
 
 
 @dataclass(frozen=True)
@@ -225,7 +244,7 @@ class Load:
     Attributes:
         mass: Of the payload at each end-effector, (arms,) [kg].
         inertia: Of the payload about that point, (arms,) [kg m^2].
-        held: The object with a mass, or None.
+        held: The object with a mass, or `EMPTY_HANDS`.
         driven: On which coordinates of the base something acts in the stage, see `LoadKind`.
         stores: What is known of wheels in the stage, see `LoadKind`.
         stored: How much that is, (1,) or (3,) [N m s]; empty where nothing is.
@@ -233,7 +252,7 @@ class Load:
 
     mass: tuple[float, ...]
     inertia: tuple[float, ...]
-    held: HeldObject | None = None
+    held: HeldObject = EMPTY_HANDS
     driven: tuple[float, ...] | None = None
     stores: str = NOTHING
     stored: tuple[float, ...] = ()
@@ -241,15 +260,13 @@ class Load:
     @property
     def kind(self) -> LoadKind:
         """What of it decides expressions."""
-        grippers = () if self.held is None else self.held.grippers
-        return LoadKind(any(self.mass), grippers, self.driven, self.stores)
+        return LoadKind(any(self.mass), self.held.grippers, self.driven, self.stores)
 
     @property
     def numbers(self) -> np.ndarray:
         """The numbers that expressions of its kind take."""
         payload = (*self.mass, *self.inertia) if self.kind.carries else ()
-        of_object = () if self.held is None else (self.held.mass, *self.held.inertia, *np.ravel(self.held.grasps))
-        return np.array([*payload, *of_object, *self.stored])
+        return np.array([*payload, *self.held.numbers, *self.stored])
 
     @property
     def without_wheels(self) -> "Load":
@@ -276,7 +293,7 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
         share = np.array(payload.shares(tuple(model.spec.arms)))
         mass, inertia = (tuple((share * total).tolist()) for total in (payload.mass, payload.inertia))
         return replace(free, mass=mass, inertia=inertia)
-    held = HeldObject.of(task.body, model) if task.body.grasp.known else None
+    held = HeldObject.of(task.body, model) if task.body.grasp.known else EMPTY_HANDS
     return replace(free, held=held)
 
 

@@ -35,7 +35,7 @@ class SampleContext:
         anchor: Of the chart.
         prediction: Times [s] and states (M, 2n) of the plan in force from now on; None before the first plan.
         object_state: Estimated pose and velocity of the object; None without one with a mass.
-        load: Mass [kg] and principal moments [kg m^2] that the load is taken to have; None where the task says them.
+        load: Mass [kg] and principal moments [kg m^2] that the load is taken to have; empty where the task says them.
         stored: What is known of wheels in the stage, as `LoadKind.stores` says; None of a robot without any.
         unseen: The part of the momenta of wheels that adds up to nothing (W,); None without any.
         is_current: The stage has begun.
@@ -48,7 +48,7 @@ class SampleContext:
     anchor: np.ndarray
     prediction: tuple[np.ndarray, np.ndarray] | None = None
     object_state: tuple[np.ndarray, np.ndarray] | None = None
-    load: np.ndarray | None = None
+    load: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stored: np.ndarray | None = None
     unseen: np.ndarray | None = None
     is_current: bool = True

@@ -124,8 +124,8 @@ class Guide(DirectGuide):
         pose = np.array(body.pose)
         if stage in held:
             pose = held_pose(self._problem.model, body, Q)
-        elif stage >= held.stop and body.destination is not None:
-            pose = np.array(body.destination.pose)
+        elif stage >= held.stop:
+            pose = np.array(body.pose_after_release)
         return pose, np.zeros(self._problem.model.space.n_twist)
 
     def _motions(self, stage: int, chart: Chart, sample: SampleContext, margin: float) -> StraightMotions | None:

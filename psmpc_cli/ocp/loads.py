@@ -13,6 +13,7 @@ with l that of robot and load, R the base's attitude.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -96,6 +97,19 @@ class LoadKind:
     grippers: tuple[str, ...]
     driven: tuple[float, ...] | None = None
     stores: str = NOTHING
+
+    @property
+    def weighs_force(self) -> bool:
+        """Whether a stage's cost weighs the force of the low-level law with this load; `UNWEIGHED` says that not."""
+        return True
+
+    def weighed_rows(self, model: RobotModel) -> int:
+        """Return the number of coordinates of the force that cost."""
+        return model.n
+
+    def weighed_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX, numbers: ca.SX) -> ca.SX:
+        """Return the force that costs (rows,), along the base's own axes, of a motion in the chart about an anchor."""
+        return self.own_force(model, OwnMotion.in_chart(model, Q, Qdot, u, anchor), numbers)
 
     def count(self, model: RobotModel) -> int:
         """Return the number of numbers."""
@@ -196,6 +210,26 @@ class LoadKind:
         return with_stored(model.spec, w, stored) if model.spec.wheels else w, grasps, body
 
 
+class _Unweighed(LoadKind):
+    """Of a stage in which force costs nothing, whatever the load: a force without coordinates."""
+
+    @property
+    def weighs_force(self) -> bool:
+        """Whether force costs: it does not."""
+        return False
+
+    def weighed_rows(self, model: RobotModel) -> int:
+        """Return the number of coordinates of the force that cost: none."""
+        return 0
+
+    def weighed_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX, numbers: ca.SX) -> ca.SX:
+        """Return a force without coordinates (0,)."""
+        return ca.SX(0, 1)
+
+
+UNWEIGHED = _Unweighed(carries=False, grippers=())
+
+
 @dataclass(frozen=True)
 class OwnMotion:
     """A motion as the base sees it, on which force along its axes depends: not on where it is or how it is turned.
@@ -257,12 +291,12 @@ class Load:
     stores: str = NOTHING
     stored: tuple[float, ...] = ()
 
-    @property
+    @cached_property
     def kind(self) -> LoadKind:
         """What of it decides expressions."""
         return LoadKind(any(self.mass), self.held.grippers, self.driven, self.stores)
 
-    @property
+    @cached_property
     def numbers(self) -> np.ndarray:
         """The numbers that expressions of its kind take."""
         payload = (*self.mass, *self.inertia) if self.kind.carries else ()
@@ -276,6 +310,18 @@ class Load:
     def parameters(self, model: RobotModel) -> InertialParameters:
         """Return the inertial parameters of the robot with the payload."""
         return model.nominal.holding(np.array(self.mass), np.array(self.inertia))
+
+
+class _UnweighedLoad(Load):
+    """Of a stage in which force costs nothing, whatever the load."""
+
+    @cached_property
+    def kind(self) -> LoadKind:
+        """That of no force."""
+        return UNWEIGHED
+
+
+UNWEIGHED_LOAD = _UnweighedLoad(mass=(), inertia=())
 
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:

@@ -264,7 +264,7 @@ class Setpoints:
         driven: Whether something acts on each coordinate of the base, 1 or 0 (M, n_twist); None: always on those of
             the robot's description.
         shut: Which thrusters must not fire (M, T); None: all may.
-        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law counts with it; None:
+        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law counts with it; empty:
             those of the object as described.
     """
 
@@ -273,7 +273,7 @@ class Setpoints:
     twist_rates: np.ndarray | None = None
     driven: np.ndarray | None = None
     shut: np.ndarray | None = None
-    load: np.ndarray | None = None
+    load: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def grippers_close(self) -> np.ndarray:

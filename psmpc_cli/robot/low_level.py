@@ -19,6 +19,8 @@ class LowLevelLaw:
         model: The robot.
         parameters: Inertial parameters that it counts with for the robot's.
         driven: On which coordinates of the base something acts, see `RobotModel.driven`.
+        load: Mass [kg] and principal moments [kg m^2] that it counts with for what hands hold; empty where it knows of
+            none.
     """
 
     knows_load = False
@@ -27,16 +29,18 @@ class LowLevelLaw:
     grasps: np.ndarray | None = None
     """Those that the law counts with where hands hold an object, see `HeldLoad.force`; None where it knows of none."""
 
-    load: np.ndarray | None = None
-    """Mass [kg] and principal moments [kg m^2] that it counts with for what hands hold; None where it knows of none."""
-
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self.parameters = model.nominal
         self.driven = model.driven()
+        self.load = np.zeros(0)
 
-    def with_load(self, load: np.ndarray | None) -> Self:
-        """Return the law with another mass and other moments (numbers,) of what hands hold, where it knows of that."""
+    def with_load(self, found: np.ndarray) -> Self:
+        """Return the law with mass and moments of what hands hold as they were found out, where it knows of that.
+
+        Args:
+            found: Mass [kg] and principal moments [kg m^2]; where it is empty those of the description count.
+        """
         return self
 
     def with_parameters(self, parameters: InertialParameters) -> Self:
@@ -112,14 +116,15 @@ class LoadedLaw(LowLevelLaw):
 
     def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:
         super().__init__(model)
+        self._body = body
         self._load = HeldLoad(model, body, grasp)
         self.grasps = self._load.grasps
         self.load = body.vector
 
-    def with_load(self, load: np.ndarray | None) -> Self:
-        """Return the law with another mass and other moments (numbers,) of what hands hold; None: its own."""
+    def with_load(self, found: np.ndarray) -> Self:
+        """Return the law with mass and moments of what hands hold as they were found out."""
         other = copy(self)
-        other.load = self.load if load is None else load
+        other.load = self._body.vector_with(found)
         return other
 
     def force(

@@ -17,6 +17,7 @@ REACHED_THROUGH = {
     "cli/descriptions.py": "cli/test_inspect.py",
     "cli/options.py": "cli/test_run.py",
     "control/control_law.py": "control/test_controller.py",
+    "control/memory.py": "control/test_controller.py",
     "ocp/constraints/base.py": "ocp/test_constraints.py",
     "ocp/constraints/end.py": "ocp/test_constraints.py",
     "ocp/constraints/jerk.py": "solvers/test_base_rates.py",

@@ -1,8 +1,7 @@
 """The control law, Algorithm 1: PSMPC, SMPC and hard switching are one code with two switches; HTMPC adds levels."""
 
-from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import isfinite
 from time import perf_counter
 
@@ -11,15 +10,14 @@ import numpy as np
 from psmpc_cli.control.attempts import Attempt, Attempts
 from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.fallback import PlansInForce
-from psmpc_cli.control.guidance import Guide, RouteProgress
-from psmpc_cli.control.htmpc import Hierarchy
-from psmpc_cli.control.identification.inertia import InertiaEstimate, InertiaEstimator, MeasuredMotion
-from psmpc_cli.control.identification.load import LoadEstimate, LoadEstimator, LoadPrior, RobotAndObject
-from psmpc_cli.control.interface import Command, Measurement, NewTarget, State
-from psmpc_cli.control.placement import Placement, Placer, Signs
-from psmpc_cli.control.sequence import GraspProgress, MovingSequence, Switch, detect, drop_met, drop_passed
-from psmpc_cli.control.tracking import NO_OBJECT, Grip, ObjectEstimate, object_estimate, to_be_closed
-from psmpc_cli.control.wheels import WheelEstimate, WheelEstimator
+from psmpc_cli.control.guidance import build_guide
+from psmpc_cli.control.htmpc import build_hierarchy
+from psmpc_cli.control.interface import Command, Measurement, State
+from psmpc_cli.control.memory import Memory
+from psmpc_cli.control.online_identification import identification_steps
+from psmpc_cli.control.placement import Placement, Placer, RouteProgress
+from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.tracking import Grip, ObjectEstimate, object_estimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
@@ -31,57 +29,11 @@ from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.solvers import Solution, Solver, build_solver
-from psmpc_cli.specs.task import LoadPriorSpec, SolverSpec, TaskSpec
+from psmpc_cli.specs.task import SolverSpec, TaskSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 MULTISTART_ITERATIONS = 30
 """Iterations of `sqp` where windows are solved from several guesses, whose objectives are compared at their optima."""
-
-
-@dataclass(frozen=True, eq=False)
-class Memory:
-    """What lasts from one sample to the next.
-
-    Attributes:
-        sequence: The stages in the window.
-        time: Of the last measurement [s].
-        plans: The plans in force.
-        solution: The last solve.
-        levels: The last solutions of the levels of HTMPC.
-        unfinished: A solve with a stage that had appeared, which ran out of iterations or time.
-        estimate: What is known of the robot; None before the first measurement.
-        target_object: What is known of an object that moves.
-        load: What is known of its mass and moments; None where they are not to be found out.
-        inertia: What is known of masses and inertias of the robot; None where they are not to be found out.
-        motion: Robot and object at the last sample; None where they are not needed.
-        signs: Of the quaternions in spatial targets.
-        arguments: Those of constraints that samples of the current stage set, by name.
-        route: How far the robot has come on its routes.
-        grasp: What grippers have reported, and what came of earlier tries.
-        new_targets: Targets of stages that have changed since the last sample.
-        wheels: What wheels store; None of a robot without any, and before the first sample.
-    """
-
-    sequence: MovingSequence
-    time: float = -np.inf
-    plans: PlansInForce = field(default_factory=PlansInForce)
-    solution: Solution | None = None
-    levels: tuple[Solution, ...] = ()
-    unfinished: Solution | None = None
-    estimate: Estimate | None = None
-    target_object: ObjectEstimate = NO_OBJECT
-    load: LoadEstimate | None = None
-    inertia: InertiaEstimate | None = None
-    motion: RobotAndObject | None = None
-    signs: Signs = field(default_factory=dict)
-    arguments: Mapping[str, np.ndarray] = field(default_factory=dict)
-    route: RouteProgress = field(default_factory=RouteProgress)
-    grasp: GraspProgress = field(default_factory=GraspProgress)
-    new_targets: tuple[NewTarget, ...] = ()
-    wheels: WheelEstimate | None = None
-
-    def __repr__(self) -> str:
-        return f"<Memory of {self.time:g} s: stages {self.sequence.first} to {self.sequence.last} in the window>"
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,28 +133,25 @@ class ControlLaw:
             self._spec, model.space, actuated, noise, self._tick, finds_delay=spec.finds_delay(model.spec)
         )
         self._placer = Placer(problem)
-        self._loads = _load_estimator(problem, noise[model.n :]) if spec.finds_load else None
-        self._inertias = InertiaEstimator(model, noise[model.n :]) if spec.finds_masses else None
-        self._wheels = WheelEstimator(problem) if model.spec.wheels else None
-        self._guide = Guide(problem) if problem.spec.routes is not None else None
-        self._hierarchy = Hierarchy(problem) if self._spec.traits.has_levels else None
+        self._identification = tuple(identification_steps(problem, noise[model.n :]))
+        self._guide = build_guide(problem)
+        self._hierarchy = build_hierarchy(problem)
 
     def retargeted(self, problem: Problem) -> "ControlLaw":
         """Return the law for the same problem with other targets; its solver goes on."""
         law = copy(self)
         law.problem = problem
         law._placer = Placer(problem)
-        law._guide = None if self._guide is None else Guide(problem)
+        law._guide = build_guide(problem)
         return law
 
     @property
     def first(self) -> Memory:
         """What is known before the first sample."""
-        load = None if self._loads is None else self._loads.first
-        inertia = None if self._inertias is None else self._inertias.first
-        return Memory(
-            MovingSequence.of(0, 0.0), target_object=object_estimate(self.problem.body), load=load, inertia=inertia
-        )
+        memory = Memory(MovingSequence.of(0, 0.0), target_object=object_estimate(self.problem.body))
+        for step in self._identification:
+            memory = step.begun(memory)
+        return memory
 
     def decide(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Command]:
         """Decide what the robot does over the coming sample. Paper Algorithm 1.
@@ -243,36 +192,16 @@ class ControlLaw:
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x_chart = np.asarray(chart.to_chart(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
-        if self._wheels is not None:
-            memory = self._with_wheels(self._wheels, memory, measurement, estimate)
-        if self._inertias is not None:
-            memory = self._with_inertia(self._inertias, memory, estimate)
-        if self._loads is not None:
-            memory = self._with_load(self._loads, memory, estimate, grip is not None)
+        memory = self._identified(memory, measurement.state, estimate, is_held=grip is not None)
         if time > measured_at:
             then = self._grip(memory.sequence, measured_at, foreseen)
             target_object = target_object.carried(time - measured_at, then)
-        if self._guide is not None:
-            route = self._guide.followed(memory.route, memory.sequence.first, time, foreseen, target_object)
-            memory = replace(memory, route=route)
+        route = self._guide.followed(memory.route, memory.sequence.first, time, foreseen, target_object)
+        memory = replace(memory, route=route)
         placement = self._place(memory, time, x_chart, chart, target_object)
         is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
         situation = Situation(time, estimate, target_object, x_chart, is_measured, placement)
         return replace(memory, signs=placement.signs), situation
-
-    def _with_wheels(
-        self, wheels: WheelEstimator, memory: Memory, measurement: Measurement, estimate: Estimate
-    ) -> Memory:
-        """Return the memory with what wheels store.
-
-        Where the robot was not measured what is known stays: angular momentum stays, too.
-        """
-        state = estimate.state
-        if not isfinite(state.vector @ state.vector):
-            return memory
-        stage = memory.sequence.first
-        measured = wheels.measured(memory.wheels, stage, measurement.time, state.Q, state.v, measurement.state.wheels)
-        return replace(memory, wheels=measured)
 
     def _estimated(self, memory: Memory, measurement: Measurement) -> Estimate:
         """Return what is known of the robot after a measurement."""
@@ -280,77 +209,36 @@ class ControlLaw:
             memory.estimate,
             measurement.time,
             measurement.state,
-            is_unexplained=self._moved_grippers(memory, measurement.time) or self._is_closed_chain(memory),
-            is_loaded=memory.sequence.first in self.problem.held_stages and self.problem.law.grasps is None,
+            is_unexplained=memory.sequence.moves_grippers(self.problem.held_stages, memory.time, measurement.time)
+            or self._is_closed_chain(memory),
+            is_loaded=memory.sequence.first in self.problem.held_stages and not self.problem.law.knows_load,
             actuated=self.problem.model.actuated(self.problem.stages[memory.sequence.first].moved_by),
         )
 
-    def _with_inertia(self, inertias: InertiaEstimator, memory: Memory, estimate: Estimate) -> Memory:
-        """Return the memory with what is known of masses and inertias after a measurement.
+    def _identified(self, memory: Memory, state: State, estimate: Estimate, is_held: bool) -> Memory:
+        """Return the memory with what is found out at a sample besides the state.
 
-        While hands hold what the law knows of, robot and load are a closed chain, and nothing is found out. Where the
-        delay of commands is uncertain, so is what acted whenever they changed.
+        Args:
+            memory: That of the sample before, with the object as it is now.
+            state: As it is measured.
+            estimate: What is known of it.
+            is_held: Whether a gripper holds the object.
         """
-        before = memory.estimate
-        is_held = memory.sequence.first in self._held_stages
-        if before is None or memory.inertia is None or (is_held and self.problem.law.grasps is not None):
-            return memory
-        inertia = inertias.holding(memory.inertia, is_held, memory.time)
-        late = estimate.delay.seconds
-        duration = estimate.time - before.time
-        acting = list(estimate.commands.acting(before.time - late, estimate.time - late))
-        changes = np.ptp(estimate.commands.commanded(before.time - late - duration, estimate.time - late), axis=0)
-        is_known = np.isfinite(estimate.delay.deviation)
-        uncertain = (
-            changes * min(estimate.delay.deviation / duration, 1.0) if is_known else np.full(len(changes), np.inf)
-        )
-        space = self.problem.model.space
-        step = np.array(space.difference(before.state.Q, estimate.state.Q))
-        motion = MeasuredMotion(
-            begin=before.time,
-            end=estimate.time,
-            Q=np.array(space.integrate(before.state.Q, step / 2)),
-            v=(before.velocity + estimate.velocity) / 2,
-            vdot=(estimate.velocity - before.velocity) / duration,
-        )
-        return replace(memory, inertia=inertias.measured(inertia, motion, acting, uncertain))
+        for step in self._identification:
+            law = self._law(memory, memory.sequence.first, is_held=False)
+            memory = step.measured(memory, state, estimate, is_held, law)
+        return memory
 
     def _law(self, memory: Memory, stage: int, is_held: bool) -> LowLevelLaw:
-        """Return the low-level law of a stage with what is known of the robot's masses, what hands hold, and load."""
-        load = None if memory.load is None else memory.load.numbers
-        parameters = None
-        if self._inertias is not None and memory.inertia is not None:
-            parameters = self._inertias.parameters(memory.inertia, is_held)
-        if self._wheels is not None and memory.wheels is not None:
-            stored = np.array(self._wheels.wheels.along_base(memory.wheels.momentum.tolist()))
-            parameters = (parameters or self.problem.law.parameters).storing(stored)
-        return self.problem.law.counting_with(load, parameters, self._driven[stage])
+        """Return the low-level law of a stage with all that is found out, where hands hold the object or do not."""
+        law = self.problem.law.driving(self._driven[stage])
+        for step in self._identification:
+            law = step.applied(law, memory, is_held)
+        return law
 
     def _is_closed_chain(self, memory: Memory) -> bool:
         """Tell whether several grippers hold the object: what they are commanded to do differently they cannot."""
         return memory.sequence.first in self.problem.held_stages and len(self.problem.body.grippers) > 1
-
-    def _moved_grippers(self, memory: Memory, now: float) -> bool:
-        """Tell whether grippers closed or opened since the sample before, by the plan."""
-        sequence = memory.sequence
-        holding = self.problem.held_stages
-        switches = (sequence.first, sequence.progress.entered), (sequence.first + 1, sequence.planned_end)
-        moving = (holding.start, holding.stop) if holding else ()
-        return any(stage in moving and memory.time <= switch <= now for stage, switch in switches)
-
-    def _with_load(self, loads: LoadEstimator, memory: Memory, estimate: Estimate, is_held: bool) -> Memory:
-        """Return the memory with what is known of the load after a measurement."""
-        load = memory.load or loads.first
-        object_state = memory.target_object.at(estimate.time) if is_held else None
-        motion = RobotAndObject(estimate.time, estimate.state.Q, estimate.state.v, object_state)
-        if memory.motion is not None:
-            if self._moved_grippers(memory, estimate.time):
-                load = loads.unsettled(load, estimate.time)
-            late = estimate.delay.seconds
-            u = estimate.commands.commanded(memory.motion.time - late, estimate.time - late)
-            law = self._law(replace(memory, load=load), memory.sequence.first, is_held=False)
-            load = loads.measured(load, memory.motion, motion, u, law)
-        return replace(memory, load=load, motion=motion)
 
     @staticmethod
     def _stage_at(sequence: MovingSequence, time: float) -> int:
@@ -412,7 +300,7 @@ class ControlLaw:
 
         Where the task declares no other try, or none is left, the mission has failed, and the sequence goes on.
         """
-        if measurement.holding is None or memory.grasp.fault is not None:
+        if measurement.holding is None or memory.grasp.has_failed:
             return memory, situation
         grasp, fault = memory.grasp.observed(
             memory.sequence,
@@ -440,9 +328,8 @@ class ControlLaw:
         """
         time = situation.time
         route = RouteProgress({index: share for index, share in memory.route.progress.items() if index < stage})
-        if self._guide is not None:
-            foreseen = self._estimator.foreseen(situation.estimate)
-            route = self._guide.followed(route, stage, time, foreseen, memory.target_object)
+        foreseen = self._estimator.foreseen(situation.estimate)
+        route = self._guide.followed(route, stage, time, foreseen, memory.target_object)
         memory = replace(
             memory,
             sequence=MovingSequence.of(stage, time),
@@ -482,7 +369,7 @@ class ControlLaw:
             chart=placement.chart,
             plan=memory.plans.solved,
             target_object=situation.target_object,
-            load=None if memory.load is None else memory.load.numbers,
+            load=memory.load.numbers,
             before=memory.arguments,
             wheels=memory.wheels,
         )
@@ -577,11 +464,10 @@ class ControlLaw:
         solved = solution.outcome.usable and (situation.is_measured or not expires)
         if solved:
             sequence = replace(sequence, switch_times=solution.plan.switch_times)
-            if self._hierarchy is not None:
-                stages = situation.stages[sequence.first :]
-                levels = self._hierarchy.solve_levels(
-                    stages, sequence.progress.entered, solution, prediction, memory.levels, stop_at
-                )
+            stages = situation.stages[sequence.first :]
+            levels = self._hierarchy.solve_levels(
+                stages, sequence.progress.entered, solution, prediction, memory.levels, stop_at
+            )
             plan = (levels or (solution,))[-1].plan
             plans = memory.plans.on_success(plan, sequence)
         else:
@@ -627,7 +513,7 @@ class ControlLaw:
             "solve_failed": not decision.solved,
             "braking": decision.plans.braking is not None,
             "unmeasured": not situation.is_measured,
-            "load_dropped": memory.load is not None and memory.load.dropped,
+            "load_dropped": memory.load.dropped,
             "gap": measurement.follows_a_gap(memory.time, self._spec.sample_time),
             "retargeted": bool(memory.new_targets),
         }
@@ -638,7 +524,6 @@ class ControlLaw:
     ) -> tuple[Estimate, Command]:
         """Return the command over the coming sample, and the estimate that counts it."""
         edges = situation.time + self._ticks
-        load = memory.load
         Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
         changes = self._largest_changes(situation, decision, edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
@@ -647,7 +532,7 @@ class ControlLaw:
             planned = decision.plan.ramped_rates(edges, situation.applied, ramped)
         elif (
             closed.any()
-            and self.problem.law.grasps is not None
+            and self.problem.law.knows_load
             and decision.sequence.planned_end > edges[-1] + self._spec.sample_time
         ):
             # a jump of the load's force moves light wrists against the dampers of the grasps before springs bear it;
@@ -658,7 +543,7 @@ class ControlLaw:
         planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
         stages_of_ticks = _stages_at(decision.sequence, edges[:-1])
         current = decision.sequence.first
-        law = self._law(memory, current, current in self._held_stages)
+        law = self._law(memory, current, is_held=current in self._held_stages)
         estimate, u = self._estimator.command(situation.estimate, planned, changes, law)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
@@ -683,7 +568,7 @@ class ControlLaw:
             disturbance=estimate.disturbance,
             levels=decision.levels,
             law=law,
-            load=load,
+            load=memory.load,
             inertia=memory.inertia,
             problem=self.problem,
             new_targets=memory.new_targets,
@@ -747,12 +632,3 @@ def _solver_spec(task: TaskSpec) -> SolverSpec:
     if not task.solver.traits.real_time or (task.controller.multistart or 1) == 1:
         return task.solver
     return task.solver.model_copy(update={"iterations": max(task.solver.iterations, MULTISTART_ITERATIONS)})
-
-
-def _load_estimator(problem: Problem, noise: np.ndarray) -> LoadEstimator:
-    """Return what finds out the load of a task, from measured velocities with deviations (n,) [m/s, rad/s]."""
-    spec = problem.spec
-    prior = spec.controller.load_prior or LoadPriorSpec()
-    body = spec.body
-    mean = np.array([prior.mass or body.mass, *(prior.inertia or body.inertia)])
-    return LoadEstimator(problem.model, LoadPrior(mean, prior.deviation * mean), noise)

@@ -6,12 +6,12 @@ target on, the stage is as ever. Until then its end is not detected, and the nex
 """
 
 import logging
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from psmpc_cli.control.interface import State
+from psmpc_cli.control.placement import DirectGuide, RouteProgress
 from psmpc_cli.control.routes import Route, StraightMotions, find_route
 from psmpc_cli.control.tracking import ObjectEstimate
 from psmpc_cli.native.functions import BatchFunction
@@ -37,19 +37,6 @@ FOLLOWED_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class RouteProgress:
-    """How far the robot has come on its routes.
-
-    Attributes:
-        progress: Share of the length of each stage's route, by stage index; 1 and no entry: the target itself counts.
-        waypoints: Numbers of the targets there, by stage index, where the target itself does not count yet.
-    """
-
-    progress: Mapping[int, float] = field(default_factory=dict)
-    waypoints: Mapping[int, np.ndarray] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
 class PlannedRoute:
     """A route of a stage.
 
@@ -62,7 +49,7 @@ class PlannedRoute:
     chart: Chart
 
 
-class Guide:
+class Guide(DirectGuide):
     """Plans the routes of a task, and says where on them the robot is.
 
     Attributes:
@@ -137,8 +124,8 @@ class Guide:
         pose = np.array(body.pose)
         if stage in held:
             pose = held_pose(self._problem.model, body, Q)
-        elif stage >= held.stop and body.destination is not None:
-            pose = np.array(body.destination.pose)
+        elif stage >= held.stop:
+            pose = np.array(body.pose_after_release)
         return pose, np.zeros(self._problem.model.space.n_twist)
 
     def _motions(self, stage: int, chart: Chart, sample: SampleContext, margin: float) -> StraightMotions | None:
@@ -199,3 +186,8 @@ class Guide:
         Q, _ = chart.from_chart(np.append(point, np.zeros(model.n))[None])
         posture = Posture(Q[0], np.asarray(model.g(Q[0])).ravel())
         return skill_in(self._problem.stages[stage].space).numbers_at(model, posture)
+
+
+def build_guide(problem: Problem) -> DirectGuide:
+    """Return what guides the robot of a problem, with routes if the task asks for them."""
+    return Guide(problem) if problem.spec.routes is not None else DirectGuide()

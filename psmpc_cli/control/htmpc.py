@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from psmpc_cli.control.attempts import FlatHierarchy
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage
@@ -22,7 +23,7 @@ LEAST_COST = 1e-2
 """Least cost of which a level may get worse by a part, so that later levels have an interior where it is zero [1]."""
 
 
-class Hierarchy:
+class Hierarchy(FlatHierarchy):
     """Strict priorities in the order of the stages: the window holds the current stage, the levels look further."""
 
     def __init__(self, problem: Problem) -> None:
@@ -87,6 +88,11 @@ class Hierarchy:
             bound=bound,
             ends=begun and len(solved.plan.switch_times) > 0,
         )
+
+
+def build_hierarchy(problem: Problem) -> FlatHierarchy:
+    """Return the levels of the controller of a problem, if it has any."""
+    return Hierarchy(problem) if problem.spec.controller.traits.has_levels else FlatHierarchy()
 
 
 def _waiting(stage: PlacedStage) -> PlacedStage:

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from psmpc_cli.control.identification.inertia import InertiaEstimate
-from psmpc_cli.control.identification.load import LoadEstimate
+from psmpc_cli.control.identification.inertia import NO_INERTIA, InertiaEstimate
+from psmpc_cli.control.identification.load import NO_LOAD, LoadEstimate
 from psmpc_cli.control.sequence import MovingSequence, Switch
 from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.plan import Plan
@@ -230,8 +230,9 @@ class Command:
         problem: The problem, with the targets in force.
         new_targets: Targets that have changed since the sample before.
         route_progress: Share of the length of the current stage's route from which on it counts; NaN without one.
-        load: What is known of the load, where it is to be found out; else None.
-        inertia: What is known of masses and inertias of the robot, where they are to be found out; else None.
+        load: What is known of the load; `NO_LOAD`, without numbers, where it is not to be found out.
+        inertia: What is known of masses and inertias of the robot; `NO_INERTIA`, of no bodies, where they are not to be
+            found out.
         twist_rates: Rates of the velocities J_C v of base and end-effectors over the ticks (M, k) [m/s^2, rad/s^2] to
             which u leads: what the law in task space applies, of a stage with `input: task`; None where the law is that
             in joint space.
@@ -260,8 +261,8 @@ class Command:
     closed: np.ndarray
     driven: np.ndarray
     route_progress: float = np.nan
-    load: LoadEstimate | None = None
-    inertia: InertiaEstimate | None = None
+    load: LoadEstimate = NO_LOAD
+    inertia: InertiaEstimate = NO_INERTIA
     twist_rates: np.ndarray | None = None
     new_targets: tuple[NewTarget, ...] = ()
     wheels: np.ndarray = field(default_factory=lambda: np.zeros(0))

@@ -1,10 +1,11 @@
 """What a sample sets of the task's stages: the chart of the attitude, and where targets are in it."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from psmpc_cli.control.interface import State
 from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.control.tracking import ObjectEstimate
 from psmpc_cli.control.wheels import WheelEstimate, WheelEstimator
@@ -41,6 +42,29 @@ class Placement:
     def with_arguments(self, arguments: Mapping[str, np.ndarray]) -> "Placement":
         """Return the placement with the arguments of constraints that samples set, by name."""
         return replace(self, stages=tuple(stage.with_arguments(arguments) for stage in self.stages))
+
+
+@dataclass(frozen=True, eq=False)
+class RouteProgress:
+    """How far the robot has come on its routes.
+
+    Attributes:
+        progress: Share of the length of each stage's route, by stage index; 1 and no entry: the target itself counts.
+        waypoints: Numbers of the targets there, by stage index, where the target itself does not count yet.
+    """
+
+    progress: Mapping[int, float] = field(default_factory=dict)
+    waypoints: Mapping[int, np.ndarray] = field(default_factory=dict)
+
+
+class DirectGuide:
+    """Guides the robot of a task without routes: straight to the targets."""
+
+    def followed(
+        self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
+    ) -> RouteProgress:
+        """Return how far a robot in a state has come on its routes: as far as before, on none."""
+        return before
 
 
 class Placer:
@@ -114,7 +138,7 @@ class Placer:
         chart: Chart,
         plan: Plan | None,
         target_object: ObjectEstimate,
-        load: np.ndarray | None,
+        load: np.ndarray,
         before: Mapping[str, np.ndarray],
         wheels: WheelEstimate | None = None,
     ) -> dict[str, np.ndarray]:
@@ -127,7 +151,7 @@ class Placer:
             chart: The chart.
             plan: The plan in force, in the chart; None before the first.
             target_object: What is known of the object.
-            load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; None where the task says them.
+            load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; empty where the task says them.
             before: The arguments at the sample before.
             wheels: What wheels store when the state was measured; None of a robot without any.
         """

@@ -81,6 +81,18 @@ class MovingSequence:
         waiting = tuple(index for index in self.segments if index > self.first)
         return MovingSequence(waiting or (self.first + 1,), self.switch_times[1:], StageProgress(ended))
 
+    def moves_grippers(self, holding: range, since: float, now: float) -> bool:
+        """Tell whether grippers close or open between two times [s], by switch times.
+
+        Args:
+            holding: The stages that hold the object; empty of a task without one to hold.
+            since: The earlier time.
+            now: The later one.
+        """
+        switches = (self.first, self.progress.entered), (self.first + 1, self.planned_end)
+        moving = (holding.start, holding.stop) if holding else ()
+        return any(stage in moving and since <= switch <= now for stage, switch in switches)
+
     def since_closing(self, held: range) -> float:
         """Return since when the current stage, or what follows the last one, holds the object [s].
 
@@ -143,6 +155,11 @@ class GraspProgress:
     is_taken: bool = False
     returns: Mapping[int, int] = field(default_factory=dict)
     fault: GraspFault | None = None
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether there is no other try, so that the mission cannot succeed any more."""
+        return self.fault is not None
 
     @property
     def tries(self) -> int:

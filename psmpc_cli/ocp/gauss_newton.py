@@ -540,7 +540,7 @@ def _force_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]
     first_node = Grid(model.n, shape.nodes).first_node
     nothing = np.full(model.n, np.inf)
     for s, stage in enumerate(shape.stages):
-        if stage.force_load is not None:
+        if stage.force_load.weighs_force:
             yield IntervalRows(
                 name="force",
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),

@@ -13,6 +13,7 @@ with l that of robot and load, R the base's attitude.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -38,25 +39,44 @@ FOLLOWS = "follows from the angular momentum"
 
 @dataclass(frozen=True)
 class HeldObject:
-    """An object with a mass in known grasps.
+    """An object with a mass in known grasps; `EMPTY_HANDS` hold none.
 
     Attributes:
         mass: [kg].
         inertia: Principal moments, (1,) or (3,) [kg m^2].
         grippers: That hold it.
         grasps: Of each gripper its pose in the object's frame and both stiffnesses.
+        is_estimated: Its mass and moments are those that are found out by a sample.
     """
 
     mass: float
     inertia: tuple[float, ...]
     grippers: tuple[str, ...]
     grasps: tuple[tuple[float, ...], ...]
+    is_estimated: bool = False
 
     @classmethod
     def of(cls, body: ObjectBody, model: RobotModel) -> "HeldObject":
         """Return the object of a task as its grippers hold it."""
         grasps = described_grasps(body.grippers, body.grasp)
-        return cls(body.mass, body.inertia, body.grippers, tuple(map(tuple, grasps.tolist())))
+        return cls(body.mass, body.inertia, body.grippers, tuple(map(tuple, grasps.tolist())), body.grasp.is_estimated)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Mass, principal moments and grasps, as expressions take them."""
+        return np.array([self.mass, *self.inertia, *np.ravel(self.grasps)])
+
+
+class _EmptyHands(HeldObject):
+    """No object with a mass, or none that is known."""
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """None."""
+        return np.zeros(0)
+
+
+EMPTY_HANDS = _EmptyHands(mass=0.0, inertia=(), grippers=(), grasps=())
 
 
 @dataclass(frozen=True)
@@ -77,6 +97,19 @@ class LoadKind:
     grippers: tuple[str, ...]
     driven: tuple[float, ...] | None = None
     stores: str = NOTHING
+
+    @property
+    def weighs_force(self) -> bool:
+        """Whether a stage's cost weighs the force of the low-level law with this load; `UNWEIGHED` says that not."""
+        return True
+
+    def weighed_rows(self, model: RobotModel) -> int:
+        """Return the number of coordinates of the force that cost."""
+        return model.n
+
+    def weighed_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX, numbers: ca.SX) -> ca.SX:
+        """Return the force that costs (rows,), along the base's own axes, of a motion in the chart about an anchor."""
+        return self.own_force(model, OwnMotion.in_chart(model, Q, Qdot, u, anchor), numbers)
 
     def count(self, model: RobotModel) -> int:
         """Return the number of numbers."""
@@ -177,6 +210,26 @@ class LoadKind:
         return with_stored(model.spec, w, stored) if model.spec.wheels else w, grasps, body
 
 
+class _Unweighed(LoadKind):
+    """Of a stage in which force costs nothing, whatever the load: a force without coordinates."""
+
+    @property
+    def weighs_force(self) -> bool:
+        """Whether force costs: it does not."""
+        return False
+
+    def weighed_rows(self, model: RobotModel) -> int:
+        """Return the number of coordinates of the force that cost: none."""
+        return 0
+
+    def weighed_force(self, model: RobotModel, Q: ca.SX, Qdot: ca.SX, u: ca.SX, anchor: ca.SX, numbers: ca.SX) -> ca.SX:
+        """Return a force without coordinates (0,)."""
+        return ca.SX(0, 1)
+
+
+UNWEIGHED = _Unweighed(carries=False, grippers=())
+
+
 @dataclass(frozen=True)
 class OwnMotion:
     """A motion as the base sees it, on which force along its axes depends: not on where it is or how it is turned.
@@ -225,7 +278,7 @@ class Load:
     Attributes:
         mass: Of the payload at each end-effector, (arms,) [kg].
         inertia: Of the payload about that point, (arms,) [kg m^2].
-        held: The object with a mass, or None.
+        held: The object with a mass, or `EMPTY_HANDS`.
         driven: On which coordinates of the base something acts in the stage, see `LoadKind`.
         stores: What is known of wheels in the stage, see `LoadKind`.
         stored: How much that is, (1,) or (3,) [N m s]; empty where nothing is.
@@ -233,23 +286,21 @@ class Load:
 
     mass: tuple[float, ...]
     inertia: tuple[float, ...]
-    held: HeldObject | None = None
+    held: HeldObject = EMPTY_HANDS
     driven: tuple[float, ...] | None = None
     stores: str = NOTHING
     stored: tuple[float, ...] = ()
 
-    @property
+    @cached_property
     def kind(self) -> LoadKind:
         """What of it decides expressions."""
-        grippers = () if self.held is None else self.held.grippers
-        return LoadKind(any(self.mass), grippers, self.driven, self.stores)
+        return LoadKind(any(self.mass), self.held.grippers, self.driven, self.stores)
 
-    @property
+    @cached_property
     def numbers(self) -> np.ndarray:
         """The numbers that expressions of its kind take."""
         payload = (*self.mass, *self.inertia) if self.kind.carries else ()
-        of_object = () if self.held is None else (self.held.mass, *self.held.inertia, *np.ravel(self.held.grasps))
-        return np.array([*payload, *of_object, *self.stored])
+        return np.array([*payload, *self.held.numbers, *self.stored])
 
     @property
     def without_wheels(self) -> "Load":
@@ -259,6 +310,18 @@ class Load:
     def parameters(self, model: RobotModel) -> InertialParameters:
         """Return the inertial parameters of the robot with the payload."""
         return model.nominal.holding(np.array(self.mass), np.array(self.inertia))
+
+
+class _UnweighedLoad(Load):
+    """Of a stage in which force costs nothing, whatever the load."""
+
+    @cached_property
+    def kind(self) -> LoadKind:
+        """That of no force."""
+        return UNWEIGHED
+
+
+UNWEIGHED_LOAD = _UnweighedLoad(mass=(), inertia=())
 
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
@@ -276,7 +339,7 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
         share = np.array(payload.shares(tuple(model.spec.arms)))
         mass, inertia = (tuple((share * total).tolist()) for total in (payload.mass, payload.inertia))
         return replace(free, mass=mass, inertia=inertia)
-    held = HeldObject.of(task.body, model) if task.body.grasp.known else None
+    held = HeldObject.of(task.body, model) if task.body.grasp.known else EMPTY_HANDS
     return replace(free, held=held)
 
 

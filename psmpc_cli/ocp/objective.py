@@ -472,8 +472,8 @@ class StageFunctions:
         self._x = ca.vertcat(self._Q, self._Qdot)
         self._W = ca.SX.sym("W", self.rows)
         self._W_r = ca.SX.sym("W_r", self.inputs)
-        self._W_F = ca.SX.sym("W_F", 0 if shape.force_load is None else n)
-        self._load = ca.SX.sym("load", 0 if shape.force_load is None else shape.force_load.count(model))
+        self._W_F = ca.SX.sym("W_F", shape.force_load.weighed_rows(model))
+        self._load = ca.SX.sym("load", shape.force_load.count(model))
         self._e = ca.densify(skill.error(model, self._Q, self._target[: self._numbers_of_skill]))
         self._L = weighted_square(self._e, self._W)
 
@@ -495,12 +495,9 @@ class StageFunctions:
     @cached_property
     def cost(self) -> BatchFunction:
         """x, u, target, W, [W_r; W_F], numbers of the load -> Lbar."""
-        L = self._L + weighted_square(self._u, self._W_r)
-        if self.shape.force_load is not None:
-            anchor = self._target[self.anchor]
-            motion = OwnMotion.in_chart(self.model, self._Q, self._Qdot, self._u, anchor)
-            F = self.shape.force_load.own_force(self.model, motion, self._load)
-            L += weighted_square(F, self._W_F)
+        anchor = self._target[self.anchor]
+        F = self.shape.force_load.weighed_force(self.model, self._Q, self._Qdot, self._u, anchor, self._load)
+        L = self._L + weighted_square(self._u, self._W_r) + weighted_square(F, self._W_F)
         arguments = [self._x, self._u, self._target, self._W, ca.vertcat(self._W_r, self._W_F), self._load]
         return BatchFunction(ca.Function("Lbar", arguments, ca.cse([L])), native=True)
 

@@ -10,7 +10,7 @@ import numpy as np
 from psmpc_cli.ocp.constraints import CONSTRAINTS
 from psmpc_cli.ocp.constraints.base import numbers_by_name
 from psmpc_cli.ocp.end import MEASURES, AtTime, ByObject, ByState, End
-from psmpc_cli.ocp.loads import known_load
+from psmpc_cli.ocp.loads import UNWEIGHED_LOAD, known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import Posture, skill_in
@@ -168,7 +168,7 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
         hold=condition.hold,
     )
     body = task.body
-    if condition.object is None or body.destination is None:
+    if condition.object is None:
         return by_state
     at = body.grasp.at[body.holder]
     pose_space = space_of_pose(len(at))
@@ -179,7 +179,7 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
         frame=body.holder,
         measures=tuple(given),
         object_tolerance=np.array(list(given.values())),
-        destination=np.array(body.destination.pose),
+        destination=np.array(body.pose_after_release),
         inside=pose_space.relative(pose_space.neutral, at),
     )
 
@@ -227,7 +227,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         reference=reference,
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
-        force_load=known_load(task, model, index).without_wheels if skill.weights.weighs_force else None,
+        force_load=known_load(task, model, index).without_wheels if skill.weights.weighs_force else UNWEIGHED_LOAD,
         rate_weights=_rate_weights(skill, robot, actuated),
         end=_end(index, task, robot, lasts),
         limits=resolve_limits(robot, task.limits, skill.limits, moved_by=moved_by),

@@ -8,7 +8,7 @@ from typing import Self, TypeAlias
 import numpy as np
 
 from psmpc_cli.ocp.end import OPEN, End, EndShape
-from psmpc_cli.ocp.loads import Load, LoadKind
+from psmpc_cli.ocp.loads import UNWEIGHED, UNWEIGHED_LOAD, Load, LoadKind
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import TargetPart
@@ -35,7 +35,7 @@ class SampleContext:
         anchor: Of the chart.
         prediction: Times [s] and states (M, 2n) of the plan in force from now on; None before the first plan.
         object_state: Estimated pose and velocity of the object; None without one with a mass.
-        load: Mass [kg] and principal moments [kg m^2] that the load is taken to have; None where the task says them.
+        load: Mass [kg] and principal moments [kg m^2] that the load is taken to have; empty where the task says them.
         stored: What is known of wheels in the stage, as `LoadKind.stores` says; None of a robot without any.
         unseen: The part of the momenta of wheels that adds up to nothing (W,); None without any.
         is_current: The stage has begun.
@@ -48,7 +48,7 @@ class SampleContext:
     anchor: np.ndarray
     prediction: tuple[np.ndarray, np.ndarray] | None = None
     object_state: tuple[np.ndarray, np.ndarray] | None = None
-    load: np.ndarray | None = None
+    load: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stored: np.ndarray | None = None
     unseen: np.ndarray | None = None
     is_current: bool = True
@@ -111,7 +111,7 @@ class Stage:
         reference: What its cost follows.
         weights: Diagonal of W_q or W_p, as `target`.
         control_weights: Diagonal of W_r, one per input; behind it that of W_F, one per coordinate, where force costs.
-        force_load: What the grippers are known to hold, where force costs; None where it does not.
+        force_load: What the grippers are known to hold, where force costs; `UNWEIGHED_LOAD` where it does not.
         rate_weights: Diagonal of W_j, of the rate of Qddot, one per coordinate; (0,) where it costs nothing.
         end: How it ends.
         onset_rows: Rows of the control whose norm marks the actual start.
@@ -139,7 +139,7 @@ class Stage:
     attitudes: Mapping[str, int] = field(default_factory=dict)
     on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
     constraints: Mapping[str, ConstraintNumbers] = field(default_factory=dict)
-    force_load: Load | None = None
+    force_load: Load = UNWEIGHED_LOAD
     rate_weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __repr__(self) -> str:
@@ -172,7 +172,7 @@ class Stage:
     @property
     def load_numbers(self) -> np.ndarray:
         """Numbers of the load that the cost of force takes; empty where force costs nothing."""
-        return np.zeros(0) if self.force_load is None else self.force_load.numbers
+        return self.force_load.numbers
 
     @property
     def poses_of_arms(self) -> dict[str, np.ndarray]:
@@ -328,7 +328,7 @@ class StageShape:
         object_names: What the target's numbers say of the object behind those of the skill: the gripper that holds it,
             and what is bounded; empty: nothing.
         moving: The cost follows a desired trajectory.
-        force_load: What kind of load the grippers are known to hold, where force costs; None where it does not.
+        force_load: What kind of load the grippers are known to hold, where force costs; `UNWEIGHED` where it does not.
         weighs_rate: Changes of the acceleration cost.
         constraints: Names and structures of the constraints that have rows in it.
     """
@@ -338,7 +338,7 @@ class StageShape:
     end: EndShape = OPEN
     object_names: tuple[str, ...] = ()
     moving: bool = False
-    force_load: LoadKind | None = None
+    force_load: LoadKind = UNWEIGHED
     weighs_rate: bool = False
     constraints: tuple[tuple[str, Hashable], ...] = ()
 
@@ -356,7 +356,7 @@ def stage_shape(stage: Stage) -> StageShape:
         end=stage.end.shape,
         object_names=stage.end.object_names,
         moving=stage.reference.moves,
-        force_load=None if stage.force_load is None else stage.force_load.kind,
+        force_load=stage.force_load.kind,
         weighs_rate=len(stage.rate_weights) > 0,
         constraints=tuple(
             (name, constraint.structure) for name, constraint in stage.constraints.items() if constraint.is_known

@@ -264,7 +264,7 @@ class Setpoints:
         driven: Whether something acts on each coordinate of the base, 1 or 0 (M, n_twist); None: always on those of
             the robot's description.
         shut: Which thrusters must not fire (M, T); None: all may.
-        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law counts with it; None:
+        load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law counts with it; empty:
             those of the object as described.
     """
 
@@ -273,7 +273,7 @@ class Setpoints:
     twist_rates: np.ndarray | None = None
     driven: np.ndarray | None = None
     shut: np.ndarray | None = None
-    load: np.ndarray | None = None
+    load: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def grippers_close(self) -> np.ndarray:
@@ -331,7 +331,7 @@ class _TickLaw:
     @property
     def counts_with_load(self) -> bool:
         """Whether the hands hold a load that the law knows of."""
-        return self.grasps is not None and self.law.grasps is not None
+        return self.law.knows_load and self.grasps is not None
 
     def joint_force(self, u: np.ndarray, twist_rates: np.ndarray | None, base_force: np.ndarray) -> np.ndarray:
         """Return the force (n,) with which joints follow their setpoints under a given force on the base.
@@ -381,7 +381,7 @@ class TickedPlant(ABC):
         drive = self.drive
         closed = setpoints.grippers_close
         disturbance = disturbance or Disturbance.none(self.model.nominal, M, n)
-        law = self.law.counting_with(setpoints.load)
+        law = self.law.with_load(setpoints.load)
         if self.firing is not None:
             self.firing.begin_sample(setpoints.shut)
         time = start + self.tick * np.arange(M + 1)

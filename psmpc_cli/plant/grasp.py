@@ -346,6 +346,23 @@ class Capture:
             self._open(time, self.closed, "let go")
         self._wanted = wanted
 
+    def begin_tick(self, time: float, robot_state: np.ndarray, wanted: bool) -> np.ndarray | None:
+        """Close, open and lose grasps at the beginning of a tick.
+
+        Returns:
+            The grasps of an object that all hands hold, see `HeldLoad.force`; None while they do not.
+        """
+        self.want(time, robot_state, wanted)
+        times = np.array([time])
+        while not self.record(times, self.state[None], *(values[None] for values in self.borne(robot_state))):
+            pass  # what is left of the grasps bears the tick
+        return self.parameters[:, :-2] if self.closed.all() else None
+
+    @property
+    def is_known_load(self) -> bool:
+        """Whether all hands hold the object, and the low-level law knows of it."""
+        return bool(self.spec.known and self.closed.all())
+
     def record(self, times: np.ndarray, states: np.ndarray, wrench: np.ndarray, load: np.ndarray) -> int:
         """Take in what the grasps bear in ticks, up to the first in which one bears too much: that is lost there.
 
@@ -485,12 +502,7 @@ class CapturePlant(TickedPlant):
 
     def begin_tick(self, time: float, state: np.ndarray, closed: bool) -> np.ndarray | None:
         """Close, open and lose grasps, and return those of an object that all hands hold."""
-        capture = self.capture
-        capture.want(time, state, closed)
-        times = np.array([time])
-        while not capture.record(times, capture.state[None], *(values[None] for values in capture.borne(state))):
-            pass  # what is left of the grasps bears the tick
-        return capture.parameters[:, :-2] if capture.closed.all() else None
+        return self.capture.begin_tick(time, state, closed)
 
     def step(self, state: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
         """Advance robot and object by a tick."""

@@ -285,7 +285,7 @@ class Rk4CapturePlant(_CompiledPlant):
             z = np.concatenate([states[k], impulse_and_work, h, capture.state, capture.load.ravel()])
             fixed = np.concatenate([capture.parameters.ravel(), capture.closed]), parameters
             if self.firing is not None:
-                self.firing.count_with_load(bool(capture.spec.known and capture.closed.all()))
+                self.firing.count_with_load(capture.is_known_load)
             ticks, is_pushed = self._begin_span(k, _end_of_equal(closed, k), z, inputs, fixed, setpoints)
             Z, F[ticks], commanded[ticks], wrench, *torque = self._integrate(ticks, is_pushed, z, inputs, fixed)
             sizes = [len(state), len(impulse_and_work), len(h), len(capture.state)]
@@ -327,7 +327,7 @@ class Rk4CapturePlant(_CompiledPlant):
             varies=setpoints.driven is not None,
         )
         friction = self.friction or JointFriction.none(self.model.n)
-        known_object = capture.described.vector if setpoints.load is None else setpoints.load
+        known_object = capture.described.vector_with(setpoints.load)
         parameters = np.concatenate(
             [
                 disturbance.robot.vector,

@@ -40,6 +40,10 @@ class FreeBody:
         """Mass and principal moments in one vector."""
         return np.array([self.mass, *self.inertia])
 
+    def vector_with(self, found: Array) -> Array:
+        """Return mass and principal moments as they were found out, as the body has them where that is empty."""
+        return np.concatenate([found, self.vector[len(found) :]])
+
     @property
     def space(self) -> ConfigurationSpace:
         """The space of its poses."""

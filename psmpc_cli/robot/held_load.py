@@ -47,7 +47,6 @@ class HeldLoad:
         grippers = [arm for arm in model.spec.arms if arm in grasp.at]
         self._model = model
         self.grasps = described_grasps(grippers, grasp)
-        self._body = body.vector
         self._forces: dict[tuple[float, ...] | None, ArrayFunction] = {}
         self._grippers = grippers
         self._followed: dict[int, ArrayFunction] = {}
@@ -67,9 +66,9 @@ class HeldLoad:
         Q: np.ndarray,
         v: np.ndarray,
         u: np.ndarray,
-        law: InertialParameters | None = None,
-        grasps: np.ndarray | None = None,
-        body: np.ndarray | None = None,
+        law: InertialParameters,
+        grasps: np.ndarray,
+        body: np.ndarray,
         driven: tuple[float, ...] | None = None,
         base_force: np.ndarray | None = None,
     ) -> np.ndarray:
@@ -79,10 +78,9 @@ class HeldLoad:
             Q: Position of the robot (nq,).
             v: Velocity (n,).
             u: Commanded acceleration (n,).
-            law: Inertial parameters that the law has for the robot's; by default its own.
-            grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9); by default
-                as the task has them.
-            body: Mass and principal moments of the object; by default as the task has them.
+            law: Inertial parameters that the law has for the robot's.
+            grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9).
+            body: Mass and principal moments of the object.
             driven: On which coordinates of the base something acts, see `RobotModel.driven`; by default as the robot's
                 description says.
             base_force: Force that acts on the base, whatever is commanded, see `LowLevelLaw.force` (2, n_twist).
@@ -95,11 +93,8 @@ class HeldLoad:
                 if is_pushed
                 else held_force(self._model, self._grippers, key)
             )
-        grasps = self.grasps if grasps is None else grasps
-        body = self._body if body is None else body
-        parameters = (law or self._model.nominal).vector
         of_base = () if base_force is None else tuple(base_force)
-        return np.asarray(self._forces[key](Q, v, u, grasps.ravel(), parameters, body, *of_base)[0][0])
+        return np.asarray(self._forces[key](Q, v, u, grasps.ravel(), law.vector, body, *of_base)[0][0])
 
     def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.

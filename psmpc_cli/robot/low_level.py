@@ -1,6 +1,7 @@
 """The low-level law: the generalized force that follows what is commanded, of controllers and plants alike."""
 
 from copy import copy
+from typing import Self
 
 import numpy as np
 
@@ -18,38 +19,40 @@ class LowLevelLaw:
         model: The robot.
         parameters: Inertial parameters that it counts with for the robot's.
         driven: On which coordinates of the base something acts, see `RobotModel.driven`.
+        load: Mass [kg] and principal moments [kg m^2] that it counts with for what hands hold; empty where it knows of
+            none.
     """
+
+    knows_load = False
+    """Whether the law counts with an object in the hands."""
 
     grasps: np.ndarray | None = None
     """Those that the law counts with where hands hold an object, see `HeldLoad.force`; None where it knows of none."""
-
-    load: np.ndarray | None = None
-    """Mass [kg] and principal moments [kg m^2] that it counts with for what hands hold; None where it knows of none."""
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self.parameters = model.nominal
         self.driven = model.driven()
+        self.load = np.zeros(0)
 
-    def counting_with(
-        self,
-        load: np.ndarray | None = None,
-        parameters: InertialParameters | None = None,
-        driven: tuple[float, ...] | None = None,
-    ) -> "LowLevelLaw":
-        """Return the law with other numbers of what it moves.
+    def with_load(self, found: np.ndarray) -> Self:
+        """Return the law with mass and moments of what hands hold as they were found out, where it knows of that.
 
         Args:
-            load: Mass and moments (numbers,) of what hands hold, where it knows of that; None: its own.
-            parameters: Inertial parameters of the robot; None: its own.
-            driven: On which coordinates of the base something acts; None: its own.
+            found: Mass [kg] and principal moments [kg m^2]; where it is empty those of the description count.
         """
+        return self
+
+    def with_parameters(self, parameters: InertialParameters) -> Self:
+        """Return the law with other inertial parameters of the robot."""
         other = copy(self)
-        other.driven = driven or self.driven
-        if load is not None and self.load is not None:
-            other.load = load
-        if parameters is not None:
-            other.parameters = parameters
+        other.parameters = parameters
+        return other
+
+    def driving(self, driven: tuple[float, ...]) -> Self:
+        """Return the law where something acts on other coordinates of the base."""
+        other = copy(self)
+        other.driven = driven
         return other
 
     def force(
@@ -109,11 +112,20 @@ class LoadedLaw(LowLevelLaw):
         grasp: How hands hold it.
     """
 
+    knows_load = True
+
     def __init__(self, model: RobotModel, body: FreeBody, grasp: GraspSpec) -> None:
         super().__init__(model)
+        self._body = body
         self._load = HeldLoad(model, body, grasp)
         self.grasps = self._load.grasps
         self.load = body.vector
+
+    def with_load(self, found: np.ndarray) -> Self:
+        """Return the law with mass and moments of what hands hold as they were found out."""
+        other = copy(self)
+        other.load = self._body.vector_with(found)
+        return other
 
     def force(
         self,

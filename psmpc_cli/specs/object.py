@@ -294,6 +294,11 @@ class ObjectBody:
         return tuple(self.grasp.at)
 
     @property
+    def pose_after_release(self) -> tuple[float, ...]:
+        """Where it is to be when grippers have let it go: at its destination, without one where it was at the start."""
+        return self.pose if self.destination is None else self.destination.pose
+
+    @property
     def holder(self) -> str:
         """The gripper that the object moves with in windows, the first."""
         return self.grippers[0]

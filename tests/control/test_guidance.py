@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from psmpc_cli.control.guidance import Guide, RouteProgress
+from psmpc_cli.control.guidance import Guide
 from psmpc_cli.control.interface import State
+from psmpc_cli.control.placement import RouteProgress
 from psmpc_cli.control.tracking import NO_OBJECT
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.loads import Load, LoadKind, OwnMotion, known_load
+from psmpc_cli.ocp.loads import EMPTY_HANDS, Load, LoadKind, OwnMotion, known_load
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task, load_task
 
@@ -16,7 +16,7 @@ def test_a_known_payload_is_part_of_the_last_links() -> None:
     held = task.spec.held_stages.start
     load = known_load(task.spec, model, held)
     assert load.mass == (2.5, 2.5)
-    assert load.held is None
+    assert load.held is EMPTY_HANDS
     assert known_load(task.spec, model, held - 1) == Load((0.0, 0.0), (0.0, 0.0))
     Q = model.space.path(model.neutral, 0.3 * np.ones((1, model.n)))[-1]
     v, u = 0.1 * np.ones((2, model.n))
@@ -34,7 +34,7 @@ def test_what_is_not_known_counts_as_nothing() -> None:
     model = RobotModel(task.robot)
     assert known_load(task.spec, model, task.spec.held_stages.start) == Load((0.0, 0.0), (0.0, 0.0))
     grasped = load_task("transport_grasp", {"object.grasp.known": False})
-    assert known_load(grasped.spec, model, grasped.spec.held_stages.start).held is None
+    assert known_load(grasped.spec, model, grasped.spec.held_stages.start).held is EMPTY_HANDS
 
 
 def grasps_of(task: Task, arms: int) -> LoadKind:
@@ -46,7 +46,6 @@ def numbers_of(task: Task, kind: LoadKind) -> np.ndarray:
     """Numbers of such a load."""
     model = RobotModel(task.robot)
     held = known_load(task.spec, model, task.spec.held_stages.start).held
-    assert held is not None
     if kind.carries:
         return np.linspace(1, 4, kind.count(model))
     return np.array([held.mass, *held.inertia, *np.ravel(held.grasps[: len(kind.grippers)])])

@@ -50,7 +50,8 @@ def test_the_force_moves_the_object_by_the_nearest_acceleration_that_all_gripper
         bushings.append(np.array([[k, 0, -k * y], [0, k, k * x], [-k * y, k * x, kappa + k * (x**2 + y**2)]]))
     shared = np.linalg.solve(np.sum(bushings, axis=0), needed)
     of_load = sum(S_i.T @ C @ shared for S_i, C in zip(S, bushings, strict=True))
-    found = HeldLoad(model, FreeBody(MASS, [INERTIA]), grasp).force(Q, v, u, None, grasps)
+    body = FreeBody(MASS, [INERTIA])
+    found = HeldLoad(model, body, grasp).force(Q, v, u, model.nominal, grasps, body.vector)
     expected = model.inverse_dynamics(Q, v, nearest) + of_load
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
     assert np.abs(of_load).max() > 0.1

@@ -109,6 +109,16 @@ class InertiaEstimate:
         return np.asarray(np.sqrt(np.diagonal(self.covariance)[self.bodies : 2 * self.bodies]))
 
 
+class _NoInertia(InertiaEstimate):
+    """Of a controller that counts with the described masses and inertias."""
+
+    def __repr__(self) -> str:
+        return "<InertiaEstimate: none, masses and inertias are not to be found out>"
+
+
+NO_INERTIA = _NoInertia(shares=np.zeros(0), covariance=np.zeros((0, 0)), bodies=0)
+
+
 class InertiaEstimator:
     """Finds out masses and inertias of the robot's bodies, and of what its grippers hold rigidly.
 

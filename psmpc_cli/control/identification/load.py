@@ -92,21 +92,62 @@ class LoadEstimate:
         return f"<LoadEstimate: mass [kg] {mass}, moments of inertia [kg m^2] {', '.join(moments)}{dropped}>"
 
 
+class _NoLoad(LoadEstimate):
+    """Of a task that says what its load is, or has none."""
+
+    def __repr__(self) -> str:
+        return "<LoadEstimate: none, the load is not to be found out>"
+
+
+NO_LOAD = _NoLoad(
+    information=np.zeros((0, 0)), right=np.zeros(0), numbers=np.zeros(0), deviation=np.zeros(0), impulse=np.zeros(0)
+)
+
+
 @dataclass(frozen=True, eq=False)
-class RobotAndObject:
-    """Robot and object at a sample.
+class RobotAlone:
+    """The robot at a sample, with empty hands.
 
     Attributes:
         time: Of the measurement [s].
         Q: Position of the robot (nq,).
         v: Its velocity (n,).
-        object_state: Pose and velocity of the held object; None of empty hands.
     """
 
     time: float
     Q: np.ndarray
     v: np.ndarray
-    object_state: tuple[np.ndarray, np.ndarray] | None
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether hands hold an object."""
+        return False
+
+    def load_momentum(self, model: RobotModel) -> np.ndarray:
+        """Return the momentum of the load by its mass and its principal moments (n_twist, 1 + moments)."""
+        return np.zeros((model.space.n_twist, 1 + model.space.n_principal))
+
+
+@dataclass(frozen=True, eq=False)
+class RobotAndObject(RobotAlone):
+    """Robot and held object at a sample.
+
+    Attributes:
+        object_state: Pose and velocity of the object.
+    """
+
+    object_state: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether hands hold an object."""
+        return True
+
+    def load_momentum(self, model: RobotModel) -> np.ndarray:
+        """Return the momentum of the object by its mass and its principal moments (n_twist, 1 + moments)."""
+        units = np.eye(1 + model.space.n_principal)
+        columns = [FreeBody(unit[0], unit[1:].tolist()).momentum(*self.object_state) for unit in units]
+        return np.array(columns, dtype=float).T
 
 
 class LoadEstimator:
@@ -183,7 +224,7 @@ class LoadEstimator:
         return replace(estimate, begun=np.inf, settled_at=time + SETTLING)
 
     def measured(
-        self, estimate: LoadEstimate, before: RobotAndObject, now: RobotAndObject, u: np.ndarray, law: LowLevelLaw
+        self, estimate: LoadEstimate, before: RobotAlone, now: RobotAlone, u: np.ndarray, law: LowLevelLaw
     ) -> LoadEstimate:
         """Return the estimate after a measurement.
 
@@ -198,7 +239,7 @@ class LoadEstimator:
         is_measured = all(np.isfinite(each).all() for each in (before.Q, before.v, now.Q, now.v))
         if now.time < estimate.settled_at or not is_measured:
             return replace(estimate, begun=np.inf)
-        is_same = (before.object_state is None) == (now.object_state is None)
+        is_same = before.is_loaded == now.is_loaded
         if now.time - estimate.begun > BLOCK or not (np.isfinite(estimate.begun) and is_same):
             information, right = _without(estimate.information, estimate.right, self._of_offset)
             none = np.zeros_like(estimate.impulse)
@@ -207,14 +248,14 @@ class LoadEstimator:
             estimate = replace(estimate, impulse=estimate.impulse + self._impulse(before, now, u, law))
         return self._updated(estimate, now)
 
-    def _impulse(self, before: RobotAndObject, now: RobotAndObject, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
+    def _impulse(self, before: RobotAlone, now: RobotAlone, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
         """Return the impulse of the base's force about the inertial origin between two samples [N s, N m s].
 
         That is without the part of it that makes up for the gyroscopic moment of wheels.
         """
         space = self._model.space
         duration = (now.time - before.time) / PARTS
-        grasps = law.grasps if now.object_state is not None else None
+        grasps = law.grasps if now.is_loaded else None
         step = np.array(space.difference(before.Q, now.Q))
         impulse = np.zeros(space.n_twist)
         for part, mean in enumerate(np.array_split(u, PARTS)):
@@ -231,14 +272,13 @@ class LoadEstimator:
             impulse += duration * np.array(space.external_wrench(Q, F), dtype=float)
         return impulse
 
-    def _updated(self, estimate: LoadEstimate, now: RobotAndObject) -> LoadEstimate:
+    def _updated(self, estimate: LoadEstimate, now: RobotAlone) -> LoadEstimate:
         """Return the estimate with the equations of a measurement."""
         [P], by_parameters, by_v = self._momentum(now.Q, now.v)
         k = len(P)
         rows = np.zeros((k, self._of_offset.stop))
         rows[:, : self._of_load.start] = by_parameters.T @ self._factors
-        if now.object_state is not None:
-            rows[:, self._of_load] = _momentum_of_body(self._model, *now.object_state)
+        rows[:, self._of_load] = now.load_momentum(self._model)
         rows[:, self._of_offset] = -np.eye(k)
         share, least = UNEXPLAINED
         covariance = (
@@ -246,14 +286,14 @@ class LoadEstimator:
         )
         y = estimate.impulse - P
         surprise = self._surprise(estimate, rows, y, covariance)
-        if surprise > FAR and now.object_state is not None:
+        if surprise > FAR and now.is_loaded:
             fresh = self._with_prior(estimate)
             return replace(fresh, begun=np.inf, dropped=True)
         weighted = np.linalg.solve(covariance, rows)
         information = estimate.information + rows.T @ weighted
         right = estimate.right + weighted.T @ y
         estimate = replace(estimate, information=information, right=right, surprise=surprise)
-        if now.object_state is None:
+        if not now.is_loaded:
             return estimate
         inverse = np.linalg.inv(information)
         numbers = _as_body((inverse @ right)[self._of_load], LEAST * self._prior.mean)
@@ -293,14 +333,6 @@ def _as_body(numbers: np.ndarray, least: np.ndarray) -> np.ndarray:
         largest = int(np.argmax(moments))
         moments[largest] = min(moments[largest], moments.sum() - moments[largest])
     return numbers
-
-
-def _momentum_of_body(model: RobotModel, pose: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the momentum of a body by its mass and its principal moments (n_twist, 1 + moments)."""
-    count = 1 + model.space.n_principal
-    units = np.eye(count)
-    columns = [FreeBody(unit[0], unit[1:].tolist()).momentum(pose, v) for unit in units]
-    return np.array(columns, dtype=float).T
 
 
 def _momentum(model: RobotModel) -> ca.Function:

@@ -266,26 +266,18 @@ def _varying_bounds(
     return constraint.over_intervals(constraint.of_bounds, since)
 
 
-def sampled_load(task: TaskSpec, load: Load) -> ArgumentAtSample | None:
+def sampled_load(load: Load) -> ArgumentAtSample | None:
     """Return how samples set the numbers of a load: where mass and moments are found out, or wheels store something.
 
     None of any other.
     """
-    is_found = load.held is not None and task.finds_load
-    return partial(load_at_sample, load, is_found) if is_found or load.stores else None
+    return partial(load_at_sample, load) if load.held.is_estimated or load.stores else None
 
 
-def load_at_sample(load: Load, is_found: bool, model: RobotModel, sample: SampleContext) -> np.ndarray:
-    """Return the numbers of a load (numbers,) at a sample.
-
-    Args:
-        load: The load.
-        is_found: The mass and the moments of an object are those that it is taken to have at the sample.
-        model: The robot.
-        sample: The sample.
-    """
+def load_at_sample(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray:
+    """Return the numbers of a load (numbers,) at a sample."""
     numbers = load.numbers
-    if is_found and sample.load is not None:
+    if load.held.is_estimated:
         numbers = np.concatenate([sample.load, numbers[len(sample.load) :]])
     if load.stores and sample.stored is not None:
         numbers = np.concatenate([numbers[: -len(sample.stored)], sample.stored])

@@ -88,7 +88,7 @@ def numbers(
             combinations=tuple(map(tuple, of_actuators.normals.tolist())),
         ),
         argument=load.numbers,
-        at_sample=sampled_load(task, load),
+        at_sample=sampled_load(load),
         low=np.tile(low, 2),
         high=np.tile(high, 2),
     )

@@ -59,7 +59,7 @@ def numbers(
         argument=load.numbers,
         low=none,
         high=none,
-        at_sample=sampled_load(task, load),
+        at_sample=sampled_load(load),
     )
     return of_stage(stage, load, of_momentum)
 

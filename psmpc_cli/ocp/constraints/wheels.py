@@ -39,23 +39,22 @@ def numbers(
     if load.stores != FOLLOWS:
         return None
     wheels = Wheels.of(model.spec)
-    is_found = load.held is not None and task.finds_load
     most = wheels.momentum * _scale(model, wheels)
     of_wheels = ConstraintNumbers(
         structure=load.kind,
         argument=np.concatenate([load.numbers, wheels.unseen @ wheels.initial]),
         low=-most,
         high=most,
-        at_sample=partial(_argument, load, is_found),
+        at_sample=partial(_argument, load),
     )
     return of_stage(stage, load, of_wheels)
 
 
-def _argument(load: Load, is_found: bool, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
+def _argument(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
     """Return the numbers of the load at a sample, then the part of the momenta that motors leave."""
     if sample.unseen is None:
         return None
-    return np.concatenate([load_at_sample(load, is_found, model, sample), sample.unseen])
+    return np.concatenate([load_at_sample(load, model, sample), sample.unseen])
 
 
 def _scale(model: RobotModel, wheels: Wheels) -> np.ndarray:

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 import psmpc_cli as psmpc
-from psmpc_cli.control.identification.load import LoadEstimator, LoadPrior, RobotAndObject, _as_body, _without
+from psmpc_cli.control.identification.load import (
+    LoadEstimator,
+    LoadPrior,
+    RobotAlone,
+    RobotAndObject,
+    _as_body,
+    _without,
+)
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.specs.load import load_task
 
@@ -109,8 +116,8 @@ def test_a_sample_that_is_not_measured_begins_a_new_block() -> None:
     problem = build_problem(load_task("catch_drifting", {"object.grasp.known": "estimated"}))
     model = problem.model
     estimator = LoadEstimator(model, LoadPrior(np.ones(2), np.ones(2)), np.zeros(model.n))
-    rest = [RobotAndObject(0.1 * k, model.neutral, np.zeros(model.n), None) for k in range(3)]
-    unknown = RobotAndObject(0.2, model.neutral, np.full(model.n, np.nan), None)
+    rest = [RobotAlone(0.1 * k, model.neutral, np.zeros(model.n)) for k in range(3)]
+    unknown = RobotAlone(0.2, model.neutral, np.full(model.n, np.nan))
     u = np.zeros((100, model.n))
     estimate = estimator.measured(estimator.first, rest[0], rest[1], u, problem.law)
     assert estimate.begun == 0.1

@@ -119,8 +119,10 @@ def test_rows_of_a_held_object_are_the_forces_of_the_law_that_knows_it(name: str
     x_next = np.r_[x[: model.n], x[model.n :] + 0.04 * u]
     found = assert_rows(model, load, Q, x, x_next)
     vdot = model.space.charted_acceleration(ca.SX(x[: model.n]), ca.SX(x[model.n :]), ca.SX(u))
-    law = HeldLoad(model, body_of(capture), capture.grasp)
-    expected = own_axes(model, Q, law.force(Q, v, np.asarray(ca.DM(vdot)).ravel(), None, grasps))
+    body = body_of(capture)
+    law = HeldLoad(model, body, capture.grasp)
+    F = law.force(Q, v, np.asarray(ca.DM(vdot)).ravel(), model.nominal, grasps, body.vector)
+    expected = own_axes(model, Q, F)
     np.testing.assert_allclose(found[0], expected, atol=1e-6 * np.abs(expected).max())
     assert np.abs(expected - own_axes(model, Q, model.inverse_dynamics(Q, v, u))).max() > 1e-2
 

@@ -17,8 +17,8 @@
     posed       missions of `plane` with the arms as drawn, and held ready for the stage that needs them: 30 missions
     tour        tours of a planar robot with two unequal arms (tours.py), as drawn and held ready: 20 missions
     tour_space  tours of a spatial robot with two arms of seven joints, the same: 10 missions
-    htmpc_plane  missions of `plane` also under HTMPC: 4 missions
-    htmpc_tour  tours of the planar robot also under HTMPC with a free end: 4 tours
+    htmpc_plane  missions of `plane` also under HTMPC: 20 missions
+    htmpc_tour  tours of the planar robot also under HTMPC with a free end: 20 tours
     effort      missions of `plane` by control weight: 10 missions
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions

@@ -29,7 +29,7 @@ def report_reproduction(reproduction: Reproduction, created: str) -> Page:
     first = next(iter(reproduction.runs.values())).attributes
     return render(
         "reproduction.html.j2",
-        room="paper",
+        layer="paper",
         reproduction=reproduction,
         groups={name: list(group) for name, group in groupby(reproduction.part(None), lambda one: one.claim.group)},
         apart=claims.APART,

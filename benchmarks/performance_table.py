@@ -603,7 +603,16 @@ def tasks(*names: str) -> Iterator[str]:
         seconds = (solve, counterfactuals, plant, sum(measured), written - sum(measured), rest)
         speed = f"{len(parts) * period / whole:.1f}"
         times = _ms(*np.quantile(decisions, [0.5, 0.99, 1.0]).tolist())
-        rows.append((f"`{Path(name).stem}`", len(parts), times, late, speed, *(f"{round(each, 1) + 0.0:.1f}" for each in seconds)))
+        rows.append(
+            (
+                f"`{Path(name).stem}`",
+                len(parts),
+                times,
+                late,
+                speed,
+                *(f"{round(each, 1) + 0.0:.1f}" for each in seconds),
+            )
+        )
         _tell(f"{name}: {len(parts)} samples")
     headings = ("task", "samples", "decisions: median, p99, max [ms]", "late", "times real time")
     parts_of_run = ("solves", "counterfactual solves", "plant", "measurements", "log", "rest")

@@ -14,10 +14,10 @@ from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD
 from psmpc_cli.ocp.forecast import StageForecast, forecast_configurations, initial_state
 from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
 from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.robot.actuators.thrusters import Thrusters
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.geometry import pieces_of
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.thrusters import Thrusters
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.document import counted, plain
 from psmpc_cli.specs.fields import Spec
 from psmpc_cli.specs.geometry import ShapeSpec, pair_name

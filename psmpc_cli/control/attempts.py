@@ -168,19 +168,3 @@ class Attempts:
 def _with_total_time(other: Solution, solved: Solution) -> Solution:
     """Return a solve with the wall time of both it and another one in the same sample."""
     return replace(solved, wall_time=other.wall_time + solved.wall_time)
-
-
-class FlatHierarchy:
-    """No levels: windows hold all stages that the controller looks at."""
-
-    def solve_levels(
-        self,
-        stages: Sequence[PlacedStage],
-        entered: float,
-        first: Solution,
-        prediction: Plan,
-        previous: Sequence[Solution],
-        stop_at: float,
-    ) -> tuple[Solution, ...]:
-        """Solve nothing, see `Hierarchy.solve_levels`."""
-        return ()

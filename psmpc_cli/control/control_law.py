@@ -10,14 +10,14 @@ import numpy as np
 from psmpc_cli.control.attempts import Attempt, Attempts
 from psmpc_cli.control.estimator import Estimate, Estimator
 from psmpc_cli.control.fallback import PlansInForce
-from psmpc_cli.control.guidance import build_guide
 from psmpc_cli.control.htmpc import build_hierarchy
+from psmpc_cli.control.identification.tracking import Grip, ObjectEstimate, object_estimate, to_be_closed
 from psmpc_cli.control.interface import Command, Measurement, State
 from psmpc_cli.control.memory import Memory
 from psmpc_cli.control.online_identification import identification_steps
-from psmpc_cli.control.placement import Placement, Placer, RouteProgress
+from psmpc_cli.control.placement import Placement, Placer
+from psmpc_cli.control.routes.guidance import RouteProgress, build_guide
 from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
-from psmpc_cli.control.tracking import Grip, ObjectEstimate, object_estimate, to_be_closed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast

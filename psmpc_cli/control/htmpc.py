@@ -6,12 +6,12 @@ over its own stage, which keeps the earlier ones; limits and constraints are tho
 level has a planned end, the others have the same mesh, and keep the end condition at that instant.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from psmpc_cli.control.attempts import FlatHierarchy
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage
@@ -23,7 +23,51 @@ LEAST_COST = 1e-2
 """Least cost of which a level may get worse by a part, so that later levels have an interior where it is zero [1]."""
 
 
-class Hierarchy(FlatHierarchy):
+class Hierarchy(ABC):
+    """What is solved at a sample beyond the window that counts."""
+
+    @abstractmethod
+    def solve_levels(
+        self,
+        stages: Sequence[PlacedStage],
+        entered: float,
+        first: Solution,
+        prediction: Plan,
+        previous: Sequence[Solution],
+        stop_at: float,
+    ) -> tuple[Solution, ...]:
+        """Solve level after level, each from the plan of the one before; none follows a level that fails.
+
+        Args:
+            stages: The current stage and those after it.
+            entered: When the current stage began [s].
+            first: The first level: the solution of the window over the current stage.
+            prediction: The shifted plan; it normalizes the costs.
+            previous: The levels of the sample before.
+            stop_at: When solves have to stop, an instant of `time.perf_counter` [s].
+
+        Returns:
+            The solutions of the levels, the first one included; empty without levels.
+        """
+
+
+class NoLevels(Hierarchy):
+    """No levels: windows hold all stages that the controller looks at."""
+
+    def solve_levels(
+        self,
+        stages: Sequence[PlacedStage],
+        entered: float,
+        first: Solution,
+        prediction: Plan,
+        previous: Sequence[Solution],
+        stop_at: float,
+    ) -> tuple[Solution, ...]:
+        """Solve nothing, see `Hierarchy.solve_levels`."""
+        return ()
+
+
+class StrictPriorities(Hierarchy):
     """Strict priorities in the order of the stages: the window holds the current stage, the levels look further."""
 
     def __init__(self, problem: Problem) -> None:
@@ -40,17 +84,9 @@ class Hierarchy(FlatHierarchy):
         previous: Sequence[Solution],
         stop_at: float,
     ) -> tuple[Solution, ...]:
-        """Solve level after level, each from the plan of the one before; none follows a level that fails.
+        """Solve the levels, see `Hierarchy.solve_levels`.
 
-        What a level starts from besides are the multipliers that the level of its stage had at the sample before.
-
-        Args:
-            stages: The current stage and those after it.
-            entered: When the current stage began [s].
-            first: The first level: the solution of the window over the current stage.
-            prediction: The shifted plan; it normalizes the costs.
-            previous: The levels of the sample before.
-            stop_at: When solves have to stop, an instant of `time.perf_counter` [s].
+        A level starts from the multipliers, too, that the level of its stage had at the sample before.
         """
         spec = self.spec
         stages = stages[: self.spec.htmpc.depth]
@@ -90,9 +126,9 @@ class Hierarchy(FlatHierarchy):
         )
 
 
-def build_hierarchy(problem: Problem) -> FlatHierarchy:
+def build_hierarchy(problem: Problem) -> Hierarchy:
     """Return the levels of the controller of a problem, if it has any."""
-    return Hierarchy(problem) if problem.spec.controller.traits.has_levels else FlatHierarchy()
+    return StrictPriorities(problem) if problem.spec.controller.traits.has_levels else NoLevels()
 
 
 def _waiting(stage: PlacedStage) -> PlacedStage:

@@ -15,10 +15,10 @@ from psmpc_cli.errors import InputError
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel, shape_of
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.arguments import rejected
 from psmpc_cli.specs.document import LARGEST

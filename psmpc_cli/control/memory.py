@@ -9,11 +9,12 @@ from psmpc_cli.control.estimator import Estimate
 from psmpc_cli.control.fallback import PlansInForce
 from psmpc_cli.control.identification.inertia import NO_INERTIA, InertiaEstimate
 from psmpc_cli.control.identification.load import NO_LOAD, LoadEstimate, RobotAlone
+from psmpc_cli.control.identification.tracking import NO_OBJECT, ObjectEstimate
+from psmpc_cli.control.identification.wheels import WheelEstimate
 from psmpc_cli.control.interface import NewTarget
-from psmpc_cli.control.placement import RouteProgress, Signs
+from psmpc_cli.control.placement import Signs
+from psmpc_cli.control.routes.guidance import RouteProgress
 from psmpc_cli.control.sequence import GraspProgress, MovingSequence
-from psmpc_cli.control.tracking import NO_OBJECT, ObjectEstimate
-from psmpc_cli.control.wheels import WheelEstimate
 from psmpc_cli.solvers import Solution
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from psmpc_cli.control.estimator import Estimate
 from psmpc_cli.control.identification.inertia import InertiaEstimator, MeasuredMotion
 from psmpc_cli.control.identification.load import LoadEstimator, LoadPrior, RobotAlone, RobotAndObject
+from psmpc_cli.control.identification.wheels import WheelEstimator
 from psmpc_cli.control.interface import State
 from psmpc_cli.control.memory import Memory
-from psmpc_cli.control.wheels import WheelEstimator
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.specs.task import LoadPriorSpec

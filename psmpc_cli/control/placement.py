@@ -1,14 +1,13 @@
 """What a sample sets of the task's stages: the chart of the attitude, and where targets are in it."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.control.interface import State
+from psmpc_cli.control.identification.tracking import ObjectEstimate
+from psmpc_cli.control.identification.wheels import WheelEstimate, WheelEstimator
 from psmpc_cli.control.sequence import MovingSequence
-from psmpc_cli.control.tracking import ObjectEstimate
-from psmpc_cli.control.wheels import WheelEstimate, WheelEstimator
 from psmpc_cli.ocp.plan import Plan, resting_plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import ConstraintNumbers, PlacedStage, SampleContext
@@ -42,29 +41,6 @@ class Placement:
     def with_arguments(self, arguments: Mapping[str, np.ndarray]) -> "Placement":
         """Return the placement with the arguments of constraints that samples set, by name."""
         return replace(self, stages=tuple(stage.with_arguments(arguments) for stage in self.stages))
-
-
-@dataclass(frozen=True, eq=False)
-class RouteProgress:
-    """How far the robot has come on its routes.
-
-    Attributes:
-        progress: Share of the length of each stage's route, by stage index; 1 and no entry: the target itself counts.
-        waypoints: Numbers of the targets there, by stage index, where the target itself does not count yet.
-    """
-
-    progress: Mapping[int, float] = field(default_factory=dict)
-    waypoints: Mapping[int, np.ndarray] = field(default_factory=dict)
-
-
-class DirectGuide:
-    """Guides the robot of a task without routes: straight to the targets."""
-
-    def followed(
-        self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
-    ) -> RouteProgress:
-        """Return how far a robot in a state has come on its routes: as far as before, on none."""
-        return before
 
 
 class Placer:

@@ -15,7 +15,7 @@ from psmpc_cli.figures import style
 from psmpc_cli.figures.coordinates import LIMIT_DISTANCE
 from psmpc_cli.figures.timeline import label_row, leave_out, runs_of, timeline
 from psmpc_cli.logs.run import Run
-from psmpc_cli.robot.wheels import Wheels
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.specs.object import GRASP_LOADS
 
 HATCHES = ("", "//////", "......")

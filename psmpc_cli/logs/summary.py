@@ -21,9 +21,9 @@ from psmpc_cli.logs.verdicts import (
 )
 from psmpc_cli.ocp.problem import Problem, in_own_chart
 from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.robot.actuators.thrusters import Thrusters
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import space_of_pose
-from psmpc_cli.robot.thrusters import Thrusters
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.parts import CoordinateUnits
 from psmpc_cli.specs.robot import Limits
 from psmpc_cli.specs.task import PublishedRun, TaskSpec

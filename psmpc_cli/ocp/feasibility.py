@@ -25,12 +25,12 @@ from psmpc_cli.ocp.postures import largest_load_ratio, unforeseen
 from psmpc_cli.ocp.problem import in_own_chart
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.targets import clearance_remarks, cone_remarks, monitor_faults
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import furthest_centre
 from psmpc_cli.robot.rotations import conjugate, log, product, rotate
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task

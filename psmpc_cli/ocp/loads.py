@@ -18,11 +18,11 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.dynamics import InertialParameters, n_stored, with_stored
 from psmpc_cli.robot.held_load import described_grasps, held_force, held_force_jacobian, held_momentum
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import matrix_vector, transposed
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.object import ObjectBody
 from psmpc_cli.specs.parts import MobilityTraits
 from psmpc_cli.specs.task import TaskSpec

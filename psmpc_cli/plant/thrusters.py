@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.task import TaskSpec
 
 

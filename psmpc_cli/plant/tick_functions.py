@@ -12,13 +12,13 @@ import numpy as np
 
 from psmpc_cli.plant.base import JointFriction, limited_force
 from psmpc_cli.plant.grasp import Capture, GraspLaw
+from psmpc_cli.robot.actuators.wheels import Wheels, by_expressions
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import of_driven, with_stored
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.held_load import held_force, pushed_held_force
 from psmpc_cli.robot.kinematics import runge_kutta
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.wheels import Wheels, by_expressions
 from psmpc_cli.specs.object import GRASP_LOADS
 
 LOADS = len(GRASP_LOADS)

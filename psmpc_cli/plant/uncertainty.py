@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction
+from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, stack
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.uncertainty import NoiseSpec, UncertaintySpec, standard_deviations

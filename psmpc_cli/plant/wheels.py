@@ -1,11 +1,11 @@
-"""How the motors of reaction wheels are driven, tick by tick, and what the wheels store by then; `robot/wheels.py`."""
+"""How motors of reaction wheels are driven, tick by tick, and what the wheels then store; robot/actuators/wheels.py."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.task import TaskSpec
 
 

@@ -30,10 +30,10 @@ from psmpc_cli.logs.run import Run, RunOrPath, resolve_runs
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.report.pages import Page, render
 from psmpc_cli.report.texts import describe_forces, describe_mission
+from psmpc_cli.robot.actuators.plumes import Plumes
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.geometry import Piece, pieces_of
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.plumes import Plumes
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.specs.geometry import Shape
 from psmpc_cli.specs.object import GRASP_LOADS

@@ -26,8 +26,8 @@ from psmpc_cli.plant import ForceLimits, Ticks
 from psmpc_cli.plant.grasp import MISSED_BY, Capture
 from psmpc_cli.plant.uncertainty import Contact, Uncertainty, force_limits_of
 from psmpc_cli.plant.wheels import WheelTicks
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import Chart
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.clearance import ClearanceMeter
 from psmpc_cli.solvers import Solution
 from psmpc_cli.specs.robot import Limits

@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.control.identification.inertia import NO_INERTIA
 from psmpc_cli.control.identification.load import NO_LOAD
-from psmpc_cli.robot.wheels import Wheels
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.specs.load import load_task
 
 

@@ -13,9 +13,9 @@ from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.plant.thrusters import ThrusterFiring, firing_of
 from psmpc_cli.plant.uncertainty import force_limits_of
 from psmpc_cli.plant.wheels import WheelDrive
+from psmpc_cli.robot.actuators.thrusters import Thrusters
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.thrusters import Thrusters
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.actuators import PlanarThruster, SpatialThruster
 from psmpc_cli.specs.load import load_robot, load_task
 

@@ -13,9 +13,9 @@ from psmpc_cli.plant.grasp import build_capture
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.plant.wheels import WheelDrive, drive_of
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel, load_robot
 from psmpc_cli.robot.mujoco_model import mujoco_spec, set_wheel_inertias, wheel_names
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.robot import stack
 

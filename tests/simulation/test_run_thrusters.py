@@ -7,7 +7,7 @@ import pytest
 
 from psmpc_cli.logs.run import Run
 from psmpc_cli.report.texts import measure_rows, warnings_of
-from psmpc_cli.robot.thrusters import STANDARD_GRAVITY, Thrusters
+from psmpc_cli.robot.actuators.thrusters import STANDARD_GRAVITY, Thrusters
 from psmpc_cli.simulation.replay import continue_run, replay, rerun
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task

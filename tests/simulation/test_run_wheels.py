@@ -13,7 +13,7 @@ from psmpc_cli.ocp.constraints import node_rows
 from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.report.texts import measure_rows
-from psmpc_cli.robot.wheels import Wheels
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.simulation.replay import logged_solve, replay, rerun
 from psmpc_cli.simulation.run import build_experiment, simulate
 from psmpc_cli.specs.load import Task, parse_task

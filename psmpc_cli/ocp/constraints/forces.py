@@ -13,13 +13,13 @@ They are divided by the diagonal of H, so that they are changes of velocities li
 N s those of a heavy robot ask the interior-point method for digits that it does not have. The force of the base is
 along its own axes, as thrusters and wheels are.
 
-What thrusters can give is bounded by pairs of planes, low <= N F_base <= high (robot/thrusters.py). Each is one more
-row, h N F_base, scaled so that the factors of F_i / H_ii are a unit vector. A limit of one component is the case of a
-plane across one axis.
+What thrusters can give is bounded by pairs of planes, low <= N F_base <= high (robot/actuators/thrusters.py). Each is
+one more row, h N F_base, scaled so that the factors of F_i / H_ii are a unit vector. A limit of one component is the
+case of a plane across one axis.
 
-So are the torques of the motors of wheels that turn the base, -A^+ M, M the moment on the base (robot/wheels.py). M has
-the gyroscopic moment omega x h_w of what wheels store in it, which is linear in h_w: in the slower time it is that of
-sqrt(h) h_w.
+So are the torques of the motors of wheels that turn the base, -A^+ M, M the moment on the base
+(robot/actuators/wheels.py). M has the gyroscopic moment omega x h_w of what wheels store in it, which is linear in h_w:
+in the slower time it is that of sqrt(h) h_w.
 """
 
 from collections.abc import Mapping
@@ -32,9 +32,9 @@ from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, of_sta
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
 from psmpc_cli.ocp.loads import Load, LoadKind, OwnMotion, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
+from psmpc_cli.robot.actuators.thrusters import HalfSpaces, Thrusters, no_half_spaces
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.thrusters import HalfSpaces, Thrusters, no_half_spaces
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.parts import MobilityTraits
 from psmpc_cli.specs.robot import resolve_limits
 from psmpc_cli.specs.task import TaskSpec

@@ -1,8 +1,9 @@
 """Which thrusters are shut because of their plumes, at a sample and along the plan in force.
 
-A thruster is shut while its plume reaches the object or an obstacle (robot/plumes.py). What the others give is bounded
-by the planes of all of them, nearer to each other (robot/thrusters.py): so the rows of forces are the same, and numbers
-that samples set say how far apart their bounds are over each interval (ocp/constraints/forces.py).
+A thruster is shut while its plume reaches the object or an obstacle (robot/actuators/plumes.py). What the others give
+is bounded by the planes of all of them, nearer to each other (robot/actuators/thrusters.py): so the rows of forces are
+the same, and numbers that samples set say how far apart their bounds are over each interval
+(ocp/constraints/forces.py).
 
 The plan in force is looked at once a sample time. A thruster counts as shut over an interval if it is at any of these
 times in it, or next to it.
@@ -23,10 +24,10 @@ from psmpc_cli.ocp.constraints.clearance import (
     state_of_obstacle,
 )
 from psmpc_cli.ocp.stage import SampleContext, Stage
+from psmpc_cli.robot.actuators.plumes import Plumes
+from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.kinematics import SpatialFrame
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.plumes import Plumes
-from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.task import TaskSpec
 
 NARROWEST = 1e-6

@@ -2,7 +2,7 @@
 
 While nothing thrusts the angular momentum L of everything about the inertial origin stays, so what wheels store
 follows from the state at a node (ocp/loads.py). Each of them has its share, least in norm, and what it has of the part
-that adds up to nothing, which motors leave (robot/wheels.py):
+that adds up to nothing, which motors leave (robot/actuators/wheels.py):
 
     h = A^+ h_w(x, L) + (I - A^+ A) h_now.
 
@@ -26,8 +26,8 @@ from psmpc_cli.ocp.constraints.base import (
 from psmpc_cli.ocp.constraints.forces import inertia
 from psmpc_cli.ocp.loads import FOLLOWS, Load, LoadKind, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.specs.task import TaskSpec
 
 

@@ -20,10 +20,10 @@ from psmpc_cli.ocp.window import window_numbers, window_shape
 from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
+from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.solvers.quadratic import PiqpQp, QpStatus, RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds

@@ -13,10 +13,10 @@ from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.plant.rk4 import Rk4Plant
+from psmpc_cli.robot.actuators.plumes import Plumes
+from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.configuration import IDENTITY
 from psmpc_cli.robot.model import RobotModel, load_robot
-from psmpc_cli.robot.plumes import Plumes
-from psmpc_cli.robot.thrusters import Thrusters
 from psmpc_cli.specs.actuators import SpatialThruster
 from psmpc_cli.specs.geometry import ObstacleSpec
 from psmpc_cli.specs.load import Task, load_task

@@ -16,8 +16,8 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.window import Window, window_numbers, window_shape
 from psmpc_cli.plant.base import Setpoints
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.wheels import Wheels
 from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.load import Task, load_robot

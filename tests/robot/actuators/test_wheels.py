@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel, load_robot
-from psmpc_cli.robot.wheels import Wheels
 
-from ..wheeled import PYRAMID, TWO_WHEELS, robot_in
+from ...wheeled import PYRAMID, TWO_WHEELS, robot_in
 
 TURNED = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 

@@ -12,7 +12,7 @@ import numpy as np
 from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.loads import FOLLOWS, Load, known_load
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.robot.wheels import Wheels, by_numbers
+from psmpc_cli.robot.actuators.wheels import Wheels, by_numbers
 
 
 @dataclass(frozen=True, eq=False)

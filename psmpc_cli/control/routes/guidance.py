@@ -6,14 +6,15 @@ target on, the stage is as ever. Until then its end is not detected, and the nex
 """
 
 import logging
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from psmpc_cli.control.identification.tracking import ObjectEstimate
 from psmpc_cli.control.interface import State
-from psmpc_cli.control.placement import DirectGuide, RouteProgress
-from psmpc_cli.control.routes import Route, StraightMotions, find_route
-from psmpc_cli.control.tracking import ObjectEstimate
+from psmpc_cli.control.routes.route import Route, StraightMotions, find_route
 from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, kept_groups, poses_at
 from psmpc_cli.ocp.postures import configurations, held_pose, unforeseen
@@ -49,7 +50,48 @@ class PlannedRoute:
     chart: Chart
 
 
-class Guide(DirectGuide):
+@dataclass(frozen=True, eq=False)
+class RouteProgress:
+    """How far the robot has come on its routes.
+
+    Attributes:
+        progress: Share of the length of each stage's route, by stage index; 1 and no entry: the target itself counts.
+        waypoints: Numbers of the targets there, by stage index, where the target itself does not count yet.
+    """
+
+    progress: Mapping[int, float] = field(default_factory=dict)
+    waypoints: Mapping[int, np.ndarray] = field(default_factory=dict)
+
+
+class Guide(ABC):
+    """Says which points the costs of stages follow on the way to their targets."""
+
+    @abstractmethod
+    def followed(
+        self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
+    ) -> RouteProgress:
+        """Return how far a robot has come on the routes of the current stage and those after it.
+
+        Args:
+            before: How far it had come at the sample before.
+            first: Index of the current stage.
+            time: Of the sample [s].
+            state: The robot's.
+            target_object: What is known of the object.
+        """
+
+
+class DirectGuide(Guide):
+    """Guides the robot of a task without routes: straight to the targets."""
+
+    def followed(
+        self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
+    ) -> RouteProgress:
+        """Return the progress as it was: there is no route to follow."""
+        return before
+
+
+class RouteGuide(Guide):
     """Plans the routes of a task, and says where on them the robot is.
 
     Attributes:
@@ -154,7 +196,7 @@ class Guide(DirectGuide):
     def followed(
         self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
     ) -> RouteProgress:
-        """Return how far a robot in a state has come on the routes of the current stage and those after it."""
+        """Return how far the robot has come, see `Guide.followed`: to the farthest point that it sees."""
         progress = dict(before.progress)
         waypoints = dict[int, np.ndarray]()
         n = self._problem.model.n
@@ -188,6 +230,6 @@ class Guide(DirectGuide):
         return skill_in(self._problem.stages[stage].space).numbers_at(model, posture)
 
 
-def build_guide(problem: Problem) -> DirectGuide:
+def build_guide(problem: Problem) -> Guide:
     """Return what guides the robot of a problem, with routes if the task asks for them."""
-    return Guide(problem) if problem.spec.routes is not None else DirectGuide()
+    return RouteGuide(problem) if problem.spec.routes is not None else DirectGuide()

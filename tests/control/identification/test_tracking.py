@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.tracking import FilteredObject, Grip, to_be_closed
+from psmpc_cli.control.identification.tracking import FilteredObject, Grip, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.object import MotionSpec, ObjectBody
 
-from ..ocp.transport_windows import sequence_of
+from ...ocp.transport_windows import sequence_of
 
 DRIFTING = load_task("catch_drifting", {"controller.nodes": 12})
 

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from psmpc_cli.control.guidance import Guide
+from psmpc_cli.control.identification.tracking import NO_OBJECT
 from psmpc_cli.control.interface import State
-from psmpc_cli.control.placement import RouteProgress
-from psmpc_cli.control.tracking import NO_OBJECT
+from psmpc_cli.control.routes.guidance import RouteGuide, RouteProgress
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility import remarks
@@ -55,8 +54,8 @@ def problem() -> Problem:
 
 
 @pytest.fixture(scope="module")
-def guide(problem: Problem) -> Guide:
-    return Guide(problem)
+def guide(problem: Problem) -> RouteGuide:
+    return RouteGuide(problem)
 
 
 @pytest.fixture(scope="module")
@@ -64,14 +63,14 @@ def flown() -> Run:
     return simulate(past_a_post())
 
 
-def test_a_blocked_stage_has_a_route_and_a_clear_one_has_none(guide: Guide) -> None:
+def test_a_blocked_stage_has_a_route_and_a_clear_one_has_none(guide: RouteGuide) -> None:
     assert list(guide.routes) == [0] and not guide.blocked
     waypoints = guide.routes[0].route.waypoints
     assert waypoints[0] == pytest.approx(np.r_[0, 0, 0, np.radians([60, 60, 0, -60, -60, 0])])
     assert waypoints[-1] == pytest.approx(np.r_[1.8, 0, 0, np.radians([60, 60, 0, -60, -60, 0])])
 
 
-def test_a_robot_sees_further_along_its_route_as_it_flies(guide: Guide) -> None:
+def test_a_robot_sees_further_along_its_route_as_it_flies(guide: RouteGuide) -> None:
     route = guide.routes[0].route
     before = RouteProgress()
     for share in (0.0, 0.3, 0.6, 0.9, 0.95):
@@ -121,14 +120,14 @@ def test_windows_on_a_route_are_replayed(flown: Run) -> None:
     assert replay(flown, len(flown.time) - 3).largest == 0.0
 
 
-def test_the_same_seed_gives_the_same_route(problem: Problem, guide: Guide) -> None:
-    again = Guide(problem).routes[0].route.waypoints
+def test_the_same_seed_gives_the_same_route(problem: Problem, guide: RouteGuide) -> None:
+    again = RouteGuide(problem).routes[0].route.waypoints
     np.testing.assert_array_equal(again, guide.routes[0].route.waypoints)
 
 
 def test_a_stage_without_a_way_is_named(caplog: pytest.LogCaptureFixture) -> None:
     wall = {"name": "wall", "shape": {"half_space": [-1, 0]}, "pose": [0.9, 0, 0]}
-    found = Guide(build_problem(past_a_post({"obstacles": [wall]})))
+    found = RouteGuide(build_problem(past_a_post({"obstacles": [wall]})))
     assert found.blocked and not found.routes
     assert "found no route to the target of fly" in caplog.text
 
@@ -137,7 +136,7 @@ def test_a_stage_without_a_way_is_named(caplog: pytest.LogCaptureFixture) -> Non
 def test_a_stage_has_no_route_round_what_moves(caplog: pytest.LogCaptureFixture, velocity: list[float]) -> None:
     """Planned as if it stood still, a route would lead where nothing is known to be clear."""
     task = past_a_post({"obstacles": [{**POST, "velocity": velocity}]})
-    found = Guide(build_problem(task))
+    found = RouteGuide(build_problem(task))
     moves = any(velocity)
     assert bool(found.routes) != moves
     assert ("no route to the target of fly: obstacle post moves" in caplog.text) == moves
@@ -162,7 +161,7 @@ def test_while_an_object_is_held_the_base_alone_is_routed() -> None:
         "clearance": {},
         "routes": {"iterations": 500},
     }
-    found = Guide(build_problem(load_task("transport_grasp", changes)))
+    found = RouteGuide(build_problem(load_task("transport_grasp", changes)))
     transport = found.routes[2].route.waypoints
     assert np.ptp(transport[:, :3], axis=0).max() > 0.1
     assert np.ptp(transport[:, 3:], axis=0).max() == 0

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from psmpc_cli.robot.actuators.plumes import Plumes
 from psmpc_cli.robot.kinematics import SpatialFrame
-from psmpc_cli.robot.plumes import Plumes
 from psmpc_cli.robot.rotations import exp
 from psmpc_cli.specs.actuators import PlanarThruster, SpatialThruster
 from psmpc_cli.specs.geometry import Shape

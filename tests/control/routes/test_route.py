@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from psmpc_cli.control.routes import Route, StraightMotions, find_route
+from psmpc_cli.control.routes.route import Route, StraightMotions, find_route
 from psmpc_cli.errors import InputError
 
 RADIUS = 0.2

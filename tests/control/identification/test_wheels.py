@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import psmpc_cli as psmpc
-from psmpc_cli.control.wheels import WheelEstimate, WheelEstimator
+from psmpc_cli.control.identification.wheels import WheelEstimate, WheelEstimator
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.specs.load import Task
 
-from ..wheeled import changing_in, planar_in, spatial_in
+from ...wheeled import changing_in, planar_in, spatial_in
 
 
 @pytest.mark.parametrize("build", [planar_in, spatial_in])

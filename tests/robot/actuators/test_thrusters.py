@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.robot.thrusters import Thrusters
+from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.specs.actuators import PlanarThruster, SpatialThruster, Thruster
 from psmpc_cli.specs.load import load_robot
 

@@ -1,0 +1,1 @@
+"""What acts on the base of a robot: thrusters with their plumes, and reaction wheels."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, kept_groups, poses_at
+from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, groups_to_clear, poses_at
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.postures import arm_postures, held_pose
 from psmpc_cli.ocp.skills import Posture, skill_in
@@ -118,7 +118,7 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     state = None if pose is None else (pose, np.zeros(space.n_twist))
     view = SampleContext(0.0, x, chart.anchor, object_state=state)
     smallest = dict[tuple[str, str], float]()
-    for group in kept_groups(task.spec, model, 0 if stage is None else stage.index).values():
+    for group in groups_to_clear(task.spec, model, 0 if stage is None else stage.index).values():
         argument = argument_of(group, model, view)
         if argument is None or (stage is not None and _has_moved(group, stage, view)):
             continue
@@ -159,7 +159,7 @@ def monitor_faults(task: Task, model: RobotModel) -> Iterator[Fault]:
     for number, monitor in enumerate(task.spec.monitors):
         if monitor.quantity != "clearance":
             continue
-        groups = kept_groups(task.spec, model, names.index(monitor.during)).values()
+        groups = groups_to_clear(task.spec, model, names.index(monitor.during)).values()
         if not any(monitor.is_about(pair_name(*pair)) for group in groups for pair in group.pairs.names):
             message = (
                 f"found {' and '.join(map(quoted, monitor.of)) or 'all pairs'}, expected parts that keep clear in "

@@ -26,12 +26,15 @@ BLOCK = 16
 ALIGNMENT = 64
 """Bytes to which the slots are aligned."""
 
+DOUBLE_SIZE = 8
+"""Bytes of a double."""
+
 SOURCE = (files("psmpc_cli.native") / "tape.c").read_text(encoding="utf-8")
 
 OPERATIONS = {name: int(getattr(ca, name)) for name in re.findall(r"\bOP_\w+", SOURCE) if hasattr(ca, name)}
 """CasADi's numbers of the operations that tape.c knows, by its names for them."""
 
-KNOWN = frozenset(OPERATIONS.values())
+KNOWN_OPERATIONS = frozenset(OPERATIONS.values())
 
 
 class TapeProgram(ctypes.Structure):
@@ -69,9 +72,10 @@ def _load(path: str) -> tuple[Callable[..., None], Callable[..., int]]:
 
 
 def tape_of(function: ca.Function) -> "Tape | None":
-    """Return the tape of a function; None where the function has what tapes do not, or their program is not there.
+    """Return a function as a tape, which one compiled program evaluates at many points at once.
 
-    That is compiled with what a run needs, not here.
+    None where CasADi has to evaluate the function itself: it is not of SX or not dense, it has an operation that the
+    program does not know, or the program is not compiled. That is compiled with all else that a run needs, not here.
     """
     is_dense = function.nnz_in() + function.nnz_out() == function.numel_in() + function.numel_out()
     if not function.is_a("SXFunction") or not is_dense:
@@ -83,8 +87,8 @@ def tape_of(function: ca.Function) -> "Tape | None":
     if path is None:
         return None
     count = function.n_instructions()
-    operations = np.fromiter(map(function.instruction_id, range(count)), np.int32, count)
-    if not KNOWN.issuperset(np.unique(operations).tolist()):
+    operations = np.fromiter(map(function.instruction_id, range(count)), np.int32, count)  # CasADi's numbers of them
+    if not KNOWN_OPERATIONS.issuperset(np.unique(operations).tolist()):
         return None
     return Tape(function, operations, str(path))
 
@@ -102,31 +106,20 @@ class Tape:
 
     def __init__(self, function: ca.Function, operations: np.ndarray, path: str) -> None:
         self._run, arrange = _load(path)
+        # One number an entry: what a point of a batch gives, and what it gets.
         self._argument_sizes = np.array([function.numel_in(i) for i in range(function.n_in())], dtype=np.int64)
         self._result_sizes = np.array([function.numel_out(i) for i in range(function.n_out())], dtype=np.int64)
         instructions, constants = self._instructions(function, operations)
-        count = len(instructions)
-        inputs = int(self._argument_sizes.sum())
-        runs = np.zeros((count, 2), np.int32)
-        operands = np.zeros((count, 3), np.int32)
-        self._result_slots = np.zeros(int(self._result_sizes.sum()), np.int32)
-        sizes = np.zeros(2, np.int64)
-        arrays = (runs, operands, self._result_slots, sizes[:1], sizes[1:])
-        given = inputs + len(constants)
-        counts = (count, given, function.sz_w(), len(self._result_slots))
-        failed = arrange(instructions.ctypes.data, *counts, *(array.ctypes.data for array in arrays))
-        if failed:
-            raise MemoryError(f"no memory for the instructions of {function}")
-        run_count, slot_count = sizes.tolist()
-        self._runs = runs[:run_count].copy()
-        self._operands = operands[: self._runs[:, 1].sum()].copy()
-        memory = np.zeros(slot_count * BLOCK + ALIGNMENT // 8)
-        self._slots = memory[-memory.ctypes.data % ALIGNMENT // 8 :]
-        self._slots[inputs * BLOCK : given * BLOCK] = np.repeat(constants, BLOCK)
+        slot_count = self._arrange(arrange, instructions, len(constants), function)
+        # A slot holds one value at each point of a block: first those of arguments, then constants, then results.
+        entry_count = int(self._argument_sizes.sum())
+        memory = np.zeros(slot_count * BLOCK + ALIGNMENT // DOUBLE_SIZE)
+        self._slots = memory[-memory.ctypes.data % ALIGNMENT // DOUBLE_SIZE :]
+        self._slots[entry_count * BLOCK : (entry_count + len(constants)) * BLOCK] = np.repeat(constants, BLOCK)
         self._input_addresses = np.zeros_like(self._argument_sizes)
         self._result_addresses = np.zeros_like(self._result_sizes)
         self._program = TapeProgram(
-            run_count=run_count,
+            run_count=len(self._runs),
             argument_count=len(self._argument_sizes),
             result_count=len(self._result_sizes),
             runs=self._runs.ctypes.data,
@@ -142,44 +135,79 @@ class Tape:
         self._capacity = 0
         self._reserve(1)
 
-    @staticmethod
-    def _instructions(function: ca.Function, operations: np.ndarray) -> tuple[np.ndarray, list[float]]:
-        """Translate the instructions of a CasADi function into those of tape.c.
+    def _arrange(
+        self, arrange: Callable[..., int], instructions: np.ndarray, constant_count: int, function: ca.Function
+    ) -> int:
+        """Order the instructions for fast evaluation and say where each of their values is kept.
 
-        Each is a row: operation, register of the result, registers of both operands; of an operation with one operand
-        that stands twice. CasADi numbers entries of arguments and results within each of them: here the entries of all
-        arguments are numbered through, then come the constants, and the entries of all results are numbered through.
+        Instructions of the same operation are brought one after the other where they can be (a run), so that looking at
+        an operation is paid once. Each value gets a slot of the memory, which is used again after its last reader.
 
         Args:
-            function: The function.
-            operations: The operations of its instructions (count,).
+            arrange: The function of tape.c that does it; returns 0, or -1 where it has no memory.
+            instructions: As `_instructions` returns them, (count, 4).
+            constant_count: How many constants they have.
+            function: The function that they are of.
+
+        Returns:
+            The number of slots.
+        """
+        count = len(instructions)
+        runs = np.zeros((count, 2), np.int32)  # operation, how many instructions
+        operands = np.zeros((count, 3), np.int32)  # slots of result, left and right operand
+        self._result_slots = np.zeros(int(self._result_sizes.sum()), np.int32)
+        run_count = np.zeros(1, np.int64)
+        slot_count = np.zeros(1, np.int64)
+        filled_slots = int(self._argument_sizes.sum()) + constant_count
+        counts = (count, filled_slots, function.sz_w(), len(self._result_slots))
+        outputs = (runs, operands, self._result_slots, run_count, slot_count)
+        status = arrange(instructions.ctypes.data, *counts, *(output.ctypes.data for output in outputs))
+        if status != 0:
+            raise MemoryError(f"no memory for the instructions of {function}")
+        self._runs = runs[: run_count[0]].copy()
+        self._operands = operands[: self._runs[:, 1].sum()].copy()
+        return int(slot_count[0])
+
+    @staticmethod
+    def _instructions(function: ca.Function, operations: np.ndarray) -> tuple[np.ndarray, list[float]]:
+        """Translate the instructions of a CasADi function into those that tape.c evaluates.
+
+        Each is a row: operation, register of the result, registers of both operands; of an operation with one operand
+        that stands twice. CasADi numbers entries of arguments and results within each of them. Here the entries of all
+        arguments are numbered through, then come the constants; and the entries of all results are numbered through.
+
+        Args:
+            function: The function, of SX.
+            operations: CasADi's numbers of the operations of its instructions, (count,).
 
         Returns:
             The instructions (count, 4), and the constants in their order, each once.
         """
         count = len(operations)
+        # The first entry of each argument and result among the entries of all; the constants follow the arguments.
         first_input = np.cumsum([0, *(function.numel_in(i) for i in range(function.n_in()))]).tolist()
         first_output = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))]).tolist()
         first_constant = first_input[-1]
         instructions = np.zeros((count, 4), np.int32)
         instructions[:, 0] = operations
-        results = map(function.instruction_output, range(count))
-        operands = map(function.instruction_input, range(count))
+        written = map(function.instruction_output, range(count))
+        read = map(function.instruction_input, range(count))
         instructions[:, 1:] = [
-            (result[0], read[0], read[-1]) if result and read else (0, 0, 0)
-            for result, read in zip(results, operands, strict=True)
+            (results[0], operands[0], operands[-1]) if results and operands else (0, 0, 0)
+            for results, operands in zip(written, read, strict=True)
         ]
-        constants = dict[float, int]()
+        # Constants, inputs and outputs have numbers of their own kinds where others have registers.
+        index_of_constant = dict[float, int]()
         for k in np.flatnonzero(operations == OPERATIONS["OP_CONST"]).tolist():
-            number = constants.setdefault(function.instruction_constant(k), len(constants))
-            instructions[k, 1:] = function.instruction_output(k)[0], first_constant + number, 0
+            index = index_of_constant.setdefault(function.instruction_constant(k), len(index_of_constant))
+            instructions[k, 1:] = function.instruction_output(k)[0], first_constant + index, 0
         for k in np.flatnonzero(operations == OPERATIONS["OP_INPUT"]).tolist():
             argument, entry = function.instruction_input(k)
             instructions[k, 2:] = first_input[argument] + entry, 0
         for k in np.flatnonzero(operations == OPERATIONS["OP_OUTPUT"]).tolist():
             result, entry = function.instruction_output(k)
             instructions[k, 1] = first_output[result] + entry
-        return instructions, list(constants)
+        return instructions, list(index_of_constant)
 
     def __call__(self, arguments: Sequence[ArrayLike], rows: int) -> list[np.ndarray]:
         """Evaluate the function and return its results, (rows, size) each.
@@ -249,7 +277,7 @@ class BatchFunction:
     def __init__(self, function: ca.Function, native: bool = False) -> None:
         self.function = function
         self.native = native
-        self._mapped: dict[int, ArrayFunction] = {}  # by number of rows, and by capacity
+        self._mapped: dict[int, ArrayFunction] = {}  # by number of points, and by capacity
 
     def prepare(self) -> None:
         """Make what is evaluated, so that the first call takes no longer than others."""
@@ -260,16 +288,20 @@ class BatchFunction:
         return tape_of(self.function) if self.native else None
 
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:
-        """Evaluate the function at each row and return its results, (rows, size) each.
+        """Evaluate the function at a batch of points and return its results, (rows, size) each.
+
+        By its tape, where it has one. Else by CasADi's map of the function, which has a fixed number of points: it is
+        made for a few more than are wanted, and kept, so that batches of similar size share one.
 
         Args:
-            arguments: (rows, size) each, or what broadcasts to it: (size,) is the same at every row.
-            rows: The number of rows.
+            arguments: (rows, size) each, or what broadcasts to it: (size,) is the same at every point.
+            rows: The number of points.
         """
         if self._tape is not None:
             return self._tape(arguments, rows)
         if rows not in self._mapped:
-            step = 1 << max(rows.bit_length() - 4, 0)  # few sizes, none much larger than the number of rows
+            # rows rounded up to its four leading bits: few capacities, and none more than an eighth too large
+            step = 1 << max(rows.bit_length() - 4, 0)
             capacity = -(-rows // step) * step
             if capacity not in self._mapped:
                 mapped = self.function.map(capacity) if capacity > 1 else self.function

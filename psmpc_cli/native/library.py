@@ -107,12 +107,13 @@ class Library:
 
 
 def library(source: str, name: str, flags: Sequence[str] = ("-O2",), symbols: Sequence[str] = ()) -> Path | None:
-    """Compile C source to a shared library, or find it in the cache, as `paths_of` does.
+    """Return the shared library of some C source, compiled now or found in the cache; None where it cannot be compiled.
 
-    A file's name has the digest of source, flags, compiler version and machine (with `-march=native` among the flags,
-    of the instruction set too), and the digest of the file itself, which is checked before it is loaded: loading a
-    library that was cut off ends the process. The library has been loaded once, so `ctypes.CDLL` or `casadi.external`
-    can load it. The first compilation of a program, and the reason of a failure, are logged as information.
+    The name of the file in the cache has two digests. One is of all that the machine code depends on: source, flags,
+    compiler version and machine (with `-march=native` among the flags, also the instruction set). The other is of the
+    file itself and is checked before it is loaded: loading a library that was cut off ends the process. The library has
+    been loaded once, so `ctypes.CDLL` or `casadi.external` can load it. The first compilation of a program, and the
+    reason of a failure, are logged as information.
 
     Args:
         source: C, with no includes but the system's.
@@ -154,25 +155,28 @@ def _entries(directory: Path, changed: int) -> dict[str, list[Path]]:
 
 
 def _compile_missing(libraries: Sequence[Library]) -> dict[Library, Path | None]:
-    """Compile libraries several at once; return their files, None for those that failed."""
+    """Compile libraries in several threads at once; return their files, None for those that failed.
+
+    The calling thread waits meanwhile, looks every half second whether compilations have ended, and reports progress.
+    """
     directory = cache_directory()
     _remove_unused(directory)
     title = f"compiling solver and plant code with {_name_of(find_compiler())} (once, kept in {directory})"
     work = Work("libraries", len(libraries), title=title, small_parts=True, announced=True)
-    made: dict[Library, Path | None] = dict.fromkeys(libraries)
+    paths: dict[Library, Path | None] = dict.fromkeys(libraries)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        calls = {threads.submit(each.compile): each for each in libraries}
-        waiting = set(calls)
-        while waiting:
-            ended, waiting = wait(waiting, timeout=POLL, return_when=FIRST_COMPLETED)
-            for call in ended:
+        library_of_job = {threads.submit(library.compile): library for library in libraries}
+        running = set(library_of_job)
+        while running:
+            ended, running = wait(running, timeout=POLL, return_when=FIRST_COMPLETED)
+            for job in ended:
                 try:
-                    made[calls[call]] = call.result()
+                    paths[library_of_job[job]] = job.result()
                 except (CompilationError, OSError) as error:
                     _report(f"{error}; continuing without compiled code")
                 work.advance()
             work.wait()
-    return made
+    return paths
 
 
 def compile_all(libraries: Iterable[Library]) -> bool:
@@ -182,10 +186,11 @@ def compile_all(libraries: Iterable[Library]) -> bool:
 
 
 def cache_directory() -> Path:
-    """Return the directory of compiled libraries: PSMPC_CACHE, else `psmpc` below XDG_CACHE_HOME or ~/.cache.
+    """Return the directory in which compiled libraries are kept from run to run.
 
-    It exists, is writable, and nobody else may write to it: what is in it is executed. Where that is not possible, it
-    is a temporary directory that is deleted at exit.
+    It is PSMPC_CACHE, else `psmpc` below XDG_CACHE_HOME or ~/.cache. What is in it is executed, so it must be writable
+    for this user and for nobody else. Where it cannot be made, or others may write to it, the libraries are kept for
+    this run alone, in a temporary directory that is deleted at exit.
     """
     chosen = os.environ.get(CACHE_VARIABLE)
     base = os.environ.get("XDG_CACHE_HOME", "")
@@ -196,19 +201,20 @@ def cache_directory() -> Path:
         else:
             directory = (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "psmpc"
         directory.mkdir(parents=True, exist_ok=True, mode=0o700)
-        private = _is_private(directory)
+        is_private = _is_private(directory)
     except (OSError, RuntimeError):  # it cannot be made, or the user has no home
         return _temporary_directory()
-    if not private:
+    if not is_private:
         _report(f"{directory} belongs to or may be written by somebody else: compiled code is kept for this run alone")
         return _temporary_directory()
     return directory if os.access(directory, os.W_OK | os.X_OK) else _temporary_directory()
 
 
 def find_compiler() -> tuple[str, ...]:
-    """Return the command of the C compiler.
+    """Return the command of the C compiler, word by word.
 
-    That is the environment variable CC, else the first of cc, gcc, clang on PATH, else that of the package `ziglang`.
+    That is the environment variable CC, else the first of cc, gcc, clang on PATH, else that of the Python package
+    `ziglang`, which `pip install 'psmpc[compiler]'` brings.
 
     Raises:
         CompilationError: There is none.
@@ -219,12 +225,13 @@ def find_compiler() -> tuple[str, ...]:
     except ValueError as error:
         raise CompilationError(f"no C compiler: CC is {chosen!r}, which is no command ({error})") from None
     for command in filter(None, commands):
-        if program := shutil.which(command[0]):
+        program = shutil.which(command[0])
+        if program is not None:
             return (program, *command[1:])
     if not chosen and find_spec("ziglang") is not None:
         return (sys.executable, "-m", "ziglang", "cc")
-    found = f"CC is {chosen!r}, which is not a program" if chosen else f"none of {', '.join(COMPILERS)} on PATH"
-    raise CompilationError(f"no C compiler: {found}; pip install 'psmpc[compiler]' brings one")
+    reason = f"CC is {chosen!r}, which is not a program" if chosen else f"none of {', '.join(COMPILERS)} on PATH"
+    raise CompilationError(f"no C compiler: {reason}; pip install 'psmpc[compiler]' brings one")
 
 
 def describe_compiler() -> str:
@@ -260,10 +267,11 @@ def _macros(compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
 
 
 def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str, flags: Sequence[str]) -> Path:
-    """Compile C code into a shared library of a cache, and return its path there.
+    """Compile C code into a shared library in the cache, and return its path there.
 
-    Its name ends with a digest of its content, by which a damaged file is told. It is made in a temporary directory of
-    the cache, stored on disk and then renamed: safe for several processes at once, and when the machine stops.
+    The name of the file ends with a digest of its content, so that a damaged file is recognized later. It is compiled
+    in a temporary directory inside the cache, synced to disk and then renamed: other processes never see an unfinished
+    file, and neither does the next run after a crash of the machine.
 
     Args:
         compiler: Command of the compiler, word by word.
@@ -273,16 +281,16 @@ def _compile(compiler: tuple[str, ...], source: str, directory: Path, name: str,
         flags: Further arguments of the compiler.
     """
     with tempfile.TemporaryDirectory(prefix=MAKING, dir=directory) as folder:
-        # The file names are always the same because compilers write them into the library.
-        written = Path(folder) / "source.c"
-        made = Path(folder) / f"made{SUFFIX}"
-        written.write_text(source, encoding="utf-8")
-        _run([*compiler, *flags, "-fPIC", "-shared", written.name, "-o", made.name, "-lm"], written.parent)
-        made.chmod(0o700)
-        with made.open("rb+") as file:
+        # Compilers write the names of files into the library: with constant names equal sources give equal bytes.
+        source_file = Path(folder) / "source.c"
+        library_file = Path(folder) / f"made{SUFFIX}"
+        source_file.write_text(source, encoding="utf-8")
+        _run([*compiler, *flags, "-fPIC", "-shared", source_file.name, "-o", library_file.name, "-lm"], Path(folder))
+        library_file.chmod(0o700)
+        with library_file.open("rb+") as file:
             digest = _digest(file.read())
             os.fsync(file.fileno())
-        return made.replace(directory / f"{name}-{digest}{SUFFIX}")
+        return library_file.replace(directory / f"{name}-{digest}{SUFFIX}")
 
 
 @contextmanager

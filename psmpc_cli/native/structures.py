@@ -19,12 +19,16 @@ def layout_source(structure: type[ctypes.Structure], symbol: str) -> str:
 
 
 def require_layout(library: ctypes.CDLL, structure: type[ctypes.Structure], symbol: str) -> None:
-    """Make sure that a structure has the same layout in a library as in Python.
+    """Make sure that C code and ctypes agree where each member of a structure stands in memory.
+
+    The structure is declared twice, in C and in Python. If the two drifted apart, the C code would read other numbers
+    than Python has written, without an error.
 
     Args:
-        library: One with the source of `layout_source` in it.
+        library: A loaded library with the source of `layout_source` in it: an array of the structure's size, then the
+            offset of each member [bytes].
         structure: The declaration in Python.
-        symbol: Name of the array there.
+        symbol: Name of that array.
 
     Raises:
         RuntimeError: A member stands elsewhere, or the sizes differ.

@@ -29,7 +29,7 @@ from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.robot.reach import furthest_centre
+from psmpc_cli.robot.reach import Reach, furthest_centre
 from psmpc_cli.robot.rotations import conjugate, log, product, rotate
 from psmpc_cli.specs.arguments import require
 from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
@@ -54,7 +54,7 @@ SPEED_SLACK = 1e-6
 
 
 def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), *, feasibility: bool = True) -> Task:
-    """Load a task and its robot, and make sure that nothing stands against it: what `psmpc check` rejects is an error.
+    """Load a task and its robot, and make sure that it can be done: what `psmpc check` rejects is an error.
 
     Args:
         reference: The name of a built-in task, the path of a file, or the task itself as a mapping of its keys.
@@ -102,38 +102,47 @@ def review(task: Task) -> list[Fault]:
 
 
 def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Yield faults of a capture whose end condition or targets do not guarantee the grippers' envelope."""
+    """Yield faults of a capture: its grippers may arrive where the object's grasps do not close.
+
+    Grippers close while position, angle and velocities relative to the grasp are within the grasp's envelope. The stage
+    before the capture has to guarantee that: by its target, and by the tolerances of its end condition.
+    """
     target_object = task.spec.body
     stage = forecasts[task.spec.held_stages.start - 1].stage
     poses = stage.poses_of_arms
-    if not (target_object.mass and stage.end.rows and set(target_object.grippers) <= set(poses)):
+    brings_grippers_there = len(stage.end.rows) > 0 and set(target_object.grippers) <= set(poses)
+    if target_object.mass == 0.0 or not brings_grippers_there:
         return
     envelope = target_object.grasp.envelope
 
     def norms(motion: np.ndarray) -> list[float]:
-        return [float(np.linalg.norm(part)) for part in np.split(motion, [task.robot.dimension])]
+        linear, angular = np.split(motion, [task.robot.dimension])
+        return [float(np.linalg.norm(linear)), float(np.linalg.norm(angular))]
 
     space = configuration_space(task.robot)
-    tolerance = np.full(len(stage.weights), np.inf)
-    tolerance[list(stage.end.rows)] = stage.end.tolerance
-    rate = np.full(len(stage.weights), np.inf)
+    tolerance_of_row = np.full(len(stage.weights), np.inf)
+    tolerance_of_row[list(stage.end.rows)] = stage.end.tolerance
+    rate_tolerance_of_row = np.full(len(stage.weights), np.inf)
     if stage.end.rate_tolerance is not None:
-        rate[list(stage.end.rows)] = stage.end.rate_tolerance
-    widths = dict[str, list[float]]()
-    for arm, at in target_object.grasp.at.items():
+        rate_tolerance_of_row[list(stage.end.rows)] = stage.end.rate_tolerance
+    arrival_errors = dict[str, list[float]]()  # of each arm, in the order of ENVELOPE
+    for arm, grasp_pose in target_object.grasp.at.items():
         rows = stage.parts[arm].rows
-        widths[arm] = norms(tolerance[rows]) + norms(rate[rows])
-        metres, angle = norms(space.pose_error(poses[arm], space.composed(target_object.pose, at)))
-        fixed = not (target_object.motion.moves or arm in stage.on_object)
-        if fixed and (metres > envelope.position or angle > envelope.angle):
-            far = f"{metres:.3g} m and {np.degrees(angle):.3g} deg"
+        arrival_errors[arm] = norms(tolerance_of_row[rows]) + norms(rate_tolerance_of_row[rows])
+        distance, angle = norms(space.pose_error(poses[arm], space.composed(target_object.pose, grasp_pose)))
+        follows_object = target_object.motion.moves or arm in stage.on_object
+        is_outside = distance > envelope.position or angle > envelope.angle
+        if is_outside and not follows_object:
+            far = f"{distance:.3g} m and {np.degrees(angle):.3g} deg"
             message = f"found a pose {far} from where {quoted(stage.name)} leads {arm}, expected it there"
             yield Fault(("object", "grasp", "at", arm), message)
     for row, (key, unit) in enumerate(ENVELOPE.items()):
-        width, arm = max((values[row], arm) for arm, values in widths.items())
+        largest, arm = max((errors[row], arm) for arm, errors in arrival_errors.items())
         allowed = getattr(envelope, key)
-        if width > allowed * (1 + SLACK):
-            arrives = f"lets {arm} arrive within {width:.3g} {unit}" if np.isfinite(width) else f"does not bound {arm}"
+        if largest > allowed * (1 + SLACK):
+            arrives = (
+                f"lets {arm} arrive within {largest:.3g} {unit}" if np.isfinite(largest) else f"does not bound {arm}"
+            )
             message = (
                 f"found {allowed:.3g} {unit}, expected no less than {quoted(stage.name)} ends with, which {arrives}"
             )
@@ -165,73 +174,91 @@ def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
 
 
 def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterator[Fault]:
-    """Give the poses that an arm is_proven cannot take, or those that it perhaps can, though it was not found how.
+    """Yield the poses of a stage's target that an arm cannot take, with the base where the target has it.
 
-    Where joint coordinates were looked for and none were found, that is certain of short planar arms alone.
+    Args:
+        task: The task.
+        forecast: The stage, with the reach of its arms at each of its waypoints.
+        certain: Yield those of which that is proven (faults); else those of which a search has found no joint
+            coordinates, although there may be some (remarks).
     """
-    robot = task.robot
+    base_pose = configuration_space(task.robot).format_pose
     for index, (waypoint, reaches) in enumerate(zip(forecast.stage.reference.points, forecast.along, strict=True)):
-        base = f"with the base at {configuration_space(robot).format_pose(waypoint)}"
         for arm, reach in reaches.items():
-            is_proven = True
-            far = f"{reach.distance:.4g} m from"
-            if reach.reachable:
-                continue
-            if reach.distance > reach.full_reach:
-                message = (
-                    f"a pose {far} the shoulder of {arm} {base}, expected at most its reach of {reach.full_reach:.4g} m"
-                )
-            elif not reach.within_annulus:
-                message = (
-                    f"a pose that puts the last joint {reach.wrist_distance:.4g} m from the shoulder of {arm} {base}, "
-                    f"expected between {reach.inner:.4g} and {reach.outer:.4g} m, the reach of the links before the "
-                    "last"
-                )
-            elif is_proven := robot.dimension == 2 and len(robot.arms[arm].links) <= ALL_KNOWN:
-                message = (
-                    f"a pose that {arm} can take only beyond its joint limits {base} ({far} its shoulder, within its "
-                    f"reach of {reach.full_reach:.4g} m), expected one within them"
-                )
-            else:
-                metres = reach.missed[0]
-                angle = np.degrees(reach.missed[1])
-                message = (
-                    f"no joint coordinates of {arm} within their limits that take the pose {base}: the nearest misses "
-                    f"it by {metres:.2g} m and {angle:.2g} deg, expected a pose within reach, or weights and an end "
-                    "condition that do not ask for all of it"
-                )
-            if is_proven == certain:
-                yield Fault(_place_of_part(task, forecast.stage, arm, index), f"found {message}")
+            if not reach.reachable:
+                is_proven, message = _missed_pose(task, arm, reach, f"with the base at {base_pose(waypoint)}")
+                if is_proven == certain:
+                    yield Fault(_place_of_part(task, forecast.stage, arm, index), f"found {message}")
+
+
+def _missed_pose(task: Task, arm: str, reach: Reach, base: str) -> tuple[bool, str]:
+    """Say why an arm does not take a pose.
+
+    Args:
+        task: The task.
+        arm: Name of the arm.
+        reach: How far the pose is from its first joint (the shoulder), and how far the arm goes.
+        base: Where the base is, in words.
+
+    Returns:
+        Whether that is proven, and the words. Beyond the length of the links it is; where joint limits alone are in the
+        way, it is for short planar arms, whose solutions are all known.
+    """
+    far = f"{reach.distance:.4g} m from"
+    if reach.distance > reach.full_reach:
+        return True, (
+            f"a pose {far} the shoulder of {arm} {base}, expected at most its reach of {reach.full_reach:.4g} m"
+        )
+    if not reach.within_annulus:
+        return True, (
+            f"a pose that puts the last joint {reach.wrist_distance:.4g} m from the shoulder of {arm} {base}, "
+            f"expected between {reach.inner:.4g} and {reach.outer:.4g} m, the reach of the links before the "
+            "last"
+        )
+    if task.robot.dimension == 2 and len(task.robot.arms[arm].links) <= ALL_KNOWN:
+        return True, (
+            f"a pose that {arm} can take only beyond its joint limits {base} ({far} its shoulder, within its "
+            f"reach of {reach.full_reach:.4g} m), expected one within them"
+        )
+    metres, angle = reach.missed
+    return False, (
+        f"no joint coordinates of {arm} within their limits that take the pose {base}: the nearest misses "
+        f"it by {metres:.2g} m and {np.degrees(angle):.2g} deg, expected a pose within reach, or weights and an end "
+        "condition that do not ask for all of it"
+    )
 
 
 def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
-    """Give where an end condition wants a floating base, though no posture and no momentum of the start lead there.
+    """Yield a fault where an end condition wants a floating base to be where its momentum cannot bring it.
 
-    The common centre of mass moves at p / M, from when the stage can end to when the run does. Only differences along
-    each axis are compared, so that what is given is certain. After a stage in which the base is pushed nothing is.
+    Nothing pushes such a base: the common centre of mass moves at p / M, whatever the arms do, and the base stays
+    within the length of the stretched arms of it. The stage ends between its earliest end and the time limit. Distances
+    are compared axis by axis, so that a fault is certain. Nothing is said once the base was pushed in some stage, or
+    where an object or uncertainty changes the momentum.
     """
     model = forecast.model
     stage = forecast.stage
-    pushed = any(task.spec.moved_by(index, task.robot).is_pushed for index in range(stage.index + 1))
-    if pushed or not task.robot.moved_by.moves or task.spec.uncertainty.changes_the_plant or task.spec.body.mass:
+    was_pushed = any(task.spec.moved_by(index, task.robot).is_pushed for index in range(stage.index + 1))
+    momentum_is_known = not (was_pushed or task.spec.uncertainty.changes_the_plant or task.spec.body.mass)
+    if not (task.robot.moved_by.moves and momentum_is_known):
         return
     d = task.robot.dimension
     Q, v = initial_state(task)
     masses = np.array([body.mass for body in task.robot.bodies])
-    rate = model.momentum(Q, v)[:d] / masses.sum()
-    times = np.array([forecast.earliest_end, max(task.spec.time_limit, forecast.earliest_end)])
-    centre = model.centre_of_mass(Q) + times[:, None] * rate
-    within = {row: tolerance for row, tolerance in tolerances_of(model.space, stage).items() if row < d}
-    asked = list(within)
-    wanted = stage.target[asked]
-    below = centre.min(axis=0)[asked] - wanted
-    above = wanted - centre.max(axis=0)[asked]
-    distance = float(np.linalg.norm(np.maximum(np.maximum(below, above) - list(within.values()), 0.0)))
-    most = furthest_centre(task.robot, stage.limits)
-    if distance > most * (1 + SLACK) + SLACK:
+    velocity_of_centre = model.momentum(Q, v)[:d] / masses.sum()
+    end_times = np.array([forecast.earliest_end, max(task.spec.time_limit, forecast.earliest_end)])
+    centres = model.centre_of_mass(Q) + end_times[:, None] * velocity_of_centre  # first and last one at the end
+    tolerances = {row: tolerance for row, tolerance in tolerances_of(model.space, stage).items() if row < d}
+    axes = list(tolerances)
+    wanted = stage.target[axes]
+    below = centres.min(axis=0)[axes] - wanted
+    above = wanted - centres.max(axis=0)[axes]
+    distance = float(np.linalg.norm(np.maximum(np.maximum(below, above) - list(tolerances.values()), 0.0)))
+    largest_distance = furthest_centre(task.robot, stage.limits)
+    if distance > largest_distance * (1 + SLACK) + SLACK:
         message = (
             f"found the base at least {distance:.4g} m from the common centre of mass, which momentum keeps, expected "
-            f"at most {most:.4g} m, with all arms stretched"
+            f"at most {largest_distance:.4g} m, with all arms stretched"
         )
         yield Fault(_place_of_part(task, stage, "base", len(stage.reference.points) - 1), message)
 
@@ -286,37 +313,45 @@ def _ends_in_motion(stage: Stage) -> Iterator[tuple[int, float, float]]:
 
 
 def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Give end conditions that can never be met, and times that are too early for what comes before them."""
-    before = 0.0
+    """Yield faults of when stages end: conditions that velocity limits never let be met, and times that are too early.
+
+    A stage cannot end before the one before it; how early that ends at best follows from velocity limits, dwell times
+    and fixed times (`StageForecast.earliest_end`).
+    """
+    earliest_start = 0.0
     for forecast in forecasts:
         stage = forecast.stage
         path = ("stages", forecast.stage.index)
         yield from _rates_beyond_limits(task, stage)
-        for row in forecast.stuck:
-            names = (*labels(task.robot, "joint"), "the attitude of base")
-            is_of_base = row < task.robot.parts["base"] or row == len(names) - 1
-            if is_of_base and not task.robot.moved_by.moves:
-                yield Fault(
-                    (*path, "ends_when"), f"found {names[row]} to be moved, expected it where it is: it is fixed"
-                )
-                continue
-            limits = _span(task, row if row < len(names) - 1 else 3, stage, "velocity")
-            message = f"found {names[row]} to be moved, expected velocity limits that allow it, not {limits}"
-            yield Fault((*path, "ends_when"), message)
-        if stage.end.latest < before + stage.end.dwell:
+        yield from _stuck_coordinates(task, forecast)
+        if stage.end.latest < earliest_start + stage.end.dwell:
             since = dotted(("stages", stage.index - 1))
-            message = f"found {stage.end.latest:g} s, expected later: {since} cannot end before {before:.4g} s"
+            message = f"found {stage.end.latest:g} s, expected later: {since} cannot end before {earliest_start:.4g} s"
             yield Fault((*path, "at"), f"{message} under the velocity limits")
-        before = max(before, forecast.earliest_end)
+        earliest_start = max(earliest_start, forecast.earliest_end)
+
+
+def _stuck_coordinates(task: Task, forecast: StageForecast) -> Iterator[Fault]:
+    """Yield coordinates that a stage's end condition wants elsewhere, though limits or a mount keep them in place."""
+    path = ("stages", forecast.stage.index, "ends_when")
+    names = (*labels(task.robot, "joint"), "the attitude of base")
+    attitude = len(names) - 1  # number of the attitude of a spatial base, behind the coordinates
+    for row in forecast.stuck:
+        is_of_base = row < task.robot.parts["base"] or row == attitude
+        if is_of_base and not task.robot.moved_by.moves:
+            yield Fault(path, f"found {names[row]} to be moved, expected it where it is: it is fixed")
+            continue
+        limits = _span(task, 3 if row == attitude else row, forecast.stage, "velocity")  # row 3: a first angular rate
+        message = f"found {names[row]} to be moved, expected velocity limits that allow it, not {limits}"
+        yield Fault(path, message)
 
 
 def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
-    """Return what is probably not meant.
+    """Return what is probably not meant in a task that can be done: advice of `psmpc check`, not errors.
 
-    A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
-    keep, tolerances below the noise, a load that outweighs a robot which does not know of it, grippers that may open
-    while they carry, commands that arrive in bunches, weights of what nothing acts on, more momentum than wheels store,
-    parts that are nearer than the task keeps them, arms that could be posed for the next stage.
+    It is about poses that were not found to be in reach, trajectories and time limits that no run keeps, tolerances
+    below the noise, loads that outweigh the robot, what is kept clear, weights without effect, and more of the like: a
+    function each.
     """
     stages = [forecast.stage for forecast in forecasts]
     model = forecasts[0].model
@@ -340,56 +375,65 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
 
 
 def _idle_weights(task: Task) -> Iterator[Fault]:
-    """Yield weights of a base that nothing turns, or pushes, in any stage of their skill: they have no effect.
+    """Yield weights of the base that have no effect: in no stage of their skill does something push, or turn, the base.
 
-    One number for all coordinates means those that something acts on.
+    Weights of control, force and rate are idle for each such coordinate, weights of the error for the base's position.
+    A single number for all coordinates means those that something acts on, and is no fault.
     """
-    axes = ERROR_AXES[task.robot.dimension]
+    d = task.robot.dimension
+    axes = ERROR_AXES[d]
     for name, skill in task.spec.skills.items():
         stages = [index for index, stage in enumerate(task.spec.stages) if stage.skill == name]
         moved_by = [task.spec.moved_by(index, task.robot) for index in stages]
         if not moved_by or any(traits.is_pushed for traits in moved_by):
             continue
         is_turned = any(traits.is_turned for traits in moved_by)
-        idle = slice(task.robot.dimension if is_turned else len(axes))
+        idle = slice(d if is_turned else len(axes))  # the position, or the whole pose
+        idle_axes = ", ".join(axes[idle])
         mobilities = " or ".join(dict.fromkeys(traits.name for traits in moved_by))
         for key in ("control", "force", "rate"):
-            by_part = getattr(skill.weights, key)
-            given = by_part.get("base", ()) if isinstance(by_part, Mapping) else ()
-            if any(given[idle]):
-                wanted = (
-                    f"0 for {', '.join(axes[idle])}, or none: nothing {'pushes' if is_turned else 'moves'} the base"
-                )
-                found = f"found weights without effect, expected {wanted} where it is {mobilities}"
-                yield Fault(("skills", name, "weights", key, "base"), found)
-        given = skill.weights.parts.get("base", ())
-        if is_turned and any(given[: task.robot.dimension]):
-            found = (
-                f"found weights of the base's position, expected 0 for {', '.join(axes[idle])}, or arms that follow it"
+            weights_by_part = getattr(skill.weights, key)
+            base_weights = weights_by_part.get("base", ()) if isinstance(weights_by_part, Mapping) else ()
+            if any(base_weights[idle]):
+                reason = f"nothing {'pushes' if is_turned else 'moves'} the base where it is {mobilities}"
+                message = f"found weights without effect, expected 0 for {idle_axes}, or none: {reason}"
+                yield Fault(("skills", name, "weights", key, "base"), message)
+        error_weights = skill.weights.parts.get("base", ())
+        if is_turned and any(error_weights[:d]):
+            message = (
+                f"found weights of the base's position, expected 0 for {idle_axes}, or arms that follow it: "
+                f"nothing pushes the base where it is {mobilities}"
             )
-            yield Fault(
-                ("skills", name, "weights", "base"), f"{found}: nothing pushes the base where it is {mobilities}"
-            )
+            yield Fault(("skills", name, "weights", "base"), message)
 
 
 def _full_wheels(task: Task, model: RobotModel) -> Iterator[Fault]:
-    """Yield an angular momentum of the start that wheels cannot store: a robot that nothing pushes keeps turning."""
+    """Yield an angular momentum at the start that is more than reaction wheels can store: the robot would keep turning.
+
+    Nothing pushes the base in the first stage, so momentum stays, and bringing the base to rest leaves all of it to the
+    wheels: the angular momentum about the common centre of mass, with what the wheels store at first.
+    """
     wheels = Wheels.of(task.robot)
-    first = task.spec.moved_by(0, task.robot)
-    if not wheels.count or first.is_pushed or not first.is_turned:
+    first_moved_by = task.spec.moved_by(0, task.robot)
+    only_wheels_act = wheels.count > 0 and first_moved_by.is_turned and not first_moved_by.is_pushed
+    if not only_wheels_act:
         return
     Q, v = initial_state(task)
     linear, angular = np.split(model.momentum(Q, v), [model.dimension])
+    # Momentum about the origin less that of the drifting centre of mass; vectors of planar robots with zeros.
     of_drift = np.cross([*model.centre_of_mass(Q), 0.0][:3], [*linear, 0.0][:3])
     about_centre = [0.0, 0.0, *angular][-3:] - of_drift
     _, quaternion = model.space.to_3d(Q[model.space.base_coordinates])
     along_base = np.array(rotate(conjugate(quaternion), about_centre))[-len(angular) :] + wheels.at_first
-    stored = np.abs(wheels.allocation @ along_base)
-    worst = int((stored / wheels.momentum).argmax())
-    most = wheels.momentum[worst]
-    if stored[worst] > most:
-        found = f"found a start with {stored[worst]:.3g} N m s for wheel {worst + 1} to store, once the base is at rest"
-        yield Fault(("initial_velocity",), f"{found}, expected at most {most:g} N m s: what else would stop its turn?")
+    to_store = np.abs(wheels.allocation @ along_base)  # by each wheel [N m s]
+    worst = int((to_store / wheels.momentum).argmax())
+    capacity = wheels.momentum[worst]
+    if to_store[worst] > capacity:
+        needs = (
+            f"found a start with {to_store[worst]:.3g} N m s for wheel {worst + 1} to store, once the base is at rest"
+        )
+        message = f"{needs}, expected at most {capacity:g} N m s: what else would stop its turn?"
+        yield Fault(("initial_velocity",), message)
 
 
 def _not_routed(task: Task, stages: Sequence[Stage]) -> Iterator[Fault]:
@@ -410,19 +454,23 @@ docs/capture_results.md has runs.
 
 
 def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Yield a load that outweighs the robot in some motion, where the low-level law does not know of it."""
+    """Yield an object so heavy that the low-level law, which does not know of it, moves the robot far too slowly.
+
+    Where the object has rho times the inertia of the robot in a motion, the robot does 1 / (1 + rho) of an acceleration
+    that is commanded there. The largest rho at the start and at the targets of all stages counts.
+    """
     target_object = task.spec.body
     if target_object.grasp.known:
         return
-    largest = largest_load_ratio(task, forecasts[0].model, forecast_configurations(task, forecasts))
-    if largest is None or largest.ratio <= LARGEST_UNKNOWN_LOAD:
+    worst = largest_load_ratio(task, forecasts[0].model, forecast_configurations(task, forecasts))
+    if worst is None or worst.ratio <= LARGEST_UNKNOWN_LOAD:
         return
-    has_armature = not largest.coordinate.startswith("base.")
+    has_armature = not worst.coordinate.startswith("base.")  # of a joint more of it lowers the ratio
     message = (
-        f"found false, and an object of {target_object.mass:g} kg that has {largest.ratio:.3g} times the inertia of "
-        f"the robot in a motion mostly of {largest.coordinate}, where {quoted(largest.stage)} "
-        f"leads: {100 / (1 + largest.ratio):.2g} % of an acceleration commanded there are left, and it settles up to "
-        f"{1 + largest.ratio:.3g} times as slowly; expected true, estimated, or a ratio of at most "
+        f"found false, and an object of {target_object.mass:g} kg that has {worst.ratio:.3g} times the inertia of "
+        f"the robot in a motion mostly of {worst.coordinate}, where {quoted(worst.stage)} "
+        f"leads: {100 / (1 + worst.ratio):.2g} % of an acceleration commanded there are left, and it settles up to "
+        f"{1 + worst.ratio:.3g} times as slowly; expected true, estimated, or a ratio of at most "
         f"{LARGEST_UNKNOWN_LOAD:g}"
         f"{', with the armatures of its joints in the robot file' if has_armature else ''}"
     )
@@ -437,27 +485,30 @@ docs/limits.md has the runs, of horizons from 2 to 12 s.
 
 
 def _early_release(task: Task) -> Iterator[Fault]:
-    """Yield a priority at which grippers may open while they carry: of an object that is a picture, held by a monitor.
+    """Yield a priority of a stage that lets an object go at which grippers may open while they still carry it.
 
-    Hands that hold an object with a mass keep their relative pose, whatever the priorities.
+    Windows before the switch weigh that stage too: with a large priority it pays to open the grippers early. It is
+    about an object without a mass, whose hands a monitor alone watches; hands that hold one with a mass keep their
+    relative pose, whatever the priorities.
     """
     spec = task.spec
     traits = spec.controller.traits
-    names = [stage.name for stage in spec.stages]
-    last = spec.held_stages.stop
-    if not 0 < last < len(names) or spec.body.mass or traits.one_stage:
+    releasing = spec.held_stages.stop  # index of the stage that lets go
+    is_released = 0 < releasing < len(spec.stages)
+    if not is_released or spec.body.mass or traits.one_stage:
         return
-    carrying, letting_go = (
-        stage.priority if traits.has_priorities else 1.0 for stage in spec.stages[last - 1 : last + 1]
-    )
-    if letting_go <= LARGEST_PRIORITY_OF_RELEASE * carrying * (1 + SLACK):
+    carrying_stage = spec.stages[releasing - 1]
+    releasing_stage = spec.stages[releasing]
+    carrying_priority = carrying_stage.priority if traits.has_priorities else 1.0
+    releasing_priority = releasing_stage.priority if traits.has_priorities else 1.0
+    if releasing_priority <= LARGEST_PRIORITY_OF_RELEASE * carrying_priority * (1 + SLACK):
         return
     message = (
-        f"found a priority of {letting_go:g}, and of {carrying:g} for {quoted(names[last - 1])}, which carries the "
-        f"object; expected at most {LARGEST_PRIORITY_OF_RELEASE:g} times that: above, "
-        f"{quoted(names[last])} may open the grippers while they carry"
+        f"found a priority of {releasing_priority:g}, and of {carrying_priority:g} for {quoted(carrying_stage.name)}, "
+        f"which carries the object; expected at most {LARGEST_PRIORITY_OF_RELEASE:g} times that: above, "
+        f"{quoted(releasing_stage.name)} may open the grippers while they carry"
     )
-    yield Fault(("stages", last, "priority") if traits.has_priorities else ("controller", "kind"), message)
+    yield Fault(("stages", releasing, "priority") if traits.has_priorities else ("controller", "kind"), message)
 
 
 def _bunched_commands(task: Task) -> Iterator[Fault]:
@@ -474,9 +525,10 @@ def _bunched_commands(task: Task) -> Iterator[Fault]:
 
 
 def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Yield end conditions that measurements meet or miss by chance: a tolerance below 3 sigma of its row.
+    """Yield end conditions that are met by chance: a tolerance is below three standard deviations of the noise.
 
-    The noise is that which the controller counts with; its effect on a row is that at the stage's target.
+    The noise is that of the measurements that the controller counts with. Its effect on each row of an end condition is
+    evaluated at the stage's target.
     """
     noise = task.spec.measurement_noise
     if not noise.of_state:
@@ -485,19 +537,19 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
     costs = StageCosts(model)
     deviations = standard_deviations(noise, task.robot)
     at_rest = np.zeros(model.n)
-    for stage, Q in zip(
-        [forecast.stage for forecast in forecasts], forecast_configurations(task, forecasts)[1:], strict=True
-    ):
+    stages = [forecast.stage for forecast in forecasts]
+    _, *Q_at_targets = forecast_configurations(task, forecasts)
+    for stage, Q in zip(stages, Q_at_targets, strict=True):
         if not stage.end.rows:
             continue
         placed, x = in_own_chart(model, stage, Q, at_rest)
-        least = 3 * costs.end_deviations(placed, x, deviations)[: len(stage.end.rows)]
-        worst = int(np.argmax(least / stage.end.tolerance))
-        if stage.end.tolerance[worst] < least[worst]:
+        three_sigma = 3 * costs.end_deviations(placed, x, deviations)[: len(stage.end.rows)]
+        worst = int(np.argmax(three_sigma / stage.end.tolerance))
+        if stage.end.tolerance[worst] < three_sigma[worst]:
             name = labels(task.robot, stage.space)[stage.end.rows[worst]]
             message = (
                 f"found a tolerance of {stage.end.tolerance[worst]:.3g} for {name}, "
-                f"expected at least {least[worst]:.2g}, three standard deviations of its measurement: "
+                f"expected at least {three_sigma[worst]:.2g}, three standard deviations of its measurement: "
                 "when the stage ends depends on the noise"
             )
             yield Fault(("stages", stage.index, "ends_when"), message)
@@ -515,38 +567,48 @@ def _too_short(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault
 
 
 def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]:
-    """Give a base that a stage in task space wants elsewhere than the stage before leaves it.
+    """Yield a target that wants the base elsewhere than the stage before leaves it, where an arm could not reach.
 
-    And so far that an arm does not reach its first pose from there: one of the two may be a misprint. Not of a base
-    that the arms or its momentum move in the stage.
+    One of the two poses of the base may be a misprint. It is looked at for stages in task space whose base is moved at
+    will: not where arms or momentum move it.
+
+    Args:
+        task: The task.
+        before: The stage before, whose end condition has all coordinates of the base.
+        then: The stage that follows, with the reach of its arms.
     """
     d = task.robot.dimension
     stage = then.stage
     if stage.moved_by.reacts:
         return
-    first = stage.reference.points[0]
-    left = before.target[configuration_space(task.robot).base_coordinates]
+    first_waypoint = stage.reference.points[0]
+    base_left = before.target[configuration_space(task.robot).base_coordinates]
     if not set(range(task.robot.parts["base"])) <= set(before.end.rows):
         return
-    begins_at = then.along[0]
-    moved = reaches_of(stage, then.model, first, left)
-    far = [arm for arm, reach in moved.items() if reach.distance > reach.full_reach and not reach.reachable]
-    for arm in (arm for arm in far[:1] if begins_at[arm].reachable):
+    from_target = then.along[0]  # reaches with the base where the target has it, and where it is left
+    from_left = reaches_of(stage, then.model, first_waypoint, base_left)
+    out_of_reach = [
+        arm for arm, reach in from_left.items() if reach.distance > reach.full_reach and not reach.reachable
+    ]
+    if not out_of_reach:
+        return
+    arm = out_of_reach[0]  # one is enough for the message
+    if from_target[arm].reachable:
+        distance = np.linalg.norm(first_waypoint[:d] - base_left[:d])
         message = (
-            f"found the base {np.linalg.norm(first[:d] - left[:d]):.4g} m from where {quoted(before.name)} leaves it, "
-            f"expected it there: the target of {arm} is then {moved[arm].distance:.4g} m from its shoulder, "
-            f"its reach is {moved[arm].full_reach:.4g} m"
+            f"found the base {distance:.4g} m from where {quoted(before.name)} leaves it, "
+            f"expected it there: the target of {arm} is then {from_left[arm].distance:.4g} m from its shoulder, "
+            f"its reach is {from_left[arm].full_reach:.4g} m"
         )
         yield Fault(_place_of_part(task, stage, "base", 0), message)
 
 
 def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
-    """Remark on coordinates of Q that a trajectory moves faster than their velocity limits, each where it is worst.
+    """Yield coordinates that a target trajectory moves faster than their velocity limits, each where it is worst.
 
     The robot then falls behind and catches up, which is allowed. Between its times a trajectory moves at a constant
-    rate; an attitude turns at a constant rate about a fixed axis. Coordinates without a target, such as joints under a
-    target in task space, are NaN and left out. So are those that neither the stage's weights nor its end condition ask
-    for.
+    rate; an attitude turns at a constant rate about a fixed axis. Coordinates that the target does not say (joints
+    under a target in task space: NaN), or that neither weights nor the end condition ask for, are left out.
     """
     target = task.spec.stages[stage.index].target
     if not isinstance(target, TrajectorySpec):
@@ -554,8 +616,8 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     times = np.array(target.times)
     low, high = bounds_of(stage, "velocity")
     space = configuration_space(task.robot)
-    at_times = np.array([coordinates_of(space, stage, waypoint) for waypoint in stage.reference.points])
-    changes = np.diff(at_times, axis=0)  # of position and joints; a spatial base's attitude is set below
+    coordinates = np.array([coordinates_of(space, stage, waypoint) for waypoint in stage.reference.points])
+    changes = np.diff(coordinates, axis=0)  # of position and joints; a spatial base's attitude is set below
     if stage.attitudes:
         q = stage.reference.points[:, space.attitude].T  # every target begins with the base's pose, as Q does
         before = list(q[:, :-1])
@@ -563,7 +625,8 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
         # rotation vectors about the body's axes: of two neighbouring quaternions `Trajectory` has the nearer signs
         changes[:, space.rotation] = np.transpose(log(product(conjugate(before), after)))
     rates = changes / np.diff(times)[:, None]
-    for i in np.flatnonzero(np.isfinite(changes).all(axis=0)).tolist():
+    has_target = np.isfinite(changes).all(axis=0)
+    for i in np.flatnonzero(has_target).tolist():
         excess = np.maximum(rates[:, i] - high[i], low[i] - rates[:, i])
         worst = int(excess.argmax())
         if excess[worst] > SPEED_SLACK and counts(stage, [i]):

@@ -58,54 +58,64 @@ def forecast_configurations(task: Task, forecasts: Sequence[StageForecast]) -> l
 
 
 def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tuple[int, ...]]]:
-    """Return for every stage of a task a lower bound on the time at which it ends [s], and its stuck coordinates.
+    """Return how early every stage of a task can end, by velocity and acceleration limits alone: a lower bound.
 
     A coordinate that one stage leaves at its target, and a later one must have at another, takes at least their
     distance over its largest velocity in between; the tolerances are taken off the distance. From the start on it has
     to gain that velocity, too. The attitude of a spatial base, a row of its own behind the others, moves by the angle
     to its target, as fast as all limits of the angular velocity together allow.
+
+    Returns:
+        For each stage the time [s], and the coordinates that its end condition wants elsewhere but whose limits let
+        them not move that way (stuck).
     """
     Q, v = initial_state(task)
     space = configuration_space(task.robot)
+    # What is known of each coordinate: its value (the attitude's is its angle from `attitude`) when an end condition
+    # last asked for it, within which tolerance, when that was, and how fast it may have moved since. (n + 1,) each.
     attitude = Q[space.attitude]
     value = np.append(space.in_order_of_v(Q), 0.0)
-    speed = np.append(v, np.linalg.norm(v[space.rotation]))
-    is_known = np.zeros(len(v) + 1, bool)
     tolerance = np.zeros(len(value))
     since = np.zeros(len(value))
-    most = np.zeros((4, len(value)))
-    solutions = list[tuple[float, tuple[int, ...]]]()
+    fastest_since = np.zeros((4, len(value)))
+    initial_speed = np.append(v, np.linalg.norm(v[space.rotation]))
+    has_been_asked = np.zeros(len(value), bool)
+    ends = list[tuple[float, tuple[int, ...]]]()
     end = 0.0
     for stage in stages:
-        most = np.maximum(most, largest_rates(space, stage))  # up and down, since a coordinate was known
+        fastest_since = np.maximum(fastest_since, largest_rates(space, stage))
         if not task.robot.moved_by.moves:
-            most[:, space.base] = 0.0
-            most[:, -1] = 0.0
+            fastest_since[:, space.base] = 0.0
+            fastest_since[:, -1] = 0.0
         asked = tolerances_of(space, stage)
         rows = np.array(list(asked), int)
         within = np.array(list(asked.values()))
-        target = np.append(
-            coordinates_of(space, stage, stage.target), angle_between(attitude, stage.target[space.attitude])
-        )
+        angle = angle_between(attitude, stage.target[space.attitude])
+        target = np.append(coordinates_of(space, stage, stage.target), angle)
         difference = target[rows] - value[rows]
         distance = np.maximum(np.abs(difference) - within - tolerance[rows], 0.0)
-        rate, gain = np.where(difference > 0, most[::2, rows], most[1::2, rows])
-        stuck = (distance > 0) & (rate <= 0)
-        begins = np.where(is_known[rows], rate, np.minimum(np.sign(difference) * speed[rows], rate))
-        arrivals = since[rows] + shortest_time(distance, rate, gain, begins)
+        # Velocity and acceleration upwards or downwards, whichever way a coordinate has to go.
+        upwards = fastest_since[::2, rows]
+        downwards = fastest_since[1::2, rows]
+        speed, acceleration = np.where(difference > 0, upwards, downwards)
+        is_stuck = (distance > 0) & (speed <= 0)
+        # A coordinate may have any velocity when an end condition has asked for it; at the start it is known.
+        towards_target = np.minimum(np.sign(difference) * initial_speed[rows], speed)
+        first_speed = np.where(has_been_asked[rows], speed, towards_target)
+        arrivals = since[rows] + shortest_time(distance, speed, acceleration, first_speed)
         hold = stage.end.hold
-        shortest = max(end + max(stage.end.dwell, hold), *(arrivals[~stuck] + hold), 0.0)
-        end = min(max(shortest, stage.end.earliest), stage.end.latest)
+        earliest = max(end + max(stage.end.dwell, hold), *(arrivals[~is_stuck] + hold), 0.0)
+        end = min(max(earliest, stage.end.earliest), stage.end.latest)
         value[rows] = target[rows]
         tolerance[rows] = within
         since[rows] = end
-        most[:, rows] = 0.0
-        is_known[rows] = True
-        if len(v) in asked:
+        fastest_since[:, rows] = 0.0
+        has_been_asked[rows] = True
+        if space.n in asked:
             attitude = stage.target[space.attitude]
             value[-1] = 0.0
-        solutions.append((end, tuple(rows[stuck].tolist())))
-    return solutions
+        ends.append((end, tuple(rows[is_stuck].tolist())))
+    return ends
 
 
 def initial_state(task: Task) -> tuple[np.ndarray, np.ndarray]:
@@ -129,7 +139,14 @@ def largest_rates(space: ConfigurationSpace, stage: Stage) -> np.ndarray:
 
 
 def shortest_time(distance: np.ndarray, rate: np.ndarray, gain: np.ndarray, begins: np.ndarray) -> np.ndarray:
-    """Return the time over a distance from a velocity on, that gains at most so much and then stays, (K,) [s] each."""
+    """Return the shortest times over distances with bounded velocities and accelerations, (K,) [s].
+
+    Args:
+        distance: Distances to go, (K,) [m, rad].
+        rate: Largest velocities.
+        gain: Largest accelerations, by which velocities grow; infinite where there is no limit.
+        begins: Velocities at the beginning, towards the target.
+    """
     with np.errstate(all="ignore"):
         ramp = np.where(np.isfinite(gain), (rate**2 - begins**2) / (2 * gain), 0.0)
         fast = np.where(np.isfinite(gain), (rate - begins) / gain, 0.0) + (distance - ramp) / rate
@@ -174,22 +191,27 @@ def counts(stage: Stage, rows: Sequence[int]) -> bool:
 
 
 def reaches_of(stage: Stage, model: RobotModel, target: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
-    """Return how far the poses are that a target's numbers have, of arms whose poses count, under the stage's limits.
+    """Return by arm how far its pose in a target is from its shoulder, and whether it reaches it within joint limits.
 
-    With the base at its own pose, or elsewhere.
+    Only poses that weights or the end condition ask for count; there are none where they do not ask for the base's.
+
+    Args:
+        stage: The stage.
+        model: The robot.
+        target: Numbers of a target of the stage, (numbers,).
+        base: Pose of the base, (n_pose,); by default where the target has it.
     """
-    robot = model.spec
-    size = robot.parts["base"]
-    if not counts(stage, range(size)):
+    base_rows = range(model.spec.parts["base"])
+    if not counts(stage, base_rows):
         return {}
     low, high = bounds_of(stage, "position")
-    of_base = target[stage.parts[BASE].numbers] if base is None else base
+    base_pose = target[stage.parts[BASE].numbers] if base is None else base
     reaches = {}
     for arm in stage.poses_of_arms:
         part = stage.parts[arm]
         if counts(stage, range(part.rows.start, part.rows.stop)):
             joints = model.parts[arm]
-            reaches[arm] = reach_of(model, arm, of_base, target[part.numbers], (low[joints], high[joints]))
+            reaches[arm] = reach_of(model, arm, base_pose, target[part.numbers], (low[joints], high[joints]))
     return reaches
 
 

@@ -70,7 +70,7 @@ class Linearization:
     """Quadratic model at a point; derivatives by x_k and the free durations.
 
     Attributes:
-        at: Objective and constraints there.
+        residuals: Objective and constraints there.
         gradient, gradient_tau: (K + 1, 2n), (S,).
         H_QQ: Upper triangle of the Hessian by Q_k, (K + 1, n, n).
         H_vv: Its diagonal by (Qdot_k, Qdot_k+1), (K, n): it is that of squares of Qdot_k+1 - Qdot_k.
@@ -85,7 +85,7 @@ class Linearization:
             (J, 4n + S + history); see `VelocityForm.history`.
     """
 
-    at: Residuals
+    residuals: Residuals
     gradient: np.ndarray
     gradient_tau: np.ndarray
     H_QQ: np.ndarray
@@ -131,39 +131,15 @@ class VelocityForm:
         self.history = model.n if shape.has_rates else 0
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
-        self._nodes_of_rows = [np.array(rows.nodes) for rows in self.node_rows]
-        self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in self.node_rows])
-        self._node_order = np.argsort(np.concatenate([np.zeros(0, int), *self._places]))
-        self.row_is_soft = np.zeros(len(self.row_node), bool)
-        self.activation_distance = np.full(len(self.row_node), np.inf)
-        self._row_constraint = np.zeros(len(self.row_node), int)  # which of `node_rows` has the row,
-        self._row_place = np.zeros(len(self.row_node), int)  # at which of its nodes,
-        self._row_number = np.zeros(len(self.row_node), int)  # and which of its rows there it is
-        for i, (rows, at) in enumerate(zip(self.node_rows, self._places, strict=True)):
-            of_node = at.reshape(len(rows.nodes), rows.functions.count)
-            self.row_is_soft[at] = rows.soft
-            self.activation_distance[at] = rows.activation_distance
-            self._row_constraint[at] = i
-            self._row_place[of_node] = np.arange(len(rows.nodes))[:, None]
-            self._row_number[of_node] = np.arange(rows.functions.count)
-        first_bounds = np.cumsum([0, *(rows.functions.count for rows in self.node_rows)])
-        self._bound_of_row = first_bounds[self._row_constraint] + self._row_number  # among those of all constraints
-        self.has_soft_rows = bool(self.row_is_soft.any())
-        self.permanent_rows = np.flatnonzero(np.isinf(self.activation_distance))
-        self.lazy_rows = np.flatnonzero(np.isfinite(self.activation_distance))
-        self.row_interval, self._interval_places = _ordered(
-            [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
-        )
-        self.interval_row_is_over_time = np.ones(len(self.row_interval), bool)
-        for over_intervals, at in zip(self.interval_rows, self._interval_places, strict=True):
-            self.interval_row_is_over_time[at] = over_intervals.over_time
-        self.permanent_interval_rows = self._permanent_interval_rows()
+        self._index_node_rows()
+        self._index_interval_rows()
         self._rows_with_dependent_rates = [
             (rows, rows.functions.solved_for, rows.functions.by_solved_for)
             for rows in self.node_rows
             if rows.functions.solved_for is not None and rows.functions.by_solved_for is not None
         ]
-        self._chains = [
+        # Rows that say that something does not change from one node to the next.
+        self._change_rows = [
             (rows.functions, rows) for rows in self.interval_rows if isinstance(rows.functions, ChangeFunctions)
         ]
         self.residuals_are_curved = any(
@@ -171,6 +147,46 @@ class VelocityForm:
         )
         rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
         self.curved = rows_are_curved or self.residuals_are_curved
+
+    def _index_node_rows(self) -> None:
+        """Order the rows of all constraints at nodes by node, and note for each of them where it comes from.
+
+        A constraint has `count` rows at each of its nodes. In the order of the programs, (E,), rows of one node follow
+        each other. So each row knows its constraint, at which of its nodes and as which of its rows there it stands.
+        """
+        constraints = self.node_rows
+        self._nodes_of_rows = [np.array(rows.nodes) for rows in constraints]
+        self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in constraints])
+        self._node_order = np.argsort(np.concatenate([np.zeros(0, int), *self._places]))
+        row_count = len(self.row_node)
+        self.row_is_soft = np.zeros(row_count, bool)
+        self.activation_distance = np.full(row_count, np.inf)
+        self._row_constraint = np.zeros(row_count, int)  # which of `node_rows` has the row,
+        self._row_place = np.zeros(row_count, int)  # at which of its nodes,
+        self._row_number = np.zeros(row_count, int)  # and which of its rows there it is
+        for i, (rows, places) in enumerate(zip(constraints, self._places, strict=True)):
+            places_by_node = places.reshape(len(rows.nodes), rows.functions.count)
+            self.row_is_soft[places] = rows.soft
+            self.activation_distance[places] = rows.activation_distance
+            self._row_constraint[places] = i
+            self._row_place[places_by_node] = np.arange(len(rows.nodes))[:, None]
+            self._row_number[places_by_node] = np.arange(rows.functions.count)
+        # Bounds are the same at all nodes of a constraint, and come as (count,) of each constraint.
+        first_bounds = np.cumsum([0, *(rows.functions.count for rows in constraints)])
+        self._bound_of_row = first_bounds[self._row_constraint] + self._row_number
+        self.has_soft_rows = bool(self.row_is_soft.any())
+        self.permanent_rows = np.flatnonzero(np.isinf(self.activation_distance))
+        self.lazy_rows = np.flatnonzero(np.isfinite(self.activation_distance))
+
+    def _index_interval_rows(self) -> None:
+        """Order the rows over intervals by interval, and note which of them have bounds over h."""
+        self.row_interval, self._interval_places = _ordered(
+            [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
+        )
+        self.interval_row_is_over_time = np.ones(len(self.row_interval), bool)
+        for rows, places in zip(self.interval_rows, self._interval_places, strict=True):
+            self.interval_row_is_over_time[places] = rows.over_time
+        self.permanent_interval_rows = self._permanent_interval_rows()
 
     @cached_property
     def stage_durations(self) -> np.ndarray:
@@ -218,20 +234,26 @@ class VelocityForm:
         return np.asarray(point.changes[:, self.grid.n :] / self.steps(point, horizon))
 
     def residuals(self, point: Unknowns, p: Parameters[np.ndarray]) -> Residuals:
-        """Return objective and constraints at a point."""
+        """Evaluate objective and constraints of a window at a point, without derivatives.
+
+        Args:
+            point: States at the nodes and free durations.
+            p: The numbers of the window: target, weights, normalization of each stage.
+        """
         tau = self.durations(point, float(p.horizon))
-        over_intervals = self.interval_row_values(point, p)
-        costs = self.force_costs(over_intervals, p)
+        interval_values = self.interval_row_values(point, p)
+        costs = self.interval_row_costs(interval_values, p)
         terminal = 0.0
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
-            at = self.intervals(s)
-            wanted, _ = reference(p, s, tau[s])
-            L = stage.cost(point.X[at], 0.0, wanted[:N], p.weights[s], 0.0, 0.0, rows=N)[0]
-            costs[s] += _cost(s, p, N, tau[s], L, self.control(s, point, p, tau[s])[1])
-        if p.terminal:
-            L = stage.cost(point.X[-1], 0.0, wanted[-1], p.weights[s], 0.0, 0.0)[0]
-            terminal = _terminal_cost(p, L)
-        return self._residuals(point, p, costs, terminal, self.row_values(point, p), over_intervals)
+            target_at_nodes, _ = reference(p, s, tau[s])
+            X = point.X[self.intervals(s)]
+            squared_error = stage.cost(X, 0.0, target_at_nodes[:N], p.weights[s], 0.0, 0.0, rows=N)[0]
+            _, control_effort = self.control(s, point, p, tau[s])
+            costs[s] += _cost(s, p, N, tau[s], squared_error, control_effort)
+        if p.terminal:  # of the last stage at the last node
+            squared_error = stage.cost(point.X[-1], 0.0, target_at_nodes[-1], p.weights[s], 0.0, 0.0)[0]
+            terminal = _terminal_cost(p, squared_error)
+        return self._residuals(point, p, costs, terminal, self.row_values(point, p), interval_values)
 
     def _residuals(
         self,
@@ -240,13 +262,13 @@ class VelocityForm:
         costs: np.ndarray,
         terminal: float,
         rows: np.ndarray,
-        over_intervals: np.ndarray,
+        interval_values: np.ndarray,
     ) -> Residuals:
         """Return J over the largest priority from what the stages add to it, and the gaps. Cf. paper eq. (16)."""
         J = float(p.omega @ costs + p.omega[-1] * terminal + p.pending * (self.waiting @ point.tau))
         change = self.steps(point, float(p.horizon)) * self._mean_velocities(point)
         gaps = point.changes[:, : self.grid.n] - change
-        return Residuals(J, costs, terminal, gaps, rows, over_intervals)
+        return Residuals(J, costs, terminal, gaps, rows, interval_values)
 
     def _mean_velocities(self, point: Unknowns) -> np.ndarray:
         """Return the velocities by which the positions change over the intervals, (K, n)."""
@@ -286,52 +308,69 @@ class VelocityForm:
         return values
 
     def rows(self, point: Unknowns, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of all constraints at nodes (E,), and the derivatives by x of those that are in all programs.
+        """Evaluate the rows of all constraints at nodes, and the derivatives of those that every program has.
 
-        These are (F, 2n), of `permanent_rows`.
+        Rows that are in programs only near their bounds (distances, many and long) get their derivatives later, for the
+        few that need them: see `with_node_rows`.
+
+        Returns:
+            Values of all rows, (E,); derivatives of `permanent_rows` by the state at their node, (F, 2n).
         """
         values = []
         by_x = np.zeros((len(self.permanent_rows), 2 * self.grid.n))
-        for rows, nodes, at in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
+        for rows, nodes, places in zip(self.node_rows, self._nodes_of_rows, self._places, strict=True):
             X = point.X[nodes]
-            a = rows.argument(p)
-            if np.isfinite(rows.activation_distance):
-                values += rows.functions.value(X, a, rows=len(X))
-                continue
-            g, jacobian = rows.functions.with_jacobian(X, a, rows=len(X))
+            argument = rows.argument(p)
+            is_permanent = np.isinf(rows.activation_distance)
+            if is_permanent:
+                g, jacobian = rows.functions.with_jacobian(X, argument, rows=len(X))
+                by_x[np.searchsorted(self.permanent_rows, places)] = jacobian.reshape(len(places), -1)
+            else:
+                (g,) = rows.functions.value(X, argument, rows=len(X))
             values.append(g)
-            by_x[np.searchsorted(self.permanent_rows, at)] = jacobian.reshape(len(at), -1)
         return self._by_node(values), by_x
 
     def with_node_rows(
-        self, model: Linearization, point: Unknowns, p: Parameters[np.ndarray], which: np.ndarray
+        self, model: Linearization, point: Unknowns, p: Parameters[np.ndarray], indices: np.ndarray
     ) -> Linearization:
-        """Return the model at a point with some more rows at nodes (J,)."""
-        new = which[~mask(model.node_rows, len(self.row_node))[which]]
-        if not len(new):
+        """Return the model at a point with some more of the rows at nodes and their derivatives.
+
+        For rows that are in a program only near their bounds; those that the model has already stay.
+
+        Args:
+            model: The model.
+            point: The point that it is of.
+            p: The numbers of the window.
+            indices: Which rows, of (E,), ascending.
+        """
+        new_rows = indices[~mask(model.node_rows, len(self.row_node))[indices]]
+        if not len(new_rows):
             return model
-        of_constraint = self._row_constraint[new]
-        rows_by_x = np.empty((len(new), 2 * self.grid.n))
+        constraint_of_new = self._row_constraint[new_rows]
+        rows_by_x = np.empty((len(new_rows), 2 * self.grid.n))
         for i, rows in enumerate(self.node_rows):
-            chosen = np.flatnonzero(of_constraint == i)
-            if len(chosen):
-                row = new[chosen]
+            of_this = np.flatnonzero(constraint_of_new == i)
+            if len(of_this):
+                row = new_rows[of_this]
                 argument = rows.argument(p)
-                a = argument if argument.ndim == 1 else argument[self._row_place[row]]
-                rows_by_x[chosen] = rows.functions.gradients(point.X[self.row_node[row]], a, self._row_number[row])
+                if argument.ndim > 1:  # a constraint that moves has an argument for each of its nodes
+                    argument = argument[self._row_place[row]]
+                X = point.X[self.row_node[row]]
+                rows_by_x[of_this] = rows.functions.gradients(X, argument, self._row_number[row])
         if not len(model.node_rows):
-            return replace(model, node_rows=new, rows_by_x=rows_by_x)
-        node_rows = np.concatenate([model.node_rows, new])
+            return replace(model, node_rows=new_rows, rows_by_x=rows_by_x)
+        node_rows = np.concatenate([model.node_rows, new_rows])
         order = np.argsort(node_rows)
         return replace(model, node_rows=node_rows[order], rows_by_x=np.concatenate([model.rows_by_x, rows_by_x])[order])
 
     def with_dependent_rates(self, point: Unknowns, p: Parameters[np.ndarray]) -> Unknowns:
-        """Return a point with the rates solved for that equations determine; the point itself if there are none.
+        """Return a point whose dependent rates meet the equations that determine them; itself if there are none.
 
-        Rows g linear in rates y, g = G y + ..., are solved by y - G^-1 g. So they hold at every iterate, as after an
-        elimination of y. Of rows over intervals those are solved that say that something does not change.
+        An example are the velocities of a base without thrusters, which follow from those of the arms. Rows g that are
+        linear in such rates y, g = G y + ..., are solved by y - G^-1 g. So they hold at every iterate, as if y had been
+        eliminated. Of rows over intervals those are solved that say that something does not change (a momentum).
         """
-        if not (self._rows_with_dependent_rates or self._chains):
+        if not (self._rows_with_dependent_rates or self._change_rows):
             return point
         n = self.grid.n
         X = point.X.copy()
@@ -340,36 +379,44 @@ class VelocityForm:
             g, jacobian = by_rates(X[nodes], rows.argument(p), rows=len(nodes))
             G = jacobian.reshape(len(nodes), rows.functions.count, -1)
             X[nodes, n + rates.start : n + rates.stop] -= np.linalg.solve(G, g[..., None])[..., 0]
-        for functions, chain in self._chains:  # one stage after the other: each goes on from the velocities before
-            at = slice(chain.intervals[0], chain.intervals[-1] + 2)
-            X[at] = functions.with_dependent_rates(X[at], chain.argument(p))
+        for functions, rows_of_stage in self._change_rows:  # stage by stage: each goes on from the velocities before
+            nodes_of_stage = slice(rows_of_stage.intervals[0], rows_of_stage.intervals[-1] + 2)
+            X[nodes_of_stage] = functions.with_dependent_rates(X[nodes_of_stage], rows_of_stage.argument(p))
         return replace(point, X=X)
 
-    def interval_jacobian(self, point: Unknowns, p: Parameters[np.ndarray], which: np.ndarray) -> np.ndarray:
-        """Return the derivatives of some rows over intervals (J,), (J, 4n + S + history).
+    def interval_jacobian(self, point: Unknowns, p: Parameters[np.ndarray], indices: np.ndarray) -> np.ndarray:
+        """Evaluate the derivatives of some of the rows over intervals, those that a program needs.
 
-        By x at both ends, tau, and the velocities where the interval before begins.
-
-        Derivatives of all rows cost several times what a program does; those of rows whose bounds are far are not
+        Derivatives of all rows cost several times what a program does, and those of rows far from their bounds are not
         needed. They are evaluated at the intervals that have one of the rows.
+
+        Args:
+            point: The point.
+            p: The numbers of the window.
+            indices: Which rows, of (I,), (J,).
+
+        Returns:
+            (J, 4n + S + history): derivatives by the states at both ends of the row's interval, by the free durations,
+            and, where `history` is n, by the velocities where the interval before begins.
         """
         n = self.grid.n
-        if not len(which):
+        if not len(indices):
             return np.zeros((0, 4 * n + self.grid.switches + self.history))
+        # By both states, h, and with history by the velocities where the interval before begins and by its length.
         by_states_and_h = np.zeros((len(self.row_interval), 5 * n + 2 if self.history else 4 * n + 1))
-        is_chosen = mask(which, len(self.row_interval))
+        is_wanted = mask(indices, len(self.row_interval))
         h = self.steps(point, float(p.horizon))
-        for rows, at in zip(self.interval_rows, self._interval_places, strict=True):
-            of_interval = at.reshape(len(rows.intervals), -1)
-            has_one = is_chosen[of_interval].any(axis=1)
-            k = np.array(rows.intervals)[has_one]
+        for rows, places in zip(self.interval_rows, self._interval_places, strict=True):
+            places_by_interval = places.reshape(len(rows.intervals), -1)
+            has_wanted_row = is_wanted[places_by_interval].any(axis=1)
+            k = np.array(rows.intervals)[has_wanted_row]
             if len(k):
                 jacobian = rows.functions.jacobian(Intervals(point.X, h, p.before, k), rows.argument(p))
-                width = jacobian.shape[-1]
-                by_states_and_h[of_interval[has_one].ravel(), :width] = jacobian.reshape(-1, width)
-        interval = self.row_interval[which]
+                width = jacobian.shape[-1]  # without history where these rows do not depend on it
+                by_states_and_h[places_by_interval[has_wanted_row].ravel(), :width] = jacobian.reshape(-1, width)
+        interval = self.row_interval[indices]
         by_states, by_h, by_v_before, by_h_before = np.split(
-            by_states_and_h[which], [4 * n, 4 * n + 1, 4 * n + 1 + self.history], axis=1
+            by_states_and_h[indices], [4 * n, 4 * n + 1, 4 * n + 1 + self.history], axis=1
         )
         by_tau = by_h * self.interval_steps[interval]
         if self.history:
@@ -400,12 +447,12 @@ class VelocityForm:
                 weights[at] = np.tile(rows.weights(p), len(rows.intervals))
         return weights
 
-    def force_costs(self, over_intervals: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
-        """Return what the rows over intervals, of these values, add to the cost of each stage, (S + 1,)."""
+    def interval_row_costs(self, interval_values: np.ndarray, p: Parameters[np.ndarray]) -> np.ndarray:
+        """Return what the squares of the rows over intervals (I,) add to the cost of each stage, (S + 1,)."""
         costs = np.zeros(len(self.costs))
         if len(self.permanent_interval_rows):
             stage = self.grid.stage_of[self.row_interval]
-            np.add.at(costs, stage, self.interval_weights(p) * over_intervals**2)
+            np.add.at(costs, stage, self.interval_weights(p) * interval_values**2)
         return costs
 
     def hessian_weights(self, p: Parameters[np.ndarray]) -> np.ndarray:
@@ -449,9 +496,9 @@ class VelocityForm:
     def with_curvature(
         self, model: Linearization, point: Unknowns, p: Parameters[np.ndarray], multipliers: np.ndarray
     ) -> Linearization:
-        """Return the model with second derivatives by Q that the Gauss-Newton model does not have.
+        """Return the model with second derivatives by positions that the Gauss-Newton model does not have.
 
-        Those of the rows at nodes, each times its multiplier, of (E,): of the Lagrangian's second derivatives they are
+        They are those of the rows at nodes, each times its multiplier: of the Lagrangian's second derivatives this is
         the part that matters. The multipliers of an end condition are as large as what a second of waiting costs,
         whatever the stage itself weighs. Without them steps overshoot in the motion that is flat in the costs, more
         than twofold in places, and one iteration a sample chatters.
@@ -459,15 +506,21 @@ class VelocityForm:
         Of a robot without thrusters also those of the residuals, 2 w sum_i W_i e_i d2e_i/dQ2. While it drifts it cannot
         hold what is fixed in space: its residuals stay large, and without their curvature the iterations alternate
         about the optimum. That of the terminal cost is left out.
+
+        Args:
+            model: The Gauss-Newton model.
+            point: The point that it is of.
+            p: The numbers of the window.
+            multipliers: Of all rows at nodes, (E,).
         """
         H_QQ = model.H_QQ.copy()
         n = self.grid.n
-        for rows, at in zip(self.node_rows, self._places, strict=True):
+        for rows, places in zip(self.node_rows, self._places, strict=True):
             curvature = rows.functions.curvature
             if curvature is not None:
                 nodes = list(rows.nodes)
-                of_nodes = multipliers[at].reshape(len(nodes), -1)
-                by_Q_Q = curvature(point.X[nodes], rows.argument(p), of_nodes, rows=len(nodes))[0]
+                multipliers_at_nodes = multipliers[places].reshape(len(nodes), -1)
+                by_Q_Q = curvature(point.X[nodes], rows.argument(p), multipliers_at_nodes, rows=len(nodes))[0]
                 H_QQ[nodes] += by_Q_Q.reshape(-1, n, n)
         if self.residuals_are_curved:
             self._add_residual_curvature(H_QQ, point, p)
@@ -485,34 +538,28 @@ class VelocityForm:
             H_QQ[nodes] += 2 * weight * curvature.reshape(N, n, n)
 
     def linearize(self, point: Unknowns, p: Parameters[np.ndarray]) -> Linearization:
-        """Return the quadratic model at a point; of the rows over intervals it has those of every program.
+        """Return the quadratic model at a point: Gauss-Newton of the costs, constraints linearized.
 
-        Derivatives by the durations of all stages become those by the free ones through D, `stage_durations`: the
-        last stage takes what the others leave of the horizon.
+        Of the rows at nodes and over intervals it has those that every program has. Derivatives by the durations of all
+        S + 1 stages become those by the S free ones through D = `stage_durations`, (S + 1, S): the last stage takes
+        what the others leave of the horizon.
         """
         D = self.stage_durations
-        of = self.grid.stage_of
+        stage_of_interval = self.grid.stage_of
         cost = _CostModel(self, point, p)
-        rows, rows_by_x = self.rows(point, p)
-        over_intervals = self.interval_row_values(point, p)
+        row_values, rows_by_x = self.rows(point, p)
+        interval_values = self.interval_row_values(point, p)
         permanent = self.permanent_interval_rows
         permanent_by = self.interval_jacobian(point, p, permanent)
         gradient_tau = D.T @ cost.gradient_tau + p.pending * self.waiting
         if len(permanent):
-            of_rows = (self.hessian_weights(p) * over_intervals)[permanent, None] * permanent_by
-            n = self.grid.n
-            np.add.at(cost.gradient, self.row_interval[permanent], of_rows[:, : 2 * n])
-            np.add.at(cost.gradient, self.row_interval[permanent] + 1, of_rows[:, 2 * n : 4 * n])
-            end_of_tau = 4 * n + self.grid.switches
-            gradient_tau += of_rows[:, 4 * n : end_of_tau].sum(axis=0)
-            if self.history:
-                later = self.row_interval[permanent] > 0
-                np.add.at(cost.gradient[:, n:], self.row_interval[permanent[later]] - 1, of_rows[later, end_of_tau:])
-        gaps_by_stage = -self._mean_velocities(point) / self.nodes[of, None]
+            # Rows over intervals that are residuals r of the cost: w r^2 / 2 has the gradient w r dr/dx.
+            by_unknowns = (self.hessian_weights(p) * interval_values)[permanent, None] * permanent_by
+            gradient_tau += self._add_interval_gradient(cost.gradient, permanent, by_unknowns)
+        costs = cost.costs + self.interval_row_costs(interval_values, p)
+        gaps_by_stage = -self._mean_velocities(point) / self.nodes[stage_of_interval, None]
         return Linearization(
-            at=self._residuals(
-                point, p, cost.costs + self.force_costs(over_intervals, p), cost.terminal, rows, over_intervals
-            ),
+            residuals=self._residuals(point, p, costs, cost.terminal, row_values, interval_values),
             gradient=cost.gradient,
             gradient_tau=gradient_tau,
             H_QQ=cost.H_QQ,
@@ -520,12 +567,35 @@ class VelocityForm:
             H_x_tau=cost.H_x_tau @ D,
             H_tau_tau=D.T @ (cost.H_tau_tau[:, None] * D),
             gap_velocity=-self.steps(point, float(p.horizon)) * np.array(self.weights),
-            gap_tau=gaps_by_stage[:, :, None] * D[of][:, None, :],
+            gap_tau=gaps_by_stage[:, :, None] * D[stage_of_interval][:, None, :],
             node_rows=self.permanent_rows,
             rows_by_x=rows_by_x,
             interval_rows=permanent,
             interval_rows_by=permanent_by,
         )
+
+    def _add_interval_gradient(self, gradient: np.ndarray, rows: np.ndarray, by_unknowns: np.ndarray) -> np.ndarray:
+        """Add gradients of rows over intervals to that by the states (K + 1, 2n), and return the sum of those by tau.
+
+        Args:
+            gradient: By the states at all nodes; it is changed.
+            rows: Which rows over intervals, (J,).
+            by_unknowns: Gradient of each in the columns of `interval_jacobian`, (J, 4n + S + history).
+
+        Returns:
+            The gradient by the free durations, (S,).
+        """
+        n = self.grid.n
+        k = self.row_interval[rows]
+        by_begin, by_end, by_tau, by_v_before = np.split(
+            by_unknowns, [2 * n, 4 * n, 4 * n + self.grid.switches], axis=1
+        )
+        np.add.at(gradient, k, by_begin)
+        np.add.at(gradient, k + 1, by_end)
+        if self.history:
+            is_later = k > 0  # what was applied before the first interval is past
+            np.add.at(gradient[:, n:], k[is_later] - 1, by_v_before[is_later])
+        return np.asarray(by_tau.sum(axis=0))
 
 
 def mask(indices: np.ndarray, count: int) -> np.ndarray:
@@ -622,6 +692,11 @@ class _CostModel:
     """
 
     def __init__(self, form: VelocityForm, point: Unknowns, p: Parameters[np.ndarray]) -> None:
+        """Sum up value, gradient and Hessian of the costs of all stages at a point, and of the terminal cost.
+
+        A stage with N intervals of length tau / N weighs the squared error at each of its nodes but the last by
+        omega / scale tau / N; the terminal cost weighs that of the last stage at the last node.
+        """
         K = form.grid.K
         n = form.grid.n
         S = form.grid.switches
@@ -638,17 +713,21 @@ class _CostModel:
         self.costs = np.zeros(S + 1)
         self.terminal = 0.0
         for s, (N, tau) in enumerate(zip(form.grid.nodes, self._tau, strict=True)):
-            share = p.omega[s] / p.scale[s] / N
-            squares = self._add_residuals(s, form.intervals(s), slice(N), weight=share * tau, weight_by_tau=share)
-            self.costs[s] = _cost(s, p, N, tau, squares, self._add_control(s))
+            weight_by_tau = p.omega[s] / p.scale[s] / N
+            squared_error = self._add_residuals(
+                s, form.intervals(s), slice(N), weight=weight_by_tau * tau, weight_by_tau=weight_by_tau
+            )
+            self.costs[s] = _cost(s, p, N, tau, squared_error, self._add_control(s))
         if p.terminal:
-            share = p.terminal * p.omega[-1] / p.scale[-1]
-            last = slice(K, K + 1)
-            squares = self._add_residuals(S, last, slice(-1, None), weight=share, weight_by_tau=0.0)
-            self.terminal = _terminal_cost(p, squares)
+            weight = p.terminal * p.omega[-1] / p.scale[-1]
+            last_node = slice(K, K + 1)
+            squared_error = self._add_residuals(S, last_node, slice(-1, None), weight=weight, weight_by_tau=0.0)
+            self.terminal = _terminal_cost(p, squared_error)
 
-    def _add_residuals(self, s: int, nodes: slice, of_stage: slice, weight: float, weight_by_tau: float) -> np.ndarray:
-        """Add weight times e' W e at some nodes, and return e' W e.
+    def _add_residuals(
+        self, s: int, nodes: slice, nodes_of_stage: slice, weight: float, weight_by_tau: float
+    ) -> np.ndarray:
+        """Add weight times e' W e at some nodes to gradient and Hessian, and return e' W e at each of them.
 
         With w = weight(tau), the residual sqrt(w) e depends on Q, E = de/dQ, and on tau: d(sqrt(w) e)/dtau =
         sqrt(w) (e_tau + w' / (2 w) e), where e_tau is due to a target that moves. So its Gauss-Newton model is
@@ -659,18 +738,18 @@ class _CostModel:
 
         Args:
             s: The stage.
-            nodes: The nodes.
-            of_stage: The same, counted from the stage's first.
+            nodes: The nodes, of the whole window.
+            nodes_of_stage: The same, counted from the stage's first node.
             weight: w.
             weight_by_tau: w', its derivative by the stage's duration.
         """
         p = self._p
         n = self._form.grid.n
-        wanted, slope = reference(p, s, self._tau[s])
+        target, target_by_tau = reference(p, s, self._tau[s])  # one row where the target stands still
         Q = self._point.X[nodes, :n]
         # e'We, e'We_tau, e_tau'We_tau, E'We, E'We_tau, E'WE
         squares, with_tau, of_tau, by_Q, by_Q_tau, by_Q_Q = self._form.costs[s].gauss_newton(
-            Q, p.weights[s], wanted[of_stage], slope[of_stage], rows=len(Q)
+            Q, p.weights[s], target[nodes_of_stage], target_by_tau[nodes_of_stage], rows=len(Q)
         )
         curvature = weight_by_tau**2 / (2 * weight) * squares
         self.gradient[nodes, :n] += 2 * weight * by_Q
@@ -681,24 +760,26 @@ class _CostModel:
         return np.asarray(squares)
 
     def _add_control(self, s: int) -> float:
-        """Add omega / scale E(dv, tau) of a stage, E = N / tau sum_k dv_k' W_r dv_k, and return E.
+        """Add what the accelerations of a stage cost to gradient and Hessian, and return it without weight, E.
 
-        Its Hessian is exact: dE/dtau = -E / tau, d2E/dtau2 = 2 E / tau^2, and with b = 2 N / tau W_r
-        dE/ddv = b dv, d2E/ddv2 = b, d2E/ddv dtau = -b dv / tau; dv_k = Qdot_k+1 - Qdot_k.
+        Over intervals of length tau / N the acceleration is dv_k N / tau, dv_k = Qdot_k+1 - Qdot_k, and the integral of
+        its weighted square is E = N / tau sum_k dv_k' W_r dv_k. The objective has omega / scale E. Its Hessian is
+        exact: dE/dtau = -E / tau, d2E/dtau2 = 2 E / tau^2, and with b = 2 N / tau W_r dE/ddv = b dv, d2E/ddv2 = b,
+        d2E/ddv dtau = -b dv / tau.
         """
         n = self._form.grid.n
         tau = self._tau[s]
         p = self._p
-        before = self._form.intervals(s)
-        after = slice(before.start + 1, before.stop + 1)
+        begins = self._form.intervals(s)  # nodes where the stage's intervals begin, and where they end
+        ends = slice(begins.start + 1, begins.stop + 1)
         dv, effort = self._form.control(s, self._point, p, tau)
         weight = p.omega[s] / p.scale[s]
         b = 2 * weight * self._form.nodes[s] / tau * p.control_weights[s][:n]
-        self.gradient[after, n:] += b * dv
-        self.gradient[before, n:] -= b * dv
-        self.H_vv[before] -= b
-        self.H_x_tau[after, n:, s] -= b * dv / tau
-        self.H_x_tau[before, n:, s] += b * dv / tau
+        self.gradient[ends, n:] += b * dv
+        self.gradient[begins, n:] -= b * dv
+        self.H_vv[begins] -= b
+        self.H_x_tau[ends, n:, s] -= b * dv / tau
+        self.H_x_tau[begins, n:, s] += b * dv / tau
         self.H_tau_tau[s] += 2 * weight * effort / tau**2
         self.gradient_tau[s] -= weight * effort / tau
         return effort

@@ -59,42 +59,49 @@ class Shooting:
         k = 0
         for s, N in enumerate(self.nodes):
             for i, u in enumerate(U[s]):
-                J += self._at(s, i, X[k], u, tau)["L"] * tau[s] / N
+                J += self._terms_at_node(s, i, X[k], u, tau)["L"] * tau[s] / N
                 k += 1
-        return J + self._p.terminal * self._at_last_node(X[k], tau)["L"]
+        return J + self._p.terminal * self._terms_at_last_node(X[k], tau)["L"]
 
     def adjoint(self, tau: Any, U: Inputs) -> tuple[list[Any], list[list[Any]]]:
-        """Return dJ/dtau_s of each stage and dJ/du_k of each interval, by stage, by the exact discrete adjoint.
+        """Return the exact gradient of J by all variables, by the discrete adjoint: one sweep backwards over the nodes.
 
-        With x_k+1 = F(x_k, u_k, h), h = tau_s / N_s, and L weighted with the priority of its stage,
+        With x_k+1 = F(x_k, u_k, h), h = tau_s / N_s, L weighted with the priority of its stage, and costates psi,
 
             psi_k = F_x' psi_k+1 + h L_x,     dJ/du_k = F_u' psi_k+1 + h L_u,
             dJ/dtau_s = 1 / N_s sum_k (F_h' psi_k+1 + L_k) + sum_k h L_r' dr_k/dtau_s.
 
-        The last sum is of trajectories, which are read at the nodes.
+        The last sum is of trajectories r, which are read at the nodes.
+
+        Args:
+            tau: Durations of the stages, (S + 1,) [s], numbers or symbols.
+            U: Inputs over the intervals, by stage.
+
+        Returns:
+            dJ/dtau_s of each stage; dJ/du_k of each interval, by stage.
         """
         X = self.states(tau, U)
         k = len(X) - 1
         last = len(self.nodes) - 1
-        at = self._at_last_node(X[k], tau)
-        costate = self._p.terminal * at["L_x"]
+        terms = self._terms_at_last_node(X[k], tau)
+        costate = self._p.terminal * terms["L_x"]
         by_duration = [self._p.pending * (last - s) for s in range(last + 1)]
-        by_duration[last] += self._p.terminal * ca.dot(at["L_r"], slope_at(self._p, last, self.nodes[last]))
+        by_duration[last] += self._p.terminal * ca.dot(terms["L_r"], slope_at(self._p, last, self.nodes[last]))
         by_input: list[list[Any]] = [[] for _ in self.nodes]
         for s in reversed(range(len(self.nodes))):
             N = self.nodes[s]
             h = tau[s] / N
             for i in reversed(range(N)):
                 k -= 1
-                at = self._at(s, i, X[k], U[s][i], tau)
-                by_duration[s] += (ca.dot(at["F_h"], costate) + at["L"]) / N
-                by_duration[s] += h * ca.dot(at["L_r"], slope_at(self._p, s, i))
-                by_input[s].insert(0, at["F_u"].T @ costate + h * at["L_u"])
-                costate = at["F_x"].T @ costate + h * at["L_x"]
+                terms = self._terms_at_node(s, i, X[k], U[s][i], tau)
+                by_duration[s] += (ca.dot(terms["F_h"], costate) + terms["L"]) / N
+                by_duration[s] += h * ca.dot(terms["L_r"], slope_at(self._p, s, i))
+                by_input[s].insert(0, terms["F_u"].T @ costate + h * terms["L_u"])
+                costate = terms["F_x"].T @ costate + h * terms["L_x"]
         return by_duration, by_input
 
     def by_costate(self, tau: Any, U: Inputs, printed: bool = False) -> list[Any]:
-        """Return dJ/dt_s by the paper's formula, its costate psi by (27).
+        """Return dJ/dt_s by each switch time, by the paper's formula in continuous time, its costate psi by (27).
 
         At an optimum the control jumps at a switch, because the weight on it does. Here each side of the jump has its
         own control and its own priority,
@@ -102,30 +109,45 @@ class Shooting:
             psi' (f_s(x, u-) - f_s+1(x, u+)) + omega_s L_s(x, u-) - omega_s+1 L_s+1(x, u+),
 
         while (26), `printed`, has u- and omega_s on both sides.
+
+        Args:
+            tau: Durations of the stages, (S + 1,) [s], numbers or symbols.
+            U: Inputs over the intervals, by stage.
+            printed: Take (26) as printed.
         """
         X = self.states(tau, U)
         k = len(X) - 1
         last = len(self.nodes) - 1
-        costate = self._p.terminal * self._at_last_node(X[k], tau)["L_x"]
+        costate = self._p.terminal * self._terms_at_last_node(X[k], tau)["L_x"]
         gradient: list[Any] = [self._p.pending] * last
         for s in reversed(range(len(self.nodes))):
             h = tau[s] / self.nodes[s]
             if s < last:
-                before = self._at(s, self.nodes[s], X[k], U[s][-1], tau)
-                u_after, weighted_as = (U[s][-1], s) if printed else (U[s + 1][0], s + 1)
-                after = self._at(s + 1, 0, X[k], u_after, tau, omega=self._p.omega[weighted_as])
+                before = self._terms_at_node(s, self.nodes[s], X[k], U[s][-1], tau)
+                u_after = U[s][-1] if printed else U[s + 1][0]
+                omega_after = self._p.omega[s if printed else s + 1]
+                after = self._terms_at_node(s + 1, 0, X[k], u_after, tau, omega=omega_after)
                 gradient[s] += ca.dot(costate, before["f"] - after["f"]) + before["L"] - after["L"]
             for i in reversed(range(self.nodes[s])):
                 k -= 1
-                at = self._at(s, i, X[k], U[s][i], tau)
-                costate = costate + h * (at["f_x"].T @ costate + at["L_x"])
-                if s > 0:  # a trajectory begins with its stage
-                    r = reference_at(self._p, s, i + 1, tau[s]) - reference_at(self._p, s, i, tau[s])
-                    gradient[s - 1] -= ca.dot(at["L_r"], r)
+                terms = self._terms_at_node(s, i, X[k], U[s][i], tau)
+                costate = costate + h * (terms["f_x"].T @ costate + terms["L_x"])
+                if s > 0:  # a trajectory begins with its stage: it moves with the switch before
+                    change = reference_at(self._p, s, i + 1, tau[s]) - reference_at(self._p, s, i, tau[s])
+                    gradient[s - 1] -= ca.dot(terms["L_r"], change)
         return gradient
 
-    def _at(self, s: int, i: int, x: Any, u: Any, tau: Any, **changes: Any) -> dict[str, Any]:
-        """Return the terms of a stage at its node i by name, some of their arguments changed."""
+    def _terms_at_node(self, s: int, i: int, x: Any, u: Any, tau: Any, **changes: Any) -> dict[str, Any]:
+        """Evaluate what the gradients are made of at a node: cost L, flow f, and derivatives of these and the step F.
+
+        Args:
+            s: The stage.
+            i: The node, counted from the stage's first.
+            x: State there.
+            u: Input over the interval that begins there.
+            tau: Durations of the stages [s].
+            changes: Values for arguments of the terms in place of the stage's own, such as another priority `omega`.
+        """
         p = self._p
         arguments = {
             "x": x,
@@ -142,10 +164,10 @@ class Shooting:
         terms: dict[str, Any] = self._terms[s](**{**arguments, **changes})
         return terms
 
-    def _at_last_node(self, x: Any, tau: Any) -> dict[str, Any]:
+    def _terms_at_last_node(self, x: Any, tau: Any) -> dict[str, Any]:
         """Return the terms of the last stage at its end, where neither control nor force costs."""
         last = len(self.nodes) - 1
-        return self._at(last, self.nodes[last], x, 0.0, tau, W_r=0.0)
+        return self._terms_at_node(last, self.nodes[last], x, 0.0, tau, W_r=0.0)
 
 
 def by_switch_times(by_duration: Iterable[Any]) -> list[Any]:
@@ -198,10 +220,11 @@ def _columns(U: Sequence[np.ndarray]) -> list[list[ca.DM]]:
 
 
 def _stage_terms(model: RobotModel, shape: StageShape, discretization: str) -> ca.Function:
-    """Return the terms of the switching gradient at one interval of a stage, by name.
+    """Return what gradients of J by durations and inputs are made of at one interval of a stage, as one function.
 
-    They are the weighted and normalized running cost L = omega (cost - offset) / scale, the flow f, and the derivatives
-    of these and of the step F by their arguments: F_x is dF / dx. The adjoint recursion and (26) are made of them.
+    Its results are the weighted and normalized running cost L = omega (cost - offset) / scale, the flow f, and the
+    derivatives of these and of the step F by their arguments: F_x is dF / dx. The discrete adjoint is made of F and L,
+    the paper's costate formula (26) of f and L.
 
     Args:
         model: The robot.
@@ -217,13 +240,14 @@ def _stage_terms(model: RobotModel, shape: StageShape, discretization: str) -> c
     u = ca.SX.sym("u", functions.inputs)
     h = ca.SX.sym("h")
     r = ca.SX.sym("r", functions.numbers)
-    W = ca.SX.sym("W", functions.cost.function.size1_in(3))
-    W_r = ca.SX.sym("W_r", functions.cost.function.size1_in(4))
-    load = ca.SX.sym("load", functions.cost.function.size1_in(5))
+    cost = functions.cost.function  # of x, u, r, W, W_r, load
+    W = ca.SX.sym("W", cost.size1_in(3))
+    W_r = ca.SX.sym("W_r", cost.size1_in(4))
+    load = ca.SX.sym("load", cost.size1_in(5))
     omega = ca.SX.sym("omega")
     offset = ca.SX.sym("offset")
     scale = ca.SX.sym("scale")
-    L = omega * (functions.cost.function(x, u, r, W, W_r, load) - offset) / scale
+    L = omega * (cost(x, u, r, W, W_r, load) - offset) / scale
     anchor = r[functions.anchor]
     F = functions.step(discretization)(x, u, h, anchor)
     f = model.field(shape.input)(x, u, anchor)

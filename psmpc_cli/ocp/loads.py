@@ -119,20 +119,29 @@ class LoadKind:
         return 2 * len(model.spec.arms) * self.carries + of_object + of_wheels
 
     def stored(self, model: RobotModel) -> ca.Function:
-        """Return x (2n,) in a chart, its anchor, numbers -> what wheels store, along the base's axes (1,) or (3,)."""
+        """Return the function that says what reaction wheels store at a state, as a load of this kind knows it.
+
+        Either that is one of the load's numbers (it stays in the base), or it follows from the angular momentum L of
+        everything about the inertial origin, which is one of them: L = l(Q, v) + R h_w, with l that of robot and load
+        and R the attitude of the base, so that h_w = R' (L - l).
+
+        Returns:
+            x (2n,) in a chart, anchor of the chart, numbers of the load -> h_w along the base's axes, (1,) or (3,) [N m
+            s].
+        """
 
         def build() -> ca.Function:
             space = model.space
             x = ca.SX.sym("x", 2 * model.n)
             anchor = ca.SX.sym("anchor", space.n_anchor)
             numbers = ca.SX.sym("numbers", self.count(model))
-            own = numbers[numbers.numel() - n_stored(model.spec) :]
-            stored = own
+            of_wheels = numbers[numbers.numel() - n_stored(model.spec) :]  # the last: h_w, or L
+            stored = of_wheels
             if self.stores == FOLLOWS:
-                left = own - self.momentum(model)(x, anchor, numbers)[space.rotation]
+                rest = of_wheels - self.momentum(model)(x, anchor, numbers)[space.rotation]
                 R = space.base_rotation(space.charted_coordinates(x[: model.n], anchor))
-                _, angular = space.twist_to_3d([*[0.0] * space.dimension, *ca.vertsplit(left)])
-                along_base = space.twist([0.0] * 3, matrix_vector(transposed(R), angular))
+                _, rest_3d = space.twist_to_3d([*[0.0] * space.dimension, *ca.vertsplit(rest)])
+                along_base = space.twist([0.0] * 3, matrix_vector(transposed(R), rest_3d))
                 stored = ca.vertcat(*along_base[space.rotation])
             return ca.Function("stored", [x, anchor, numbers], ca.cse([stored]))
 
@@ -173,17 +182,22 @@ class LoadKind:
         return ca.SX(ca.sparsify(F_by) @ ca.cse(ca.jacobian(ca.vertcat(*arguments, motion.stored), by)))
 
     def momentum(self, model: RobotModel) -> ca.Function:
-        """Return x (2n,) in a chart, its anchor, numbers -> momentum (n_twist,) of robot and load. Paper eq. (4).
+        """Return the momentum of robot and load as a function, which a base without thrusters keeps. Paper eq. (4).
 
-        That of wheels is in it where it stays in the base.
+        The momentum that reaction wheels store is in it where their motors leave it in the base.
+
+        Returns:
+            x (2n,) in a chart, anchor of the chart, numbers of the load -> momentum (n_twist,) [N s, N m s].
         """
 
         def build() -> ca.Function:
             x = ca.SX.sym("x", 2 * model.n)
             anchor = ca.SX.sym("anchor", model.space.n_anchor)
             numbers = ca.SX.sym("numbers", self.count(model))
-            of_wheels = n_stored(model.spec)
-            stored = numbers[numbers.numel() - of_wheels :] if self.stores == STAYS else ca.SX.zeros(of_wheels)
+            stored_count = n_stored(model.spec)
+            stored = ca.SX.zeros(stored_count)
+            if self.stores == STAYS:
+                stored = numbers[numbers.numel() - stored_count :]
             w, grasps, body = self._split(model, numbers, stored)
             Q = model.space.charted_coordinates(x[: model.n], anchor)
             v = model.space.charted_velocity(x[: model.n], x[model.n :])
@@ -256,16 +270,24 @@ class OwnMotion:
         anchor: ca.SX,
         stored: ca.SX | None = None,
     ) -> "OwnMotion":
-        """Return the motion at Q, Qdot and accelerations u (n,) in the chart about an anchor.
+        """Return a motion in a chart as the base sees it: velocity and acceleration along the base's own axes.
 
-        Wheels store nothing by default.
+        Args:
+            model: The robot.
+            Q: Coordinates in the chart, (n,).
+            Qdot: Their rates, (n,).
+            u: Their accelerations, (n,).
+            anchor: Attitude about which the chart is.
+            stored: What wheels store along the base's axes; by default nothing.
         """
         space = model.space
         position = space.charted_coordinates(Q, anchor)
-        v, vdot = (
-            ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(vector)))
-            for vector in (space.charted_velocity(Q, Qdot), space.charted_acceleration(Q, Qdot, u))
-        )
+
+        def along_base_axes(vector: ca.SX) -> ca.SX:
+            return ca.SX(ca.vertcat(*space.along_base_axes(ca.vertsplit(position), ca.vertsplit(vector))))
+
+        v = along_base_axes(space.charted_velocity(Q, Qdot))
+        vdot = along_base_axes(space.charted_acceleration(Q, Qdot, u))
         if stored is None:
             stored = ca.SX.zeros(n_stored(model.spec))
         return cls(position[space.joint_coordinates], v, vdot, stored)
@@ -339,22 +361,33 @@ UNWEIGHED_LOAD = _UnweighedLoad(mass=(), inertia=())
 
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
-    """Return what the grippers are known to hold in a stage of a task."""
+    """Return what the controller knows the grippers to hold in a stage, and what it knows of the wheels.
+
+    Outside the stages that hold something it is nothing. In them it is a payload at the ends of the arms, or the object
+    as its grippers hold it, where the task lets the controller know of it.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: Index of the stage.
+    """
     payload = task.uncertainty.carried
     nothing = (0.0,) * len(model.spec.arms)
     moved_by = task.moved_by(stage, model.spec)
     driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)
     stores = _stores(model, moved_by)
     stored = tuple(Wheels.of(model.spec).at_first) if stores else ()
-    free = Load(nothing, nothing, driven=driven, stores=stores, stored=stored)
+    no_load = Load(nothing, nothing, driven=driven, stores=stores, stored=stored)
     if stage not in task.held_stages:
-        return free
+        return no_load
     if payload.known:
         totals = prior_of_load(task).mean if payload.is_estimated else np.array([payload.mass, payload.inertia])
-        mass, inertia = np.outer(totals, payload.shares(tuple(model.spec.arms))).tolist()
-        return replace(free, mass=tuple(mass), inertia=tuple(inertia), finds_payload=payload.is_estimated)
+        masses, inertias = np.outer(totals, payload.shares(tuple(model.spec.arms))).tolist()
+        return replace(
+            no_load, mass=tuple(masses), inertia=tuple(inertias), finds_payload=payload.is_estimated
+        )
     held = HeldObject.of(task.body, model) if task.body.grasp.known else EMPTY_HANDS
-    return replace(free, held=held)
+    return replace(no_load, held=held)
 
 
 @dataclass(frozen=True, eq=False)

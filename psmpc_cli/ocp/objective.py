@@ -73,10 +73,16 @@ class ConstraintFunctions:
         at_nodes: bool = False,
         has_curvature: bool = True,
     ) -> None:
+        """Take the rows g(x, a) of a constraint as an expression, and what decides how they are evaluated.
+
+        Rows that are linear in rates which they determine are solved for these (`solved_for`), and convex ones need no
+        curvature in a quadratic program. Rows at many nodes are evaluated as a tape; those at the end of a stage, one
+        node, are not.
+        """
         self.solved_for = solved_for
         self._is_convex = is_convex
         self._has_curvature = has_curvature and solved_for is None and not is_convex
-        self._at_many = at_nodes or solved_for is not None or is_convex  # other rows hold at the end of a stage
+        self._at_many = at_nodes or solved_for is not None or is_convex
         self._x = x
         self._argument = argument
         self._rows = ca.densify(rows)
@@ -114,11 +120,12 @@ class ConstraintFunctions:
 
     @cached_property
     def curvature(self) -> BatchFunction | None:
-        """x, a, multipliers y -> upper triangle of the second derivatives of y'g by Q (n, n), by rows.
+        """x, a, multipliers y -> upper triangle of the second derivatives of y'g by Q, row by row (n n,).
 
-        Q is the first half of x; by velocities no row is curved. None where there is nothing to add to the model of a
-        program: g is linear in Q; it is solved for rates at each iterate instead; it is convex, and its curvature
-        could only make the program non-convex; or it is a velocity.
+        It is what a constraint adds to the Hessian of the Lagrangian. Q is the first half of x; by velocities no row is
+        curved. None where there is nothing to add to the model of a program: g is linear in Q; it is solved for rates
+        at each iterate instead; it is convex, and its curvature could only make the program non-convex; or it is a
+        velocity.
         """
         if not (self.count and self._has_curvature):
             return None
@@ -251,10 +258,11 @@ class IntervalFunctions:
         ends: Sequence[int],
         jacobian: Callable[[], ca.SX] | None = None,
     ) -> None:
+        """Take the rows r(x, dv, h, a) as an expression, and at which ends of an interval they stand (0, 1)."""
         self._arguments = [x, dv, h, argument]
         self._rows = ca.densify(rows)
         self._ends = ends
-        self._derive = jacobian or (lambda: ca.jacobian(self._rows, ca.vertcat(x, dv, h)))
+        self._derive = jacobian or (lambda: ca.jacobian(self._rows, ca.vertcat(x, dv, h)))  # when first needed
         self.count = int(rows.numel()) * len(ends)
 
     @cached_property
@@ -267,41 +275,54 @@ class IntervalFunctions:
         """x, dv, h, a -> the derivatives of r by [x; dv; h], row by row."""
         return _on_rows("interval_jacobian", self._arguments, [_row_by_row(self._derive())])
 
-    def expression(self, at: IntervalSymbols, argument: ca.SX) -> ca.SX:
+    def expression(self, interval: IntervalSymbols, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) of an interval."""
-        n = at.x.numel() // 2
-        dv = at.x_next[n:] - at.x[n:]
-        return ca.vertcat(*(self._value.function((at.x, at.x_next)[end], dv, at.h, argument) for end in self._ends))
+        n = interval.x.numel() // 2
+        dv = interval.x_next[n:] - interval.x[n:]
+        return ca.vertcat(
+            *(self._value.function((interval.x, interval.x_next)[end], dv, interval.h, argument) for end in self._ends)
+        )
 
-    def values(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+    def values(self, intervals: Intervals, argument: np.ndarray) -> np.ndarray:
         """Return the rows of J intervals (J, rows)."""
-        X = at.x
-        X_next = at.x_next
-        h = at.h
+        X = intervals.x
+        X_next = intervals.x_next
+        h = intervals.h
         n = X.shape[1] // 2
         dv = X_next[:, n:] - X[:, n:]
         rows_at_ends = [self._value((X, X_next)[end], dv, h, argument, rows=len(X))[0] for end in self._ends]
         return np.hstack(rows_at_ends)
 
-    def jacobian(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
-        """Return their derivatives by both states and the length, (J, rows, 4n + 1)."""
-        X = at.x
-        X_next = at.x_next
-        h = at.h
-        K = len(X)
-        n = X.shape[1] // 2
-        dv = X_next[:, n:] - X[:, n:]
-        by = np.zeros((K, len(self._ends), self.count // len(self._ends), 4 * n + 1))
+    def jacobian(self, intervals: Intervals, argument: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the rows over J intervals by the states x, x+ at both ends and the length h.
+
+        A row r(x, dv, h, a) at one end depends on the other one through dv = v+ - v alone: so its derivatives by dv are
+        added to those by v+ and subtracted from those by v.
+
+        Args:
+            intervals: The intervals.
+            argument: a, (numbers,).
+
+        Returns:
+            (J, rows, 4n + 1), rows at the beginning first, columns [Q, v, Q+, v+, h].
+        """
+        J, state_size = intervals.x.shape
+        n = state_size // 2
+        dv = intervals.x_next[:, n:] - intervals.x[:, n:]
+        rows_at_end = self.count // len(self._ends)
+        of_v = slice(n, 2 * n)
+        of_v_next = slice(3 * n, 4 * n)
+        derivatives = np.zeros((J, len(self._ends), rows_at_end, 4 * n + 1))
         for i, end in enumerate(self._ends):
-            (by_row,) = self._jacobian((X, X_next)[end], dv, h, argument, rows=K)
-            jacobian = by_row.reshape(K, self.count // len(self._ends), -1)
-            at_end = slice(2 * n * end, 2 * n * (end + 1))
-            by_dv = jacobian[..., 2 * n : 3 * n]
-            by[:, i, :, at_end] = jacobian[..., : 2 * n]
-            by[:, i, :, n : 2 * n] -= by_dv
-            by[:, i, :, 3 * n : 4 * n] += by_dv
-            by[:, i, :, -1] = jacobian[..., -1]
-        return by.reshape(K, self.count, 4 * n + 1)
+            x = intervals.x_next if end else intervals.x
+            of_x = slice(2 * n * end, 2 * n * (end + 1))
+            (by_x_dv_h,) = self._jacobian(x, dv, intervals.h, argument, rows=J)
+            by_x, by_dv, by_h = np.split(by_x_dv_h.reshape(J, rows_at_end, -1), [2 * n, 3 * n], axis=2)
+            derivatives[:, i, :, of_x] = by_x
+            derivatives[:, i, :, of_v] -= by_dv
+            derivatives[:, i, :, of_v_next] += by_dv
+            derivatives[:, i, :, -1] = by_h[..., 0]
+        return derivatives.reshape(J, self.count, 4 * n + 1)
 
     def prepare(self) -> tuple[BatchFunction, ...]:
         """Write its functions and return them."""
@@ -338,44 +359,56 @@ class RateFunctions:
         gradient = ca.gradient(self._row, ca.vertcat(*self._arguments))
         return BatchFunction(ca.Function("rate_gradient", self._arguments, [ca.densify(gradient)]))
 
-    def expression(self, at: IntervalSymbols, argument: ca.SX) -> ca.SX:
+    def expression(self, interval: IntervalSymbols, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) of an interval."""
         function = self._value.function
-        return ca.vertcat(*(function(at.u_before[i], at.u[i], at.h_before, at.h) for i in self._coordinates))
+        return ca.vertcat(
+            *(function(interval.u_before[i], interval.u[i], interval.h_before, interval.h) for i in self._coordinates)
+        )
 
-    def _at(self, at: Intervals) -> list[np.ndarray]:
+    def _arguments_of_rows(self, intervals: Intervals) -> list[np.ndarray]:
         """Return u-, u, h-, h of each row of J intervals, (J rows, 1) each."""
-        chosen = (at.u_before[:, self._coordinates], at.u[:, self._coordinates], at.h_before, at.h)
-        return [np.broadcast_to(numbers, (len(at.k), self.count)).reshape(-1, 1) for numbers in chosen]
+        arguments = (
+            intervals.u_before[:, self._coordinates],
+            intervals.u[:, self._coordinates],
+            intervals.h_before,
+            intervals.h,
+        )
+        return [np.broadcast_to(argument, (len(intervals.k), self.count)).reshape(-1, 1) for argument in arguments]
 
-    def values(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+    def values(self, intervals: Intervals, argument: np.ndarray) -> np.ndarray:
         """Return the rows of J intervals (J, rows)."""
-        return np.asarray(self._value(*self._at(at), rows=len(at.k) * self.count)[0].reshape(len(at.k), self.count))
+        (values,) = self._value(*self._arguments_of_rows(intervals), rows=len(intervals.k) * self.count)
+        return np.asarray(values.reshape(len(intervals.k), self.count))
 
-    def jacobian(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
-        """Return their derivatives (J, rows, 5n + 2).
+    def jacobian(self, intervals: Intervals, argument: np.ndarray) -> np.ndarray:
+        """Return the derivatives of the rows r(u-, u, h-, h) of J intervals by what accelerations are made of.
 
-        By the states at both ends, the length, the velocity where the interval before begins and its length. With
-        u = (v+ - v) / h and u- = (v - v-) / h-, what was applied before the first interval standing for u- there,
+        With u = (v+ - v) / h and u- = (v - v-) / h-, what was applied before the first interval standing for u- there,
 
             r_v+ = r_u / h,   r_v = r_u- / h- - r_u / h,   r_v- = -r_u- / h-,   dr/dh = r_h - u r_u / h,   h- alike.
+
+        Returns:
+            (J, rows, 5n + 2): by the states at both ends, the length, the velocity where the interval before begins
+            and the length of that interval, columns [Q, v, Q+, v+, h, v-, h-].
         """
-        arguments = self._at(at)
-        u_before, u, h_before, h = (numbers.reshape(len(at.k), self.count) for numbers in arguments)
-        (gradient,) = self._gradient(*arguments, rows=len(at.k) * self.count)
-        by_u_before, by_u, by_h_before, by_h = np.moveaxis(gradient.reshape(len(at.k), self.count, 4), -1, 0)
+        J = len(intervals.k)
+        arguments = self._arguments_of_rows(intervals)
+        u_before, u, h_before, h = (argument.reshape(J, self.count) for argument in arguments)
+        (gradient,) = self._gradient(*arguments, rows=J * self.count)
+        by_u_before, by_u, by_h_before, by_h = np.moveaxis(gradient.reshape(J, self.count, 4), -1, 0)
         by_v_next = by_u / h
         by_v_before = -by_u_before / h_before
-        n = at.X.shape[1] // 2
-        by = np.zeros((len(at.k), self.count, 5 * n + 2))
+        n = intervals.X.shape[1] // 2
+        derivatives = np.zeros((J, self.count, 5 * n + 2))
         row = np.arange(self.count)
         coordinate = np.array(self._coordinates)
-        by[:, row, n + coordinate] = -by_v_before - by_v_next
-        by[:, row, 3 * n + coordinate] = by_v_next
-        by[:, row, 4 * n] = by_h - u * by_u / h
-        by[:, row, 4 * n + 1 + coordinate] = by_v_before
-        by[:, row, 5 * n + 1] = by_h_before - u_before * by_u_before / h_before
-        return by
+        derivatives[:, row, n + coordinate] = -by_v_before - by_v_next
+        derivatives[:, row, 3 * n + coordinate] = by_v_next
+        derivatives[:, row, 4 * n] = by_h - u * by_u / h
+        derivatives[:, row, 4 * n + 1 + coordinate] = by_v_before
+        derivatives[:, row, 5 * n + 1] = by_h_before - u_before * by_u_before / h_before
+        return derivatives
 
     def prepare(self) -> tuple[BatchFunction, ...]:
         """Write its functions and return them."""
@@ -398,36 +431,40 @@ class ChangeFunctions:
         self._at_node = at_node
         self.count = at_node.count
 
-    def expression(self, at: IntervalSymbols, argument: ca.SX) -> ca.SX:
+    def expression(self, interval: IntervalSymbols, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) of an interval."""
         function = self._at_node.value.function
-        return ca.SX(function(at.x_next, argument) - function(at.x, argument))
+        return ca.SX(function(interval.x_next, argument) - function(interval.x, argument))
 
-    def values(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+    def values(self, intervals: Intervals, argument: np.ndarray) -> np.ndarray:
         """Return the rows of J intervals (J, rows)."""
-        nodes, ends = _ends_of(at.k)
-        (g,) = self._at_node.value(at.X[nodes], argument, rows=len(nodes))
+        nodes, ends = _ends_of(intervals.k)
+        (g,) = self._at_node.value(intervals.X[nodes], argument, rows=len(nodes))
         return np.asarray(g[ends[1]] - g[ends[0]])
 
-    def jacobian(self, at: Intervals, argument: np.ndarray) -> np.ndarray:
+    def jacobian(self, intervals: Intervals, argument: np.ndarray) -> np.ndarray:
         """Return their derivatives by both states and the length, (J, rows, 4n + 1)."""
-        nodes, ends = _ends_of(at.k)
-        _, by_x = self._at_node.with_jacobian(at.X[nodes], argument, rows=len(nodes))
+        nodes, ends = _ends_of(intervals.k)
+        _, by_x = self._at_node.with_jacobian(intervals.X[nodes], argument, rows=len(nodes))
         by_x = by_x.reshape(len(nodes), self.count, -1)
-        return np.concatenate([-by_x[ends[0]], by_x[ends[1]], np.zeros((len(at.k), self.count, 1))], axis=2)
+        return np.concatenate([-by_x[ends[0]], by_x[ends[1]], np.zeros((len(intervals.k), self.count, 1))], axis=2)
 
     def with_dependent_rates(self, X: np.ndarray, argument: np.ndarray) -> np.ndarray:
-        """Return states at successive nodes (N + 1, 2n) with the rates that are solved for, so that nothing changes.
+        """Return states whose dependent rates are such that g(x, a) is the same at all nodes, that of the first one.
 
-        Those at the first node stay.
+        The rows g (a momentum) are linear in as many rates y of x as there are rows, which they are solved for: with
+        G = dg/dy at a node, y - G^-1 (g - g_first) is its new value. Without such rates the states stay.
+
+        Args:
+            X: States at successive nodes, (N + 1, 2n).
+            argument: a, (numbers,).
         """
         if self._at_node.solved_for is None or self._at_node.by_solved_for is None:
             return X
         g, jacobian = self._at_node.by_solved_for(X, argument, rows=len(X))
         change = g[1:] - g[0]
-        rates = slice(
-            *(X.shape[1] // 2 + end for end in (self._at_node.solved_for.start, self._at_node.solved_for.stop))
-        )
+        n = X.shape[1] // 2
+        rates = slice(n + self._at_node.solved_for.start, n + self._at_node.solved_for.stop)
         by_rates = jacobian.reshape(len(X), self.count, -1)[1:]
         X = X.copy()
         X[1:, rates] -= np.linalg.solve(by_rates, change[..., None])[..., 0]
@@ -456,14 +493,16 @@ class StageFunctions:
     """
 
     def __init__(self, model: RobotModel, shape: StageShape) -> None:
+        """Write the residual e of the stage's skill and its weighted square as expressions of symbols."""
         skill = skill_in(shape.space)
         n = model.n
         self.model = model
         self.shape = shape
         self.rows = skill.rows(model)
+        # A target has the numbers of the skill, those that samples set (the chart's anchor), then those of the object.
         self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
-        of_object = 2 * model.space.n_pose if shape.object_names else 0
-        self.numbers = self._numbers_of_skill + of_object
+        numbers_of_object = 2 * model.space.n_pose if shape.object_names else 0
+        self.numbers = self._numbers_of_skill + numbers_of_object
         self.inputs = model.n_inputs(shape.input)
         self._Q = ca.SX.sym("Q", n)
         self._Qdot = ca.SX.sym("Qdot", n)
@@ -503,9 +542,10 @@ class StageFunctions:
 
     @cached_property
     def gauss_newton(self) -> BatchFunction:
-        """Q, W, target, slope -> e'We, e'We_tau, e_tau'We_tau, E'We (n,), E'We_tau (n,), triu(E'WE) (n n,).
+        """Q, W, target, slope -> what the Gauss-Newton model of the cost e'We at a node is made of.
 
-        E is the derivative of e by Q and e_tau that by the stage's duration, with which the target moves by `slope`.
+        The results are e'We, e'We_tau, e_tau'We_tau, then E'We (n,), E'We_tau (n,) and triu(E'WE), row by row (n n,). E
+        is the derivative of e by Q, and e_tau that by the stage's duration, with which the target moves by `slope`.
         """
         slope = ca.SX.sym("slope", self.numbers)
         e = self._e
@@ -513,9 +553,9 @@ class StageFunctions:
         E = ca.jacobian(self._e, self._Q)
         hessian = ca.triu(E.T @ (ca.diag(W) @ E))
         e_tau = ca.jtimes(e, self._target, slope)
-        by_duration = [ca.dot(W * e, e_tau), weighted_square(e_tau, W)]
-        by_position = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _row_by_row(hessian)]
-        outputs = ca.cse([self._L, *by_duration, *by_position])
+        scalars = [self._L, ca.dot(W * e, e_tau), weighted_square(e_tau, W)]
+        of_positions = [ca.densify(E.T @ (W * e)), ca.densify(E.T @ (W * e_tau)), _row_by_row(hessian)]
+        outputs = ca.cse([*scalars, *of_positions])
         return BatchFunction(ca.Function("cost", [self._Q, W, self._target, slope], outputs), native=True)
 
     @cached_property
@@ -539,9 +579,10 @@ class StageFunctions:
 
     @property
     def _object_end(self) -> ca.SX:
-        """Rows d of what is bounded of the object: its position, turn and velocities, component by component.
+        """Rows d of the end condition on a held object: how far it is from its destination, and how fast it moves.
 
-        The object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
+        They are its position, turn and velocities, component by component, as far as the end condition bounds them. The
+        object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
         pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
         quaternion's vector doubled. Windows bound each of c components by tolerance / sqrt(c), which keeps |d| within
         the tolerance: the rows of velocities then are linear in the rates.
@@ -550,11 +591,12 @@ class StageFunctions:
         if not measures:
             return ca.SX(0, 1)
         space = self.model.space
-        frame = self.model.pose_rows[self.shape.object_names[0]]
-        of_skill = self._target[: self._numbers_of_skill]
-        inside, destination = ca.vertsplit(self._target[self._numbers_of_skill :], space.n_pose)
-        p, q = space.to_3d(ca.vertsplit(self.model.charted(self._Q, of_skill[self.anchor])[frame]))
-        r, q_r = space.to_3d(ca.vertsplit(inside))
+        gripper = self.shape.object_names[0]
+        anchor = self._target[: self._numbers_of_skill][self.anchor]
+        pose_in_gripper, destination = ca.vertsplit(self._target[self._numbers_of_skill :], space.n_pose)
+        gripper_pose = self.model.charted(self._Q, anchor)[self.model.pose_rows[gripper]]
+        p, q = space.to_3d(ca.vertsplit(gripper_pose))
+        r, q_r = space.to_3d(ca.vertsplit(pose_in_gripper))
         wanted_position, wanted_attitude = space.to_3d(ca.vertsplit(destination))
         position = add(p, rotate(q, r))
         attitude = product(q, q_r)
@@ -562,17 +604,18 @@ class StageFunctions:
         velocity = ca.jtimes(ca.vertcat(*position), self._Q, self._Qdot)
         quaternion_rate = ca.jtimes(ca.vertcat(*attitude), self._Q, self._Qdot)
         spin = product(ca.vertsplit(quaternion_rate), conjugate(attitude))
-        apart = add(position, scaled(wanted_position, -1))
-        distance, angle = self._of_space(apart, scaled(turned[1:], 2))
-        speed, rate = self._of_space(ca.vertsplit(velocity), scaled(spin[1:], 2))
-        rows = dict(zip(MEASURES, (distance, angle, speed, rate), strict=True))
-        return ca.SX(ca.vertcat(*(component for measure in measures for component in rows[measure])))
+        offset = add(position, scaled(wanted_position, -1))
+        offset_components, turn_components = self._of_space(offset, scaled(turned[1:], 2))
+        velocity_components, spin_components = self._of_space(ca.vertsplit(velocity), scaled(spin[1:], 2))
+        components = (offset_components, turn_components, velocity_components, spin_components)
+        rows_of_measure = dict(zip(MEASURES, components, strict=True))
+        return ca.SX(ca.vertcat(*(row for measure in measures for row in rows_of_measure[measure])))
 
     def _of_space(self, linear: Sequence[ca.SX], angular: Sequence[ca.SX]) -> tuple[list[ca.SX], list[ca.SX]]:
-        """Return the components of two vectors (3,) that count."""
+        """Return the components of a linear and an angular vector (3,) that there are in the robot's space."""
         space = self.model.space
-        both = space.twist(linear, angular)
-        return both[: space.dimension], both[space.dimension :]
+        components = space.twist(linear, angular)
+        return components[: space.dimension], components[space.dimension :]
 
     @property
     def end_rows(self) -> int:
@@ -597,9 +640,11 @@ class StageFunctions:
 
     @cached_property
     def met(self) -> BatchFunction:
-        """x, [target; centers; half widths], margin -> whether the end condition holds within margin * tolerance.
+        """x, [target; centers; half widths], margin -> 1 if the end condition (18) holds there, else 0.
 
-        What is bounded of the object is the length of its components.
+        A row of the robot's error has to be within margin times its half width of its center. Of the object the
+        components of each measure (distance, angle, speeds) count together, by their length. A little slack lets a
+        solution at the edge count that a solver ended within its own tolerance.
         """
         sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
         margin = ca.SX.sym("margin")
@@ -607,10 +652,10 @@ class StageFunctions:
         target, drift, tolerance = ca.vertsplit(end_numbers, sizes.tolist())
         rows = self.end.value.function(self._x, target) - drift
         counts = [1] * (self.end_rows - sum(self._object_rows)) + list(self._object_rows)
-        bounded = np.cumsum([0, *counts]).tolist()
-        lengths = [ca.norm_2(error) for error in ca.vertsplit(rows, bounded)]
-        most = [ca.norm_2(bound) for bound in ca.vertsplit(tolerance, bounded)]
-        allowed = ca.vertcat(*most) * margin
+        first_rows = np.cumsum([0, *counts]).tolist()
+        lengths = [ca.norm_2(error) for error in ca.vertsplit(rows, first_rows)]
+        largest_lengths = [ca.norm_2(bound) for bound in ca.vertsplit(tolerance, first_rows)]
+        allowed = ca.vertcat(*largest_lengths) * margin
         holds = ca.vertcat(*lengths) <= allowed + ca.fmin(SLACK, SLACK_SHARE * allowed)
         return BatchFunction(ca.Function("met", [self._x, end_numbers, margin], [ca.mmin(holds)]))
 
@@ -629,11 +674,14 @@ class StageFunctions:
 
 
 def force_residual(model: RobotModel, load: LoadKind) -> IntervalFunctions:
-    """Return the rows sqrt(h) F (n,) at the beginning of an interval: their squares are the integrals of F^2.
+    """Return the residual of what force costs, rows over intervals sqrt(h) F (n,), of which the squares are integrals.
 
-    Their argument is the anchor of the chart, then the numbers of the load. With F as `constraints.forces` writes it,
+    F is the force of the low-level law at the beginning of an interval, along the base's own axes (paper eq. (7)). It
+    is quadratic in velocities and linear in the acceleration, so that a time slowed down by sqrt(h) takes h out of it:
 
         sqrt(h) F(Q, v, u) = F(Q, sqrt(h) v, Qdot+ - Qdot) / sqrt(h).
+
+    The argument of the rows is the anchor of the chart, then the numbers of the load.
     """
 
     def build() -> IntervalFunctions:
@@ -740,20 +788,25 @@ class StageCosts:
         return np.asarray(self._of(stage, True).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
 
     def end_error(self, stage: Stage, x: np.ndarray, allowance: np.ndarray | float = 0.0) -> float:
-        """Compute the largest error of a stage's end condition (18) at x (2n,) over its tolerance; NaN without one.
+        """Compute how far a state is from the end of a stage: the largest error over its tolerance, of condition (18).
+
+        At most 1 where the condition is met. Rows that are components of one measure (of an object's position, for
+        example) count together, by their length.
 
         Args:
             stage: The stage.
-            x: The state.
+            x: The state, (2n,).
             allowance: What is added to the tolerance of each row, (rows,) or () [m, rad, m/s, rad/s].
+
+        Returns:
+            The ratio; NaN for a stage without an end condition.
         """
         if not stage.end.has_condition:
             return np.nan
-        first = np.cumsum([0, *stage.end.counts[:-1]])
+        first_rows = np.cumsum([0, *stage.end.counts[:-1]])
         squares = np.square([self.ends(stage, x[None])[0], stage.end.half_widths + allowance])
-        length, most = np.sqrt(np.add.reduceat(squares, first, axis=1))
-        ratios = length / most
-        return float(np.max(ratios))
+        errors, tolerances = np.sqrt(np.add.reduceat(squares, first_rows, axis=1))
+        return float(np.max(errors / tolerances))
 
     def end_deviations(self, stage: Stage, x: np.ndarray, deviations: np.ndarray) -> np.ndarray:
         """Return the standard deviations of the rows of an end condition (rows,), measured at x (2n,).
@@ -770,19 +823,24 @@ def _row_by_row(matrix: ca.SX) -> ca.SX:
 
 
 def _step(model: RobotModel, stage_input: str, discretization: str) -> ca.Function:
-    """Return one interval of the dynamics.
+    """Return the motion over one interval as a function: x, u, dt, anchor of the chart -> the state at its end.
 
-    The double integrator is exact (8), or explicit Euler as printed (20); task-space input is integrated by one
-    classical Runge-Kutta step, or Euler.
+    For accelerations of Q it is the double integrator, exact (8), or by explicit Euler as printed (20). For those of
+    poses (task-space input) it is one classical Runge-Kutta step of the kinematics, or Euler.
+
+    Args:
+        model: The robot.
+        stage_input: What u accelerates, `joint` or `task`.
+        discretization: `exact` or `euler`.
     """
     dt = ca.SX.sym("dt")
     x = ca.SX.sym("x", 2 * model.n)
     u = ca.SX.sym("u", model.n_inputs(stage_input))
     anchor = ca.SX.sym("anchor", model.space.n_anchor)
     if stage_input == "joint":
-        after = motion.step(discretization)(x, u, dt)
+        x_next = motion.step(discretization)(x, u, dt)
     elif discretization == "euler":
-        after = x + dt * model.f_2(x, u, anchor)
+        x_next = x + dt * model.f_2(x, u, anchor)
     else:
-        after = runge_kutta(lambda x: model.f_2(x, u, anchor), x, dt)
-    return ca.Function("F", [x, u, dt, anchor], [after], ["x", "u", "dt", "anchor"], ["x_next"])
+        x_next = runge_kutta(lambda x: model.f_2(x, u, anchor), x, dt)
+    return ca.Function("F", [x, u, dt, anchor], [x_next], ["x", "u", "dt", "anchor"], ["x_next"])

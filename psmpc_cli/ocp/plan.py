@@ -142,19 +142,23 @@ class Plan:
         return np.where(ramped, rates + ramps, rates)
 
     def averaged_rates(self, edges: np.ndarray, before: np.ndarray, width: float) -> np.ndarray:
-        """Return rates of v over ticks as `velocity_rates` does, averaged over a time about each (M, n).
+        """Return what is commanded over ticks to follow the plan without jumps: rates of v, averaged about each tick.
 
-        The time is shorter near a switch, beyond which accelerations are those of another stage. As in `ramped_rates`
-        the difference between both counts as one of v.
+        The time of the average is shorter near a switch, beyond which accelerations are those of another stage.
+        Averages are made of accelerations in the chart; by how much they differ from the plan's is added to its rates
+        of v, since the chart hardly turns over a sample.
 
         Args:
-            edges: Ends of the ticks (M + 1,) [s].
-            before: Acceleration over the tick before (n,).
-            width: Of the time [s], see `motion.averaged_control`.
+            edges: Ends of the ticks, (M + 1,) [s].
+            before: Acceleration over the tick before, (n,).
+            width: Time over which is averaged [s], see `motion.averaged_control`.
+
+        Returns:
+            (M, n) [m/s^2, rad/s^2].
         """
         middles = (edges[:-1] + edges[1:]) / 2
-        to_switch = np.abs(middles[:, None] - self.switch_times).min(axis=1, initial=np.inf)
-        widths = np.minimum(width, 2 * to_switch)
+        time_to_switch = np.abs(middles[:, None] - self.switch_times).min(axis=1, initial=np.inf)
+        widths = np.minimum(width, 2 * time_to_switch)
         changes = motion.averaged_control(self.u, self.times, edges, before, widths) - self.mean_control(edges)
         return np.asarray(self.velocity_rates(edges) + changes)
 
@@ -200,18 +204,18 @@ def braking_plan(
     brakes: np.ndarray | bool = True,
     u: np.ndarray | None = None,
 ) -> Plan:
-    """Return the plan that brings velocities to rest at a constant rate, and then rests.
+    """Return the plan that brings the robot to rest at a constant deceleration, for when no other plan is in force.
 
     Args:
         start: When it begins [s].
-        x: State there (2n,).
+        x: State there, (2n,).
         duration: Within which time the robot comes to rest [s].
-        horizon: How long the plan is at least [s].
+        horizon: How long the plan is at least, resting at its end [s].
         chart: The chart of x.
-        brakes: Which coordinates can brake (n,); the others drift on.
-        u: The acceleration of those that brake (n,), where ramps lead to it and from it; else the constant one.
+        brakes: Which coordinates can brake, (n,); the others, such as a base without thrusters, drift on.
+        u: Accelerations of those that brake, (n,), where ramps lead to them and from them; else the constant ones.
     """
-    constant, at_rest = motion.braking(x, duration, np.asarray(brakes))
-    u = constant if u is None else np.where(brakes, u, constant)
-    braking = Plan(np.array([start, start + duration]), np.vstack([x, at_rest]), u[None], np.zeros(0), chart)
+    constant_u, x_at_end = motion.braking(x, duration, np.asarray(brakes))
+    u = constant_u if u is None else np.where(brakes, u, constant_u)
+    braking = Plan(np.array([start, start + duration]), np.vstack([x, x_at_end]), u[None], np.zeros(0), chart)
     return shift(braking, start, horizon, x) if horizon > duration else braking

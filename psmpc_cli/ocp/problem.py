@@ -40,11 +40,22 @@ def in_own_chart(
     since: float | None = None,
     object_state: ObjectState | None = None,
 ) -> tuple[PlacedStage, np.ndarray]:
-    """Return a stage of a problem and a state (2n,), both in the chart about the attitude in Q (nq,).
+    """Return a stage and a state in the coordinates of a window that begins there: the chart about the attitude in Q.
 
-    Of the two quaternions for an attitude of the target it has the nearer one; of a trajectory the target is that at a
-    time `since` the stage began [s], its end without one; a target relative to the object is where the object has it,
-    without a state of the object where that was at the start.
+    For looking at a stage apart from a controller, which places its stages itself. In a chart a spatial attitude is a
+    rotation vector about an anchor. Of the two quaternions for an attitude of the target the nearer one is taken.
+
+    Args:
+        model: The robot.
+        stage: The stage.
+        Q: Coordinates, (nq,).
+        v: Velocities, (n,).
+        since: Time since the stage began [s], at which a trajectory is read; its end without one.
+        object_state: Pose and velocity of the object that a target may be relative to; without it that is where the
+            object was at the start.
+
+    Returns:
+        The stage, and the state x, (2n,).
     """
     placed = stage.unplaced_copy()
     if stage.on_object and object_state is not None:
@@ -53,8 +64,10 @@ def in_own_chart(
     x = np.asarray(chart.to_chart(Q[None], v[None])[0])
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
     target = placed.wanted(since)
-    nearer = {frame: float(target[at : at + 4] @ poses[frame][3:]) for frame, at in stage.attitudes.items()}
-    signs = {frame: np.sign(w) or 1.0 for frame, w in nearer.items()}
+    signs = dict[str, float]()
+    for frame, first in stage.attitudes.items():
+        cosine = float(target[first : first + 4] @ poses[frame][3:])  # of half the angle between both attitudes
+        signs[frame] = np.sign(cosine) or 1.0
     return placed.in_chart(chart.anchor, model.space.posture(Q[model.space.joint_coordinates]), signs), x
 
 
@@ -147,7 +160,14 @@ def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
 
 
 def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
-    """Return how a stage ends that lasts at least so long [s]; what it holds is in its gripper as the task has it."""
+    """Return how a stage ends: at a time, by the robot's state, or by the state of the object that it holds.
+
+    Args:
+        index: Index of the stage.
+        task: The task.
+        robot: The robot.
+        lasts: Time that the stage lasts at least, since its target is a trajectory [s]; else 0.
+    """
     spec = task.stages[index]
     space = task.skills[spec.skill].wanted_in
     condition = spec.ends_when
@@ -170,17 +190,17 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
     body = task.body
     if condition.object is None:
         return by_state
-    at = body.grasp.at[body.holder]
-    pose_space = space_of_pose(len(at))
-    bounds = {measure: getattr(condition.object, measure) for measure in MEASURES}
-    given = {measure: bound for measure, bound in bounds.items() if bound is not None}
+    gripper_on_object = body.grasp.at[body.holder]
+    pose_space = space_of_pose(len(gripper_on_object))
+    tolerances = {measure: getattr(condition.object, measure) for measure in MEASURES}
+    bounded = {measure: tolerance for measure, tolerance in tolerances.items() if tolerance is not None}
     return ByObject(
         **{attribute.name: getattr(by_state, attribute.name) for attribute in fields(by_state)},
         frame=body.holder,
-        measures=tuple(given),
-        object_tolerance=np.array(list(given.values())),
+        measures=tuple(bounded),
+        object_tolerance=np.array(list(bounded.values())),
         destination=np.array(body.pose_after_release),
-        inside=pose_space.relative(pose_space.neutral, at),
+        inside=pose_space.relative(pose_space.neutral, gripper_on_object),  # the object in the gripper's frame
     )
 
 
@@ -196,26 +216,36 @@ def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
 
 
 def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
+    """Return a stage of a task as numbers for one robot: target, weights of its cost, limits, and how it ends.
+
+    Args:
+        index: Index of the stage.
+        task: The task.
+        robot: The robot as its file describes it.
+        model: The robot as functions.
+        waypoints: What the target leads through, (T, numbers), T = 1 for one that stands still.
+    """
     spec = task.stages[index]
     skill = task.skills[spec.skill]
     space = skill.wanted_in
     attitudes = skill_in(space).attitudes(model)
     reference: Reference = Constant(waypoints[-1])
-    lasts = 0.0
+    trajectory_duration = 0.0
     if isinstance(spec.target, TrajectorySpec):
         reference = Trajectory(np.array(spec.target.times), waypoints, tuple(attitudes.values()))
-        lasts = spec.target.times[-1]
+        trajectory_duration = spec.target.times[-1]
     moved_by = task.moved_by(index, robot)
-    actuated = model.actuated(moved_by)
+    is_actuated = model.actuated(moved_by)
     control = skill.weights.control
     if isinstance(control, float | int):
         control_weights = np.full(model.n_inputs(skill.input), float(control))
     else:
         control_weights = stack(control, robot, skill.input, missing=0.0, of_error=True)
     if skill.input == "joint":
-        control_weights = np.where(actuated, control_weights, 0.0)
-    if skill.weights.weighs_force:
-        control_weights = np.append(control_weights, _actuated_weights(skill.weights.force, robot, actuated))
+        control_weights = np.where(is_actuated, control_weights, 0.0)
+    if skill.weights.weighs_force:  # these stand behind those of the control
+        control_weights = np.append(control_weights, _actuated_weights(skill.weights.force, robot, is_actuated))
+    # Coordinates whose acceleration shows when the stage really begins, for the record.
     onset = rows(spec.onset if spec.onset is not None else ("all",), robot, "joint")
     return Stage(
         index=index,
@@ -228,11 +258,11 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         weights=_weights(skill, robot, model),
         control_weights=control_weights,
         force_load=known_load(task, model, index).without_wheels if skill.weights.weighs_force else UNWEIGHED_LOAD,
-        rate_weights=_rate_weights(skill, robot, actuated),
-        end=_end(index, task, robot, lasts),
+        rate_weights=_rate_weights(skill, robot, is_actuated),
+        end=_end(index, task, robot, trajectory_duration),
         limits=resolve_limits(robot, task.limits, skill.limits, moved_by=moved_by),
         moved_by=moved_by,
-        onset_rows=tuple(row for row in onset if actuated[row]),
+        onset_rows=tuple(row for row in onset if is_actuated[row]),
         parts=skill_in(space).parts(model),
         attitudes=attitudes,
     )
@@ -272,11 +302,11 @@ def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarra
 
 
 def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[np.ndarray]:
-    """Return what every stage's target leads through, (T, numbers) each.
+    """Return the numbers that every stage's target leads through, (T, numbers) each, without turns that nobody meant.
 
-    Each angle is moved to the equivalent nearest to where the sequence is before: for the first row that is where
-    the stage before leads to, for every other row it is the row before. Of an attitude's two quaternions each row has
-    the one nearer to the row before.
+    Each angle is moved to the equivalent nearest to where the sequence is before (unless the task wants it as given):
+    for the first row that is where the stage before leads to, for every other row it is the row before. Of an
+    attitude's two quaternions each row has the one nearer to the row before.
     """
     Q = stack(task.initial, robot, "joint")
     posture = Posture(Q, np.asarray(model.g(Q)).ravel())
@@ -287,14 +317,15 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
         waypoints = _waypoints(
             spec, robot, space, task.body, skill.absent(model), posture.Q[model.space.base_coordinates]
         )
-        turning = skill.angles(model)
+        angles = skill.angles(model)
         if spec.angles == "nearest":
-            before = skill.numbers_at(model, posture)[turning]
-            waypoints[:, turning] = np.unwrap(np.vstack([before, waypoints[:, turning]]), axis=0)[1:]
-        for at in skill.attitudes(model).values():
-            q = waypoints[:, at : at + 4]  # a view
+            before = skill.numbers_at(model, posture)[angles]
+            waypoints[:, angles] = np.unwrap(np.vstack([before, waypoints[:, angles]]), axis=0)[1:]
+        for first in skill.attitudes(model).values():
+            q = waypoints[:, first : first + 4]  # a view
             q /= np.linalg.norm(q, axis=1, keepdims=True)
-            q[1:] *= np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0))[:, None]
+            is_farther = (q[1:] * q[:-1]).sum(axis=1) < 0  # -q is nearer to the row before than q
+            q[1:] *= np.cumprod(np.where(is_farther, -1.0, 1.0))[:, None]
         by_stage.append(waypoints)
         posture = skill.after(model, posture, waypoints[-1])
     return by_stage
@@ -308,18 +339,25 @@ def _waypoints(
     absent: np.ndarray,
     base: np.ndarray,
 ) -> np.ndarray:
-    """Return the rows of a stage's target as given, (T, rows); those relative to the object where it is first.
+    """Return the rows of a stage's target as the task gives them, completed where it leaves parts out, (T, numbers).
 
-    A base that is left out, having no thrusters, is wanted at the pose `base` (n_pose,), with weight 0; other parts
-    have the numbers `absent`.
+    Poses relative to the object become those with the object where it is at the start.
+
+    Args:
+        spec: The stage.
+        robot: The robot.
+        space: The space of its skill, which says what the numbers are.
+        body: The object.
+        absent: What stands for parts that are left out, (numbers,); their weights are 0.
+        base: The same for a base that is left out, having no thrusters: a pose, (n_pose,).
     """
     if isinstance(spec.target, TrajectorySpec):
         values = spec.target.stacked(robot, space)
     else:
         parts = {part: _placed(aim, body) for part, aim in spec.target.items()}
         values = stack(parts, robot, space)[None]
-    of_base = values[:, : len(base)]  # a view: every target begins with the base's pose
-    of_base[...] = np.where(np.isnan(of_base), base, of_base)
+    base_values = values[:, : len(base)]  # a view: every target begins with the base's pose
+    base_values[...] = np.where(np.isnan(base_values), base, base_values)
     return np.where(np.isnan(values), absent, values)
 
 

@@ -93,9 +93,9 @@ class Trajectory(Reference):
         return angles
 
     def at(self, since: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        """Interpolate the trajectory.
+        """Interpolate the trajectory between its rows: numbers linearly, quaternions along the arc (Shoemake's slerp).
 
-        Between the rows a and b, which lie an angle phi apart, at the fraction s of the interval (Shoemake's slerp),
+        Between the rows a and b, which lie an angle phi apart, at the fraction s of the interval,
 
             value(s) = (sin((1 - s) phi) a + sin(s phi) b) / sin(phi).
 
@@ -103,15 +103,15 @@ class Trajectory(Reference):
         case of its own. Before the first time and after the last one the trajectory stands still.
 
         Args:
-            since: Times since the stage began (...,) [s].
+            since: Times since the stage began, (...,) [s].
 
         Returns:
-            The values (..., rows) [m, rad], and their rates just after these times (..., rows) [m/s, rad/s].
+            The values (..., numbers) [m, rad], and their rates just after these times (..., numbers) [m/s, rad/s].
         """
         interval = np.clip(self.times.searchsorted(since, side="right") - 1, 0, len(self.times) - 2)
         duration = np.diff(self.times)[interval][..., None]
         fraction = np.clip((since - self.times[interval])[..., None] / duration, 0.0, 1.0)
-        moves = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
+        is_moving = np.asarray((since >= self.times[0]) & (since < self.times[-1]))
         phi = self._angles[interval]
         before = self.values[interval]
         after = self.values[interval + 1]
@@ -119,7 +119,7 @@ class Trajectory(Reference):
         weight_after = fraction * _sinc(fraction * phi) / _sinc(phi)
         values = weight_before * before + weight_after * after
         rates = (np.cos(fraction * phi) * after - np.cos((1 - fraction) * phi) * before) / _sinc(phi) / duration
-        return values, rates * moves[..., None]
+        return values, rates * is_moving[..., None]
 
     def mapped(self, of: Callable[[np.ndarray], np.ndarray]) -> "Trajectory":
         """Return the trajectory with what a function makes of its values."""

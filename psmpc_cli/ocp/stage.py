@@ -255,17 +255,22 @@ class PlacedStage(Stage):
         return replace(self, constraints={**self.constraints, **sampled}) if sampled else self
 
     def at_object(self, pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
-        """Return the stage with its target where an object of a pose and a velocity has it.
+        """Return the stage with those parts of its target that are relative to the object where the object has them.
 
-        The angular rate of an error is that near the target, where alone end conditions look at it.
+        Its end condition then counts velocities relative to the target that moves. The angular rate of an error is that
+        near the target, where alone end conditions look at it.
+
+        Args:
+            pose: Of the object, (n_pose,).
+            v: Its velocity, (n_twist,).
         """
         space = space_of_pose(len(pose))
         target = self.target.copy()
         target_rates = np.zeros(len(self.weights))
-        for frame, inside in self.on_object.items():
+        for frame, pose_on_object in self.on_object.items():
             part = self.parts[frame]
-            target[part.numbers] = space.composed(pose, inside)
-            target_rates[part.rows] = space.carried_rate(pose, v, inside)
+            target[part.numbers] = space.composed(pose, pose_on_object)
+            target_rates[part.rows] = space.carried_rate(pose, v, pose_on_object)
         return replace(
             self.with_target(target),
             end=self.end.with_target_rates(target_rates),
@@ -288,15 +293,16 @@ class PlacedStage(Stage):
         return replace(at_times[0], reference=Trajectory(elapsed + times, values, tuple(self.attitudes.values())))
 
     def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "PlacedStage":
-        """Return the stage with its target and reference as windows about a chart's anchor take them.
+        """Return the stage with its target and reference as the windows of a spatial robot take them.
 
-        Quaternions get the signs meant, and behind the numbers of the skill stand those that a sample sets: the anchor,
-        the posture of redundant joints, and what the end says of the object. A planar robot has none of these.
+        In a window attitudes are coordinates in a chart, rotation vectors about an anchor. Quaternions of the target
+        get the signs that are meant. Behind the numbers of the skill stand those that a sample sets: anchor, posture of
+        redundant joints, and what the end says of the object. A planar robot has none of these.
 
         Args:
-            anchor: Attitude about which the chart is (4,).
-            joints: Posture to which redundant joints are drawn (joints,) [rad, m].
-            signs: Of the target's quaternions, by frame: of the two for one attitude the one meant.
+            anchor: Attitude about which the chart is, (4,).
+            joints: Posture to which redundant joints are drawn, (joints,) [rad, m].
+            signs: Of the target's quaternions, by frame, 1 or -1: of the two for one attitude the one meant.
         """
         sample_numbers = np.concatenate([anchor, joints, self.end.object_numbers])
         if not (self.attitudes or len(sample_numbers)):

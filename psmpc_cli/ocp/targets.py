@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, kept_groups, poses_at
+from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, groups_to_clear, poses_at
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.postures import arm_postures, held_pose
 from psmpc_cli.ocp.skills import Posture, skill_in
@@ -45,13 +45,15 @@ class CloseParts:
 def clearance_remarks(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
 ) -> Iterator[Fault]:
-    """Yield parts nearer than the task keeps them at its start or where a stage leads, and obstacles nothing avoids.
+    """Yield parts that are nearer than the task keeps them at its start or at a target, where no plan could keep clear.
+
+    And a remark on obstacles that nothing avoids.
 
     Args:
         task: The task.
         model: Its robot.
         stages: Its stages.
-        stops: Their `configurations`.
+        stops: The robot's coordinates at the start and at the target of every stage, (nq,) each.
     """
     if task.spec.obstacles and not task.spec.keeps_clear:
         yield Fault(("obstacles",), 'found no "clearance", expected one: without it nothing keeps clear of obstacles')
@@ -63,8 +65,8 @@ def clearance_remarks(
             where = f"where {quoted(close.stage.name)} leads{by}"
             path = ("stages", close.stage.index, "target")
         first, second = close.parts
-        distance = 1e3 * close.distance
-        apart = f"{distance:.1f} mm apart" if distance >= 0 else f"{-distance:.1f} mm deep in each other"
+        millimetres = 1e3 * close.distance
+        apart = f"{millimetres:.1f} mm apart" if millimetres >= 0 else f"{-millimetres:.1f} mm deep in each other"
         others = f" ({counted(close.others, 'more pair', 'more pairs')} inside it)" if close.others else ""
         wanted = f"at least the margin of {1e3 * close.margin:g} mm between them{others}"
         yield Fault(path, f"found {first} and {second} {apart} {where}, expected {wanted}")
@@ -73,10 +75,17 @@ def clearance_remarks(
 def _close_parts(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
 ) -> Iterator[CloseParts]:
-    """Yield where parts are nearer than a task keeps them, at its start and at the targets that say the posture.
+    """Yield where parts of robot and surroundings are nearer than a task keeps them: one `CloseParts` for each place.
 
-    At a target the margin is that of its stage. What has moved since the start, by itself or because it was let go, is
-    left out there; so is all but the robot itself where the base reacts to the arms.
+    Places are the start and the targets that say all of the posture. At a target the margin is that of its stage. What
+    has moved since the start, by itself or because it was let go, is left out there; so is all but the robot itself
+    where the base reacts to the arms.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stages: Its stages.
+        stops: The robot's coordinates at the start and at the target of every stage, (nq,) each.
     """
     known_postures = _known_postures(task, model, stages, stops)
     places: list[tuple[Stage | None, np.ndarray]] = [(None, stops[0])]
@@ -93,40 +102,61 @@ def _close_parts(
 
 
 def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> set[str]:
-    """Return the names of the stages whose targets say where all joints are, by inverse kinematics in task space."""
-    missing = {posture.stage for posture in arm_postures(model, stages, stops) if posture.joints is None}
-    drifts = task.spec.body.motion.moves
+    """Return the names of the stages whose targets say where all joints are, so that distances there can be checked.
+
+    In task space inverse kinematics say where joints are, if a solution was found. A target says less where weights
+    leave coordinates free, where the base reacts to the arms, or where it is on an object that drifts: all of this
+    depends on how the robot gets there.
+
+    Args:
+        model: The robot.
+        task: The task.
+        stages: Its stages.
+        stops: The robot's coordinates at the start and at the target of every stage, (nq,) each.
+    """
+    without_solution = {posture.stage for posture in arm_postures(model, stages, stops) if posture.joints is None}
+    object_drifts = task.spec.body.motion.moves
 
     def depends_on_the_way(stage: Stage) -> bool:
         base_reacts = stage.moved_by.reacts and stage.poses_of_arms
-        return bool(base_reacts or (drifts and stage.on_object))
+        return bool(base_reacts or (object_drifts and stage.on_object))
 
     def says_all_joints(stage: Stage) -> bool:
-        of_base = 0 if stage.moved_by.actuated else model.space.n_twist  # rows that such a target need not ask for
-        has_all = has_posture(model.spec.arms, stage.space) and stage.relevant_rows[of_base:].all()
-        return bool(has_all) and not depends_on_the_way(stage)
+        first_row = 0 if stage.moved_by.actuated else model.space.n_twist  # a base that stays need not be asked for
+        asks_for_all = has_posture(model.spec.arms, stage.space) and stage.relevant_rows[first_row:].all()
+        return bool(asks_for_all) and not depends_on_the_way(stage)
 
-    return {stage.name for stage in stages if says_all_joints(stage)} - missing
+    return {stage.name for stage in stages if says_all_joints(stage)} - without_solution
 
 
 def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> dict[tuple[str, str], float]:
-    """Compute the distances of parts that keep clear [m] with the robot at Q (nq,), of all whose place is known."""
+    """Compute the distances of all parts that a task keeps apart and whose places are known, by the names of both.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: The stage at whose target the robot is; None at the start.
+        Q: Coordinates of the robot there, (nq,).
+
+    Returns:
+        The smallest distance of each two parts [m], which may have several shapes; negative where they overlap.
+    """
     space = model.space
     chart = space.chart_at(Q)
     x = np.asarray(chart.to_chart(Q[None], np.zeros((1, model.n)))[0])
     pose = _object_pose(task, model, stage, Q)
     state = None if pose is None else (pose, np.zeros(space.n_twist))
-    view = SampleContext(0.0, x, chart.anchor, object_state=state)
+    at_rest_there = SampleContext(0.0, x, chart.anchor, object_state=state)
     smallest = dict[tuple[str, str], float]()
-    for group in kept_groups(task.spec, model, 0 if stage is None else stage.index).values():
-        argument = argument_of(group, model, view)
-        if argument is None or (stage is not None and _has_moved(group, stage, view)):
+    for group in groups_to_clear(task.spec, model, 0 if stage is None else stage.index).values():
+        argument = argument_of(group, model, at_rest_there)
+        if argument is None or (stage is not None and _has_moved(group, stage, at_rest_there)):
             continue
-        taken = np.concatenate([chart.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
-        apart = distances_on_arrays(model, group.pairs)(x, taken)[0].ravel()
-        for pair, distance in zip(group.pairs.pair_of_row, apart.tolist(), strict=True):
-            name = group.pairs.names[pair]
-            smallest[name] = min(distance, smallest.get(name, np.inf))
+        poses = poses_at(group.pairs, model, argument, np.zeros(1))[0]
+        (distances,) = distances_on_arrays(model, group.pairs)(x, np.concatenate([chart.anchor, poses]))
+        for pair, distance in zip(group.pairs.pair_of_row, distances.ravel().tolist(), strict=True):
+            names = group.pairs.names[pair]
+            smallest[names] = min(distance, smallest.get(names, np.inf))
     return smallest
 
 
@@ -159,7 +189,7 @@ def monitor_faults(task: Task, model: RobotModel) -> Iterator[Fault]:
     for number, monitor in enumerate(task.spec.monitors):
         if monitor.quantity != "clearance":
             continue
-        groups = kept_groups(task.spec, model, names.index(monitor.during)).values()
+        groups = groups_to_clear(task.spec, model, names.index(monitor.during)).values()
         if not any(monitor.is_about(pair_name(*pair)) for group in groups for pair in group.pairs.names):
             message = (
                 f"found {' and '.join(map(quoted, monitor.of)) or 'all pairs'}, expected parts that keep clear in "
@@ -169,7 +199,11 @@ def monitor_faults(task: Task, model: RobotModel) -> Iterator[Fault]:
 
 
 def cone_remarks(task: Task, model: RobotModel, stages: Sequence[Stage]) -> Iterator[Fault]:
-    """Yield cones that the target of their own stage violates, of frames whose pose the target says."""
+    """Yield cones that the target of their own stage violates, so that the stage cannot both reach it and keep them.
+
+    A cone keeps an axis of a frame (a camera's) within an angle of a point or direction, or outside of it. Frames count
+    whose pose the target says.
+    """
     for stage in stages:
         cones = task.spec.stages[stage.index].cones
         poses = _poses_at_target(model, stage) if cones else {}
@@ -177,10 +211,10 @@ def cone_remarks(task: Task, model: RobotModel, stages: Sequence[Stage]) -> Iter
             if cone.frame not in poses:
                 continue
             angle = angle_of_axis(cone, poses[cone.frame], model.space)
-            is_within = cone.within is not None
-            beyond = angle - cone.angle if is_within else cone.angle - angle
-            if beyond > CONE_SLACK:
-                side = "at most" if is_within else "at least"
+            stays_within = cone.within is not None
+            violation = angle - cone.angle if stays_within else cone.angle - angle
+            if violation > CONE_SLACK:
+                side = "at most" if stays_within else "at least"
                 message = (
                     f"found the axis of {cone.frame} at {np.degrees(angle):.4g} deg where {quoted(stage.name)} leads "
                     f"it, expected {side} {np.degrees(cone.angle):.4g} deg there"
@@ -189,14 +223,13 @@ def cone_remarks(task: Task, model: RobotModel, stages: Sequence[Stage]) -> Iter
 
 
 def _poses_at_target(model: RobotModel, stage: Stage) -> dict[str, np.ndarray]:
-    """Return the poses (n_pose,) of the frames that a stage's target says, where weights or end condition ask for them.
+    """Return the poses (n_pose,) of those frames that a stage's target determines, by name.
 
-    That of an arm at joint coordinates also needs the base's.
+    Weights or end condition have to ask for a pose. That of an arm at joint coordinates also needs the base's.
     """
-    at_rest = Posture(model.space.neutral.copy(), np.zeros(model.m))
-    poses = dict(
-        zip(model.pose_rows, model.poses(skill_in(stage.space).after(model, at_rest, stage.target).Q), strict=True)
-    )
+    neutral = Posture(model.space.neutral.copy(), np.zeros(model.m))
+    Q = skill_in(stage.space).after(model, neutral, stage.target).Q  # neutral where the target says nothing
+    poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
     asks_for_base = stage.relevant_rows[stage.parts[BASE].rows].all()
     known_poses = dict[str, np.ndarray]()
     for name, part in stage.parts.items():

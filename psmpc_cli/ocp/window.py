@@ -5,7 +5,6 @@ Also how these numbers follow from the previous prediction: the normalization of
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from itertools import accumulate
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -257,9 +256,14 @@ def _mapped(of: Callable[[Any], Any], found: Any) -> Any:
 
 
 def window_numbers(window: Window, switch_times: np.ndarray) -> Parameters[np.ndarray]:
-    """Return the parameters of a window's optimization, its switch times guessed at (S,) [s]."""
+    """Return all numbers of a window as parameters of its optimization: what is compiled then serves any window.
+
+    Args:
+        window: The window.
+        switch_times: The guessed switch times, (S,) [s], about which trajectories and moving obstacles are linear.
+    """
     stages = (*window.stages, *(each.stage for each in window.kept))
-    none = np.zeros(len(window.kept))
+    no_offsets = np.zeros(len(window.kept))
     return Parameters(
         x0=window.x0,
         horizon=np.array(window.horizon),
@@ -267,7 +271,7 @@ def window_numbers(window: Window, switch_times: np.ndarray) -> Parameters[np.nd
         pending=np.array(window.pending_cost),
         terminal=np.array(window.terminal_cost),
         omega=window.omega / float(np.max(window.omega)),
-        offset=np.append(window.offset, none),
+        offset=np.append(window.offset, no_offsets),
         scale=np.append(window.scale, [each.scale for each in window.kept]),
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
@@ -275,7 +279,7 @@ def window_numbers(window: Window, switch_times: np.ndarray) -> Parameters[np.nd
         loads=tuple(stage.load_numbers for stage in stages),
         targets=tuple(stage.standing for stage in stages),
         paths=_paths(window, switch_times),
-        constraints=_of_constraints(window, switch_times),
+        constraints=_constraint_arguments(window, switch_times),
     )
 
 
@@ -287,27 +291,31 @@ def _applied_before(window: Window) -> np.ndarray:
     return np.append(window.applied if len(window.applied) else np.zeros(n), window.tick)
 
 
-def _of_constraints(window: Window, switch_times: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
-    """Return the anchor and the arguments of the constraints of each stage, one row a node where these move."""
-    anchor = window.chart.anchor
-    times = list[np.ndarray]()
+def _constraint_arguments(window: Window, switch_times: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
+    """Return the numbers that constraints take, by their name, for each stage of a window.
 
-    def taken(each: ConstraintNumbers, s: int) -> np.ndarray:
-        if each.at_nodes is None:
-            return np.concatenate([anchor, each.of_functions])
-        if not times:
-            since = window.times(switch_times)[1:] - window.start
-            times.extend(since[last - N : last] for N, last in zip(window.nodes, accumulate(window.nodes), strict=True))
-        at_nodes = each.at_nodes(each.argument, times[s])
+    They are the anchor of the chart and the constraint's argument, (numbers,). Where obstacles or the object move, the
+    argument is another at each node of the stage after the first: (N_s, numbers), at the times that guessed switch
+    times (S,) [s] give. Constraints whose argument is not known have no rows, and are left out.
+    """
+    anchor = window.chart.anchor
+
+    def completed(constraint: ConstraintNumbers, s: int) -> np.ndarray:
+        if constraint.at_nodes is None:
+            return np.concatenate([anchor, constraint.of_functions])
+        first = sum(window.nodes[:s])
+        since = window.times(switch_times)[first + 1 : first + 1 + window.nodes[s]] - window.start
+        at_nodes = constraint.at_nodes(constraint.argument, since)
         numbers = np.empty((len(at_nodes), len(anchor) + at_nodes.shape[1]))
         numbers[:, : len(anchor)] = anchor
         numbers[:, len(anchor) :] = at_nodes
         return numbers
 
-    return tuple(
-        {name: taken(each, s) for name, each in stage.constraints.items() if each.is_known}
-        for s, stage in enumerate(window.stages)
-    )
+    arguments = list[dict[str, np.ndarray]]()
+    for s, stage in enumerate(window.stages):
+        known = {name: constraint for name, constraint in stage.constraints.items() if constraint.is_known}
+        arguments.append({name: completed(constraint, s) for name, constraint in known.items()})
+    return tuple(arguments)
 
 
 def _paths(window: Window, switch_times: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -403,24 +411,33 @@ def normalization(
     prediction: Plan,
     step: float | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return offset and scale (S + 1,) of L = (Lbar - offset) / scale; the stages begin at `begins` (S + 1,) [s].
+    """Return offset and scale of each stage's cost, L = (Lbar - offset) / scale, from its values along the prediction.
 
-    The prediction is read on a uniform grid with the given step [s], its control averaged over each step: at the nodes
-    the maximum would depend on the mesh, whose intervals shrink to nothing before a switch, and one tall control there
-    would set the scale of the next window (docs/decisions.md). Without a step it is read at the nodes nevertheless, as
-    line 9 of Algorithm 1 has it.
+    Costs of different units so become comparable, and priorities mean the same in every window. Paper eq. (12): the
+    nadir is the largest value of a stage's cost over the prediction, the utopia point the smallest.
 
-    `nadir` divides by the maximum of the stage's cost over the prediction, `range` is eq. (12) as printed, `none`
-    leaves the cost as it is.
+    Args:
+        kind: `nadir` divides by the nadir; `range` is eq. (12) as printed; `none` leaves the cost as it is.
+        zeta: What is added to the scale, so that it is not 0.
+        stages: The stages.
+        begins: When each of them begins, (S + 1,) [s].
+        costs: The costs of the robot's stages.
+        prediction: The plan along which costs are looked at.
+        step: Step of the uniform grid on which it is read [s], its control averaged over each step; None: it is read at
+            its nodes, as line 9 of Algorithm 1 has it. There the maximum depends on the mesh, whose intervals shrink to
+            nothing before a switch, and one tall control sets the scale of the next window (docs/decisions.md).
+
+    Returns:
+        Offset and scale, (S + 1,) each.
     """
     if kind == "none":
         return np.zeros(len(stages)), np.ones(len(stages))
     times, X, u = _nodes_of(prediction) if step is None else _resampled(prediction, step)
-    over_time = [costs.at(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
-    nadir = np.array([values.max() for values in over_time])
+    costs_over_time = [costs.at(stage, X, u, times - begin) for stage, begin in zip(stages, begins, strict=True)]
+    nadir = np.array([cost.max() for cost in costs_over_time])
     if kind == "nadir":
         return np.zeros(len(stages)), nadir + zeta
-    utopia = np.array([values.min() for values in over_time])
+    utopia = np.array([cost.min() for cost in costs_over_time])
     return utopia, nadir - utopia + zeta
 
 
@@ -441,9 +458,12 @@ def _resampled(plan: Plan, step: float) -> tuple[np.ndarray, np.ndarray, np.ndar
 def node_counts(
     window: Window, plan: Plan, costs: StageCosts, step: float, tolerance: float, before: Sequence[int | None]
 ) -> tuple[int, ...]:
-    """Return the counts with the smallest sum with which twice as many would change J by the tolerance at most.
+    """Return how many intervals each stage gets (controller.nodes: auto): as few as the accuracy of J allows.
 
-    No interval is longer than a step of the prediction, the sample: a plan's first control is to be that of the sample.
+    They are the counts with the smallest sum with which twice as many would change J by the tolerance at most. If the
+    error of stage s is c_s / N_s, the smallest sum with sum_s c_s / N_s = 2 tolerance J has N_s in proportion to
+    sqrt(c_s). No interval is longer than a step of the prediction, the sample: a plan's first control is to be that of
+    the sample.
 
     Args:
         window: The window; its own nodes do not matter.
@@ -454,8 +474,8 @@ def node_counts(
         before: Number of intervals each stage had in the window before, None where it was not in that, (S + 1,).
     """
     tau = durations(plan.switch_times, window.start, window.horizon)
-    changes, J = _quadrature(window, plan, tau, costs, step)
-    root = np.sqrt(changes)
+    errors, J = _quadrature(window, plan, tau, costs, step)  # N_s times the error of each stage
+    root = np.sqrt(errors)
     needed = np.maximum(root * root.sum() / (2 * tolerance * J), tau / step)
     return tuple(_count(need, had) for need, had in zip(needed, before, strict=True))
 
@@ -469,22 +489,34 @@ def first_counts(window: Window, switch_times: np.ndarray, tolerance: float, ste
 def _quadrature(
     window: Window, plan: Plan, tau: np.ndarray, costs: StageCosts, step: float
 ) -> tuple[np.ndarray, float]:
-    """Return N_s times the error of each stage's quadrature (S + 1,), and J, along the prediction without its control.
+    """Return how the error of J depends on the number of intervals of each stage, and J itself, along the prediction.
 
-    A cost that falls and rises again counts with both, as if the errors of its parts did not cancel.
+    J is a sum over nodes; its error falls as 1 / N_s with the number of intervals N_s of a stage. A cost that falls and
+    rises again counts with both, as if the errors of its parts did not cancel. The cost of the control is left out.
+
+    Args:
+        window: The window.
+        plan: The prediction.
+        tau: Durations of the stages, (S + 1,) [s].
+        costs: The costs of the robot's stages.
+        step: Longest time between two states that are looked at [s].
+
+    Returns:
+        N_s times the error of each stage, (S + 1,), and J, at least the smallest float.
     """
     omega = window.omega / window.omega.max()
     begins = np.r_[window.start, plan.switch_times]
-    changes = np.zeros(len(tau))
+    errors = np.zeros(len(tau))
     J = window.pending_cost * float((plan.switch_times - window.start).sum())
     for s, stage in enumerate(window.stages):
         times = np.linspace(begins[s], begins[s] + tau[s], max(2, int(np.ceil(tau[s] / step)) + 1))
         since = times - begins[s] + (window.elapsed if s == 0 else 0.0)
         L = costs.of_states(stage, plan.states_at(times), since)
-        over = omega[s] * tau[s] / window.scale[s]
-        changes[s] = over / 2 * float(np.abs(np.diff(L)).sum())
-        J += over * abs(float((L[:-1] + L[1:]).mean()) / 2 - window.offset[s])
-    return changes, max(J, np.finfo(float).tiny)
+        weight = omega[s] * tau[s] / window.scale[s]
+        # A sum over left ends of intervals misses half of what the cost changes over each of them.
+        errors[s] = weight / 2 * float(np.abs(np.diff(L)).sum())
+        J += weight * abs(float((L[:-1] + L[1:]).mean()) / 2 - window.offset[s])
+    return errors, max(J, np.finfo(float).tiny)
 
 
 def _count(needed: float, before: int | None) -> int:

@@ -143,7 +143,13 @@ def record_of(window: Window) -> np.ndarray:
 
 
 def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Window:
-    """Return the window of a record, the inverse of `record_of`.
+    """Rebuild a window from its record in a log, so that its solve can be repeated; the inverse of `record_of`.
+
+    Args:
+        problem: The problem of the logged task.
+        frame: What the log has of the window besides: stages, nodes, start and measured state.
+        record: Elapsed time and hold [s], priorities, offsets and scales, what samples set of the stages (`_RECORDED`),
+            and the acceleration before, where changes of it count.
 
     Raises:
         ValueError: The record is not one of such a window.
@@ -152,16 +158,17 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     space = problem.model.space
     count = len(frame.nodes)
     stages = [problem.stages[index] for index in frame.segments]
-    sizes = [part.size(stage, problem) for part in _RECORDED for stage in stages]
+    part_sizes = [part.size(stage, problem) for part in _RECORDED for stage in stages]
     applied_size = problem.model.n * any(stage.has_rates for stage in problem.stages)
-    ends = np.cumsum([2, count, count, count, *sizes, applied_size])
-    (elapsed, hold), omega, offset, scale, *numbers, applied = np.split(record, ends)[:-1]
+    ends = np.cumsum([2, count, count, count, *part_sizes, applied_size])
+    (elapsed, hold), omega, offset, scale, *part_numbers, applied = np.split(record, ends)[:-1]
     chart = space.chart_at(frame.Q)
     reading = _Reading(problem, frame, chart, float(elapsed))
     placed = [stage.unplaced_copy() for stage in stages]
-    signs, *others = (numbers[first : first + count] for first in range(0, len(numbers), count))
-    for part, of_stages in zip((*_OTHERS, _SIGNS), (*others, signs), strict=True):
-        placed = [part.read(stage, row, reading) for stage, row in zip(placed, of_stages, strict=True)]
+    # The record has the numbers part by part, of all stages each. Signs come first in it and are read last.
+    signs, *others = (part_numbers[first : first + count] for first in range(0, len(part_numbers), count))
+    for part, numbers_of_stages in zip((*_OTHERS, _SIGNS), (*others, signs), strict=True):
+        placed = [part.read(stage, numbers, reading) for stage, numbers in zip(placed, numbers_of_stages, strict=True)]
     return Window(
         stages=in_segments(placed),
         start=frame.start,

@@ -10,7 +10,7 @@ from psmpc_cli.ocp.constraints.clearance import (
     Group,
     Pairs,
     distances_on_arrays,
-    kept_groups,
+    groups_to_clear,
     nearest_points,
     poses_after,
 )
@@ -53,7 +53,7 @@ class ClearanceMeter:
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
         task = problem.spec
-        groups = [kept_groups(task, problem.model, stage) for stage in range(len(task.stages))]
+        groups = [groups_to_clear(task, problem.model, stage) for stage in range(len(task.stages))]
         names = dict.fromkeys(
             name for of_stage in groups for measured_group in of_stage.values() for name in measured_group.pairs.names
         )

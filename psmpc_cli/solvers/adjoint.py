@@ -52,15 +52,19 @@ class ShootingNlp(Nlp):
         self._printed = printed
         K = self.grid.K
         S = self.grid.switches
+        # Where states and z stand in the decision vector x of the multiple-shooting NLP: pack ones into x, at these.
         no_inputs = [0] * (S + 1)
         is_later = np.tile(np.arange(K + 1) > 0, (2 * model.n, 1))
         is_first = np.tile(np.arange(K + 1) == 0, (S, 1))
-        self._states = np.flatnonzero(np.asarray(self.pack(is_later, 0, 0, 0, 0, 0, *no_inputs)))
-        self._free = np.flatnonzero(np.asarray(self.pack(0, is_first, 0, 0, 1, 1, *(1 for _ in no_inputs))))
-        gaps = [*self.sizes["nx"][1:], 0]
-        is_path = [np.arange(gap + path) >= gap for gap, path in zip(gaps, self.sizes["ng"], strict=True)]
-        self._paths = np.flatnonzero(np.concatenate(is_path))
+        all_inputs = [1] * (S + 1)
+        self._later_states = np.flatnonzero(np.asarray(self.pack(is_later, 0, 0, 0, 0, 0, *no_inputs)))
+        self._free = np.flatnonzero(np.asarray(self.pack(0, is_first, 0, 0, 1, 1, *all_inputs)))
+        # At each node rows of the gap to the next one come first, which a simulation has not; then its path rows.
+        gap_sizes = [*self.sizes["nx"][1:], 0]
+        is_path_row = [np.arange(gap + path) >= gap for gap, path in zip(gap_sizes, self.sizes["ng"], strict=True)]
+        self._path_row_indices = np.flatnonzero(np.concatenate(is_path_row))
 
+        # Simulate the states from the measured one as expressions in z, and write x(z).
         x = ca.SX.zeros(self.problem["x"].numel())
         self._z = ca.SX.sym("z", len(self._free))
         x[self._free] = self._z
@@ -76,28 +80,35 @@ class ShootingNlp(Nlp):
 
     @cached_property
     def program(self) -> Mapping[str, Any]:
-        """The program in z; its rows are the states after the first, then the path rows of all nodes."""
+        """The program in z; its rows are the states after the measured one, then the path rows of all nodes."""
         z = ca.MX.sym("z", self._z.numel())
         p = ca.MX.sym("p", self.problem["p"].numel())
         J, _ = self._objective(z, p)
         x, _ = self._simulation(z, p)
-        return {"x": z, "p": p, "f": J, "g": ca.vertcat(x[self._states], self._path_rows(x, p)[0])}
+        return {"x": z, "p": p, "f": J, "g": ca.vertcat(x[self._later_states], self._path_rows(x, p)[0])}
 
     @property
     def derivatives(self) -> Mapping[str, ca.Function]:
-        """Gradient, Jacobian and Hessian of the program, by the names CasADi has for them."""
+        """Gradient, Jacobian and Hessian of the program in z, for IPOPT, by the names CasADi has for them.
+
+        With x(z) the decision variables of the multiple-shooting NLP, states simulated, and L = sigma J + y'g,
+
+            Jacobian   g_x x_z,      Hessian   x_z' L_xx x_z + sum_i (L_x)_i d2x_i/dz2.
+
+        The states after the first are rows of the program themselves: their multipliers are added to L_x.
+        """
         z = self.program["x"]
         p = self.program["p"]
         g = self.program["g"]
         x, x_z = self._simulation(z, p)
         _, path_rows_by_x = self._path_rows(x, p)
-        jacobian = ca.vertcat(x_z[self._states, :], path_rows_by_x @ x_z)
+        jacobian = ca.vertcat(x_z[self._later_states, :], path_rows_by_x @ x_z)  # rows: states, then path rows
 
         sigma = ca.MX.sym("sigma")
         y = ca.MX.sym("y", g.numel())
-        y_states, y_paths = ca.vertsplit(y, [0, len(self._states), y.numel()])
-        L_xx, L_x = self._lagrangian(x, p, sigma, y_paths)
-        L_x[self._states] += y_states
+        y_states, y_path_rows = ca.vertsplit(y, [0, len(self._later_states), y.numel()])
+        L_xx, L_x = self._lagrangian(x, p, sigma, y_path_rows)
+        L_x[self._later_states] += y_states
         hessian = x_z.T @ L_xx @ x_z + self._curvature(z, p, L_x)
         return {
             "grad_f": ca.Function("gradient", [z, p], self._objective(z, p)),
@@ -121,7 +132,7 @@ class ShootingNlp(Nlp):
     def _path_rows(self) -> ca.Function:
         """x, p -> the path rows, their Jacobian by x."""
         x = self.problem["x"]
-        rows = self.problem["g"][self._paths]
+        rows = self.problem["g"][self._path_row_indices]
         return ca.Function("path_rows", [x, self.problem["p"]], [rows, ca.jacobian(rows, x)])
 
     @cached_property
@@ -129,8 +140,8 @@ class ShootingNlp(Nlp):
         """x, p, sigma, multipliers y of the path rows -> second and first derivatives of sigma J + y'g by x."""
         x = self.problem["x"]
         sigma = ca.SX.sym("sigma")
-        y = ca.SX.sym("y", len(self._paths))
-        L = sigma * self.problem["f"] + ca.dot(y, self.problem["g"][self._paths])
+        y = ca.SX.sym("y", len(self._path_row_indices))
+        L = sigma * self.problem["f"] + ca.dot(y, self.problem["g"][self._path_row_indices])
         return ca.Function("lagrangian", [x, self.problem["p"], sigma, y], ca.hessian(L, x))
 
     @cached_property
@@ -156,8 +167,8 @@ class ShootingNlp(Nlp):
             "p": p,
             "lbx": bounds["lbx"][self._free],
             "ubx": bounds["ubx"][self._free],
-            "lbg": np.concatenate([bounds["lbx"][self._states], bounds["lbg"][self._paths]]),
-            "ubg": np.concatenate([bounds["ubx"][self._states], bounds["ubg"][self._paths]]),
+            "lbg": np.concatenate([bounds["lbx"][self._later_states], bounds["lbg"][self._path_row_indices]]),
+            "ubg": np.concatenate([bounds["ubx"][self._later_states], bounds["ubg"][self._path_row_indices]]),
         }
 
     def point(self, z: np.ndarray, p: np.ndarray) -> np.ndarray:

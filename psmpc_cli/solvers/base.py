@@ -136,40 +136,43 @@ class Solver(ABC):
         return began + self.deadline if self._stop_at is None else self._stop_at
 
     def solve(self, window: Window, guess: Plan, previous: Solution | None = None, within: float = np.inf) -> Solution:
-        """Solve a window, started from a guessed plan, which is read at the nodes of the window.
+        """Solve the optimal control problem of one prediction horizon (a window), started from a guessed plan.
 
-        A solve that raises, that does not return, or whose plan is not finite, has failed: the robot moves meanwhile,
-        and the plan in force remains. The exception is logged.
+        What the back-end raises is logged and not raised, since the robot moves meanwhile and goes on with its plan: a
+        solve that raised, did not return, or has a plan that is not finite is returned as a failed one.
 
         Args:
-            window: The window.
-            guess: The guessed plan; its switch times (S,) [s] are those of the window.
-            previous: The solution of the sample before. It starts the solve too where it is usable and its stages are
-                the same, or the last of them.
-            within: Durations are kept within so many seconds of the guessed ones; 0 holds the switch times.
+            window: The window: stages, measured state, bounds and all other numbers.
+            guess: The guessed plan, read at the nodes of the window; its switch times (S,) [s] are those of the window.
+            previous: The solution of the sample before. It starts the solve too (a warm start: multipliers, fewer
+                iterations) where it is usable and its stages are the same, or the last of them.
+            within: Durations of stages stay within so many seconds of the guessed ones; 0 holds the switch times.
+
+        Returns:
+            The solution. Whether its plan may be applied is `solution.outcome.usable`.
         """
         guess = on_mesh(guess, window)
-        previous = previous if previous is not None and _continues(previous, window) else None
+        warm_start = previous if previous is not None and _can_start(previous, window) else None
         began = time.perf_counter()
         try:
-            solution = self._solve(window, guess, previous, within)
+            solution = self._solve(window, guess, warm_start, within)
         except (ArithmeticError, RuntimeError, ValueError, TimeoutError) as error:
             logger.warning("the solver raised %s: %s", type(error).__name__, str(error).partition("\n")[0])
             outcome = Outcome.TIMEOUT if isinstance(error, TimeoutError) else Outcome.FAILED
             return Solution(outcome, guess, np.nan, 0, time.perf_counter() - began, window, guess)
         X = solution.plan.X
         u = solution.plan.u
-        finite = isfinite(np.vdot(X, X) + np.vdot(u, u))
-        if solution.outcome.usable and not finite:
+        is_finite = isfinite(np.vdot(X, X) + np.vdot(u, u))  # one entry that is not makes the sum so
+        if solution.outcome.usable and not is_finite:
             return replace(solution, outcome=Outcome.FAILED)
         return solution
 
     @abstractmethod
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
-        """Solve a window from a guess on its mesh; `previous`, if any, is a usable solution of the same stages."""
+        """Solve a window from a guess on its mesh; `previous`, if any, is a solution that can start it."""
 
 
-def _continues(previous: Solution, window: Window) -> bool:
+def _can_start(previous: Solution, window: Window) -> bool:
     """Tell whether a solution can start the solve of a window: of the same stages, or of more that are over now."""
     stages = window.indices
     return previous.window.indices[-len(stages) :] == stages and previous.outcome.usable

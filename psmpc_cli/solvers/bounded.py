@@ -67,11 +67,13 @@ class BoundedCalls(Generic[P, Result]):
         return int(self._end() or 0)
 
     def __call__(self, longest: float, /, *args: P.args, **kwargs: P.kwargs) -> Result:
-        """Call the function, and return or raise what it does.
+        """Call the function in the copy of this process, and return or raise what it does.
+
+        A copy that did not answer is ended, and the next call makes another one.
 
         Args:
-            longest: Processor time after which the call is ended [s].
-            args: Its arguments.
+            longest: Processor time after which the call is ended [s]. Its wall time is limited to ten times as much.
+            args: Arguments of the function.
             kwargs: Its named ones.
 
         Raises:
@@ -81,11 +83,11 @@ class BoundedCalls(Generic[P, Result]):
         """
         if self._copy is None:
             self._copy = _start(self._function)
-            self._end = weakref.finalize(self, _Copy.end, self._copy)
+            self._end = weakref.finalize(self, _Copy.end, self._copy)  # ends the copy with this object, at the latest
         try:
             request = pickle.dumps((longest, args, kwargs))
             answer = self._copy.ask(request, time.monotonic() + WAITING * longest, self._wait)
-        except EOFError:
+        except EOFError:  # the copy has ended: its status says why
             raise _error_of(self.renew(), longest) from None
         except BaseException:
             self.renew()
@@ -132,12 +134,17 @@ class _Copy:
         return signal.SIGKILL
 
     def ask(self, request: bytes, until: float, wait: Callable[[], None]) -> bytes:
-        """Return the answer to a request; `wait` is called until it comes.
+        """Send a request to the copy of this process, wait for its answer and return that.
+
+        Args:
+            request: The pickled call, see `_serve`.
+            until: When waiting stops, an instant of `time.monotonic` [s].
+            wait: Called again and again until the answer comes, to show that something goes on.
 
         Raises:
             EOFError: The copy has ended.
-            TimeoutError: The answer did not come by an instant of `time.monotonic` [s].
-            KeyboardInterrupt: As for `BoundedCalls`.
+            TimeoutError: The answer did not come in time.
+            KeyboardInterrupt: A signal came, and no answer for some time after it.
         """
         try:
             sent = 0
@@ -145,28 +152,35 @@ class _Copy:
                 sent += os.write(self.requests, request[sent:])
         except BrokenPipeError:
             raise EOFError from None
+        # An answer begins with its length.
         length = int.from_bytes(self._read(LENGTH, until, wait), "little")
         return self._read(length, until, wait)
 
     def _read(self, count: int, until: float, wait: Callable[[], None]) -> bytes:
-        """Read so many bytes of an answer; raises as `ask` does."""
-        parts = bytearray()
-        while len(parts) < count:
-            check_deferred(GRACE)
+        """Read `count` bytes of an answer from the copy of this process, however long they take to come.
+
+        `wait` is called each time that nothing has come for `POLL` seconds; raises as `ask` does.
+        """
+        content = bytearray()
+        while len(content) < count:
+            check_deferred(GRACE)  # raises KeyboardInterrupt where a signal came longer ago than that
             if time.monotonic() > until:
                 raise TimeoutError("it waits for something that does not come")
             if not select.select([self.answers], [], [], POLL)[0]:
                 wait()
                 continue
-            part = os.read(self.answers, min(PIPE_SIZE, count - len(parts)))
-            if not part:
+            received = os.read(self.answers, min(PIPE_SIZE, count - len(content)))
+            if not received:  # its end of the pipe is closed
                 raise EOFError
-            parts += part
-        return bytes(parts)
+            content += received
+        return bytes(content)
 
 
 def _start(function: Callable[P, Result]) -> _Copy:
-    """Make a copy of this process that answers calls of a function."""
+    """Fork this process; the child answers calls of a function, and this process gets what it asks them with.
+
+    The child never returns from here: it answers until there are no more calls, and ends.
+    """
     requests_there, requests = os.pipe()
     answers, answers_there = os.pipe()
     parent = os.getpid()
@@ -183,11 +197,21 @@ def _start(function: Callable[P, Result]) -> _Copy:
 
 
 def _serve(function: Callable[P, Result], parent: int, requests: int, answers: int) -> None:
-    """Answer calls in the copy until there are no more, and end it, at the latest when the time of a call is up."""
+    """Answer calls of a function in the copied process, one after the other, and end that process after the last.
+
+    A call that uses more processor time than it may is ended together with the process, by the timer's signal SIGPROF.
+
+    Args:
+        function: The function.
+        parent: Process id of the process that asks.
+        requests: Descriptor of the pipe from which pickled calls are read: longest processor time [s], arguments, named
+            arguments.
+        answers: Descriptor of the pipe to which answers are written: the length, then the pickled `Answer`.
+    """
     try:
         for number in SIGNALS:  # of a terminal they reach both processes: the parent decides
             signal.signal(number, signal.SIG_IGN)
-        signal.signal(signal.SIGPROF, signal.SIG_DFL)
+        signal.signal(signal.SIGPROF, signal.SIG_DFL)  # by default it ends the process
         end_with_parent(parent)
         with open(requests, "rb") as incoming, open(answers, "wb") as outgoing:
             while True:

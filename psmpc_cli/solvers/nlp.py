@@ -135,63 +135,103 @@ class Nlp:
     def __init__(
         self, model: RobotModel, shape: WindowShape, parameters: Parameters[np.ndarray], has_all_rows: bool = False
     ) -> None:
+        self.shape = shape
+        self.has_all_rows = has_all_rows
+        self.grid = Grid(model.n, shape.nodes)
         self._node_rows = node_rows(model, shape)
         self._interval_rows = [rows for rows in interval_rows(model, shape) if has_all_rows or not rows.rarely_active]
         self.is_nearly_redundant = any(rows.functions.is_nearly_redundant for rows in self._interval_rows)
-        self.has_all_rows = has_all_rows
         self._functions = [stage_functions(model, stage) for stage in (*shape.stages, *shape.kept)]
-        self.shape = shape
-        self.grid = Grid(model.n, shape.nodes)
+        self._rate_residual = rate_residual(model)
         self._p = parameters.mapped(_symbol)
+        x = self._define_variables(model)
+        stage_costs, terminal = self._stage_costs()
+        interval_costs_of_kept = self._interval_costs_of_kept()
+        waited = sum((ca.sum1(self._tau[:s, 0]) for s in range(1, self.grid.switches + 1)), ca.SX(0))
+        p = self._p
+        J = ca.dot(p.omega, ca.vertcat(*stage_costs)) + p.pending * waited + p.omega[-1] * terminal
+        self._soft_cost = self._penalty()
+        g = self._define_rows(interval_costs_of_kept, stage_costs[-1] + terminal)
+        self.problem = {"x": x, "p": ca.vertcat(*map(ca.vec, p.pieces())), "f": J + self._soft_cost, "g": g}
+        self._costs = ca.vertcat(*map(sum, interval_costs_of_kept), *stage_costs), terminal
+
+    def _define_variables(self, model: RobotModel) -> ca.SX:
+        """Define the decision variables as symbols, each by its meaning, and the functions `pack` and `unpack`.
+
+        Returns:
+            The decision vector x, node by node: state, input, violations of soft limits and of constraints' soft rows.
+        """
+        shape = self.shape
         K = self.grid.K
-        S = self.grid.switches
         self._X = ca.SX.sym("X", 2 * model.n, K + 1)
-        self._tau = ca.SX.sym("tau", S, K + 1)
+        self._tau = ca.SX.sym("tau", self.grid.switches, K + 1)
         self._sums = ca.SX.sym("sum", 0 if shape.kept_errors else len(shape.kept), K + 1)
         self._u_before = ca.SX.sym("u_before", model.n if shape.has_rates else 0, K + 1)
         before = self._p.before
         self._applied, self._tick = ca.vertsplit(before, [0, self._u_before.shape[0], before.numel()])
-        self._rate_residual = rate_residual(model)
         self._e = ca.SX.sym("e", 2 * model.n if shape.soft else 0, K + 1)
         self._row_e = [ca.SX.sym("row_e", sum(map(_soft_count, self._rows_at(k)))) for k in range(K + 1)]
-        inputs = [ca.SX.sym("u", self._functions[s].inputs, N) for s, N in enumerate(shape.nodes)]
-        self._u = [*(u for of_stage in inputs for u in ca.horzsplit(of_stage)), ca.SX(0, 1)]
-        xs = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums, self._u_before))
-        es = ca.horzsplit(self._e)
-        x = ca.vertcat(*(part for node in zip(xs, self._u, es, self._row_e, strict=True) for part in node))
-        pieces = [self._X, self._tau, self._sums, self._u_before, self._e, ca.vertcat(*self._row_e), *inputs]
-        self.pack = ca.Function("pack", pieces, [x])
-        self.unpack = ca.Function("unpack", [x], pieces)
-        costs = [ca.SX(0) for _ in shape.nodes]
+        stage_inputs = [ca.SX.sym("u", self._functions[s].inputs, N) for s, N in enumerate(shape.nodes)]
+        self._u = [*(u for of_stage in stage_inputs for u in ca.horzsplit(of_stage)), ca.SX(0, 1)]  # none at x_K
+        self._node_states = ca.horzsplit(ca.vertcat(self._X, self._tau, self._sums, self._u_before))
+        self._node_inputs = list(zip(self._u, ca.horzsplit(self._e), self._row_e, strict=True))
+        nodes = zip(self._node_states, self._node_inputs, strict=True)
+        x = ca.vertcat(*(ca.vertcat(state, *inputs) for state, inputs in nodes))
+        variables = [self._X, self._tau, self._sums, self._u_before, self._e, ca.vertcat(*self._row_e), *stage_inputs]
+        self.pack = ca.Function("pack", variables, [x])
+        self.unpack = ca.Function("unpack", [x], variables)
+        return x
+
+    def _stage_costs(self) -> tuple[list[ca.SX], ca.SX]:
+        """Return the normalized cost integral of each stage, S + 1 of them, and the terminal cost, without priorities.
+
+        What changes of acceleration cost is in them, and is stored apart too.
+        """
+        shape = self.shape
         p = self._p
+        last = self.grid.switches
+        costs = [ca.SX(0) for _ in shape.nodes]
         rate_costs = [ca.SX(0) for _ in shape.nodes]
         for k, s in enumerate(self.grid.stage_of):
             costs[s] += self._cost(int(s), k - int(self.grid.first_node[s]), k)
             if shape.stages[s].weighs_rate:
                 rate_costs[s] += self._rate_cost(int(s), k)
         self._rate_cost_of_all = ca.dot(p.omega, ca.vertcat(*rate_costs))
-        costs = [cost + of_rate for cost, of_rate in zip(costs, rate_costs, strict=True)]
-        kept = [[self._kept_cost(S + 1 + i, k) for k in range(K)] for i in range(len(shape.kept))]
-        none = ca.SX.zeros(self._functions[S].inputs)
-        terminal = p.terminal * self._L(S, shape.nodes[S], K, none, 0 * p.control_weights[S])
-        pending = sum((ca.sum1(self._tau[:s, 0]) for s in range(1, S + 1)), ca.SX(0))
-        J = ca.dot(p.omega, ca.vertcat(*costs)) + p.pending * pending + p.omega[-1] * terminal
-        self._soft_cost = self._penalty()
-        paths = [list(self._path(k)) for k in range(K + 1)]
-        if shape.bounded:
-            paths[-1].append((costs[-1] + terminal, lambda window, *_: (-np.inf, window.cost_bound)))
-        gaps: list[list[tuple[ca.SX, Bound]]] = [[(self._gap(k, xs[k + 1], kept), _zero)] for k in range(K)]
-        rows = [row for node in zip([*gaps, []], paths, strict=True) for part in node for row in part]
+        costs = [cost + rate_cost for cost, rate_cost in zip(costs, rate_costs, strict=True)]
+        no_input = ca.SX.zeros(self._functions[last].inputs)
+        L_at_end = self._L(last, shape.nodes[last], self.grid.K, no_input, 0 * p.control_weights[last])
+        return costs, p.terminal * L_at_end
+
+    def _interval_costs_of_kept(self) -> list[list[ca.SX]]:
+        """Return what each interval adds to the cost integral of each kept stage: lists of K.
+
+        A kept stage is an earlier one, of more priority, whose cost HTMPC bounds over the whole window.
+        """
+        first = self.grid.switches + 1
+        return [[self._kept_cost(first + i, k) for k in range(self.grid.K)] for i in range(len(self.shape.kept))]
+
+    def _define_rows(self, interval_costs_of_kept: list[list[ca.SX]], last_cost: ca.SX) -> ca.SX:
+        """Return the rows g, node by node: the gap to the next node, then the path rows; store bounds and sizes.
+
+        Args:
+            interval_costs_of_kept: What each interval adds to the cost of each kept stage.
+            last_cost: Cost of the last stage with the terminal cost, which is bounded where the shape says so.
+        """
+        K = self.grid.K
+        path_rows = [list(self._path(k)) for k in range(K + 1)]
+        if self.shape.bounded:
+            path_rows[-1].append((last_cost, lambda window, *_: (-np.inf, window.cost_bound)))
+        gap_rows: list[list[tuple[ca.SX, Bound]]] = [[(self._gap(k, interval_costs_of_kept), _zero)] for k in range(K)]
+        gap_rows.append([])  # no node follows the last one
+        rows = [row for gap, paths in zip(gap_rows, path_rows, strict=True) for row in (*gap, *paths)]
         self._bounds = [(row.numel(), bound) for row, bound in rows]
-        g = ca.vertcat(*(row for row, _ in rows))
         self.sizes: dict[str, Any] = {
             "N": K,
-            "nx": [state.numel() for state in xs],
-            "nu": [sum(part.numel() for part in node) for node in zip(self._u, es, self._row_e, strict=True)],
-            "ng": [sum(row.numel() for row, _ in path) for path in paths],
+            "nx": [state.numel() for state in self._node_states],
+            "nu": [sum(part.numel() for part in inputs) for inputs in self._node_inputs],
+            "ng": [sum(row.numel() for row, _ in paths) for paths in path_rows],
         }
-        self.problem = {"x": x, "p": ca.vertcat(*map(ca.vec, p.pieces())), "f": J + self._soft_cost, "g": g}
-        self._costs = ca.vertcat(*map(sum, kept), *costs), terminal
+        return ca.vertcat(*(row for row, _ in rows))
 
     @cached_property
     def costs(self) -> ca.Function:
@@ -337,48 +377,60 @@ class Nlp:
         anchor = self._p.targets[s][functions.anchor]
         return ca.SX(functions.step(self.shape.discretization)(self._X[:, k], self._u[k], self._step(k, k), anchor))
 
-    def _gap(self, k: int, after: ca.SX, kept: list[list[ca.SX]]) -> ca.SX:
+    def _gap(self, k: int, interval_costs_of_kept: list[list[ca.SX]]) -> ca.SX:
         """Return by how much the state of the next node differs from where interval k leads."""
         led_to = self._led_to(k)
-        sums = [self._sums[i, k] + kept[i][k] for i in range(self._sums.shape[0])]
+        sums = [self._sums[i, k] + interval_costs_of_kept[i][k] for i in range(self._sums.shape[0])]
         u_before = self._acceleration(k) if self.shape.has_rates else ca.SX(0, 1)
-        return after - ca.vertcat(led_to, self._tau[:, k], *sums, u_before)
+        return self._node_states[k + 1] - ca.vertcat(led_to, self._tau[:, k], *sums, u_before)
 
     def _path(self, k: int) -> Iterator[tuple[ca.SX, Bound]]:
-        """Give the path rows of a node with their bounds."""
+        """Yield the path rows of node k, which are all rows there but the gap to the next node, each with its bounds.
+
+        They are, in this order: the initial state and durations (at the first node), constraints at the node,
+        constraints over the interval that begins there, bounds on the costs of kept stages (at the last node), and
+        soft limits of the state. Of a soft row value - low >= 0 and high - value >= 0 stand apart, each loosened by the
+        violation e / rho that the objective pays for.
+        """
         X = self._X[:, k]
-        tau = self._tau[:, k]
-        sums = self._sums[:, k]
-        p = self._p
-        stages = self.shape.stages
         if k == 0:
-            yield ca.vertcat(X - p.x0, sums, self._u_before[:, k] - self._applied), _zero
-            if len(stages) > 1:
-                yield self._duration(len(stages) - 1, k), lambda *_: (SHORTEST, np.inf)
-            fixed = [s for s, stage in enumerate(stages[:-1]) if stage.end.is_fixed]
-            yield from ((ca.sum1(tau[: s + 1]), partial(_fixed_end, s)) for s in fixed)
-        first = 0
+            yield from self._rows_of_first_node()
+        first_e = 0
         for rows in self._rows_at(k):
-            value = rows.expression(k, X, p)
+            value = rows.expression(k, X, self._p)
             bounds = partial(_node_bounds, rows)
             if rows.soft:
-                e = self._row_e[k][first : first + rows.functions.count] / PENALTY
-                first += rows.functions.count
-                yield value + e, lambda *args, bounds=bounds: (bounds(*args)[0], np.inf)
-                yield value - e, lambda *args, bounds=bounds: (-np.inf, bounds(*args)[1])
+                violation = self._row_e[k][first_e : first_e + rows.functions.count] / PENALTY
+                first_e += rows.functions.count
+                yield value + violation, lambda *args, bounds=bounds: (bounds(*args)[0], np.inf)
+                yield value - violation, lambda *args, bounds=bounds: (-np.inf, bounds(*args)[1])
             else:
                 yield value, bounds
         for over_interval in self._interval_rows:
             if k in over_interval.intervals:
-                at = self._interval(k)
-                value = over_interval.functions.expression(at, over_interval.argument(p))
-                yield value / at.h if over_interval.over_time else value, partial(_interval_bounds, over_interval, k)
-        if sums.numel() and k == self.grid.K:
-            for i in range(len(self.shape.kept)):
-                yield sums[i], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
+                interval = self._interval(k)
+                value = over_interval.functions.expression(interval, over_interval.argument(self._p))
+                if over_interval.over_time:  # bounds are those of the row over the length of its interval
+                    value /= interval.h
+                yield value, partial(_interval_bounds, over_interval, k)
+        if k == self.grid.K:
+            for i in range(self._sums.shape[0]):
+                yield self._sums[i, k], lambda window, *_, i=i: (-np.inf, window.kept[i].bound)
         if self.shape.soft:
             yield X + self._e[:, k] / PENALTY, lambda window, low, *_: (low[k], np.inf)
             yield X - self._e[:, k] / PENALTY, lambda window, _, high, *__: (-np.inf, high[k])
+
+    def _rows_of_first_node(self) -> Iterator[tuple[ca.SX, Bound]]:
+        """Yield the rows that the first node alone has: measured state, last duration, switches at fixed times."""
+        tau = self._tau[:, 0]
+        stages = self.shape.stages
+        initial = ca.vertcat(self._X[:, 0] - self._p.x0, self._sums[:, 0], self._u_before[:, 0] - self._applied)
+        yield initial, _zero
+        if len(stages) > 1:
+            yield self._duration(len(stages) - 1, 0), lambda *_: (SHORTEST, np.inf)
+        for s, stage in enumerate(stages[:-1]):
+            if stage.end.is_fixed:
+                yield ca.sum1(tau[: s + 1]), partial(_fixed_end, s)
 
 
 def _zero(*_: object) -> tuple[float, float]:
@@ -472,6 +524,7 @@ class NlpSolver(Solver):
         self._report = report
         settings: dict[str, Any] = {"print_level": 0, "tol": spec.tolerance, "max_iter": spec.max_iterations}
         if self._plugin == "ipopt":
+            # no banner, a barrier for a good guess, and no end at the looser "acceptable" tolerance
             settings |= {"sb": "yes", "mu_init": 1e-2, "acceptable_iter": 0}
             self.deadline = np.inf if spec.deadline is None else spec.deadline
         else:
@@ -486,17 +539,21 @@ class NlpSolver(Solver):
 
     def violation(self, window: Window, plan: Plan) -> float:
         """Return by how much a plan on the mesh of a window violates a constraint at worst."""
-        nlp, z, p = self._posed(window, plan)
-        return _violation(nlp.bounds(window, plan, np.inf), z, _array(nlp.rows(z, p)))
+        nlp, x, p = self._posed(window, plan)
+        return _violation(nlp.bounds(window, plan, np.inf), x, _array(nlp.rows(x, p)))
 
     def costs(self, window: Window, plan: Plan) -> np.ndarray:
         """Return what each stage adds to the objective at priority 1 along a plan on the mesh of a window, (S + 1,)."""
-        nlp, z, p = self._posed(window, plan)
-        costs, terminal = nlp.costs(z, p)
+        nlp, x, p = self._posed(window, plan)
+        costs, terminal = nlp.costs(x, p)
         return np.append(_array(costs)[:-1], float(costs[-1] + terminal))
 
     def _posed(self, window: Window, plan: Plan, has_all_rows: bool = False) -> tuple[Nlp, np.ndarray, np.ndarray]:
-        """Return the NLP of a window, transcribed on first use, and its x and p of a plan on the window's mesh."""
+        """Return the NLP of a window, and a plan on the window's mesh as its start: decision vector x and parameters p.
+
+        The NLP is transcribed when a window has its shape for the first time. Soft limits that the plan violates get as
+        much violation as they need, so that the start meets their rows.
+        """
         shape = window_shape(window)
         parameters = window_numbers(window, plan.switch_times)
         nlp = self._nlp((shape, has_all_rows), parameters)
@@ -509,8 +566,8 @@ class NlpSolver(Solver):
         tau = np.tile(np.diff(plan.switch_times, prepend=window.start)[:, None], nlp.grid.K + 1)
         row_violations = nlp.row_violations(window, plan, parameters)
         u_before = np.vstack([parameters.before[:-1], plan.u]).T if shape.has_rates else 0.0
-        z = nlp.pack(plan.X.T, tau, 0.0, u_before, violations, row_violations, *inputs)
-        return nlp, _array(z), np.concatenate([np.ravel(piece, order="F") for piece in parameters.pieces()])
+        x = nlp.pack(plan.X.T, tau, 0.0, u_before, violations, row_violations, *inputs)
+        return nlp, _array(x), np.concatenate([np.ravel(piece, order="F") for piece in parameters.pieces()])
 
     def _nlp(self, key: ProgramKey, parameters: Parameters[np.ndarray]) -> Nlp:
         """Return a program, transcribed on first use."""
@@ -530,7 +587,15 @@ class NlpSolver(Solver):
         return getattr(self, method)(*arguments)
 
     def _compile(self, key: CompiledKey, parameters: Parameters[np.ndarray]) -> None:
-        """Compile the solver of a program; it may take a minute, during which no signal would be noticed."""
+        """Have CasADi build the IPOPT or fatrop solver of a program, unless it is there.
+
+        It runs in the copy of the process that can be ended: it may take a minute, during which no signal would be
+        noticed.
+
+        Args:
+            key: Which program, and whether its solves start from multipliers.
+            parameters: The parameters of one window of that shape, for their sizes.
+        """
         if key in self._compiled:
             return
         program, is_warm = key
@@ -539,23 +604,23 @@ class NlpSolver(Solver):
         settings = {**self._settings, **(WARM_START if is_warm else {})}
         if self._plugin == "fatrop":
             options |= {"structure_detection": "manual", **nlp.sizes}
-            if nlp.is_nearly_redundant:
+            if nlp.is_nearly_redundant:  # a smaller tolerance would not be reached
                 settings = {**settings, "tol": max(settings.get("tol", 0.0), INTERVAL_TOLERANCE)}
         if np.isfinite(self.deadline):
             self._clocks[key] = options["iteration_callback"] = _Clock(nlp.program)
-        loud = {} if self._report is None else {"print_level": PRINT_LEVEL}
-        options[self._plugin] = {**settings, **loud}
+        printed = {} if self._report is None else {"print_level": PRINT_LEVEL}
+        options[self._plugin] = {**settings, **printed}
         self._compiled[key] = ca.nlpsol("window", self._plugin, nlp.program, {**options, **nlp.derivatives})
 
     def _call(
         self, key: CompiledKey, arguments: Mapping[str, np.ndarray], stop_at: float
     ) -> tuple[dict[str, np.ndarray], dict[str, Any], float, str]:
-        """Call a solver that CasADi has built, in time for a deadline.
+        """Solve a program with the solver that `_compile` has built, in the copy of the process.
 
         Args:
             key: Which solver.
             arguments: Its arguments by CasADi's names, such as x0 and p.
-            stop_at: When it has to stop, if it can, an instant of `time.perf_counter` [s].
+            stop_at: When it has to stop, an instant of `time.perf_counter` [s]. IPOPT alone looks at it.
 
         Returns:
             Solution, objective, constraints and multipliers by CasADi's names (x, f, g, lam_x, lam_g); whether and how

@@ -162,23 +162,25 @@ class QpMethod(ABC):
     def solve(self, window: SqpWindow, model: Linearization, here: Evaluation) -> QpSolution:
         """Solve the quadratic program of an SQP iteration: its unknowns are the steps from the point `here`.
 
-        Bounds are those of the steps: what is left from the values of the rows at the point, which a second-order
-        correction may have shifted against those of the model, to their limits. Rows stand in the order of `SqpWindow`:
-        states at nodes 1 to K, durations, their sums, rows at nodes (in the program alone those of `model.node_rows`),
-        rows over intervals, accelerations. The solver writes steps and multipliers into the arrays that it is given.
+        Bounds are those of the steps: limits less the values of the rows at the point, which a second-order correction
+        may have shifted against those of the model. Rows stand in the order of `SqpWindow`: states at nodes 1 to K,
+        durations, their sums, rows at nodes (those that the model has), rows over intervals, accelerations.
 
         Args:
             window: The window, with its bounds and penalties of soft rows.
             model: Objective and constraints, linearized; the Hessian by states (H_QQ), by changes of velocity (H_vv),
                 by durations (H_tau_tau), and by states and durations (H_x_tau).
             here: The point, with the values of all rows.
+
+        Returns:
+            Status, step and multipliers; those of rows at nodes that the program does not have are 0.
         """
         bounds = window.bounds
         K, n = model.H_vv.shape
         S = len(here.point.tau)
         in_program = window.rows_in_program(model)
-        rows = here.rows[in_program]
-        X = np.zeros((K + 1, 2 * n))
+        values = here.rows[in_program]
+        X = np.zeros((K + 1, 2 * n))  # the step of x_0, which is measured, stays 0
         arrays = QpArrays(
             H_QQ=model.H_QQ[1:],
             gradient=model.gradient[1:],
@@ -188,7 +190,7 @@ class QpMethod(ABC):
             H_tau_tau=model.H_tau_tau,
             gap_velocity=model.gap_velocity,
             gap_tau=model.gap_tau,
-            gaps=model.at.gaps,
+            gaps=model.residuals.gaps,
             row_node=window.form.row_node[model.node_rows] - 1,
             row_jacobian=model.rows_by_x,
             interval_row=window.form.row_interval[model.interval_rows],
@@ -196,8 +198,8 @@ class QpMethod(ABC):
             interval_low=bounds.interval_low[model.interval_rows],
             interval_high=bounds.interval_high[model.interval_rows],
             interval_weight=window.interval_weights[model.interval_rows],
-            low=bounds.low[in_program] - rows,
-            high=bounds.high[in_program] - rows,
+            low=bounds.low[in_program] - values,
+            high=bounds.high[in_program] - values,
             input_low=bounds.input_low,
             input_high=bounds.input_high,
             interval_by_duration=window.form.interval_steps,
@@ -205,11 +207,12 @@ class QpMethod(ABC):
             X=X[1:],
             tau=np.zeros(S),
             gap_multipliers=np.zeros((K, n)),
-            row_multipliers=np.zeros(len(rows)),
+            row_multipliers=np.zeros(len(values)),
         )
-        status, iterations = self._solve(arrays)
-        node_multipliers = np.zeros(len(model.at.rows))
-        node_multipliers[model.node_rows] = arrays.row_multipliers[window.states + 2 * S :][: len(model.node_rows)]
+        status, iterations = self._solve(arrays)  # writes step and multipliers into the last four arrays
+        of_node_rows = slice(window.states + 2 * S, window.states + 2 * S + len(model.node_rows))
+        node_multipliers = np.zeros(len(model.residuals.rows))
+        node_multipliers[model.node_rows] = arrays.row_multipliers[of_node_rows]
         return QpSolution(
             status=status,
             step=Unknowns(X, arrays.tau),
@@ -309,7 +312,12 @@ class Kernel:
 
 @cache
 def load_kernel(coordinates: int, durations: int, history: int = 0) -> Kernel | None:
-    """Load the kernel for these sizes; None where nothing can be compiled.
+    """Load our own interior-point method in C, compiled for these sizes; None where nothing can be compiled.
+
+    Args:
+        coordinates: n.
+        durations: The most free durations of a program.
+        history: n for programs whose rows over intervals depend on the interval before, else 0.
 
     Raises:
         RuntimeError: Its `QuadraticProgram` has its members elsewhere than ours.
@@ -345,6 +353,11 @@ class RiccatiQp(QpMethod):
         self._memory = np.zeros(0)
 
     def _solve(self, arrays: QpArrays) -> tuple[QpStatus, int]:
+        """Solve a program by our own method in C, which reads the arrays and writes the solution into the last of them.
+
+        Returns:
+            How the program ended, and the interior-point iterations.
+        """
         program = QuadraticProgram(
             K=len(arrays.H_vv),
             S=len(arrays.tau),
@@ -358,13 +371,15 @@ class RiccatiQp(QpMethod):
             bound_push=BOUND_PUSH,
         )
         report = np.zeros(REPORT_SIZE)
-        pointed_to = {name: np.ascontiguousarray(getattr(arrays, name)) for name in ARRAYS}  # alive while C uses them
+        # The structure has addresses alone: this dictionary keeps their arrays alive while C uses them.
+        pointed_to = {name: np.ascontiguousarray(getattr(arrays, name)) for name in ARRAYS}
         pointed_to["report"] = report
         pointed_to["workspace"] = self._workspace(program)
         for name, array in pointed_to.items():
             setattr(program, name, address(array))
-        status = tuple(QpStatus)[self._kernel.solve(ctypes.byref(program))]
-        return status, int(report[0])
+        status_index = self._kernel.solve(ctypes.byref(program))
+        iterations = int(report[0])
+        return tuple(QpStatus)[status_index], iterations
 
     def _workspace(self, program: QuadraticProgram) -> np.ndarray:
         """Return memory for a program that begins at a cache line; it is kept for the next one."""
@@ -387,6 +402,14 @@ class PiqpQp(QpMethod):
         self._tolerance = tolerance
 
     def _solve(self, arrays: QpArrays) -> tuple[QpStatus, int]:
+        """Solve a program by PIQP as one with sparse matrices, and write the solution into the last of the arrays.
+
+        PIQP may return a solution of a program that is not convex, and does not say so: the curvature of the objective
+        along the step tells.
+
+        Returns:
+            How the program ended, and the interior-point iterations.
+        """
         unknowns = _order_unknowns(arrays)
         kinds = _sort_rows(arrays, unknowns)
         hessian = _sparse(unknowns.count, unknowns.count, _hessian_entries(arrays, unknowns))
@@ -404,9 +427,18 @@ class PiqpQp(QpMethod):
     def _set_up(
         self, arrays: QpArrays, unknowns: "_Unknowns", kinds: "_RowKinds", hessian: csr_array
     ) -> piqp.SparseSolver:
-        """Return PIQP's solver of the program, which it writes in these letters.
+        """Return PIQP's solver with the program in it, written as PIQP takes it.
 
-        min  1/2 x'P x + c'x   s.t.   A x = b,   h_l <= G x <= h_u,   x_l <= x <= x_u.
+            min  1/2 x'P x + c'x   s.t.   A x = b,   h_l <= G x <= h_u,   x_l <= x <= x_u.
+
+        x are the steps and, for each soft row, by how much it is violated, s >= 0, which costs its penalty times s. A
+        soft row c x with low <= c x <= high becomes the two rows c x + s >= low and c x - s <= high.
+
+        Args:
+            arrays: The program.
+            unknowns: Where its unknowns stand in x.
+            kinds: Which of its rows become equations, bounds of x, and inequalities.
+            hessian: Upper triangle of P.
         """
         size = unknowns.count
         row_count = len(arrays.low)
@@ -507,62 +539,85 @@ class _RowKinds:
 
 
 def _order_unknowns(arrays: QpArrays) -> _Unknowns:
-    """Return the order of the unknowns: state and violations of each node, then the durations."""
-    K, states = arrays.X.shape
+    """Return where the unknowns stand in PIQP's x: state and violations of soft rows of each node, then the durations.
+
+    In this order its matrices are banded but for the durations, which couple all nodes, and PIQP's back-end for
+    multistage problems is fast.
+    """
+    K, state_size = arrays.X.shape
     S = len(arrays.tau)
-    state_rows = np.arange(K * states)
+    # Rows of C: states, then durations and their sums, then rows at nodes. States and rows at nodes may be soft.
+    state_rows = np.arange(K * state_size)
     node_rows = arrays.X.size + 2 * S + np.arange(len(arrays.row_node))
-    soft_state = arrays.penalty[state_rows] > 0
-    soft_node_row = arrays.penalty[node_rows] > 0
-    node_of_violation = np.concatenate([(state_rows // states)[soft_state], arrays.row_node[soft_node_row]])
-    node = np.concatenate([state_rows // states, node_of_violation])
-    place = np.empty(len(node), int)
-    place[np.argsort(node, kind="stable")] = np.arange(len(node))
+    is_soft_state = arrays.penalty[state_rows] > 0
+    is_soft_node_row = arrays.penalty[node_rows] > 0
+    node_of_state = state_rows // state_size
+    node_of_violation = np.concatenate([node_of_state[is_soft_state], arrays.row_node[is_soft_node_row]])
+    # Sorted by node, in which a stable sort leaves states before violations.
+    node_of_unknown = np.concatenate([node_of_state, node_of_violation])
+    place = np.empty(len(node_of_unknown), int)
+    place[np.argsort(node_of_unknown, kind="stable")] = np.arange(len(node_of_unknown))
     return _Unknowns(
-        X=place[: K * states].reshape(K, states),
-        violations=place[K * states :],
-        tau=len(node) + np.arange(S),
-        count=len(node) + S,
+        X=place[: K * state_size].reshape(K, state_size),
+        violations=place[K * state_size :],
+        tau=len(node_of_unknown) + np.arange(S),
+        count=len(node_of_unknown) + S,
     )
 
 
 def _sort_rows(arrays: QpArrays, unknowns: _Unknowns) -> _RowKinds:
     """Sort the rows low <= C x <= high of a program into the kinds that PIQP takes in different ways.
 
-    A row whose bounds coincide is an equation. The first rows of C are each a single unknown, so that their bounds are
-    those of a box, unless they are soft. All others are inequalities of several unknowns.
+    - A hard row whose bounds coincide is an equation.
+    - The first rows of C are each a single unknown (a state or a duration): hard bounds of these are a box.
+    - A soft row is an inequality for each of its finite bounds, since it may be violated at either.
+    - All other rows with a bound are inequalities.
+
+    Returns:
+        Masks of the rows, and the unknowns in the box.
     """
-    row = np.arange(len(arrays.low))
-    low_is_finite = np.isfinite(arrays.low)
-    high_is_finite = np.isfinite(arrays.high)
+    single_unknowns = unknowns.of_rows
+    is_single_unknown = np.arange(len(arrays.low)) < len(single_unknowns)
+    has_low = np.isfinite(arrays.low)
+    has_high = np.isfinite(arrays.high)
     is_soft = arrays.penalty > 0
     equation = ~is_soft & (arrays.high <= arrays.low + EQUALITY_WIDTH)
-    box = ~is_soft & ~equation & (row < unknowns.of_rows.size)
+    box = ~is_soft & ~equation & is_single_unknown
     return _RowKinds(
         equation=equation,
         box=box,
-        boxed_unknowns=unknowns.of_rows[box[: unknowns.of_rows.size]],
-        soft_low=is_soft & low_is_finite,
-        soft_high=is_soft & high_is_finite,
-        hard=~is_soft & ~equation & ~box & (low_is_finite | high_is_finite),
+        boxed_unknowns=single_unknowns[box[: len(single_unknowns)]],
+        soft_low=is_soft & has_low,
+        soft_high=is_soft & has_high,
+        hard=~is_soft & ~equation & ~box & (has_low | has_high),
     )
 
 
 def _write_solution(result: piqp.Result, arrays: QpArrays, unknowns: _Unknowns, kinds: _RowKinds) -> None:
-    """Write PIQP's step and multipliers into the program's arrays; those of two bounds of a row are subtracted."""
+    """Write PIQP's step and multipliers into the program's arrays for them.
+
+    A multiplier there is positive at the upper bound of a row and negative at the lower one; PIQP has one for each.
+
+    Args:
+        result: What PIQP returned: x, and multipliers of equations (y), inequalities (z_l, z_u) and box (z_bl, z_bu).
+        arrays: The program; the last four arrays are written.
+        unknowns: Where the unknowns stand in x.
+        kinds: What PIQP was given each row as.
+    """
     x = np.array(result.x)
-    of_equations = np.array(result.y)
-    of_inequalities = np.array(result.z_u) - np.array(result.z_l)
-    of_boxes = np.array(result.z_bu) - np.array(result.z_bl)
+    equation_multipliers = np.array(result.y)
+    inequality_multipliers = np.array(result.z_u) - np.array(result.z_l)
+    box_multipliers = np.array(result.z_bu) - np.array(result.z_bl)
     gap_count = arrays.gaps.size
     inequality_rows = [np.flatnonzero(mask) for mask in (kinds.soft_low, kinds.soft_high, kinds.hard)]
 
     arrays.X[:] = x[unknowns.X]
     arrays.tau[:] = x[unknowns.tau]
-    arrays.gap_multipliers[:] = of_equations[:gap_count].reshape(arrays.gaps.shape)
-    arrays.row_multipliers[kinds.equation] = of_equations[gap_count:]
-    arrays.row_multipliers[kinds.box] = of_boxes[kinds.boxed_unknowns]
-    np.add.at(arrays.row_multipliers, np.concatenate(inequality_rows), of_inequalities)
+    arrays.gap_multipliers[:] = equation_multipliers[:gap_count].reshape(arrays.gaps.shape)  # gaps are equations too
+    arrays.row_multipliers[kinds.equation] = equation_multipliers[gap_count:]
+    arrays.row_multipliers[kinds.box] = box_multipliers[kinds.boxed_unknowns]
+    # A soft row is two inequalities: their multipliers add up.
+    np.add.at(arrays.row_multipliers, np.concatenate(inequality_rows), inequality_multipliers)
 
 
 def _curvature(upper: csr_array, step: np.ndarray) -> float:
@@ -599,20 +654,28 @@ def _sparse(rows: int, columns: int, blocks: Sequence[Entries]) -> csr_array:
 
 
 def _hessian_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
-    """Return the upper triangle of H: by positions, by R (v_k+1 - v_k)^2 / 2 with v_0 = 0, by durations."""
+    """Return the entries of the upper triangle of the Hessian H, as (rows, columns, values) that broadcast.
+
+    They are those by positions, by velocities, by states and durations, and by durations. Velocities cost
+    R_k (v_k+1 - v_k)^2 / 2 over interval k, with steps v_0 = 0: R on the diagonal at both nodes, -R between them.
+
+    Args:
+        arrays: The program.
+        unknowns: Where its unknowns stand in PIQP's x.
+    """
     Q = unknowns.Q
     v = unknowns.v
     tau = unknowns.tau
     R = -arrays.H_vv
     i, j = np.triu_indices(Q.shape[1])
-    c, e = np.triu_indices(len(tau))
+    a, b = np.triu_indices(len(tau))
     return [
         (Q[:, i], Q[:, j], arrays.H_QQ[:, i, j]),
         (v, v, R),
         (v[:-1], v[:-1], R[1:]),
         (v[:-1], v[1:], -R[1:]),
         (unknowns.X[..., None], tau, arrays.H_x_tau),
-        (tau[c], tau[e], arrays.H_tau_tau[c, e]),
+        (tau[a], tau[b], arrays.H_tau_tau[a, b]),
     ]
 
 
@@ -625,7 +688,10 @@ def _hessian_of_rows(arrays: QpArrays, unknowns: _Unknowns) -> csr_array:
 
 
 def _gap_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
-    """Return the rows of the gaps, Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau, with x_0 = 0."""
+    """Return the entries of the Jacobian of the gaps, as (rows, columns, values) that broadcast.
+
+    A gap is Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau; the step of x_0 is 0.
+    """
     Q = unknowns.Q
     v = unknowns.v
     by_velocity = arrays.gap_velocity[:, :, None]
@@ -640,45 +706,79 @@ def _gap_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
 
 
 def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
-    """Return the rows of C: states, durations, their sums, constraints at nodes and over intervals, and accelerations.
+    """Return the entries of the matrix C of the rows low <= C x <= high, as (rows, columns, values) that broadcast.
 
-    Rows over intervals are less their bounds times h, accelerations dv - u h.
+    The rows stand in this order: states and durations themselves, sums of durations, constraints at nodes, constraints
+    over intervals less low h, then less high h, accelerations as dv - low h, then as dv - high h.
+
+    Args:
+        arrays: The program.
+        unknowns: Where its unknowns stand in PIQP's x.
     """
-    X = unknowns.X
-    v = unknowns.v
     tau = unknowns.tau
-    of_rows = unknowns.of_rows
+    single_unknowns = unknowns.of_rows
     node_row_count = len(arrays.row_jacobian)
-    first_sum = of_rows.size
+    interval_row_count = len(arrays.interval_row)
+    first_sum = len(single_unknowns)
     first_node_row = first_sum + len(tau)
     first_interval_row = first_node_row + node_row_count
-    first_low = first_interval_row + 2 * len(arrays.interval_row)
-    first_high = first_low + arrays.input_low.size
-    last, summand = np.tril_indices(len(tau))
-    entries: list[Entries] = [
-        (np.arange(of_rows.size), of_rows, 1.0),
+    first_input_row = first_interval_row + 2 * interval_row_count
+    last, summand = np.tril_indices(len(tau))  # the sum up to duration `last` has each `summand` up to it
+    node_row = first_node_row + np.arange(node_row_count)
+    return [
+        (np.arange(len(single_unknowns)), single_unknowns, 1.0),
         (first_sum + last, tau[summand], 1.0),
-        (first_node_row + np.arange(node_row_count)[:, None], X[arrays.row_node], arrays.row_jacobian),
+        (node_row[:, None], unknowns.X[arrays.row_node], arrays.row_jacobian),
+        *_interval_row_entries(arrays, unknowns, first_interval_row, arrays.interval_low),
+        *_interval_row_entries(arrays, unknowns, first_interval_row + interval_row_count, arrays.interval_high),
+        *_input_row_entries(arrays, unknowns, first_input_row, arrays.input_low),
+        *_input_row_entries(arrays, unknowns, first_input_row + arrays.input_low.size, arrays.input_high),
     ]
+
+
+def _interval_row_entries(arrays: QpArrays, unknowns: _Unknowns, first: int, bound: np.ndarray) -> list[Entries]:
+    """Return the entries of the constraints over intervals less a bound times h, the length of their interval.
+
+    Args:
+        arrays: The program.
+        unknowns: Where its unknowns stand in PIQP's x.
+        first: The first of these rows in C.
+        bound: Bound over h of each of them, (I,).
+    """
+    X = unknowns.X
+    state_size = X.shape[1]
+    S = len(unknowns.tau)
     k = arrays.interval_row
-    states = X.shape[1]
-    before, after, by_tau_alone, by_v_before = np.split(
-        arrays.interval_jacobian, [states, 2 * states, 2 * states + len(tau)], axis=1
+    by_begin, by_end, by_tau, by_v_before = np.split(
+        arrays.interval_jacobian, [state_size, 2 * state_size, 2 * state_size + S], axis=1
     )
-    later = k > 0  # the state before the first interval is measured
-    has_history = (k > 1) & (by_v_before.shape[1] > 0)
-    for first, interval_bound in (
-        (first_interval_row, arrays.interval_low),
-        (first_interval_row + len(k), arrays.interval_high),
-    ):
-        row = first + np.arange(len(k))[:, None]
-        by_tau = by_tau_alone - interval_bound[:, None] * arrays.interval_by_duration[k]
-        entries += [(row, X[k], after), (row[later], X[k[later] - 1], before[later]), (row, tau, by_tau)]
-        if has_history.any():
-            entries.append((row[has_history], v[k[has_history] - 2], by_v_before[has_history]))
-    for first, bound in ((first_low, arrays.input_low), (first_high, arrays.input_high)):
-        row = first + np.arange(bound.size).reshape(bound.shape)
-        if row.size:
-            by_tau = -bound[..., None] * arrays.interval_by_duration[:, None]
-            entries += [(row, v, 1.0), (row[1:], v[:-1], -1.0), (row[..., None], tau, by_tau)]
+    row = first + np.arange(len(k))[:, None]
+    by_tau = by_tau - bound[:, None] * arrays.interval_by_duration[k]
+    # X has nodes 1 to K: interval k ends at X[k] and begins at X[k - 1]; interval 0 begins at the measured state.
+    begins_free = k > 0
+    entries: list[Entries] = [
+        (row, X[k], by_end),
+        (row[begins_free], X[k[begins_free] - 1], by_begin[begins_free]),
+        (row, unknowns.tau, by_tau),
+    ]
+    has_history = (k > 1) & (by_v_before.shape[1] > 0)  # the interval before does not begin at the measured state
+    if has_history.any():
+        entries.append((row[has_history], unknowns.v[k[has_history] - 2], by_v_before[has_history]))
     return entries
+
+
+def _input_row_entries(arrays: QpArrays, unknowns: _Unknowns, first: int, bound: np.ndarray) -> list[Entries]:
+    """Return the entries of the limits of accelerations as rows of velocities, dv - bound h.
+
+    Args:
+        arrays: The program.
+        unknowns: Where its unknowns stand in PIQP's x.
+        first: The first of these rows in C.
+        bound: Bound of each acceleration, (K, n); (0, n) where none has one.
+    """
+    if not bound.size:
+        return []
+    v = unknowns.v
+    row = first + np.arange(bound.size).reshape(bound.shape)
+    by_tau = -bound[..., None] * arrays.interval_by_duration[:, None]
+    return [(row, v, 1.0), (row[1:], v[:-1], -1.0), (row[..., None], unknowns.tau, by_tau)]

@@ -183,12 +183,17 @@ class SqpSolver(Solver):
         return RiccatiQp(kernel, QP_TOLERANCE_FACTOR * self._spec.tolerance)
 
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
+        """Solve a window by SQP: set up the iterations from what its shape shares, run them, return the last as a plan.
+
+        With a solution before that can start it (`previous`), the guess is that one shifted: the solve is warm.
+        """
         began = time.perf_counter()
         tau = durations(guess.switch_times, window.start, window.horizon)[:-1]
         form, shared, method = self._setup(window)
         parameters = window_numbers(window, guess.switch_times)
         sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), parameters)
         is_warm = previous is not None
+        base_is_actuated = all(stage.moved_by.actuated for stage in window.stages)
         solve = _Solve(
             spec=self._spec,
             window=sqp_window,
@@ -198,14 +203,14 @@ class SqpSolver(Solver):
             stop_at_cpu_time=time.process_time() + LONGEST_CALL,
             most_iterations=self._most_iterations or self._spec.max_iterations,
             is_warm=is_warm,
-            restores=not (is_warm or all(stage.moved_by.actuated for stage in window.stages)),
+            restores=not (is_warm or base_is_actuated),
         )
-        multipliers = np.zeros(0)
+        multipliers = np.zeros(0)  # of the rows at nodes: they weigh the curvature of these in the first program
         if previous is not None and form.curved and len(previous.duals) == len(form.row_node):
             multipliers = previous.duals
         iterate, outcome, count = solve.run(Unknowns(guess.X, tau), multipliers)
         point = iterate.reached.point
-        at = iterate.reached.at
+        residuals = iterate.reached.residuals
         return Solution(
             outcome=outcome,
             plan=plan_on_mesh(window, point.X, form.inputs(point, window.horizon), point.tau),
@@ -215,8 +220,8 @@ class SqpSolver(Solver):
             window=window,
             guess=guess,
             warm=is_warm,
-            costs=at.costs,
-            terminal=at.terminal,
+            costs=residuals.costs,
+            terminal=residuals.terminal,
             violations=sqp_window.state_violations(point) if window.soft else np.zeros(0),
             duals=iterate.qp.node_multipliers if form.curved and iterate.qp is not None else np.zeros(0),
             guess_duals=multipliers,
@@ -285,36 +290,57 @@ class _Solve:
     restores: bool
 
     def run(self, guess: Unknowns, multipliers: np.ndarray) -> tuple[Iterate, Outcome, int]:
-        """Return the last iterate, how it is to be taken, and the number of iterations."""
+        """Iterate from a guess until the solve has ended, one quadratic program and one step at a time.
+
+        An iterate that meets all constraints is remembered: where a later one fails or time is up, it is the result.
+
+        Args:
+            guess: States at the nodes and durations to start from.
+            multipliers: Of the rows at nodes, (E,), from the solve before; (0,) if there are none.
+
+        Returns:
+            The last iterate, or the last feasible one; how the solve ended; the number of iterations.
+        """
         iterate, program = self._begin(guess, multipliers)
-        if not (self.is_warm or self._keeps_limits(program)):
-            later = later_switch(self.window, guess)
-            if later is not None:
-                late_iterate, late_program = self._begin(later, multipliers)
-                if self._keeps_limits(late_program):
-                    iterate = late_iterate
-                    program = late_program
+        if not self.is_warm:
+            iterate, program = self._with_later_switch(iterate, program, guess, multipliers)
         self._tell(0, iterate, None)
         filter_ = Filter()
-        feasible = None
+        last_feasible = None
         for count in range(1, self.most_iterations + 1):
             before = iterate
             if program.qp.status is QpStatus.SOLVED:
                 iterate = self._step(iterate, program, filter_)
             self._tell(count, iterate, program)
             outcome = self._outcome(count, iterate, before, program)
-            if self._counts(iterate):
-                feasible = iterate
+            if self._is_applicable(iterate):
+                last_feasible = iterate
             if outcome is not None:
-                if feasible is None or outcome.usable:
+                if last_feasible is None or outcome.usable:
                     return iterate, outcome, count
-                return feasible, Outcome.FEASIBLE, count
+                return last_feasible, Outcome.FEASIBLE, count
             if count < self.most_iterations:
                 here, model = self.window.linearize(iterate.reached.point, program.model)
                 program = self._restored(here, self._program(here, model, program.qp.node_multipliers))
-        if feasible is not None:
-            return feasible, Outcome.FEASIBLE, self.most_iterations
+        if last_feasible is not None:
+            return last_feasible, Outcome.FEASIBLE, self.most_iterations
         return iterate, Outcome.ITERATION_LIMIT, self.most_iterations
+
+    def _with_later_switch(
+        self, iterate: Iterate, program: Program, guess: Unknowns, multipliers: np.ndarray
+    ) -> tuple[Iterate, Program]:
+        """Return iterate and program at a guess, or at one with a later switch, where that alone lets limits be kept.
+
+        A cold guess may leave a stage too little time for its end condition, so that its program has no solution, or
+        one far beyond soft limits.
+        """
+        if self._keeps_limits(program):
+            return iterate, program
+        later_guess = later_switch(self.window, guess)
+        if later_guess is None:
+            return iterate, program
+        later_iterate, later_program = self._begin(later_guess, multipliers)
+        return (later_iterate, later_program) if self._keeps_limits(later_program) else (iterate, program)
 
     def _begin(self, guess: Unknowns, multipliers: np.ndarray) -> tuple[Iterate, Program]:
         """Return the iterate at a guess, and the program there."""
@@ -326,11 +352,11 @@ class _Solve:
         return program.qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(program.reached)
 
     def _restored(self, here: Evaluation, program: Program) -> Program:
-        """Return the program at a point; if it has no solution and the solve restores, its elastic program, solved.
+        """Return the program of an iterate; if it has no solution, the elastic one, which brings violations down.
 
-        A robot without thrusters reaches a pose by its arms alone. Linearized where they are nearly stretched, the pose
-        asks for several times the joint angles that lead there, and their rates do not allow it in time. The elastic
-        program
+        Elastic programs are for robots without thrusters, on cold guesses (`restores`). Such a robot reaches a pose by
+        its arms alone. Linearized where they are nearly stretched, the pose asks for several times the joint angles
+        that lead there, and their rates do not allow it in time. The elastic program
 
             min  model + rho t |violations of the rows at nodes|_1,   t the share of time of their node,
 
@@ -339,27 +365,35 @@ class _Solve:
         those of a stage that was appended too early, which takes many times as long to find out by elastic programs
         (docs/decisions.md).
 
+        Args:
+            here: The iterate's point.
+            program: The program there and its solution, if it has one.
+
         Source: Gill, Murray, Saunders: SNOPT: An SQP algorithm for large-scale constrained optimization (2005), on
         elastic programs.
         """
         if program.qp.status is QpStatus.SOLVED or not self.restores:
             return program
         elastic = self.window.elastic
-        restoring = self._solved(elastic, program.model, elastic.evaluated(here.point, program.model.at))
+        restoring = self._solved(elastic, program.model, elastic.evaluated(here.point, program.model.residuals))
         return replace(restoring, is_elastic=True) if restoring.qp.status is QpStatus.SOLVED else program
 
     def _program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
-        """Return the program at a point, solved.
+        """Return the solved quadratic program of an iterate: its Gauss-Newton model, with curvature where that helps.
 
-        The curvature of constraints at nodes counts at the given multipliers (E,), if there are any. Where that program
-        is found not to be convex, the Gauss-Newton model stands alone. Where soft limits would be violated so far that
-        the numbers break down, hard ones say whether there is a solution.
+        Three attempts, each where the one before does not say whether there is a step:
+
+        1. With multipliers (E,) from before, the model with the curvature of rows at nodes times these.
+        2. Where that is not convex, or there are none: the Gauss-Newton model alone.
+        3. Where soft limits would be violated so far that the numbers break down: the same with hard limits, which says
+           whether it is infeasible.
         """
         window = self.window
         if window.form.curved and len(multipliers):
             curved = window.form.with_curvature(model, here.point, window.p, multipliers)
             program = self._solved(window, curved, here)
-            if program.qp.status in (QpStatus.SOLVED, QpStatus.INFEASIBLE):  # constraints are those of the other model
+            # Both models have the same constraints: the other one is infeasible too.
+            if program.qp.status in (QpStatus.SOLVED, QpStatus.INFEASIBLE):
                 return program
         program = self._solved(window, model, here)
         if program.qp.status in BROKEN_DOWN and window.bounds.soft.any():
@@ -369,9 +403,15 @@ class _Solve:
         return program
 
     def _solved(self, window: SqpWindow, model: Linearization, here: Evaluation) -> Program:
-        """Return the program of a model, solved with those rows that its step would violate.
+        """Return the solved program of a model; rows that it left out are added until its step violates none of them.
 
-        So far from their bounds that the model does not have them, rows do not change the solution.
+        A model has only those of the many rows over intervals and of distances that are near their bounds. The others
+        do not change the solution, unless the step leads there.
+
+        Args:
+            window: The window with its bounds.
+            model: Objective and constraints, linearized at the point.
+            here: The point.
         """
         near = NEAR_BOUND
         while True:
@@ -379,11 +419,11 @@ class _Solve:
             if qp.status is not QpStatus.SOLVED:
                 return Program(model, qp, here)
             reached = self._after(here, qp.step, 1.0)
-            of_nodes, of_intervals = window.missed_rows(model, reached, near)
-            near *= NEARER
-            if not (len(of_nodes) or len(of_intervals)):
+            missed_node_rows, missed_interval_rows = window.missed_rows(model, reached, near)
+            if len(missed_node_rows) + len(missed_interval_rows) == 0:
                 return Program(model, qp, reached)
-            model = window.with_rows(model, here.point, of_nodes, of_intervals)
+            model = window.with_rows(model, here.point, missed_node_rows, missed_interval_rows)
+            near *= NEARER  # more rows each time: few rounds are enough
 
     def _after(self, here: Evaluation, step: Unknowns, step_length: float) -> Evaluation:
         """Return the point after a step of a length, 1 being the full one."""
@@ -392,22 +432,27 @@ class _Solve:
     def _outcome(self, count: int, iterate: Iterate, before: Iterate, program: Program) -> Outcome | None:
         """Return how the solve has ended after an iteration; None where it goes on.
 
-        Where the step of an elastic program brings nothing, violations are the least nearby.
+        Args:
+            count: Number of the iteration.
+            iterate: Where its step led; the point before, where the step was rejected.
+            before: The iterate before it.
+            program: The program of its step.
         """
-        feasible = iterate.reached.violation <= FEASIBLE
-        brings_nothing = iterate.reached is before.reached
+        is_feasible = iterate.reached.violation <= FEASIBLE
+        has_not_moved = iterate.reached is before.reached
         if program.qp.status is QpStatus.INFEASIBLE:
             return Outcome.INFEASIBLE
-        if program.is_elastic and brings_nothing:
+        if program.is_elastic and has_not_moved:  # violations are the least nearby
             return self._unfinished(iterate, Outcome.INFEASIBLE)
         if program.qp.status in BROKEN_DOWN:
             return self._unfinished(iterate, Outcome.FAILED)
-        if iterate.step <= np.sqrt(self.spec.tolerance) and feasible:
+        if iterate.step <= np.sqrt(self.spec.tolerance) and is_feasible:
             return Outcome.OPTIMAL
-        if brings_nothing:
+        if has_not_moved:
             return self._unfinished(iterate, Outcome.FAILED)
-        settled = (self.is_warm and iterate.unpredicted_violation <= MODEL_ERROR) or iterate.step <= SMALL
-        if count >= self.spec.iterations and settled and feasible:
+        # A warm window, the last one shifted, is near its optimum: the iterations that the task asks for are enough.
+        is_settled = (self.is_warm and iterate.unpredicted_violation <= MODEL_ERROR) or iterate.step <= SMALL
+        if count >= self.spec.iterations and is_settled and is_feasible:
             return Outcome.FEASIBLE
         if time.perf_counter() >= self.stop_at:
             return self._unfinished(iterate, Outcome.DEADLINE)
@@ -429,43 +474,48 @@ class _Solve:
 
     def _unfinished(self, iterate: Iterate, otherwise: Outcome) -> Outcome:
         """Return how an iterate that is not settled is to be taken."""
-        return Outcome.FEASIBLE if self._counts(iterate) else otherwise
+        return Outcome.FEASIBLE if self._is_applicable(iterate) else otherwise
 
-    def _counts(self, iterate: Iterate) -> bool:
+    def _is_applicable(self, iterate: Iterate) -> bool:
         """Tell whether an iterate may be applied before it settles: a step led there, and it meets all constraints."""
         return iterate.qp is not None and iterate.reached.violation <= FEASIBLE
 
     def _step(self, iterate: Iterate, program: Program, filter_: "Filter") -> Iterate:
-        """Return the iterate after the longest step that the filter accepts; the point itself, if it accepts none.
+        """Take the step of a program: return the iterate after the longest step that the filter accepts, by halving it.
 
-        Near the constraints a step that leaves them, by curvature, is corrected first, if that brings it nearer. Not
-        where it violates soft rows: the nearest point that meets the others would be another balance of them.
+        If it accepts none, that is the point where the step begins, with step length 0. Near the constraints a step
+        that leaves them, by curvature, is corrected first (second-order correction), if that brings it nearer to them.
+        Not where soft rows are violated: the nearest point that meets the others would be another balance of them.
+
+        Args:
+            iterate: Where the step begins.
+            program: The program there, with its solution.
+            filter_: What the new iterate must improve on; it may remember where the step begins.
         """
         model = program.model
         qp = program.qp
         here = iterate.reached
-        step = _largest(qp.step)
+        step_size = _largest(qp.step)
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
-        foreseen = self.window.foreseen(here, model, qp.step)
-        slope += self.window.change_of_penalty(here, foreseen)
+        predicted_rows = self.window.predicted_rows(here, model, qp.step)
+        slope += self.window.change_of_penalty(here, predicted_rows)
         step_length = min(self._longest_step(here.point, qp.step), aitken_factor(iterate, qp.step))
         reached = program.reached if step_length == 1 else self._after(here, qp.step, step_length)
-        leaves_soft_rows = reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE
+        violates_soft_rows = reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE
         is_near = reached.violation > FEASIBLE and here.violation <= NEARLY_FEASIBLE
-        if is_near and not (leaves_soft_rows or program.is_elastic):
+        if is_near and not violates_soft_rows and not program.is_elastic:
             corrected = self._corrected(iterate, program)
-            improves = corrected is not None and corrected.reached.violation < reached.violation
-            if corrected is not None and improves and filter_.accepts(corrected, iterate, slope, is_elastic=False):
+            is_nearer = corrected is not None and corrected.reached.violation < reached.violation
+            if corrected is not None and is_nearer and filter_.accepts(corrected, iterate, slope, is_elastic=False):
                 return corrected
         while step_length >= SHORTEST_STEP:
-            trial = Iterate(reached, step, step_length, qp=qp)
+            trial = Iterate(reached, step_size, step_length, qp=qp)
             if filter_.accepts(trial, iterate, slope, program.is_elastic):
-                return replace(
-                    trial, unpredicted_violation=self.window.unpredicted_violation(here, foreseen, step_length, reached)
-                )
+                unpredicted = self.window.unpredicted_violation(here, predicted_rows, step_length, reached)
+                return replace(trial, unpredicted_violation=unpredicted)
             step_length /= 2
             reached = self._after(here, qp.step, step_length)
-        return Iterate(here, step, qp=qp)
+        return Iterate(here, step_size, qp=qp)
 
     def _corrected(self, iterate: Iterate, program: Program) -> Iterate | None:
         """Return the iterate after the second-order correction of a program's step; None where it has no solution.
@@ -520,13 +570,15 @@ class Filter:
     def accepts(self, trial: Iterate, iterate: Iterate, slope: float, is_elastic: bool) -> bool:
         """Tell whether a step of the line search is accepted; if so, the filter may remember where it started.
 
-        The symbols are those of the class: theta is the violation, phi the objective, k the iterate before the step.
+        theta is the largest violation of a constraint, phi the objective, and k the iterate before the step. A step
+        that leads steeply downhill from a feasible iterate has to lower phi by Armijo's rule. Any other has to improve
+        on iterate k in theta or in phi, and iterate k becomes an entry that later iterates have to improve on.
 
         Args:
             trial: The iterate after the step.
             iterate: Iterate k, where the step starts.
             slope: m, the predicted change of phi by a full step, with the penalties of soft limits.
-            is_elastic: The step is that of an elastic program.
+            is_elastic: The step is that of an elastic program, which restores feasibility: only theta counts.
         """
         theta = trial.reached.violation
         theta_k = iterate.reached.violation
@@ -556,33 +608,41 @@ def _reduces(theta: float, old_theta: float) -> bool:
 
 
 def aitken_factor(iterate: Iterate, step: Unknowns) -> float:
-    """Return the step length that stops a step from undoing the last one, if both are about as long; else 1.
+    """Return the step length a that stops a step from undoing the last one, where two alternate; else 1.
 
     Where the Gauss-Newton model misses curvature, steps alternate about the optimum. Let d_ be the last step, taken
-    with length a_, and d this one. If the iteration is linear, the length a of d that removes the error along the
-    change of the step is
+    with length a_, and d this one. If the iteration is linear, the length of d that removes the error along the change
+    of the step is
 
         a = -a_ d_ . (d - d_) / |d - d_|^2.
 
-    Where soft rows are violated the objective has kinks, and steps turn round for another reason: they are left alone.
+    It is for steps that turn round and are about as long as the last one. Where soft rows are violated the objective
+    has kinks, and steps turn round for another reason: they are left alone.
+
+    Args:
+        iterate: Where the step begins, with the step that led there.
+        step: The full step d.
 
     Source: Irons, Tuck: A version of the Aitken accelerator for computer iteration (1969).
     """
-    reached = iterate.reached
-    if iterate.qp is None or not iterate.step_length or reached.violation > NEARLY_FEASIBLE:
+    here = iterate.reached
+    if iterate.qp is None or iterate.step_length == 0.0 or here.violation > NEARLY_FEASIBLE:
         return 1.0
-    if reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE:
+    violates_soft_rows = here.penalties.max(initial=0.0) > PENALTY * FEASIBLE
+    if violates_soft_rows:
         return 1.0
-    last = np.append(iterate.qp.step.X, iterate.qp.step.tau)
-    now = np.append(step.X, step.tau)
-    if last @ now >= 0.0 or now @ now < AITKEN_MIN_RATIO**2 * (last @ last):
+    last_step = np.append(iterate.qp.step.X, iterate.qp.step.tau)
+    this_step = np.append(step.X, step.tau)
+    turns_round = last_step @ this_step < 0.0
+    is_about_as_long = this_step @ this_step >= AITKEN_MIN_RATIO**2 * (last_step @ last_step)
+    if not (turns_round and is_about_as_long):
         return 1.0
-    change = now - last
-    return max(AITKEN_MIN_FACTOR, iterate.step_length * float(-(last @ change) / (change @ change)))
+    change = this_step - last_step
+    return max(AITKEN_MIN_FACTOR, iterate.step_length * float(-(last_step @ change) / (change @ change)))
 
 
 def later_switch(window: SqpWindow, point: Unknowns) -> Unknowns | None:
-    """Return a guess with the same motion, whose last switch is near its latest time; None where it cannot be later.
+    """Return a guess of the same motion whose last switch is near its latest time, to make a program solvable.
 
     A stage that is too short for its end condition has both to last longer and to move faster. A linearized program has
     the two changes, but not their product; from a guess whose switch is late already, a faster motion is enough.
@@ -590,19 +650,26 @@ def later_switch(window: SqpWindow, point: Unknowns) -> Unknowns | None:
     Args:
         window: The window.
         point: The guess: states at nodes, and the durations tau (S,) of all stages but the last [s].
+
+    Returns:
+        The guess; None where there is no switch, or the last one cannot be later.
     """
     form = window.form
     tau = point.tau
     last = len(tau) - 1
     if last < 0:
         return None
-    of_durations, of_sums = np.split(window.bounds.high[window.states :][: 2 * len(tau)], 2)  # rows behind the states
-    longest = min(of_durations[last], of_sums[last] - tau[:last].sum())
+    # Behind the rows of states stand the durations, then their sums (the switch times from the window's start).
+    high = window.bounds.high[window.states :]
+    longest_duration = high[last]
+    latest_switch = high[len(tau) + last]
+    longest = min(longest_duration, latest_switch - tau[:last].sum())
     if longest <= tau[last]:
         return None
-    longer = tau.copy()
-    longer[last] += LATE_SWITCH_FRACTION * (longest - tau[last])
-    edges, later_edges = (np.r_[0.0, np.cumsum(durations), window.horizon] for durations in (tau, longer))
+    later_tau = tau.copy()
+    later_tau[last] += LATE_SWITCH_FRACTION * (longest - tau[last])
+    edges = np.r_[0.0, np.cumsum(tau), window.horizon]  # start, switch times and end
+    later_edges = np.r_[0.0, np.cumsum(later_tau), window.horizon]
     motion = Plan(mesh(edges, form.grid.nodes), point.X, form.inputs(point, window.horizon), edges[1:-1])
     X = motion.states_at(mesh(later_edges, form.grid.nodes))
-    return Unknowns(np.vstack([point.X[:1], X[1:]]), longer)
+    return Unknowns(np.vstack([point.X[:1], X[1:]]), later_tau)

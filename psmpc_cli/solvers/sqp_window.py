@@ -60,28 +60,42 @@ class WindowBounds:
 
 
 def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
-    """Return the bounds that windows of one shape and limits share, those of durations and rows at nodes left open."""
+    """Return the bounds that all windows of one shape with the same limits share, made once and completed per window.
+
+    The rows stand in the order of this module's docstring: states, durations, their sums, rows at nodes, rows over
+    intervals less low h, then less high h, accelerations alike. Bounds of durations, sums and rows at nodes are left
+    open here (infinite): `window_bounds` sets them.
+
+    Args:
+        form: The velocity form of the windows of this shape.
+        window: Any of them.
+    """
     grid = form.grid
     stages = window.stages
     S = form.grid.switches
-    low, high = node_limits(grid, stages)
-    first = np.array([low[0], high[0]]) if window.soft else np.array([[-np.inf], [np.inf]]) * np.ones(low.shape[1])
-    low, high = widened(low[1:], high[1:]) if window.soft else (low[1:], high[1:])
-    of_window = np.full(2 * S + len(form.row_node), np.inf)  # durations, and rows at nodes
-    lows = [low.ravel(), -of_window]
-    highs = [high.ravel(), of_window]
-    over_time = form.interval_row_is_over_time
-    interval_low, interval_high = _over_h(*form.interval_bounds(window, None), lows, highs, over_time)
+    state_count = 2 * grid.n * grid.K
+    node_low, node_high = node_limits(grid, stages)
+    first = np.array([[-np.inf], [np.inf]]) * np.ones(2 * grid.n)
+    state_low = node_low[1:]
+    state_high = node_high[1:]
+    if window.soft:
+        first = np.array([node_low[0], node_high[0]])
+        state_low, state_high = widened(state_low, state_high)
+    left_open = np.full(2 * S + len(form.row_node), np.inf)
+    lows = [state_low.ravel(), -left_open]
+    highs = [state_high.ravel(), left_open]
+    is_over_time = form.interval_row_is_over_time
+    interval_low, interval_high = _append_over_h(*form.interval_bounds(window, None), lows, highs, is_over_time)
     inputs = acceleration_limits(grid, stages)
     if np.isfinite(inputs).any():
-        input_low, input_high = _over_h(*inputs, lows, highs)
+        input_low, input_high = _append_over_h(*inputs, lows, highs)
     else:
         input_low = np.zeros((0, grid.n))
         input_high = np.zeros((0, grid.n))
     row_low = np.concatenate(lows)
     soft = np.zeros(len(row_low), bool)
-    soft[: 2 * grid.n * grid.K] = window.soft
-    soft[2 * grid.n * grid.K + 2 * S :][: len(form.row_node)] = form.row_is_soft
+    soft[:state_count] = window.soft
+    soft[state_count + 2 * S :][: len(form.row_node)] = form.row_is_soft
     return WindowBounds(
         low=row_low,
         high=np.concatenate(highs),
@@ -105,24 +119,39 @@ def nodes_of_rows(form: VelocityForm, count: int) -> np.ndarray:
     return node
 
 
-def _over_h(
+def _append_over_h(
     low: np.ndarray,
     high: np.ndarray,
     lows: list[np.ndarray],
     highs: list[np.ndarray],
     is_over_time: np.ndarray | bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Append the bounds of the rows g - low h >= 0, then of g - high h <= 0, and return low and high, 0 where none.
+    """Append the bounds of rows g with low h <= g <= high h, as two rows each: g - low h >= 0 and g - high h <= 0.
 
-    Rows that are not over time are bounded by low and high themselves, and have 0 over h. Where these are equal, the
-    first row is an equation, and the second has no bounds.
+    h is the length of the row's interval and an unknown of the programs, so that a bound over h is not a number: it
+    moves into the row. Rows that are not over time have bounds low and high that are numbers, and stay: for these
+    low h and high h are 0 in the rows. Where such bounds are equal, the first row is an equation and the second has
+    no bounds.
+
+    Args:
+        low: Lower bounds over h, or themselves; infinite where there is none. Of any shape, M in all.
+        high: Upper bounds alike.
+        lows: Lower bounds of all rows so far, an array for each group: those of g - low h (M,) are appended, then those
+            of g - high h (M,).
+        highs: Upper bounds alike.
+        is_over_time: Which bounds are over h, broadcasts to their shape.
+
+    Returns:
+        What is multiplied with h in the rows: low and high, 0 where there is no bound, or none over h.
     """
-    none = np.full(low.size, np.inf)
+    no_bound = np.full(low.size, np.inf)
     is_equation = np.equal(low, high) & ~np.broadcast_to(is_over_time, low.shape)
-    low_over_h, high_over_h = (_finite(bound, is_over_time) for bound in (low, high))
-    lows += [(low - low_over_h).ravel(), -none]
+    low_over_h = _finite(low, is_over_time)
+    high_over_h = _finite(high, is_over_time)
+    # Rows g - low h: bounded below; rows g - high h: bounded above. The difference is 0 where the bound is over h.
+    lows += [(low - low_over_h).ravel(), -no_bound]
     highs += [
-        np.where(is_equation.ravel(), high.ravel(), none),
+        np.where(is_equation.ravel(), high.ravel(), no_bound),
         np.where(is_equation, np.inf, high - high_over_h).ravel(),
     ]
     return low_over_h, high_over_h
@@ -136,28 +165,45 @@ def _finite(bound: np.ndarray, is_over_time: np.ndarray | bool) -> np.ndarray:
 def window_bounds(
     form: VelocityForm, shared: WindowBounds, window: Window, guess: Plan, tau: np.ndarray, within: float
 ) -> WindowBounds:
-    """Return the bounds of a window about a guess, durations within so many seconds of guessed ones (S,) [s]."""
+    """Return the bounds of all rows of one window: those that its shape shares, and those of its own numbers.
+
+    Its own are limits of velocities in the chart about the guess, rows at nodes, durations and switch times.
+
+    Args:
+        form: The velocity form of windows of this shape.
+        shared: What `fixed_bounds` returned for it.
+        window: The window.
+        guess: The guessed plan.
+        tau: Durations of the guess, of all stages but the last, (S,) [s].
+        within: Durations stay within so many seconds of these.
+    """
     S = len(tau)
     if any(constraint.over_intervals for stage in window.stages for constraint in stage.constraints.values()):
-        over_time = form.interval_row_is_over_time
-        interval_low, interval_high = (
-            _finite(bound, over_time) for bound in form.interval_bounds(window, guess.switch_times)
+        interval_low, interval_high = form.interval_bounds(window, guess.switch_times)
+        shared = replace(
+            shared,
+            interval_low=_finite(interval_low, form.interval_row_is_over_time),
+            interval_high=_finite(interval_high, form.interval_row_is_over_time),
         )
-        shared = replace(shared, interval_low=interval_low, interval_high=interval_high)
-    first = len(window.x0) * window.K  # the durations stand after the states
     low = shared.low.copy()
     high = shared.high.copy()
-    at_nodes = (window.K, len(window.x0))
-    shift_limits(window, guess, low[:first].reshape(at_nodes), high[:first].reshape(at_nodes))
+    # Rows stand in this order: states, durations, their sums (the switch times from the window's start), rows at nodes.
+    state_count = len(window.x0) * window.K
+    of_states = slice(state_count)
+    of_durations = slice(state_count, state_count + S)
+    of_switches = slice(state_count + S, state_count + 2 * S)
+    of_node_rows = slice(state_count + 2 * S, state_count + 2 * S + len(form.row_node))
+    nodes_by_states = (window.K, len(window.x0))
+    shift_limits(window, guess, low[of_states].reshape(nodes_by_states), high[of_states].reshape(nodes_by_states))
     if form.node_rows:
-        at = slice(first + 2 * S, first + 2 * S + len(form.row_node))
-        low[at], high[at] = form.row_bounds(window)
-    low[first : first + S] = np.maximum(shortest_durations(window)[:-1], tau - within)
-    high[first : first + S] = tau + within
+        low[of_node_rows], high[of_node_rows] = form.row_bounds(window)
+    low[of_durations] = np.maximum(shortest_durations(window)[:-1], tau - within)
+    high[of_durations] = tau + within
     if S:
-        low[first + S : first + 2 * S] = [stage.end.earliest - window.start for stage in window.stages[:-1]]
-        high[first + S : first + 2 * S] = [stage.end.latest - window.start for stage in window.stages[:-1]]
-        high[first + 2 * S - 1] = min(high[first + 2 * S - 1], window.horizon - SHORTEST)
+        low[of_switches] = [stage.end.earliest - window.start for stage in window.stages[:-1]]
+        latest_switches = np.array([stage.end.latest - window.start for stage in window.stages[:-1]])
+        latest_switches[-1] = min(latest_switches[-1], window.horizon - SHORTEST)  # the last stage has some time left
+        high[of_switches] = latest_switches
     return replace(shared, low=low, high=high)
 
 
@@ -167,7 +213,7 @@ class Evaluation:
 
     Attributes:
         point: The point.
-        at: Objective without the penalty of violations, and constraints.
+        residuals: Objective without the penalty of violations, and constraints.
         objective: With the penalty.
         rows: The rows with bounds, (R,).
         excess: By how much each of them is beyond its nearer bound, negative inside, (R,).
@@ -177,7 +223,7 @@ class Evaluation:
     """
 
     point: Unknowns
-    at: Residuals
+    residuals: Residuals
     objective: float
     rows: np.ndarray
     excess: np.ndarray
@@ -282,23 +328,34 @@ class SqpWindow:
     def missed_rows(
         self, model: Linearization, reached: Evaluation, near: float = NEAR_BOUND
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows at nodes and those over intervals that a model does not have and a point violates, ascending.
+        """Return which rows the program of a model left out although the point that its step leads to violates them.
 
-        With them those that the point brings near their bounds, rows over intervals beyond the share `near` of them:
-        one more program then is enough, most often.
+        Not all rows are in every program, only those near their bounds. If some row left out is violated, all left-out
+        rows that are near their bounds at the new point are returned too, so that one more program is enough, most
+        often.
+
+        Args:
+            model: The model, with the indices of the rows that it has.
+            reached: The point after its full step.
+            near: Share of their bounds from which on rows over intervals count as near.
+
+        Returns:
+            Indices of rows at nodes, and of rows over intervals, ascending; both empty where nothing was missed.
         """
-        of_nodes = np.zeros(0, int)
-        of_intervals = np.zeros(0, int)
+        missed_node_rows = np.zeros(0, int)
+        missed_interval_rows = np.zeros(0, int)
         if len(self.form.lazy_rows):
             violated = self._node_rows_beyond(reached.excess, FEASIBLE)
-            if len(violated) and not mask(model.node_rows, len(reached.at.rows))[violated].all():
-                of_nodes = self._node_rows_beyond(reached.excess, self.form.activation_excess)
+            is_in_model = mask(model.node_rows, len(reached.residuals.rows))
+            if not is_in_model[violated].all():
+                missed_node_rows = self._node_rows_beyond(reached.excess, self.form.activation_excess)
         if len(self.form.row_interval):
-            values = reached.at.interval_rows
+            values = reached.residuals.interval_rows
             violated = self._interval_rows_beyond(reached.point, values, 1.0, FEASIBLE)
-            if not mask(model.interval_rows, len(values))[violated].all():
-                of_intervals = self._interval_rows_beyond(reached.point, values, near, 0.0)
-        return of_nodes, of_intervals
+            is_in_model = mask(model.interval_rows, len(values))
+            if not is_in_model[violated].all():
+                missed_interval_rows = self._interval_rows_beyond(reached.point, values, near, 0.0)
+        return missed_node_rows, missed_interval_rows
 
     def with_rows(
         self, model: Linearization, point: Unknowns, of_nodes: np.ndarray, of_intervals: np.ndarray
@@ -311,14 +368,13 @@ class SqpWindow:
         derivatives = self.form.interval_jacobian(point, self.p, of_model)
         return replace(model, interval_rows=of_model, interval_rows_by=derivatives)
 
-    def rows(self, point: Unknowns, at: Residuals, h: np.ndarray) -> np.ndarray:
-        """Return the rows at a point whose intervals have the lengths h (K, 1) [s], (R,)."""
-        rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), at.rows]
+    def rows(self, point: Unknowns, residuals: Residuals, h: np.ndarray) -> np.ndarray:
+        """Return the values (R,) of all rows at a point whose intervals have the lengths h (K, 1) [s]."""
+        rows = [point.X[1:].ravel(), point.tau, point.tau.cumsum(), residuals.rows]
         if len(self.form.row_interval):
             h_of_rows = h[self.form.row_interval, 0]
-            rows += [
-                at.interval_rows - h_of_rows * bound for bound in (self.bounds.interval_low, self.bounds.interval_high)
-            ]
+            for bound in (self.bounds.interval_low, self.bounds.interval_high):
+                rows.append(residuals.interval_rows - h_of_rows * bound)
         if len(self.bounds.input_low):
             dv = point.changes[:, self.form.grid.n :]
             rows += [(dv - h * bound).ravel() for bound in (self.bounds.input_low, self.bounds.input_high)]
@@ -328,22 +384,38 @@ class SqpWindow:
         """Evaluate the window at a point."""
         return self.evaluated(point, self.form.residuals(point, self.p))
 
-    def evaluated(self, point: Unknowns, at: Residuals) -> Evaluation:
-        """Return the evaluation of a point with these residuals.
+    def evaluated(self, point: Unknowns, residuals: Residuals) -> Evaluation:
+        """Return a point with all that the line search compares: objective with penalties, values of rows, violations.
 
-        The violation is in natural units, m, rad, m/s, rad/s, s. A limit on an acceleration counts by the velocity it
-        costs in its interval.
+        The violation is the largest of a gap or a hard row in its own unit: m, rad, m/s, rad/s or s. A limit on an
+        acceleration counts by the velocity that it costs in its interval.
+
+        Args:
+            point: The point.
+            residuals: Objective and constraints there.
         """
         h = self.form.steps(point, self.horizon)
-        rows = self.rows(point, at, h)
+        rows = self.rows(point, residuals, h)
         excess = self._excess(rows)
-        violation = float(np.maximum(np.abs(at.gaps).max(), excess[self._hard_rows].max(initial=0.0)))
-        if not len(self._soft_rows):
-            return Evaluation(point, at, at.objective, rows, excess, violation, np.zeros(0), np.zeros(0))
-        shares = shares_of_time(h)[:, 0]
-        penalties = self._soft_penalties(excess)
-        penalty = float(shares[self._soft_node] @ penalties + shares[0] * self._penalty_of_first)
-        return Evaluation(point, at, at.objective + penalty, rows, excess, violation, shares, penalties)
+        violation = float(np.maximum(np.abs(residuals.gaps).max(), excess[self._hard_rows].max(initial=0.0)))
+        objective = residuals.objective
+        shares = np.zeros(0)
+        penalties = np.zeros(0)
+        if len(self._soft_rows):
+            # A soft row costs rho times its violation, for as long as its node stands for.
+            shares = shares_of_time(h)[:, 0]
+            penalties = self._soft_penalties(excess)
+            objective += float(shares[self._soft_node] @ penalties + shares[0] * self._penalty_of_first)
+        return Evaluation(
+            point=point,
+            residuals=residuals,
+            objective=objective,
+            rows=rows,
+            excess=excess,
+            violation=violation,
+            shares=shares,
+            penalties=penalties,
+        )
 
     def _excess(self, rows: np.ndarray) -> np.ndarray:
         """Return by how much rows (R,) with these values are beyond their nearer bounds, negative inside."""
@@ -401,56 +473,66 @@ class SqpWindow:
         return np.where(is_soft, PENALTY * here.shares[self.bounds.node[which]], 0.0)
 
     def linearize(self, point: Unknowns, before: Linearization | None = None) -> tuple[Evaluation, Linearization]:
-        """Return the evaluation of a point, and the model there, violations weighted with the durations they last.
+        """Return the evaluation of a point, and the quadratic model there whose step the iteration takes.
 
-        What a step changes of the violations is left to the program, which knows it exactly. Of the rows over
-        intervals it has those that are near their bounds, and those that the model `before` had: what one iterate
-        misses, the next one would miss again. Of rows at nodes it has those near their bounds where these say so.
+        Of the many rows over intervals and lazy rows at nodes (distances) it has those that are near their bounds, and
+        of rows over intervals also those that the model before had: what one iterate misses, the next one would miss
+        again. Violations of soft rows cost rho times the time that they last, so durations change that cost: this is
+        added to the gradient. How steps change the violations themselves is in the programs exactly.
+
+        Args:
+            point: The point.
+            before: The model of the iterate before, if there is one.
         """
         model = self.form.linearize(point, self.p)
-        here = self.evaluated(point, model.at)
+        here = self.evaluated(point, model.residuals)
         if self.leaves_rows_out:
-            of_nodes = self._node_rows_beyond(here.excess, self.form.activation_excess)
-            of_intervals = self._interval_rows_beyond(point, model.at.interval_rows, NEAR_BOUND, 0.0)
+            near_node_rows = self._node_rows_beyond(here.excess, self.form.activation_excess)
+            near_interval_rows = self._interval_rows_beyond(point, model.residuals.interval_rows, NEAR_BOUND, 0.0)
             if before is not None:
-                of_intervals = np.union1d(of_intervals, before.interval_rows)
-            model = self.with_rows(model, point, of_nodes, of_intervals)
-        if not (len(self._soft_rows) and len(point.tau)):
-            return here, model
-        node_shares = self.form.node_shares
-        by_tau = here.penalties @ node_shares[self._soft_node] + self._penalty_of_first * node_shares[0]
-        return here, replace(model, gradient_tau=model.gradient_tau + by_tau)
+                near_interval_rows = np.union1d(near_interval_rows, before.interval_rows)
+            model = self.with_rows(model, point, near_node_rows, near_interval_rows)
+        if len(self._soft_rows) and len(point.tau):
+            share_by_tau = self.form.node_shares  # derivative of each node's share of time, (K + 1, S)
+            penalty_by_tau = here.penalties @ share_by_tau[self._soft_node] + self._penalty_of_first * share_by_tau[0]
+            model = replace(model, gradient_tau=model.gradient_tau + penalty_by_tau)
+        return here, model
 
-    def foreseen(self, here: Evaluation, model: Linearization, step: Unknowns) -> np.ndarray:
-        """Return the values of the rows (R,) that the model at a point has after a step.
+    def predicted_rows(self, here: Evaluation, model: Linearization, step: Unknowns) -> np.ndarray:
+        """Return the values (R,) of all rows that the model at a point predicts after a full step.
 
-        Of rows that the model does not have, and of those of durations and accelerations, it is their value at the
-        point.
+        Rows that the model does not have, and those of durations and accelerations, keep their values at the point.
         """
         rows = here.rows.copy()
         rows[: self.states] += step.X[1:].ravel()
         node = self.form.row_node[model.node_rows]
         rows[self._first_node_row + model.node_rows] += (model.rows_by_x * step.X[node]).sum(axis=1)
-        which = model.interval_rows
-        if len(which):
-            k = self.form.row_interval[which]
+        in_model = model.interval_rows
+        if len(in_model):
             change = self.form.row_change(model, step)
-            h = self.form.interval_steps[k] @ step.tau
-            first = self._first_interval_row
-            rows[first + which] += change - h * self.bounds.interval_low[which]
-            first += len(self.form.row_interval)
-            rows[first + which] += change - h * self.bounds.interval_high[which]
+            # A row over an interval stands twice, less its lower and less its upper bound times h.
+            change_of_h = self.form.interval_steps[self.form.row_interval[in_model]] @ step.tau
+            less_low = self._first_interval_row + in_model
+            less_high = less_low + len(self.form.row_interval)
+            rows[less_low] += change - change_of_h * self.bounds.interval_low[in_model]
+            rows[less_high] += change - change_of_h * self.bounds.interval_high[in_model]
         return rows
 
     def corrected(
         self, here: Evaluation, model: Linearization, step: Unknowns, reached: Evaluation
     ) -> tuple[Evaluation, Linearization]:
-        """Return a point and a model whose program has the step nearest to one that meets the constraints after it.
+        """Return point and model of a second-order correction: their program corrects a step that leaves constraints.
 
-        With c the rows and gaps and A their derivatives at the point x, the program has c(x + d) - A d in place of
-        c(x), so that its step meets the constraints to the third order of d, not to the second, and for its objective
-        the square of its distance from d: with that of the window it would go far along flat directions, where rows are
+        With c the rows and gaps, A their derivatives at the point x, and d the step, the program has c(x + d) - A d in
+        place of c(x), so that its step meets the constraints to the third order of d, not to the second. Its objective
+        is the squared distance from d: with that of the window it would go far along flat directions, where rows are
         curved in other ways.
+
+        Args:
+            here: The point x, with the values of its rows.
+            model: The model there.
+            step: The full step d of its program.
+            reached: The point x + d.
 
         Source: Waechter, Biegler: On the implementation of an interior-point filter line-search algorithm for
         large-scale nonlinear programming (2006), section 2.4; Fletcher: Second order corrections for
@@ -459,17 +541,18 @@ class SqpWindow:
         n = self.form.grid.n
         rows = here.rows.copy()
         curved = slice(self._first_node_row, self._first_interval_row + 2 * len(self.form.row_interval))
-        rows[curved] += (reached.rows - self.foreseen(here, model, step))[curved]
-        before, after = np.hsplit(model.gap_velocity, 2)
-        foreseen_gaps = step.changes[:, :n] + before * step.X[:-1, n:] + after * step.X[1:, n:]
-        gaps = reached.at.gaps - foreseen_gaps - model.gap_tau @ step.tau
+        rows[curved] += (reached.rows - self.predicted_rows(here, model, step))[curved]
+        by_v, by_v_next = np.hsplit(model.gap_velocity, 2)
+        gap_change_by_states = step.changes[:, :n] + by_v * step.X[:-1, n:] + by_v_next * step.X[1:, n:]
+        gaps = reached.residuals.gaps - gap_change_by_states - model.gap_tau @ step.tau
+        # The squared distance from d, half of it: of positions, of changes of velocity, and of durations.
         gradient = np.zeros_like(model.gradient)
         gradient[:, :n] = -step.X[:, :n]
         gradient[1:, n:] -= step.changes[:, n:]
         gradient[:-1, n:] += step.changes[:, n:]
         nearest = replace(
             model,
-            at=replace(model.at, gaps=gaps),
+            residuals=replace(model.residuals, gaps=gaps),
             gradient=gradient,
             gradient_tau=-step.tau,
             H_QQ=np.broadcast_to(np.eye(n), model.H_QQ.shape),
@@ -480,28 +563,31 @@ class SqpWindow:
         return replace(here, rows=rows), nearest
 
     def unpredicted_violation(
-        self, here: Evaluation, foreseen: np.ndarray, step_length: float, reached: Evaluation
+        self, here: Evaluation, predicted_rows: np.ndarray, step_length: float, reached: Evaluation
     ) -> float:
-        """Return the largest violation of soft rows at nodes beyond the model's prediction after a step.
+        """Return how much further than predicted a step violates soft rows at nodes, at worst: how wrong the model was.
 
         Args:
             here: Where the step begins.
-            foreseen: Values of the rows (R,) after the full step.
+            predicted_rows: Values (R,) that the model predicts for the rows after the full step.
             step_length: Fraction of the step that was taken.
-            reached: The point there.
+            reached: The point after it.
+
+        Returns:
+            The largest violation beyond its prediction [m, rad, m/s, rad/s]; 0 where no row is soft.
         """
         if not self.form.has_soft_rows:
             return 0.0
         violated = self._soft_rows[reached.penalties > 0]
-        violated = violated[violated >= self.states]
+        violated = violated[violated >= self.states]  # rows of states are linear: the model is right about them
         before = here.rows[violated]
-        after = before + step_length * (foreseen[violated] - before)
-        excess = np.maximum(self.bounds.low[violated] - after, after - self.bounds.high[violated])
-        return float((reached.excess[violated] - np.maximum(excess, 0.0)).max(initial=0.0))
+        predicted = before + step_length * (predicted_rows[violated] - before)
+        predicted_excess = np.maximum(self.bounds.low[violated] - predicted, predicted - self.bounds.high[violated])
+        return float((reached.excess[violated] - np.maximum(predicted_excess, 0.0)).max(initial=0.0))
 
-    def change_of_penalty(self, here: Evaluation, foreseen: np.ndarray) -> float:
-        """Return what the penalty at foreseen values of the rows is more than at a point."""
+    def change_of_penalty(self, here: Evaluation, predicted_rows: np.ndarray) -> float:
+        """Return by how much the penalty of soft rows rises from a point to predicted values of the rows, (R,)."""
         if not len(self._soft_rows):
             return 0.0
-        penalties = self._soft_penalties(self._excess(foreseen))
+        penalties = self._soft_penalties(self._excess(predicted_rows))
         return float(here.shares[self._soft_node] @ (penalties - here.penalties))

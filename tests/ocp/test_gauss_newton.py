@@ -59,7 +59,7 @@ def test_costs_and_constraints_are_those_of_the_nlp(case: Case, problem: Problem
     np.testing.assert_allclose(nlp.costs(window, plan)[:-1], at.costs[:-1], rtol=1e-12)
     assert nlp.costs(window, plan)[-1] == pytest.approx(at.costs[-1] + at.terminal, rel=1e-12)
     at = case.form.residuals(point, case.p)
-    linear = case.form.linearize(case.point, case.p).at
+    linear = case.form.linearize(case.point, case.p).residuals
     assert linear.objective == pytest.approx(at.objective, rel=1e-12)
     np.testing.assert_allclose(linear.costs, at.costs, rtol=1e-12)
 

@@ -67,7 +67,7 @@ def optimality(task: Task, found: QpSolution) -> Optimality:
     gradient += gaps.T @ found.gaps.ravel() + G.T @ z
     room = np.where(z > 0, np.abs(high - value), np.abs(value - low))
     return Optimality(
-        gaps=float(np.abs(gaps @ x + model.at.gaps.ravel()).max()),
+        gaps=float(np.abs(gaps @ x + model.residuals.gaps.ravel()).max()),
         limits=float(max((low - value).max(), (value - high).max())),
         gradient=float(np.abs(gradient).max()),
         complementarity=float(np.where(np.abs(z) > 1e-12, np.abs(z) * np.minimum(room, 1e9), 0.0).max()),
@@ -97,12 +97,12 @@ def _step(point: Unknowns, x: np.ndarray) -> Unknowns:
 
 def rows_after(task: Task, step: Unknowns) -> np.ndarray:
     """The rows with bounds after a step: all but those of constraints are linear."""
-    at, form = task.model.at, task.window.form
-    ends = at.rows + (task.model.rows_by_x * step.X[form.row_node]).sum(axis=1)
+    residuals, form = task.model.residuals, task.window.form
+    ends = residuals.rows + (task.model.rows_by_x * step.X[form.row_node]).sum(axis=1)
     over_intervals = interval_rows_after(form, task.model, step)
     after = task.point.moved(step, 1.0)
     h = form.steps(after, task.window.horizon)
-    return task.window.rows(after, replace(at, rows=ends, interval_rows=over_intervals), h)
+    return task.window.rows(after, replace(residuals, rows=ends, interval_rows=over_intervals), h)
 
 
 def _change_of_gaps(model: Linearization, step: Unknowns) -> np.ndarray:

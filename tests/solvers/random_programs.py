@@ -26,7 +26,7 @@ class Task:
     @property
     def here(self) -> Evaluation:
         """The point with what stands there."""
-        return self.window.evaluated(self.point, self.model.at)
+        return self.window.evaluated(self.point, self.model.residuals)
 
     def with_bounds(self, **changes: Any) -> "Task":
         """The same program with other bounds."""
@@ -82,7 +82,7 @@ def _random_model(rng: np.random.Generator, form: VelocityForm, point: Unknowns,
         arrow[k + 1, n:] -= b[:, None] * e
         durations = durations + e.T @ (b[:, None] * e)
     return Linearization(
-        at=Residuals(
+        residuals=Residuals(
             objective=0.0,
             costs=np.zeros(S + 1),
             terminal=0.0,
@@ -111,7 +111,7 @@ def _random_step(rng: np.random.Generator, model: Linearization, grid: Grid) -> 
     X[1:, n:] = rng.normal(size=(grid.K, n))
     for k in range(grid.K):
         by_v, v = model.gap_velocity[k], X[:, n:]
-        change = by_v[0] * v[k] + by_v[1] * v[k + 1] + model.gap_tau[k] @ tau + model.at.gaps[k]
+        change = by_v[0] * v[k] + by_v[1] * v[k + 1] + model.gap_tau[k] @ tau + model.residuals.gaps[k]
         X[k + 1, :n] = X[k, :n] - change
     return Unknowns(X, tau)
 
@@ -133,7 +133,7 @@ def _bounds_about(
         X_low[0, n], X_high[0, n] = X[0, n] - 1e-9, X[0, n] + 1e-9
     fixed = np.arange(S) == (0 if "fixed" in what else -1)
     tied = np.arange(S) == (S - 1 if "tied" in what else -1)
-    end_low, end_high = around(model.at.rows + (model.rows_by_x * step.X[form.row_node]).sum(axis=1))
+    end_low, end_high = around(model.residuals.rows + (model.rows_by_x * step.X[form.row_node]).sum(axis=1))
     none, together = np.full(S, np.inf), tau.cumsum()
     low = [X_low.ravel(), np.where(fixed, tau, tau - 0.3), np.where(tied, together, -none), end_low]
     high = [X_high.ravel(), np.where(fixed, tau, none), together + np.where(tied, 0.0, 0.05), end_high]
@@ -156,7 +156,7 @@ def _bounds_about(
 
 def interval_rows_after(form: VelocityForm, model: Linearization, step: Unknowns) -> np.ndarray:
     """The rows over intervals after a step, without their bounds."""
-    return model.at.interval_rows + form.row_change(model, step)
+    return model.residuals.interval_rows + form.row_change(model, step)
 
 
 def soft_rows(task: Task, states: bool, node_rows: bool = False) -> np.ndarray:
@@ -170,7 +170,7 @@ def soft_rows(task: Task, states: bool, node_rows: bool = False) -> np.ndarray:
 
 def unattainable(task: Task) -> Task:
     """The same program with an end row that must lie apart from itself: its twin wants it 1 higher."""
-    rows, ends = task.model.rows_by_x.copy(), task.model.at.rows.copy()
+    rows, ends = task.model.rows_by_x.copy(), task.model.residuals.rows.copy()
     rows[1], ends[:2] = rows[0], 0.0
     low, high, first = (
         task.window.bounds.low.copy(),
@@ -178,5 +178,5 @@ def unattainable(task: Task) -> Task:
         task.window.states + 2 * len(task.point.tau),
     )
     low[first : first + 2], high[first : first + 2] = (0.0, 1.0), (0.1, 1.1)
-    model = replace(task.model, at=replace(task.model.at, rows=ends), rows_by_x=rows)
+    model = replace(task.model, residuals=replace(task.model.residuals, rows=ends), rows_by_x=rows)
     return replace(task, model=model).with_bounds(low=low, high=high)

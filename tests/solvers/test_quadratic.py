@@ -154,7 +154,7 @@ def test_a_saddle_at_the_first_iterate_is_no_solution() -> None:
     model = task.model
     flat = replace(
         model,
-        at=replace(model.at, gaps=nothing(model.at.gaps)),
+        residuals=replace(model.residuals, gaps=nothing(model.residuals.gaps)),
         gradient=nothing(model.gradient),
         gradient_tau=nothing(model.gradient_tau),
         H_tau_tau=model.H_tau_tau - 1e4,

@@ -284,7 +284,7 @@ def test_a_later_iterate_keeps_the_rows_of_the_program_before() -> None:
     here, near = of_window.linearize(point)
     _, full = of_window.linearize(point, of_window.with_rows(near, point, np.zeros(0, int), np.arange(30)))
     np.testing.assert_array_equal(full.interval_rows, np.union1d(near.interval_rows, np.arange(30)))
-    assert len(near.interval_rows) < len(full.interval_rows) < len(here.at.interval_rows)
+    assert len(near.interval_rows) < len(full.interval_rows) < len(here.residuals.interval_rows)
 
 
 def test_a_program_that_misses_rows_gets_those_that_are_near_their_bounds_too() -> None:

@@ -16,7 +16,7 @@ from psmpc_cli.control.identification.tracking import ObjectEstimate
 from psmpc_cli.control.interface import State
 from psmpc_cli.control.routes.route import Route, StraightMotions, find_route
 from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, kept_groups, poses_at
+from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, groups_to_clear, poses_at
 from psmpc_cli.ocp.postures import configurations, held_pose, unforeseen
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.skills import Posture, skill_in
@@ -104,7 +104,7 @@ class RouteGuide(Guide):
         self._problem = problem
         self.routes: dict[int, PlannedRoute] = {}
         self.blocked: list[int] = []
-        self._groups = [kept_groups(problem.spec, problem.model, stage) for stage in range(len(problem.stages))]
+        self._groups = [groups_to_clear(problem.spec, problem.model, stage) for stage in range(len(problem.stages))]
         stops = configurations(problem.task, problem.model, problem.stages)
         moving = unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
         planned = len(problem.stages) if problem.spec.routes else 0

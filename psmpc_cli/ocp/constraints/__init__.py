@@ -83,20 +83,29 @@ def missing_row_violation(model: RobotModel, window: Window, plan: Plan) -> floa
 
 
 def soft_row_violations(model: RobotModel, window: Window, plan: Plan) -> tuple[float, float]:
-    """Return by how much soft rows are violated at worst: at the nodes of a plan after the first, and at the first.
+    """Return by how much a plan violates soft constraints at worst, apart from what the measured state does already.
 
-    Different units count alike, as in the penalty.
+    Different units (m, rad, m/s, rad/s) count alike, as in the penalty.
+
+    Args:
+        model: The robot.
+        window: The window.
+        plan: A plan on its mesh.
+
+    Returns:
+        The largest violation at the nodes after the first, which the plan has chosen; and at the first, the measured
+        state, which no plan can change. 0 where there is none.
     """
     soft = [rows for rows in node_rows(model, window_shape(window)) if rows.soft]
     if not soft:
         return 0.0, 0.0
     p = window_numbers(window, plan.switch_times)
-    at_nodes = [0.0]
-    at_first = [0.0]
+    at_later_nodes = [0.0]
+    at_first_node = [0.0]
     for rows in soft:
         X = plan.X[[0, *rows.nodes]]
         values = rows.functions.value(X, rows.argument_from_first(p), rows=len(X))[0]
         violations = scaled_violations(values, *rows.bounds(window)).max(axis=1) / PENALTY
-        at_first.append(float(violations[0]))
-        at_nodes.append(float(violations[1:].max()))
-    return max(at_nodes), max(at_first)
+        at_first_node.append(float(violations[0]))
+        at_later_nodes.append(float(violations[1:].max()))
+    return max(at_later_nodes), max(at_first_node)

@@ -160,9 +160,9 @@ def numbers_by_name(
     return {f"{name} {entry}": constraint for entry, constraint in entries_of_stage.items()}
 
 
-def is_of(name: str, held: str) -> bool:
-    """Tell whether a stage holds numbers of a constraint under a name."""
-    return held == name or held.startswith(f"{name} ")
+def is_of(name: str, entry_name: str) -> bool:
+    """Tell whether a stage's entry of this name is one of the constraint `name`, which may have several in a stage."""
+    return entry_name == name or entry_name.startswith(f"{name} ")
 
 
 def rows_at_nodes(
@@ -171,26 +171,31 @@ def rows_at_nodes(
     soft: Callable[[Any], bool] = lambda structure: False,
     activation_distance: float = np.inf,
 ) -> RowsOfShape:
-    """Return how a constraint yields its rows at the nodes of the stages that it concerns.
+    """Return the function by which a constraint yields its rows at the nodes of the stages that it concerns.
 
-    At a switch those of the stage before count. The first node of a window is its measured state, which has none.
+    A stage's rows are at its nodes after the first, its last one (the switch) among them: there the rows of the stage
+    that ends count, and at the first node of a window, its measured state, none.
 
     Args:
         name: Of the constraint in the table.
-        functions: Robot, structure -> x, [anchor of the chart; argument] -> the rows.
-        soft: Structure -> whether they may be violated at a cost.
+        functions: Robot, structure -> x, [anchor of the chart; argument] -> the rows. The structure is what decides the
+            expressions beside the robot; all numbers are in the argument.
+        soft: Structure -> whether the rows may be violated at a cost.
         activation_distance: Rows further from their bounds than this are not part of a program.
+
+    Returns:
+        Robot, shape of windows -> one `NodeRows` for each entry that a stage has of the constraint.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
         first_node = Grid(model.n, shape.nodes).first_node
-        for s, held, structure in entries(name, shape):
+        for s, entry_name, structure in entries(name, shape):
             yield NodeRows(
-                name=held,
+                name=entry_name,
                 nodes=range(int(first_node[s]) + 1, int(first_node[s + 1]) + 1),
                 functions=model.cached((functions, structure), partial(functions, model, structure)),
-                argument=argument_of(held, s),
-                bounds=bounds_of(held, s),
+                argument=argument_of(entry_name, s),
+                bounds=bounds_of(entry_name, s),
                 soft=soft(structure),
                 activation_distance=activation_distance,
             )
@@ -204,25 +209,29 @@ def rows_over_intervals(
     permanent: bool = False,
     over_time: bool = True,
 ) -> RowsOfShape:
-    """Return how a constraint yields its rows over the intervals of the stages that it concerns.
+    """Return the function by which a constraint yields its rows over the intervals of the stages that it concerns.
 
     Args:
         name: Of the constraint in the table.
-        functions: Robot, structure -> the rows, their argument [anchor of the chart; argument].
+        functions: Robot, structure -> the rows, their argument [anchor of the chart; argument]. The structure is what
+            decides the expressions beside the robot; all numbers are in the argument.
         permanent: All rows are part of every program, see `IntervalRows`.
-        over_time: The rows are integrals over the interval.
+        over_time: The rows are integrals over the interval, so their bounds are those of the rows over its length.
+
+    Returns:
+        Robot, shape of windows -> one `IntervalRows` for each entry that a stage has of the constraint.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
         first_node = Grid(model.n, shape.nodes).first_node
-        for s, held, structure in entries(name, shape):
+        for s, entry_name, structure in entries(name, shape):
             yield IntervalRows(
-                name=held,
+                name=entry_name,
                 intervals=range(int(first_node[s]), int(first_node[s + 1])),
                 functions=model.cached((functions, structure), partial(functions, model, structure)),
-                argument=argument_of(held, s),
-                bounds=bounds_of(held, s),
-                varying_bounds=partial(_varying_bounds, held, s),
+                argument=argument_of(entry_name, s),
+                bounds=bounds_of(entry_name, s),
+                varying_bounds=partial(_varying_bounds, entry_name, s),
                 permanent=permanent,
                 over_time=over_time,
             )
@@ -233,7 +242,9 @@ def rows_over_intervals(
 def entries(name: str, shape: WindowShape) -> Iterator[tuple[int, str, Any]]:
     """Yield number, name and structure of what the stages of windows of a shape hold of a constraint."""
     for s, stage in enumerate(shape.stages):
-        yield from ((s, held, structure) for held, structure in stage.constraints if is_of(name, held))
+        yield from (
+            (s, entry_name, structure) for entry_name, structure in stage.constraints if is_of(name, entry_name)
+        )
 
 
 def argument_of(name: str, s: int) -> Callable[[Parameters[Any]], Any]:

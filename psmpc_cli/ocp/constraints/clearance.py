@@ -132,9 +132,16 @@ class Group:
 
 
 def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
-    """Return all pairs that can be kept apart in a stage of a task, whatever it asks for, by the names of their groups.
+    """Return all pairs of bodies that can be kept apart in a stage, in groups by name, whatever the task asks for.
 
-    Bodies that hold the object, or are about to, may touch it.
+    There is one group of the robot with itself, one with each obstacle, and one or more with the object: with the robot
+    while it moves freely; with robot and each obstacle while a gripper holds it. Hands that hold it in the stage, or in
+    the next one, may touch it and are left out.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: Index of the stage.
     """
     pieces, robot_pairs = model.derived(groups, lambda: _robot(model))
     by_name = {ITSELF: Group(Pairs(robot_pairs))}
@@ -149,16 +156,19 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     is_held = stage in task.held_stages
     hands = {f"{arm}.{model.spec.parts[arm]}" for arm in task.body.grippers}
     may_touch = hands if stage >= task.held_stages.start - 1 else set()
-    others = [piece for piece in pieces if piece.part not in may_touch]
+    clear_pieces = [piece for piece in pieces if piece.part not in may_touch]
     if not is_held:
         body = Solid(OBJECT, _box(task.body.shape), _NO_OFFSET, "object")
-        by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in others)), _of_object)
+        by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in clear_pieces)), _of_object)
         return by_name
-    held = list(cover_of_object(task.body.shape))
+    # A held object is capsules that cover it: the first solid of a pair has to be one, here against the robot's
+    # pieces and against obstacles.
+    capsules = list(cover_of_object(task.body.shape))
     holder = task.body.holder
-    by_name[f"{OBJECT}, held"] = Group(Pairs(tuple(product(held, others)), holder))
+    by_name[f"{OBJECT}, held"] = Group(Pairs(tuple(product(capsules, clear_pieces)), holder))
     for name, (obstacle, state) in obstacles.items():
-        by_name[f"{OBJECT}, held, {name}"] = Group(Pairs(tuple((capsule, obstacle) for capsule in held), holder), state)
+        pairs = Pairs(tuple((capsule, obstacle) for capsule in capsules), holder)
+        by_name[f"{OBJECT}, held, {name}"] = Group(pairs, state)
     return by_name
 
 
@@ -217,7 +227,7 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Constrai
     if spec is None:
         return {}
     by_name = dict[str, ConstraintNumbers]()
-    for name, group in kept_groups(task, model, stage).items():
+    for name, group in groups_to_clear(task, model, stage).items():
         by_name[name] = _numbers(group, spec, model)
         if spec.hard:
             by_name[f"{name}, hard"] = _numbers(replace(group, pairs=replace(group.pairs, hard=True)), spec, model)
@@ -245,37 +255,62 @@ def _numbers(group: Group, spec: ClearanceSpec, model: RobotModel) -> Constraint
 
 
 def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
-    """Return a 0, the object's pose in its gripper, pose and velocity of what moves by itself; NaN of a group far away.
+    """Return where object and obstacle are at a sample, for a group of distances; NaN where it needs no rows.
 
-    Of an object that is not held yet the pose in the gripper is not known.
+    A group needs none while plan and measured state are far from the margin. Of the two groups that a stage has of the
+    same pairs where `hard` is asked for, hard and soft, one counts: the soft one where the robot is inside the margin
+    already, so that it can be pushed out.
+
+    Args:
+        group: The pairs, and where their poses come from.
+        spec: Margin and whether rows are hard on request.
+        model: The robot.
+        sample: The sample.
+
+    Returns:
+        A 0, the object's pose in its gripper, pose and velocity of what moves by itself, as far as the group has them.
+        Where they are not known (an object that is not held yet), what the sample before had, or None.
     """
     argument = argument_of(group, model, sample)
     if argument is None:
         return sample.before
     pairs = group.pairs
+    # The distances now, and along the plan in force.
     since = np.zeros(1)
     X = sample.x[None]
     if sample.prediction is not None:
-        since = np.append(since, sample.prediction[0] - sample.time)
-        X = np.vstack([X, sample.prediction[1]])
+        predicted_times, predicted_X = sample.prediction
+        since = np.append(since, predicted_times - sample.time)
+        X = np.vstack([X, predicted_X])
     anchors = np.tile(sample.anchor, (len(X), 1))
-    taken = np.hstack([anchors, poses_at(pairs, model, argument, since)])
-    apart = distances_on_arrays(model, pairs)(X, taken, rows=len(X))[0]
-    is_far = sample.prediction is not None and apart.min() > spec.margin + GROUP_ACTIVATION
-    is_inside = bool(apart[0].min() < spec.margin)
-    unused = spec.hard and pairs.hard == is_inside
-    return np.full(len(argument), np.nan) if is_far or unused else argument
+    arguments = np.hstack([anchors, poses_at(pairs, model, argument, since)])
+    all_distances = distances_on_arrays(model, pairs)(X, arguments, rows=len(X))[0]
+    is_far = sample.prediction is not None and all_distances.min() > spec.margin + GROUP_ACTIVATION
+    starts_inside = bool(all_distances[0].min() < spec.margin)
+    other_group_counts = spec.hard and pairs.hard == starts_inside
+    return np.full(len(argument), np.nan) if is_far or other_group_counts else argument
 
 
 def argument_of(group: Group, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
-    """Return the argument of a group at a sample, however far its pairs are; None where it is not known."""
+    """Return where the object and the obstacle of a group are at a sample, as the distances of the group take it.
+
+    Args:
+        group: The pairs, and where a sample has the pose of what moves by itself.
+        model: The robot.
+        sample: The sample.
+
+    Returns:
+        A 0, then, if a gripper holds the object, its pose in that gripper (n_pose,), then, if something moves by
+        itself, its pose (n_pose,) and velocity (n_twist,). None where one of them is not known.
+    """
     argument = np.zeros(1)
     if group.pairs.gripper is not None:
         if sample.object_state is None or not sample.is_current:
             return None
         xi = np.asarray(model.charted(sample.x[: model.n], sample.anchor)).ravel()
-        inside = model.space.relative(sample.object_state[0], xi[model.pose_rows[group.pairs.gripper]])
-        argument = np.append(argument, inside)
+        object_pose, _ = sample.object_state
+        gripper_pose = xi[model.pose_rows[group.pairs.gripper]]
+        argument = np.append(argument, model.space.relative(object_pose, gripper_pose))
     if group.pairs.moves:
         state = group.state(sample)
         if state is None:
@@ -312,21 +347,31 @@ def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.nd
     return poses
 
 
-def kept_groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
-    """Return the groups of a stage with the pairs that the task asks to keep clear; none where it asks for nothing."""
+def groups_to_clear(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
+    """Return the pairs of bodies that a task asks to keep apart in a stage, in groups; none if it asks for nothing.
+
+    Pairs that the task excepts are left out. A group with many distances is split by arms: a part of it then has rows
+    in programs only while these arms come near.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: Index of the stage.
+
+    Returns:
+        Groups by name; none of them is empty.
+    """
     spec = task.clearance_of(stage)
     if spec is None:
         return {}
     by_name = dict[str, Group]()
     for name, group in groups(task, model, stage).items():
-        kept = tuple(pair for pair in group.pairs.pairs if not _excepted(pair, spec))
-        pairs = replace(group.pairs, pairs=kept)
-        parts = {name: kept} if pairs.rows <= MOST_ROWS else _by_limbs(name, kept)
-        by_name |= {
-            part: replace(group, pairs=replace(pairs, pairs=pairs_of_part))
-            for part, pairs_of_part in parts.items()
-            if pairs_of_part
-        }
+        to_clear = tuple(pair for pair in group.pairs.pairs if not _excepted(pair, spec))
+        is_small = replace(group.pairs, pairs=to_clear).rows <= MOST_ROWS
+        parts = {name: to_clear} if is_small else _by_limbs(name, to_clear)
+        for part_name, pairs_of_part in parts.items():
+            if pairs_of_part:
+                by_name[part_name] = replace(group, pairs=replace(group.pairs, pairs=pairs_of_part))
     return by_name
 
 
@@ -365,23 +410,37 @@ def nearest_points(model: RobotModel, pairs: Pairs) -> BatchFunction:
 def _placed(
     model: RobotModel, pairs: Pairs
 ) -> tuple[ca.SX, ca.SX, list[tuple[Shape, SpatialFrame, Shape, SpatialFrame]]]:
-    """Return a state, an argument, and the shapes of every pair with their frames."""
+    """Return where the two shapes of every pair are, as expressions of the state and the poses of other bodies.
+
+    Args:
+        model: The robot.
+        pairs: The pairs of solids.
+
+    Returns:
+        The state x, a symbol (2n,); the argument [anchor of the chart; a number that is not used; pose of the object;
+        pose of the obstacle], the poses as far as these are among the solids; and for each pair shape and frame of the
+        first solid, shape and frame of the second.
+    """
     space = model.space
     carriers = [carrier for carrier in ("object", "obstacle") if pairs.has(carrier)]
     x, anchor, bodies, tools = model.derived("frames at a state", lambda: _frames(model))
     poses = ca.SX.sym("poses", len(carriers) * space.n_pose)
     argument = ca.vertcat(anchor, ca.SX.sym("is_used"), poses)
-    carrying = dict[str, SpatialFrame]()
+    frame_of_carrier = dict[str, SpatialFrame]()
     for i, carrier in enumerate(carriers):
         pose = poses[i * space.n_pose : (i + 1) * space.n_pose]
-        carrying[carrier] = SpatialFrame(*space.to_3d(ca.vertsplit(pose)))
-    if pairs.gripper is not None:
-        carrying["object"] = _composed(tools[pairs.gripper].in_space(), carrying["object"])
-    frames = dict[Solid, SpatialFrame]()
-    for solid in dict.fromkeys(solid for pair in pairs.pairs for solid in pair):
-        on = bodies[solid.at.body] if solid.carrier == "robot" else carrying[solid.carrier]
-        frames[solid] = on.carried(solid.at).in_space()
-    placed = [(first.shape, frames[first], second.shape, frames[second]) for first, second in pairs.pairs]
+        frame_of_carrier[carrier] = SpatialFrame(*space.to_3d(ca.vertsplit(pose)))
+    if pairs.gripper is not None:  # the pose of a held object is that in its gripper
+        frame_of_carrier["object"] = _composed(tools[pairs.gripper].in_space(), frame_of_carrier["object"])
+    frame_of_solid = dict[Solid, SpatialFrame]()
+    for first, second in pairs.pairs:
+        for solid in (first, second):
+            if solid not in frame_of_solid:
+                carrier_frame = bodies[solid.at.body] if solid.carrier == "robot" else frame_of_carrier[solid.carrier]
+                frame_of_solid[solid] = carrier_frame.carried(solid.at).in_space()
+    placed = [
+        (first.shape, frame_of_solid[first], second.shape, frame_of_solid[second]) for first, second in pairs.pairs
+    ]
     return x, argument, placed
 
 

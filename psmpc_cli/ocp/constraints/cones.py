@@ -68,20 +68,24 @@ class Cone:
         return [-reach] * SIDES, [reach] * SIDES
 
     def rows(self, line: ca.SX, angle: ca.SX, space: ConfigurationSpace) -> list[ca.SX]:
-        """Return its rows.
+        """Return the rows that keep the axis inside or outside the cone, within the bounds of `bounds`.
+
+        Outside it is one row of the angle between axis and line. Inside they are linear in the rotation that brings the
+        axis onto the line, which an angle is not at 0: in the plane that rotation itself, in space its components along
+        the normals of a polygon, which is inside the circle of the largest rotations.
 
         Args:
-            line: Unit direction (dimension,) of what it is about, in a frame whose x-axis is the axis.
-            angle: Of the cone [rad].
-            space: Of the robot.
+            line: Unit direction (dimension,) of what the cone is about, in a frame whose x-axis is the axis.
+            angle: Half the opening of the cone [rad].
+            space: Configuration space of the robot.
         """
         if not self.is_within:
             return [_outside(line, angle)]
-        turns = space.pointing_error(line, ca.SX(space.neutral[space.base_coordinates]))
+        rotation = space.pointing_error(line, ca.SX(space.neutral[space.base_coordinates]))
         if space.n_pointing == 1:
-            return [turns]
-        normals = [i * np.pi / SIDES for i in range(SIDES)]
-        return [np.cos(normal) * turns[0] + np.sin(normal) * turns[1] for normal in normals]
+            return [rotation]
+        normal_angles = [i * np.pi / SIDES for i in range(SIDES)]
+        return [np.cos(normal) * rotation[0] + np.sin(normal) * rotation[1] for normal in normal_angles]
 
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
@@ -141,10 +145,15 @@ def _target(spec: ConeSpec) -> np.ndarray:
 
 
 def functions(model: RobotModel, cone: Cone) -> ConstraintFunctions:
-    """Return the rows of a cone as functions of x and of [anchor; pose of the axis; target; angle].
+    """Return the rows of a cone constraint as functions of x and of [anchor; pose of the axis; target; angle].
 
-    The axis is the x-axis of a pose that is fixed to a frame of the robot. The target is a point, or a direction, in
-    the inertial frame. Its direction from where the axis begins, in the frame of the axis, is all that rows depend on.
+    The axis of the cone, that of a camera for example, is the x-axis of a pose that is fixed to a frame of the robot.
+    The target, a point or a direction in the inertial frame, has to stay inside or outside the cone about it. Its
+    direction from the apex, in the frame of the axis, is all that rows depend on.
+
+    Args:
+        model: The robot.
+        cone: Frame of the axis, whether the target is a point, and on which side it stays.
     """
     space = model.space
     d = space.dimension
@@ -161,6 +170,7 @@ def functions(model: RobotModel, cone: Cone) -> ConstraintFunctions:
         apex = add(frame_position, rotate(frame_attitude, position_in_frame))
         line = add(line, scaled(apex, -1))
     along_axis, *across = rotate(conjugate(product(frame_attitude, attitude_in_frame)), line)
+    # A point at the apex has no direction: it is taken to be a little further along the axis.
     line_in_axis_frame = ca.vertcat(along_axis + NEAREST * cone.has_point, *across)[:d]
     rows = cone.rows(line_in_axis_frame / ca.norm_2(line_in_axis_frame), angle, space)
     return ConstraintFunctions(x, ca.vertcat(anchor, axis_pose, target, angle), ca.vertcat(*rows))

@@ -15,14 +15,19 @@ from psmpc_cli.robot.model import RobotModel
 
 
 def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
-    """Yield the rows of every stage that ends in the window by its end condition, at its last node.
+    """Yield the end conditions of a window as rows at nodes: where a stage ends, its errors are within tolerances.
 
-    A kept stage is numbered behind the stages of the window. It ends at the first switch, if it does.
+    They hold at the last node of each stage that ends in the window. A kept stage, an earlier one of HTMPC whose cost
+    must not get worse, is numbered behind the stages of the window; if it ends, it does so at the first switch.
+
+    Args:
+        model: The robot.
+        shape: The structure of the windows.
     """
     last_nodes = Grid(model.n, shape.nodes).first_node[1:]
-    stages_and_nodes = zip(shape.stages, last_nodes, strict=True)
-    kept = ((stage, last_nodes[0]) for stage in shape.kept)
-    for s, (stage, node) in enumerate([*stages_and_nodes, *kept]):
+    stages = [*shape.stages, *shape.kept]
+    end_nodes = [*last_nodes, *(last_nodes[0] for _ in shape.kept)]
+    for s, (stage, node) in enumerate(zip(stages, end_nodes, strict=True)):
         functions = stage_functions(model, end_shape(stage))
         if functions.end_rows:
             yield NodeRows(

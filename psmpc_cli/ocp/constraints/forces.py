@@ -58,9 +58,16 @@ class ForceStructure:
 def numbers(
     task: TaskSpec, model: RobotModel, stage: int
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
-    """Return which forces are limited in a stage, and their limits; None where none is.
+    """Return the limits of what thrusters, wheels and motors give in a stage as a constraint; None if there are none.
 
+    Its rows are generalized forces over inertias: first the coordinates with a limit of their own, then the
+    combinations of base forces that thrusters or wheels bound together. Each is limited at both ends of an interval.
     Where thrusters also balance what unloads wheels, they have that much less for the rest.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: Index of the stage.
 
     Raises:
         InputError: The robot's thrusters would take too many rows.
@@ -68,10 +75,11 @@ def numbers(
     skill = task.skills[task.stages[stage].skill]
     moved_by = task.moved_by(stage, model.spec)
     limits = resolve_limits(model.spec, task.limits, skill.limits, moved_by=moved_by)
-    limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
+    is_limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
     of_actuators = attainable_by(model, moved_by)
     plumes = PlumeForecast.of(task, model, stage) if task.avoids_plumes(stage, model.spec) else None
-    if not limited.any() and not len(of_actuators.normals):
+    row_count = int(is_limited.sum()) + len(of_actuators.normals)
+    if row_count == 0:
         return None
     load = known_load(task, model, stage)
     unloading = np.zeros(model.n)
@@ -79,17 +87,17 @@ def numbers(
         unloading[model.space.base] = _of_unloading(model, np.eye(model.space.n_twist))
     force_low = np.minimum(limits.force_low + unloading, 0.0) / inertia(model)
     force_high = np.maximum(limits.force_high - unloading, 0.0) / inertia(model)
-    low = np.r_[force_low[limited], of_actuators.low]
-    high = np.r_[force_high[limited], of_actuators.high]
+    low = np.r_[force_low[is_limited], of_actuators.low]
+    high = np.r_[force_high[is_limited], of_actuators.high]
     of_forces = ConstraintNumbers(
         structure=ForceStructure(
-            coordinates=tuple(np.flatnonzero(limited).tolist()),
+            coordinates=tuple(np.flatnonzero(is_limited).tolist()),
             load=load.kind,
             combinations=tuple(map(tuple, of_actuators.normals.tolist())),
         ),
         argument=load.numbers,
         at_sample=sampled_load(load),
-        low=np.tile(low, 2),
+        low=np.tile(low, 2),  # at the beginning and at the end of an interval
         high=np.tile(high, 2),
     )
     if plumes is not None:
@@ -98,21 +106,35 @@ def numbers(
 
 
 def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, of_forces: ConstraintNumbers) -> ConstraintNumbers:
-    """Return the limits of a stage in which thrusters are shut because of their plumes: nearer to each other then."""
-    of_thrusters = attainable(model).normals
-    unloading = _of_unloading(model, of_thrusters)
-    ends = np.split(np.arange(len(of_forces.low)), 2)
+    """Return the limits of forces of a stage, tighter where thrusters are shut because their plumes would reach a body.
+
+    Which thrusters are shut is forecast at every sample along the plan in force, and appended to the argument of the
+    constraint: the functions of its rows do not take it, their bounds over each interval do. With thrusters shut the
+    planes that bound what the others give are the same, with bounds nearer to each other.
+
+    Args:
+        plumes: The forecast.
+        model: The robot.
+        load: What the grippers are known to hold.
+        of_forces: The limits with all thrusters.
+    """
+    normals = attainable(model).normals
+    unloading = _of_unloading(model, normals)
+    rows_at_begin, rows_at_end = np.split(np.arange(len(of_forces.low)), 2)
 
     def at_sample(model: RobotModel, sample: SampleContext) -> np.ndarray | None:
         numbers = load.numbers if of_forces.at_sample is None else of_forces.at_sample(model, sample)
         return None if numbers is None else np.concatenate([numbers, plumes.numbers(model, sample)])
 
     def over_intervals(numbers: np.ndarray, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        low, high = (np.tile(bound, (len(since) - 1, 1)) for bound in (of_forces.low, of_forces.high))
-        bounds = plumes.bounds(of_thrusters, unloading, numbers, since)
-        for rows in ends:
-            at = rows[len(rows) - len(of_thrusters) :]
-            low[:, at], high[:, at] = bounds
+        interval_count = len(since) - 1
+        low = np.tile(of_forces.low, (interval_count, 1))
+        high = np.tile(of_forces.high, (interval_count, 1))
+        low_of_thrusters, high_of_thrusters = plumes.bounds(normals, unloading, numbers, since)
+        for rows in (rows_at_begin, rows_at_end):
+            rows_of_thrusters = rows[len(rows) - len(normals) :]  # the last at either end
+            low[:, rows_of_thrusters] = low_of_thrusters
+            high[:, rows_of_thrusters] = high_of_thrusters
         return low, high
 
     return replace(
@@ -141,7 +163,16 @@ def attainable(model: RobotModel) -> HalfSpaces:
 
 
 def attainable_by(model: RobotModel, moved_by: MobilityTraits) -> HalfSpaces:
-    """Return what thrusters, or wheels, can give in a stage as bounds of rows N F_base, scaled; none without any."""
+    """Return the forces that the actuators which move the base in a stage can give together, as half-spaces.
+
+    They are low <= N F_base <= high, N scaled to changes of velocity. Thrusters keep back what unloads wheels. Wheels
+    bound moments alone: each gives its share of the moment, up to its motor's torque. No half-spaces where neither
+    acts.
+
+    Args:
+        model: The robot.
+        moved_by: What moves the base in the stage: thrusters, wheels, or nothing.
+    """
     if moved_by.is_pushed:
         by_thrusters = attainable(model)
         unloading = _of_unloading(model, by_thrusters.normals)
@@ -151,7 +182,8 @@ def attainable_by(model: RobotModel, moved_by: MobilityTraits) -> HalfSpaces:
             high=np.maximum(by_thrusters.high - unloading, 0.0),
         )
     wheels = Wheels.of(model.spec)
-    if not (moved_by.is_turned and wheels.count):
+    wheels_act = moved_by.is_turned and wheels.count > 0
+    if not wheels_act:
         return no_half_spaces(model.space.n_twist)
     normals = np.hstack([np.zeros((wheels.count, model.dimension)), -wheels.allocation])
     return _scaled(model, HalfSpaces(normals, low=-wheels.torque, high=wheels.torque))
@@ -170,9 +202,16 @@ def _of_unloading(model: RobotModel, normals: np.ndarray) -> np.ndarray:
 
 
 def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions:
-    """Return the rows at the beginning and at the end of an interval.
+    """Return the rows of limited forces, at the beginning and at the end of an interval.
 
-    They are h F / H_ii of the limited coordinates, then h N F_base of the combinations N.
+    They are h F / H_ii of the limited coordinates, then h N F_base of the combinations N that thrusters or wheels
+    bound. With h in them they have no 1 / h where intervals become short. F is the computed torque, paper eq. (7), and
+
+        h F(Q, v, u) = F(Q, sqrt(h) v, h u),    h u = dv.
+
+    Args:
+        model: The robot.
+        structure: Which coordinates and combinations, and the kind of load that the grippers hold.
     """
     n = model.n
     x = ca.SX.sym("x", 2 * n)
@@ -191,6 +230,7 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     rows = ca.vertcat(F[coordinates] * scale, combinations @ F[model.space.base])
 
     def jacobian() -> ca.SX:
+        # shorter than what CasADi derives from the rows
         F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
         return ca.SX(ca.vertcat(ca.diag(scale) @ F_by[coordinates, :], combinations @ F_by[model.space.base, :]))
 

@@ -19,25 +19,32 @@ from psmpc_cli.specs.task import TaskSpec
 
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
-    """Return the grippers that hold the object in a stage, their relative poses as the task has them, and the band.
+    """Return the constraint that hands which hold one object keep their relative pose; None if less than two hold it.
 
-    Over a horizon hands that keep their relative velocity in it move by `half_widths` at most.
+    Its rows are relative velocities, of each other hand against the first. Their bounds let the hands move against each
+    other over a whole horizon by as much as their grasps are taken to give way, `half_widths` (displacement [m], angle
+    [rad]).
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: Index of the stage.
     """
     grasp = task.body.grasp
     if stage not in task.held_stages or len(grasp.at) < 2:
         return None
     first, *others = grasp.at.values()
     space = space_of_pose(len(first))
-    linear, angular = grasp.half_widths
-    band = np.full(space.n_twist, linear)
-    band[space.rotation] = angular
-    bands = np.tile(band / task.controller.horizon, len(others))
+    displacement, angle = grasp.half_widths
+    most = np.full(space.n_twist, displacement)
+    most[space.rotation] = angle
+    largest_rates = np.tile(most / task.controller.horizon, len(others))
     grippers = tuple(grasp.at)
     return ConstraintNumbers(
         structure=grippers,
         argument=np.concatenate([space.relative(other, first) for other in others]),
-        low=-bands,
-        high=bands,
+        low=-largest_rates,
+        high=largest_rates,
         at_sample=partial(_relative_poses, grippers),
     )
 
@@ -52,11 +59,15 @@ def _relative_poses(grippers: tuple[str, ...], model: RobotModel, sample: Sample
 
 
 def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctions:
-    """Return x, [anchor; relative poses at the sample] -> how fast the relative poses change from them.
+    """Return x, [anchor; relative poses at the sample] -> the velocities of the other hands relative to the first.
 
     With the poses (p_0, q_0) of the first gripper, (p, q) of another one, and (r, q_r) of that in the frame of the
     first at the sample, the rows are the rates of R_0' (p - p_0) - r, and of twice the vector of the quaternion
     q_r* q_0* q, which is the rotation vector but for the third power of its angle, and smooth.
+
+    Args:
+        model: The robot.
+        grippers: The arms that hold the object, the first one first.
     """
     space = model.space
     others = len(grippers) - 1
@@ -65,14 +76,14 @@ def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctio
     xi = model.charted(x[: model.n], argument[: space.n_anchor])
     poses = [space.to_3d(ca.vertsplit(xi[model.pose_rows[gripper]])) for gripper in grippers]
     (p_0, q_0), *_ = poses
-    rows = list[ca.SX]()
+    displacements = list[ca.SX]()
     for i, (p, q) in enumerate(poses[1:]):
         first = space.n_anchor + i * space.n_pose
         r, q_r = space.to_3d(ca.vertsplit(argument[first : first + space.n_pose]))
         moved = add(rotate(conjugate(q_0), add(p, scaled(p_0, -1))), scaled(r, -1))
         turned = product(conjugate(q_r), product(conjugate(q_0), q))
-        rows += space.twist(moved, scaled(turned[1:], 2))
-    rates = ca.jtimes(ca.vertcat(*rows), x[: model.n], x[model.n :])
+        displacements += space.twist(moved, scaled(turned[1:], 2))
+    rates = ca.jtimes(ca.vertcat(*displacements), x[: model.n], x[model.n :])
     return ConstraintFunctions(x, argument, rates, has_curvature=False)
 
 

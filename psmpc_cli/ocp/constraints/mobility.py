@@ -43,22 +43,31 @@ from psmpc_cli.specs.task import TaskSpec
 def numbers(
     task: TaskSpec, model: RobotModel, stage: int
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
-    """Return what of the momentum stays in a stage; None for a base that is moved at will."""
+    """Return the equations for the velocities of a base that is not moved at will; None for one that thrusters move.
+
+    A base on a mount stands still in every node. Of a free-floating one momentum is conserved over every interval: all
+    of it, or, where wheels turn the base, the linear one. Nothing more than that decides how the base moves.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: Index of the stage.
+    """
     moved_by = task.moved_by(stage, model.spec)
     if moved_by.actuated:
         return None
     if not moved_by.moves:
-        none = np.zeros(model.space.n_twist)
-        return ConstraintNumbers(structure="fixed", argument=np.zeros(0), low=none, high=none)
+        at_rest = np.zeros(model.space.n_twist)
+        return ConstraintNumbers(structure="fixed", argument=np.zeros(0), low=at_rest, high=at_rest)
     load = known_load(task, model, stage)
     if moved_by.is_turned:
-        load = load.without_wheels
-    none = np.zeros(len(_kept(model, load.kind)))
+        load = load.without_wheels  # what they store has no part in the linear momentum
+    no_change = np.zeros(len(_conserved(model, load.kind)))
     of_momentum = ConstraintNumbers(
         structure=load.kind,
         argument=load.numbers,
-        low=none,
-        high=none,
+        low=no_change,
+        high=no_change,
         at_sample=sampled_load(load),
     )
     return of_stage(stage, load, of_momentum)
@@ -72,8 +81,8 @@ def _at_rest(model: RobotModel, structure: str) -> ConstraintFunctions:
     return ConstraintFunctions(x, anchor, x[model.n :][space.base], solved_for=space.base)
 
 
-def _kept(model: RobotModel, load: LoadKind) -> list[int]:
-    """Return which components of the momentum stay: those along which nothing acts on the base."""
+def _conserved(model: RobotModel, load: LoadKind) -> list[int]:
+    """Return which components of the momentum are conserved: those along which nothing acts on the base."""
     return np.flatnonzero(np.equal(load.driven or model.driven(), 0)).tolist()
 
 
@@ -83,12 +92,12 @@ def functions(model: RobotModel, load: LoadKind) -> ChangeFunctions:
     A payload is at rest when it is taken and when it is let go, so the momentum of robot and payload stays throughout.
     """
     space = model.space
-    kept = _kept(model, load)
+    conserved = _conserved(model, load)
     x = ca.SX.sym("x", 2 * model.n)
     argument = ca.SX.sym("argument", space.n_anchor + load.count(model))
     anchor, of_load = ca.vertsplit(argument, [0, space.n_anchor, argument.numel()])
-    rows = load.momentum(model)(x, anchor, of_load)[kept]
-    return ChangeFunctions(ConstraintFunctions(x, argument, rows, solved_for=slice(kept[0], kept[-1] + 1)))
+    rows = load.momentum(model)(x, anchor, of_load)[conserved]
+    return ChangeFunctions(ConstraintFunctions(x, argument, rows, solved_for=slice(conserved[0], conserved[-1] + 1)))
 
 
 _rows_of_mount = rows_at_nodes("mobility", _at_rest)

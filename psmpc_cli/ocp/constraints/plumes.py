@@ -85,7 +85,16 @@ class PlumeForecast:
 
     @classmethod
     def of(cls, task: TaskSpec, model: RobotModel, stage: int) -> "PlumeForecast":
-        """Return that of a stage of a task."""
+        """Return the forecast for a stage of a task in which thrusters are shut while their plume would reach a body.
+
+        Such bodies are obstacles and the object, which is free or in the gripper that holds it in the stage. The
+        forecast looks once a sample time over the horizon.
+
+        Args:
+            task: The task.
+            model: The robot.
+            stage: Index of the stage.
+        """
         surroundings = [
             Surrounding(solids_of_obstacle(obstacle), partial(state_of_obstacle, obstacle, model))
             for obstacle in task.obstacles
@@ -103,7 +112,7 @@ class PlumeForecast:
                 )
             )
         controller = task.controller
-        steps = int(np.ceil(controller.horizon / controller.sample_time - 1e-9))
+        steps = int(np.ceil(controller.horizon / controller.sample_time - 1e-9))  # a multiple but for rounding is one
         return cls(
             thrusters=Thrusters.of(model.spec.thrusters),
             plumes=Plumes.of(model.spec.thrusters),
@@ -122,14 +131,23 @@ class PlumeForecast:
         return (self.thrusters.count + 7) // 8
 
     def numbers(self, model: RobotModel, sample: SampleContext) -> np.ndarray:
-        """Return the numbers of a sample (size,), the robot moving on as the plan in force says."""
-        X = np.tile(sample.x, (len(self.since), 1))
-        space = model.space
-        attitude = np.array(model.neutral)
-        attitude[space.attitude] = sample.anchor
+        """Forecast which thrusters are shut from a sample on, the robot moving as the plan in force says.
+
+        Args:
+            model: The robot.
+            sample: The sample: measured state, plan in force, pose and velocity of the object.
+
+        Returns:
+            (size,) numbers between 0 and 255: at each time of `since` the thrusters' bits, 1 for shut, eight to a
+            number.
+        """
+        X = np.tile(sample.x, (len(self.since), 1))  # without a plan the robot stays
         if sample.plan is not None:
             X[1:] = sample.plan.states_at(np.minimum(sample.time + self.since[1:], sample.plan.end))
-        Q, _ = space.chart_at(attitude).from_chart(X)
+        space = model.space
+        Q_at_anchor = np.array(model.neutral)
+        Q_at_anchor[space.attitude] = sample.anchor
+        Q, _ = space.chart_at(Q_at_anchor).from_chart(X)
         base = SpatialFrame(*space.to_3d(model.poses(Q)[:, 0].T))
         is_shut = np.zeros((len(Q), self.thrusters.count), bool)
         for body in self.surroundings:
@@ -154,21 +172,30 @@ class PlumeForecast:
     def bounds(
         self, normals: np.ndarray, unloading: np.ndarray, numbers: np.ndarray, since: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return low and high (N, K) of what the others give over the intervals between N + 1 times.
+        """Return what the thrusters that are not shut can give over the intervals of a plan.
+
+        A thruster counts as shut over an interval if the forecast has it shut at a time inside it or next to it.
 
         Args:
-            normals: Along which (K, d), see `Thrusters.bounds`.
-            unloading: By how much what unloads wheels may change it (K,).
-            numbers: The numbers of a sample (size,).
-            since: The times since the sample [s].
+            normals: Combinations of the force on the base that are bounded, (K, d), see `Thrusters.bounds`.
+            unloading: By how much what unloads wheels may change each of them, (K,).
+            numbers: The forecast of a sample, (size,), see `numbers`.
+            since: The times (N + 1,) between which the intervals are, since the sample [s].
+
+        Returns:
+            Low and high of each combination over each interval, (N, K) each.
         """
+        # The last time of the forecast before an interval and the first one after it; rounding does not count.
         first = np.searchsorted(self.since, since[:-1] + 1e-9, side="right") - 1
         last = np.searchsorted(self.since, since[1:] - 1e-9, side="left")
-        before = np.vstack([np.zeros(self.thrusters.count, int), self.is_shut(numbers).cumsum(axis=0)])
-        count = before[np.minimum(last + 1, len(self.since))] - before[np.minimum(first, len(self.since) - 1)]
-        low, high = self.thrusters.bounds(normals, count > 0)
-        least, most = self.thrusters.bounds(normals, np.zeros((1, self.thrusters.count), bool))
+        # How often each thruster is shut from `first` to `last`: a difference of cumulative counts.
+        times_shut_before = np.vstack([np.zeros(self.thrusters.count, int), self.is_shut(numbers).cumsum(axis=0)])
+        shut_up_to_last = times_shut_before[np.minimum(last + 1, len(self.since))]
+        shut_before_first = times_shut_before[np.minimum(first, len(self.since) - 1)]
+        low, high = self.thrusters.bounds(normals, shut_up_to_last - shut_before_first > 0)
         low = np.minimum(low + unloading, 0.0)
         high = np.maximum(high - unloading, 0.0)
-        room = np.maximum(NARROWEST * (most - least) - (high - low), 0.0) / 2
-        return low - room, high + room
+        # Bounds that meet leave an interior-point method no interior: they are moved apart a little.
+        all_low, all_high = self.thrusters.bounds(normals, np.zeros((1, self.thrusters.count), bool))
+        missing_width = np.maximum(NARROWEST * (all_high - all_low) - (high - low), 0.0)
+        return low - missing_width / 2, high + missing_width / 2

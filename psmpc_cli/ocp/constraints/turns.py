@@ -36,9 +36,16 @@ NO_LIMIT = 1e12
 
 
 def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
-    """Return which positions are limited in a stage and by what; None where none is.
+    """Return the limits of positions between nodes in a stage as a constraint; None where no position is limited.
 
-    The argument is their limits and those of their accelerations, low then high of either.
+    Limits hold at nodes by themselves; these rows keep a coordinate that turns round within an interval inside as well.
+    The attitude of a spatial base has no such row. The argument is the limits of the positions and of their
+    accelerations, low then high of either.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: Index of the stage.
     """
     limits = resolve_limits(model.spec, task.limits, task.skills[task.stages[stage].skill].limits)
     is_limited = np.isfinite(limits.position_low) | np.isfinite(limits.position_high)
@@ -58,20 +65,29 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
 
 
 def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
-    """Yield the rows of the stages that have limited positions; those of the very first interval have own functions."""
+    """Yield the rows that keep limited positions inside between nodes, over the intervals of every stage of a window.
+
+    The very first interval has functions of its own: it begins at the measured state, which no plan can change, so that
+    its rows allow what even the strongest braking cannot avoid. There are no rows where limits are soft or the
+    integration is by Euler, whose motion is straight between nodes.
+
+    Args:
+        model: The robot.
+        shape: The structure of the windows.
+    """
     if shape.soft or shape.discretization == "euler":
         return
     first_node = Grid(model.n, shape.nodes).first_node
     for s, name, coordinates in entries("turns", shape):
         of_stage = range(int(first_node[s]), int(first_node[s + 1]))
-        for intervals, is_first in ((of_stage[:1], True), (of_stage[1:], False)) if s == 0 else ((of_stage, False),):
+        first_count = 1 if s == 0 else 0
+        for intervals, is_first in ((of_stage[:first_count], True), (of_stage[first_count:], False)):
             if len(intervals):
+                key = (functions, coordinates, is_first)
                 yield IntervalRows(
                     name=name,
                     intervals=intervals,
-                    functions=model.cached(
-                        (functions, coordinates, is_first), partial(functions, model, coordinates, is_first)
-                    ),
+                    functions=model.cached(key, partial(functions, model, coordinates, is_first)),
                     argument=argument_of(name, s),
                     bounds=bounds_of(name, s),
                     over_time=False,
@@ -80,18 +96,27 @@ def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
 
 
 def functions(model: RobotModel, coordinates: tuple[int, ...], is_first: bool) -> IntervalFunctions:
-    """Return E of some coordinates over an interval, or over the first, less what the measured state cannot avoid."""
+    """Return the extreme position E of some coordinates over an interval, where a coordinate may turn round inside it.
+
+    With rates v and v+ at its ends, E = Q + h / 2 v^2 / (v - v+) where they have different signs (at rest in between),
+    else Q + h / 2 (v + v+), the position at its end.
+
+    Args:
+        model: The robot.
+        coordinates: Which coordinates are limited.
+        is_first: It is the first interval of the window: what its measured state cannot avoid is subtracted.
+    """
     n = model.n
     x = ca.SX.sym("x", 2 * n)
     dv = ca.SX.sym("dv", n)
     h = ca.SX.sym("h")
     argument = ca.SX.sym("argument", model.space.n_anchor + 4 * len(coordinates))
-    limits = ca.vertsplit(argument[model.space.n_anchor :], len(coordinates))
-    low, high, acceleration_low, acceleration_high = limits
+    low, high, acceleration_low, acceleration_high = ca.vertsplit(argument[model.space.n_anchor :], len(coordinates))
     Q = x[:n][list(coordinates)]
     v = x[n:][list(coordinates)]
     v_next = v + dv[list(coordinates)]
     turns_round = v * v_next < 0
+    # CasADi evaluates both branches: the 1 keeps 0 / 0 out of the one that does not count.
     by_end = ca.if_else(turns_round, v**2 / ca.if_else(turns_round, v - v_next, 1), v + v_next)
     extreme = Q + h / 2 * by_end
     if is_first:

@@ -34,17 +34,26 @@ from psmpc_cli.specs.task import TaskSpec
 def numbers(
     task: TaskSpec, model: RobotModel, stage: int
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
-    """Return how much wheels may store in a stage; None where they do not turn the base."""
+    """Return the limits of what reaction wheels store in a stage as a constraint; None if they do not turn the base.
+
+    Rows are momenta of wheels over the robot's inertia about their axes, which are rates of rotation. The argument is
+    the numbers of the load, then the part of the momenta that adds up to nothing, which motors leave as it is.
+
+    Args:
+        task: The task.
+        model: The robot.
+        stage: Index of the stage.
+    """
     load = known_load(task, model, stage)
     if load.stores != FOLLOWS:
         return None
     wheels = Wheels.of(model.spec)
-    most = wheels.momentum * _scale(model, wheels)
+    largest = wheels.momentum * _scale(model, wheels)
     of_wheels = ConstraintNumbers(
         structure=load.kind,
         argument=np.concatenate([load.numbers, wheels.unseen @ wheels.initial]),
-        low=-most,
-        high=most,
+        low=-largest,
+        high=largest,
         at_sample=partial(_argument, load),
     )
     return of_stage(stage, load, of_wheels)

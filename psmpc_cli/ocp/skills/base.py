@@ -98,20 +98,28 @@ class Skill:
         return model.cached(("target parts", self._space), lambda: self._parts(model))
 
     def _parts(self, model: RobotModel) -> Mapping[str, TargetPart]:
-        rows = axes_of(model.spec.parts, self._space)
-        axes = axes_of(model.spec.parts, self._space, of_error=False)
-        ends_of_rows = np.cumsum([len(names) for names in rows.values()]).tolist()
-        ends = np.cumsum([len(names) for names in axes.values()]).tolist()
-        return {
-            part: TargetPart(
+        """Return where each part of a target (base, arms) stands in error, target, Q and v, one part after the other.
+
+        A part may have more numbers than rows of the error: a spatial pose has 7, and its error 6.
+        """
+        row_names = axes_of(model.spec.parts, self._space)
+        number_names = axes_of(model.spec.parts, self._space, of_error=False)
+        parts = dict[str, TargetPart]()
+        first_row = 0
+        first_number = 0
+        for part in row_names:
+            end_row = first_row + len(row_names[part])
+            end_number = first_number + len(number_names[part])
+            parts[part] = TargetPart(
                 kind=self._kinds[part_kind(self._space, part)],
-                rows=slice(last_row - len(rows[part]), last_row),
-                numbers=slice(last - len(axes[part]), last),
+                rows=slice(first_row, end_row),
+                numbers=slice(first_number, end_number),
                 coordinates=model.space.base_coordinates if part == BASE else joints_of(model, part),
                 rates=model.parts.get(part, slice(model.n, model.n)),
             )
-            for part, last_row, last in zip(rows, ends_of_rows, ends, strict=True)
-        }
+            first_row = end_row
+            first_number = end_number
+        return parts
 
     def draws_joints(self, model: RobotModel) -> bool:
         """Tell whether joints that poses leave free are drawn to where they are: rows behind those of the parts."""
@@ -159,20 +167,25 @@ class Skill:
         return Posture(Q, xi)
 
     def aims(self, model: RobotModel, target: np.ndarray) -> np.ndarray:
-        """Return the positions (frames, dimension) [m] that a target is about, NaN of free arms and absent points.
+        """Return the positions that a target is about, of base and end-effectors, for figures and records.
 
-        Those of base and end-effectors, or of the points that these point at.
+        That is where the target wants the frame, or the point that the frame is to point at.
+
+        Args:
+            model: The robot.
+            target: Numbers of the target, (numbers,).
+
+        Returns:
+            (frames, dimension) [m]; NaN for arms that the target leaves free, and for points that it leaves out.
         """
         parts = self.parts(model)
         still = Posture(np.zeros(model.nq), np.zeros(model.m))
         Q = self.after(model, still, target).Q
-        nothing = np.full(model.dimension, np.nan)
-        return np.array(
-            [
-                parts[name].kind.aim(model, name, Q, target[parts[name].numbers]) if name in parts else nothing
-                for name in model.pose_rows
-            ]
-        )
+        positions = np.full((len(model.pose_rows), model.dimension), np.nan)
+        for position, name in zip(positions, model.pose_rows, strict=True):
+            if name in parts:
+                position[:] = parts[name].kind.aim(model, name, Q, target[parts[name].numbers])
+        return positions
 
     def angles(self, model: RobotModel) -> list[int]:
         """Return the numbers of a planar target that are angles of frames, of which the nearest equivalent is meant."""

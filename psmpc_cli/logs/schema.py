@@ -80,8 +80,8 @@ class PendingSample:
         in_force: The command that acts when the sample begins, an earlier one where commands are late.
         u: Accelerations that reached the robot over the ticks (M, n).
         contact: Effect of taking up or letting go at the sample; None without a payload.
-        of_object: Momentum and kinetic energy of an object with a mass at the end of the sample; 0 without one.
-        expected: Momentum and energy of robot and object then, by impulse and work since the start of the run.
+        object_balance: Momentum and kinetic energy of an object with a mass at the end of the sample; 0 without one.
+        expected_balance: Momentum and energy of robot and object then, by impulse and work since the start of the run.
     """
 
     command: Command
@@ -92,8 +92,8 @@ class PendingSample:
     in_force: Command
     u: np.ndarray
     contact: Contact | None
-    of_object: np.ndarray | float
-    expected: np.ndarray
+    object_balance: np.ndarray | float
+    expected_balance: np.ndarray
 
     @property
     def commanded(self) -> np.ndarray:

@@ -287,7 +287,7 @@ class Capture:
         }
 
     @property
-    def kept(self) -> np.ndarray:
+    def momentum_and_energy(self) -> np.ndarray:
         """Momentum about the inertial origin [N s, N m s] and kinetic energy [J] of the object, (4,) or (7,)."""
         pose, v = self.pose_and_velocity
         return np.array([*self.body.momentum(pose, v), self.body.kinetic_energy(v)])

@@ -74,30 +74,37 @@ def compare_runs(log: Run, again: Run) -> Comparison:
     return Comparison(len(columns), tuple(each for each in differences if each is not None))
 
 
-def _difference(column: Column, log: Run, again: Run) -> Difference | None:
-    """Compare one dataset of two runs; None where it is equal to the bit."""
+def _difference(column: Column, log: Run, new_run: Run) -> Difference | None:
+    """Compare one dataset of a run with that of its repetition; None where all values are equal to the last bit.
+
+    Args:
+        column: The dataset.
+        log: The run. Where it was interrupted, only the rows that it has are compared.
+        new_run: Its repetition.
+    """
     path = column.path
     units = column.units
-    what = ""
-    if not (path in log and path in again):
+    description = ""
+    if not (path in log and path in new_run):
         return Difference(path, units, f"only the {'log' if path in log else 'run'} has it")
-    logged = log[path]
-    repeated = again[path]
+    log_values = log[path]
+    new_values = new_run[path]
     if log.interrupted:
-        repeated = repeated[tuple(map(slice, logged.shape))]
-    if logged.shape != repeated.shape:
-        what = "shapes " + " and ".join("x".join(map(str, each.shape)) for each in (logged, repeated))
-        common = tuple(map(slice, np.minimum(logged.shape, repeated.shape)))
-        logged = logged[common]
-        repeated = repeated[common]
-    are_numbers = logged.dtype.kind in "fiu"
-    is_same = np.isclose(logged, repeated, 0, 0, equal_nan=True) if are_numbers else logged == repeated
+        new_values = new_values[tuple(map(slice, log_values.shape))]
+    if log_values.shape != new_values.shape:
+        description = "shapes " + " and ".join("x".join(map(str, each.shape)) for each in (log_values, new_values))
+        common_rows = tuple(map(slice, np.minimum(log_values.shape, new_values.shape)))
+        log_values = log_values[common_rows]
+        new_values = new_values[common_rows]
+    # texts cannot be compared by isclose; NaN counts as equal to NaN
+    are_numbers = log_values.dtype.kind in "fiu"  # float, signed and unsigned integer
+    is_same = np.isclose(log_values, new_values, 0, 0, equal_nan=True) if are_numbers else log_values == new_values
     if np.all(is_same):
-        return Difference(path, units, what) if what else None
+        return Difference(path, units, description) if description else None
     first_row = int(np.argwhere(~np.atleast_1d(is_same))[0, 0])
     if not are_numbers:
-        return Difference(path, units, what or "texts", row=first_row)
-    differences = np.abs(logged.astype(float) - repeated.astype(float))[~is_same]
+        return Difference(path, units, description or "texts", row=first_row)
+    differences = np.abs(log_values.astype(float) - new_values.astype(float))[~is_same]
     if not np.isfinite(differences).all():
-        what = what or "values only one of them has"
-    return Difference(path, units, what, float(np.nanmax(differences, initial=0.0)), first_row)
+        description = description or "values only one of them has"
+    return Difference(path, units, description, float(np.nanmax(differences, initial=0.0)), first_row)

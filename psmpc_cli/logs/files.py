@@ -78,17 +78,20 @@ _KINDS = (
 def read_file(
     path: Path, read: Callable[[h5py.File], T], expected: str = "a log written by psmpc simulate", kind: str = ""
 ) -> T:
-    """Open a file of this format version, also while it is written, and read it.
+    """Open an HDF5 file of this program, also while it is being written, and read it; say what is wrong with any other.
+
+    A file that was downloaded may be damaged or made to do harm, so its structure is checked before any value is read.
 
     Args:
         path: The file.
         read: Reads the open file; what it returns is returned.
         expected: What was expected, for the messages.
-        kind: Of the file, as `kind_in` tells it; by default any, and only attributes of the file are read.
+        kind: Kind of file that is expected, as `kind_in` tells it. By default any, and then only attributes of the file
+            are read, so that the check of its structure is left out.
 
     Raises:
-        LogError: The file is missing, empty, no HDF5 file, damaged, of another program, format version or kind, or
-            not what `walk` allows.
+        LogError: The file is missing, empty, no HDF5 file, damaged, of another program, format version or kind, or not
+            what `walk` allows.
     """
 
     def rejected(found: str) -> LogError:
@@ -99,7 +102,7 @@ def read_file(
             raise rejected("a directory" if path.is_dir() else "no regular file" if path.exists() else "no such file")
         if not path.stat().st_size:
             raise rejected("an empty file")
-        path.open("rb").close()
+        path.open("rb").close()  # HDF5 does not say why a file cannot be read
     except OSError as error:
         raise rejected(f"no readable file ({error.strerror or error})") from None
     if not h5py.is_hdf5(path):
@@ -176,13 +179,13 @@ def check_output(
     option: str = "-o",
     inputs: Iterable[Path | str] = (),
 ) -> None:
-    """Make sure that a new file may be written at a path.
+    """Make sure, before a long computation, that its result may be written at a path and replaces nothing by mistake.
 
     Args:
         path: The path.
-        force: Replace a file of the same kind that is there.
-        kind: What is to be written.
-        option: Of the command line, which names the path.
+        force: Whether a file of the same kind that is there may be replaced.
+        kind: Kind of file that is to be written.
+        option: Option of the command line that names the path, for the messages.
         inputs: Files that the command reads, which it never writes over, or names of built-in ones.
 
     Raises:
@@ -198,14 +201,14 @@ def check_output(
         if not path.exists():
             ensure_creatable(path.parent, option)
             return
-        if any(os.path.exists(each) and os.path.samefile(each, path) for each in inputs):
+        if any(os.path.exists(input_path) and os.path.samefile(input_path, path) for input_path in inputs):
             raise InputError(f"{path} is read by this command: choose another file with {option}")
         if not force:
             raise InputError(f"{path} exists already: choose another file with {option}, or overwrite it with --force")
-        found = _describe_other(path, kind)
-        if found:
+        other_kind = _describe_other(path, kind)
+        if other_kind:
             raise InputError(
-                f"{path}: found {found}, expected {kind.name}, which --force replaces; "
+                f"{path}: found {other_kind}, expected {kind.name}, which --force replaces; "
                 f"choose another file with {option}"
             )
         ensure_creatable(path.resolve().parent, option)
@@ -261,9 +264,19 @@ def write_new(
     inputs: Iterable[Path | str] = (),
     replace: Callable[[bytes], None] | None = None,
 ) -> None:
-    """Write a new file, whole or not at all; its folder is created if necessary.
+    """Write a new file, whole or not at all: a kill at any moment leaves no half of it.
 
-    Arguments: see `check_output`; `replace` writes the file, as `FileLock.replace` does.
+    Its folder is created if necessary.
+
+    Args:
+        path: The path.
+        image: Content of the file.
+        force: Whether a file of the same kind that is there may be replaced.
+        kind: Kind of the file.
+        option: Option of the command line that names the path, for the messages.
+        inputs: Files that the command reads, which it never writes over.
+        replace: Writes the content in the place of a file that is locked, as `FileLock.replace` does; by default a new
+            file is written beside it and takes its place.
 
     Raises:
         InputError: The path is taken, see `check_output`, or the file cannot be written.
@@ -304,21 +317,22 @@ def replace_file(path: Path, image: bytes) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Provide a file to write, which takes the place of the one at a path in one step when it is written.
+    """Provide a temporary path to write to; when it is written, the file there replaces the one at `path` in one step.
 
-    It stands beside that one, with the same ending and a name that nobody can guess, so that no link lies in wait.
+    The temporary file stands in the same folder, with the same ending, and has a name that nobody can guess: so no one
+    can put a link there beforehand that leads the writing elsewhere.
 
     Raises:
-        OSError: It cannot be written; the one that was there stays.
+        OSError: It cannot be written; the file that was there stays.
     """
     target = path.resolve()
-    part = target.with_name(f".{secrets.token_hex(16)}.part{target.suffix}")
-    part.open("xb").close()  # exclusively: fails if anything stands there, and follows no link
+    new_file = target.with_name(f".{secrets.token_hex(16)}.part{target.suffix}")
+    new_file.open("xb").close()  # exclusively: fails if anything stands there, and follows no link
     try:
-        yield part
-        os.replace(part, target)
+        yield new_file
+        os.replace(new_file, target)
     finally:
-        part.unlink(missing_ok=True)
+        new_file.unlink(missing_ok=True)
 
 
 class FileLock:
@@ -333,7 +347,10 @@ class FileLock:
         self._locked: BinaryIO | None = None
 
     def __enter__(self) -> Self:
-        """Lock the file, if there is one.
+        """Lock the file, if there is one, so that no other process writes it meanwhile.
+
+        Another process may replace the file between opening and locking it. Then the lock is on a file that is gone,
+        and the new one is locked instead.
 
         Raises:
             InputError: Another process has the lock, or the file cannot be opened for writing.

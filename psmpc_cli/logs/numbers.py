@@ -18,22 +18,26 @@ FIXED = 6
 
 
 def number(value: float, resolution: float = 0.0, sign: str = "") -> str:
-    """Write a number with the digits that mean something.
+    """Write a number with as many digits as mean something, given how accurately it is known.
 
     Args:
         value: The number; an integer is written as it is, NaN as a dash.
         resolution: Differences smaller than this mean nothing; 0 if that is not known, which leaves `DIGITS` digits.
         sign: "+" writes the sign of positive numbers too.
+
+    Returns:
+        The number in fixed notation, or with an exponent if it is very large or small.
     """
     if isinstance(value, int):
         return f"{value:{sign}d}"
     if not math.isfinite(value):
         return "-" if math.isnan(value) else f"{value:{sign}}"
-    place = last_place(value, resolution)
-    first = max(_first_place(value), place)
-    if -place > FIXED or first > FIXED:
-        return f"{value:{sign}.{first - place}e}"
-    return f"{round(value, -place) + 0.0:{sign}.{max(-place, 0)}f}"
+    # powers of ten of the last and of the first digit
+    last = last_place(value, resolution)
+    leading = max(_first_place(value), last)
+    if -last > FIXED or leading > FIXED:
+        return f"{value:{sign}.{leading - last}e}"
+    return f"{round(value, -last) + 0.0:{sign}.{max(-last, 0)}f}"
 
 
 def last_place(value: float, resolution: float = 0.0) -> int:
@@ -54,18 +58,27 @@ def with_unit(text: str, unit: str) -> str:
 
 
 def quantiles(values: np.ndarray, probabilities: tuple[float, ...]) -> tuple[str, ...]:
-    """Write quantiles of draws (K,), with no more digits than so many draws give them; dashes without any.
+    """Write quantiles of random draws, with no more digits than so few draws justify.
 
     The number of draws below a quantile is binomial, with the standard deviation sqrt(p (1 - p) / K) as a share of K.
-    Half of what the quantiles that much to both sides are apart is taken as the resolution. (Distribution-free; David
+    Half the difference of the quantiles that much to both sides is taken as the resolution. (Distribution-free; David
     and Nagaraja, Order Statistics, 2003, section 7.1.)
+
+    Args:
+        values: The draws (K,).
+        probabilities: Which quantiles.
+
+    Returns:
+        A text for each; dashes without draws.
     """
     if not len(values):
         return ("-",) * len(probabilities)
     texts = []
-    for p in probabilities:
-        deviation = math.sqrt(p * (1 - p) / len(values))
-        low, found, high = np.quantile(values, np.clip([p - deviation, p, p + deviation], 0, 1))
-        finest = 10.0 ** last_place(float(found))
-        texts.append(number(float(found), max(float(high - low) / 2, finest)))
+    for probability in probabilities:
+        deviation = math.sqrt(probability * (1 - probability) / len(values))
+        low, quantile, high = np.quantile(
+            values, np.clip([probability - deviation, probability, probability + deviation], 0, 1)
+        )
+        least_resolution = 10.0 ** last_place(float(quantile))
+        texts.append(number(float(quantile), max(float(high - low) / 2, least_resolution)))
     return tuple(texts)

@@ -88,25 +88,30 @@ class Results:
             raise RunError(f"{self.path} cannot be written any further: {error.strerror or error}") from None
 
     def _write(self, file: h5py.File) -> None:
-        """Write attributes and arrays into an empty file, coordinates first: the others are tied to them as scales."""
+        """Write attributes and quantities into an empty HDF5 file, those that are dimensions of others first.
+
+        The others are tied to these by HDF5's dimension scales, so that other programs know what runs along each axis.
+        """
         file.attrs.update(self.attributes)
         datasets = dict[str, h5py.Dataset]()
-        for each in sorted(self.quantities.values(), key=lambda each: each.dims != (each.name,)):
-            values = each.values
-            if each.is_text:
+        for quantity in sorted(self.quantities.values(), key=lambda quantity: quantity.dims != (quantity.name,)):
+            values = quantity.values
+            if quantity.is_text:
                 values = np.array(values.tolist(), h5py.string_dtype())
             # HDF5 has no checksums of texts of variable length, nor of single numbers
             chunks = values.shape if values.size and values.shape and not values.dtype.hasobject else None
-            dataset = file.create_dataset(each.name, data=values, chunks=chunks, fletcher32=chunks is not None)
-            datasets[each.name] = dataset
-            dataset.attrs.update({"units": each.units, "long_name": each.long_name, "dims": " ".join(each.dims)})
-            if each.meanings:
-                codes = {"flag_values": np.arange(len(each.meanings)), "flag_meanings": " ".join(each.meanings)}
+            dataset = file.create_dataset(quantity.name, data=values, chunks=chunks, fletcher32=chunks is not None)
+            datasets[quantity.name] = dataset
+            dataset.attrs.update(
+                {"units": quantity.units, "long_name": quantity.long_name, "dims": " ".join(quantity.dims)}
+            )
+            if quantity.meanings:
+                codes = {"flag_values": np.arange(len(quantity.meanings)), "flag_meanings": " ".join(quantity.meanings)}
                 dataset.attrs.update(codes)
-            if each.dims == (each.name,):
-                dataset.make_scale(each.name)
+            if quantity.dims == (quantity.name,):
+                dataset.make_scale(quantity.name)
                 continue
-            for dimension, name in zip(dataset.dims, each.dims, strict=True):
+            for dimension, name in zip(dataset.dims, quantity.dims, strict=True):
                 dimension.attach_scale(datasets[name])
 
 
@@ -119,26 +124,37 @@ def new_results(
 
 
 def read_results(path: Path, kind: str) -> Results:
-    """Read the results of a study of this kind.
+    """Read the results of a study, such as a sweep, from its file, and check that they are complete and consistent.
+
+    Args:
+        path: The file.
+        kind: Which kind of study is expected.
 
     Raises:
         LogError: The file is missing, damaged, of another version, or of another kind.
     """
 
     def read(file: h5py.File) -> Results:
+        """Read every dataset of the open file as a quantity along named dimensions.
+
+        The length of a dimension is the size of the dataset that has its name. Values with `flag_meanings` are codes.
+
+        Raises:
+            LogError: A dataset is not as long as its dimensions, or has a code without a meaning.
+        """
         quantities = dict[str, Quantity]()
         datasets = dict(file.items())
         attributes = {name: read_attributes(dataset) for name, dataset in datasets.items()}
-        dims = {name: tuple(str(known.get("dims", "")).split()) for name, known in attributes.items()}
+        dims_of = {name: tuple(str(of_dataset.get("dims", "")).split()) for name, of_dataset in attributes.items()}
         for name, dataset in datasets.items():
-            lengths = tuple(datasets[each].size if dims.get(each) == (each,) else 0 for each in dims[name])
+            lengths = tuple(datasets[dim].size if dims_of.get(dim) == (dim,) else 0 for dim in dims_of[name])
             if not isinstance(dataset, h5py.Dataset) or dataset.shape != lengths or 0 in lengths:
-                raise misfit(dataset, str(dataset), f"a dataset along {dims[name]} of shape {lengths}, none 0")
-            keys = ("units", "long_name", "flag_meanings")
-            units, long_name, meanings = (str(attributes[name].get(key, "")) for key in keys)
-            about = units, long_name, tuple(meanings.split())
-            quantities[name] = Quantity(name, dims[name], read_array(dataset), *about)
-            if meanings and not np.isin(quantities[name].values, np.arange(len(about[-1]))).all():
+                raise misfit(dataset, str(dataset), f"a dataset along {dims_of[name]} of shape {lengths}, none 0")
+            description_keys = ("units", "long_name", "flag_meanings")
+            units, long_name, meanings = (str(attributes[name].get(key, "")) for key in description_keys)
+            description = units, long_name, tuple(meanings.split())
+            quantities[name] = Quantity(name, dims_of[name], read_array(dataset), *description)
+            if meanings and not np.isin(quantities[name].values, np.arange(len(meanings.split()))).all():
                 raise misfit(dataset, "a code without a meaning", f"numbers of {meanings}")
         return Results(path, read_attributes(file), quantities)
 

@@ -270,7 +270,7 @@ class Run:
 
     @cached_property
     def task(self) -> Task:
-        """The task as it ran.
+        """The task as it ran, parsed from the texts of task and robot in the log; checked to be that of the datasets.
 
         Raises:
             LogError: The texts in the log are not a task and a robot of this version, or not those of this run.
@@ -282,13 +282,14 @@ class Run:
             raise LogError(f"{self.path}: the task or robot in it is not valid in this version:\n{error}") from None
         if self.attributes.get("digest", task.digest) != task.digest:
             raise LogError(f"{self.path}: the task and robot in it do not describe the run it holds")
-        stages = tuple(stage.name for stage in task.spec.stages)
-        names = labels(task.robot, "joint")
-        expected = {"coordinate": names, "stage": stages, "stages/name": stages}
-        for path, wanted in expected.items():
-            if (found := tuple(self[path].tolist())) != wanted:
+        stage_names = tuple(stage.name for stage in task.spec.stages)
+        coordinate_names = labels(task.robot, "joint")
+        expected = {"coordinate": coordinate_names, "stage": stage_names, "stages/name": stage_names}
+        for path, names_in_task in expected.items():
+            if (names_in_log := tuple(self[path].tolist())) != names_in_task:
                 raise LogError(
-                    f"{self.path}: /{path}: found {', '.join(found)}, expected {', '.join(wanted)} as its task has"
+                    f"{self.path}: /{path}: found {', '.join(names_in_log)}, "
+                    f"expected {', '.join(names_in_task)} as its task has"
                 )
         return task
 
@@ -358,43 +359,48 @@ class Run:
 
     @cached_property
     def spans(self) -> tuple[Span, ...]:
-        """The stages that were reached, in order; a stage that only started early has `start` at the end of the run.
+        """The time spans of all stages that were reached, in order, for figures and reports.
+
+        A stage begins at the switch time of the one before. It may act on the control before that, which is its early
+        start. A stage of which there is only an early start has `start` at the end of the run. Where the sequence
+        returned to an earlier stage, stages occur once for each try.
 
         Raises:
             LogError: The run has no samples; or as for `task`.
         """
-        earlier = self._spans_of_earlier_tries
-        end = self.motion.end
-        start = earlier[-1].end if earlier else float(self.time[0])
-        first = int(self["window/first"][returns_of(self.arrays)[-1]]) if earlier else 0
+        spans_before_return = self._spans_of_earlier_tries
+        end_of_run = self.motion.end
+        start = spans_before_return[-1].end if spans_before_return else float(self.time[0])
+        first = int(self["window/first"][returns_of(self.arrays)[-1]]) if spans_before_return else 0
         stages = self.stages
         starts_early = early_starts(self.arrays, self.task.spec.onset.epsilon)
         spans: list[Span] = []
         for index, name in list(enumerate(self.stage_names))[first:]:
-            actual, switch = (float(stages[key][index]) for key in ("actual_start", "switch_time"))
-            early = actual if index and starts_early[index] and actual < start else None
-            if spans and start >= end and early is None:
+            actual_start, switch_time = (float(stages[key][index]) for key in ("actual_start", "switch_time"))
+            early_start = actual_start if index and starts_early[index] and actual_start < start else None
+            if spans and start >= end_of_run and early_start is None:
                 break
-            spans.append(Span(index, name, start, switch if np.isfinite(switch) else end, early))
+            spans.append(Span(index, name, start, switch_time if np.isfinite(switch_time) else end_of_run, early_start))
             start = spans[-1].end
-        return (*earlier, *spans)
+        return (*spans_before_return, *spans)
 
     @cached_property
     def _spans_of_earlier_tries(self) -> tuple[Span, ...]:
-        """The stages up to the last return to an earlier stage, in order, without early starts.
+        """The time spans of stages before the last return of the sequence to an earlier stage, in order.
 
-        The last stage before a return ends with it: one that was not yet current at any sample has none.
+        The sequence returns when grippers have missed or lost the object. The stage that is current then ends at the
+        return. A stage that was never current at a sample has no span, and early starts are left out.
         """
         spans: list[Span] = []
-        begin = 0
+        first_sample = 0
         for sample in returns_of(self.arrays):
-            ends = np.fmax.reduce(self["window/ended_at"][begin : sample + 1], axis=0, initial=np.nan)
-            stages = np.unique(self["window/first"][begin:sample]).tolist()
+            ends = np.fmax.reduce(self["window/ended_at"][first_sample : sample + 1], axis=0, initial=np.nan)
+            stages = np.unique(self["window/first"][first_sample:sample]).tolist()
             for index in stages:
                 start = spans[-1].end if spans else float(self.time[0])
                 end = float(self.time[sample] if index == stages[-1] else ends[index])
                 spans.append(Span(index, self.stage_names[index], start, end, None))
-            begin = sample
+            first_sample = sample
         return tuple(spans)
 
     @cached_property
@@ -479,7 +485,14 @@ class Run:
         create_log(group, present, self.attributes, self.arrays)
 
     def to_csv(self, directory: Path | str, force: bool = False) -> list[Path]:
-        """Write samples.csv and stages.csv, and ticks.csv if ticks were logged, and return their paths.
+        """Export the run to tables for other programs: samples.csv and stages.csv, and ticks.csv if ticks were logged.
+
+        Args:
+            directory: Where they are written; created if necessary.
+            force: Overwrite tables that are there.
+
+        Returns:
+            Their paths.
 
         Raises:
             InputError: A file exists already, or the directory cannot be written.
@@ -498,7 +511,7 @@ class Run:
         return paths
 
     def to_xarray(self) -> "xarray.Dataset":
-        """Convert all datasets with a row for each sample to an xarray.Dataset with named dimensions.
+        """Convert all datasets with a row for each sample to an xarray.Dataset, with named dimensions and units.
 
         Raises:
             InputError: xarray is not installed.
@@ -507,15 +520,15 @@ class Run:
             import xarray
         except ImportError:
             raise InputError("found no xarray, which Run.to_xarray needs: pip install xarray") from None
-        sampled = self._columns_along("time")
-        about: dict[Column, dict[str, Any]] = {}
-        for column in sampled:
-            about[column] = {"units": column.units, "long_name": column.long_name}
+        sampled_columns = self._columns_along("time")
+        attributes_of: dict[Column, dict[str, Any]] = {}
+        for column in sampled_columns:
+            attributes_of[column] = {"units": column.units, "long_name": column.long_name}
             if len(column.dims) == 2 and len({*self._units_of_columns(column)}) > 1:
-                about[column][COLUMN_UNITS] = self._units_of_columns(column)
-        variables = {column.path: (column.dims, self[column.path], about[column]) for column in sampled}
-        names = {dim: self[dim] for column in sampled for dim in column.dims}
-        return xarray.Dataset(variables, names, dict(self.attributes))
+                attributes_of[column][COLUMN_UNITS] = self._units_of_columns(column)
+        variables = {column.path: (column.dims, self[column.path], attributes_of[column]) for column in sampled_columns}
+        coordinates = {dim: self[dim] for column in sampled_columns for dim in column.dims}
+        return xarray.Dataset(variables, coordinates, dict(self.attributes))
 
     def _datasets_in(self, group: str) -> dict[str, Array]:
         """Return the datasets of a group of the log by their names in it."""
@@ -532,24 +545,28 @@ class Run:
         names = self[column.dims[-1]].tolist()
         return units_of_columns(column, names, sliding_of(self.attributes)) or [column.units] * len(names)
 
-    def _table(self, dim: str, without: str = "") -> dict[str, Array]:
-        """Build the table of everything along a dimension, for a CSV file: columns by heading.
+    def _table(self, along: str, left_out: str = "") -> dict[str, Array]:
+        """Build the table of everything along one dimension, for a CSV file: one-dimensional columns by heading.
+
+        A dataset with more dimensions becomes a column for each element, which its heading names: `state/Q/base.x [m]`.
 
         Args:
-            dim: Path of the scale of the dimension.
-            without: Beginning of paths that headings leave out.
+            along: Path of the scale of the dimension, such as `time`.
+            left_out: Beginning of paths that headings leave out.
         """
-        table = {"time [s]": self.time} if dim == "time" else {}
-        for column in self._columns_along(dim):
-            name = column.path.removeprefix(without)
+        table = {"time [s]": self.time} if along == "time" else {}
+        for column in self._columns_along(along):
+            name = column.path.removeprefix(left_out)
             values = self[column.path]
             if values.ndim == 1:
                 table[_with_unit(name, column.units)] = values
                 continue
             units = self._units_of_columns(column) if values.ndim == 2 else [column.units] * values.shape[1]
             for index in np.ndindex(values.shape[1:]):
-                labels = [self[scale][i] for scale, i in zip(column.dims[1:], index, strict=True)]
-                heading = "/".join([name, *(each if isinstance(each, str) else f"{each:g}" for each in labels)])
+                column_labels = [self[scale][position] for scale, position in zip(column.dims[1:], index, strict=True)]
+                heading = "/".join(
+                    [name, *(label if isinstance(label, str) else f"{label:g}" for label in column_labels)]
+                )
                 table[_with_unit(heading, units[index[0]])] = values[:, *index]
         return table
 
@@ -574,7 +591,7 @@ RunOrPath = Run | Path | str
 
 
 def resolve_runs(runs: RunOrPath | Mapping[str, RunOrPath]) -> Run | dict[str, Run]:
-    """Read the runs that a public function was given as paths; keep those that it was given in memory.
+    """Return runs for what a public function was given: runs in memory as they are, paths read from their files.
 
     Args:
         runs: A run, the path of its log or of a comparison, or several runs by name, each as a run or a path.
@@ -604,7 +621,7 @@ def resolve_runs(runs: RunOrPath | Mapping[str, RunOrPath]) -> Run | dict[str, R
 
 
 def read_comparison(path: Path) -> dict[str, Run]:
-    """Read the runs of a comparison by name, in the order in which they were compared.
+    """Read a file with several runs of a comparison; return them by name, in the order in which they were compared.
 
     Raises:
         LogError: As for `read_run`; or the file is no comparison.
@@ -621,55 +638,67 @@ def read_comparison(path: Path) -> dict[str, Run]:
 
 
 def run_in(group: h5py.Group, path: Path = IN_MEMORY) -> Run:
-    """Read the run in a group of an open file.
+    """Read a run from a group of an open HDF5 file, checked against the schema of logs.
+
+    Which datasets a log has depends on the run: those of a condition (the robot has wheels, ticks are logged, ...) are
+    there all together, or none of them. Datasets that are newer than the file's format are filled with their value for
+    "unknown".
+
+    Args:
+        group: The group; the root of a log, or a run in a comparison.
+        path: The file, for messages.
 
     Raises:
-        LogError: It is not as the schema has it.
+        LogError: The group is not as the schema has it.
         Exception: One of `files.DAMAGE`: it is damaged.
     """
     attributes = read_attributes(group)
     if missing := [name for name in ATTRIBUTES if name not in attributes]:
         raise ValueError(f"no attribute {', '.join(missing)}")
-    for name, kind in ATTRIBUTES.items():
-        if not isinstance(attributes[name], kind):
-            raise misfit(group, repr(attributes[name]), f"a {kind.__name__}", f" attribute {name}")
+    for name, type_of_attribute in ATTRIBUTES.items():
+        if not isinstance(attributes[name], type_of_attribute):
+            raise misfit(group, repr(attributes[name]), f"a {type_of_attribute.__name__}", f" attribute {name}")
     members: list[str] = []
     group.visit(members.append)
     columns = layout(Q_COORDINATE in members)
     conditions = {ALWAYS, *(column.only for column in columns if column.path in members)}
-    of_run = [part for column in columns if column.only in conditions for part in column.parts]
+    expected_columns = [part for column in columns if column.only in conditions for part in column.parts]
     format_version = int(group.file.attrs["format_version"])
-    datasets = _datasets(group, members, [column for column in of_run if column.since <= format_version])
+    datasets = _datasets(group, members, [column for column in expected_columns if column.since <= format_version])
     arrays = {path: read_array(dataset) for path, dataset in datasets.items()}
-    for column in of_run:
+    for column in expected_columns:
         if column.path not in arrays:
-            arrays[column.path] = np.full([len(arrays[scale]) for scale in column.dims], column.unknown)
+            arrays[column.path] = np.full([len(arrays[dim]) for dim in column.dims], column.unknown)
     _check_values(group, arrays)
     return Run(path, attributes, arrays)
 
 
-def _datasets(group: h5py.Group, members: Collection[str], present: Iterable[Column]) -> dict[str, h5py.Dataset]:
-    """Open the datasets of a log by path, which have to be those of the schema and as long as their dimensions' scales.
+def _datasets(group: h5py.Group, members: Collection[str], expected: Iterable[Column]) -> dict[str, h5py.Dataset]:
+    """Open the datasets of a log, and check that they are exactly those of the schema, with its types and shapes.
 
-    All are checked before any is read, so that a file that another program wrote is told at once.
+    All are checked before any is read, so that a file of another program is found at once. A dataset is as long as the
+    scales of its dimensions, which are datasets themselves.
 
     Args:
         group: The group of the run.
         members: Paths of all that is in it.
-        present: The datasets that a log of such a run has.
+        expected: The datasets that a log of such a run has.
+
+    Returns:
+        The datasets by path.
 
     Raises:
         LogError: One is unknown, of another type, or of another shape.
     """
-    columns_by_path = {column.path: column for column in present}
-    groups = {path.rpartition("/")[0] for path in columns_by_path}
-    if unknown := [path for path in members if path not in columns_by_path and path not in groups]:
+    columns_by_path = {column.path: column for column in expected}
+    group_paths = {path.rpartition("/")[0] for path in columns_by_path}
+    if unknown := [path for path in members if path not in columns_by_path and path not in group_paths]:
         raise misfit(group[unknown[0]], "a dataset or group that no such log has", "those of docs/log.md")
     datasets = {path: group[path] for path in columns_by_path}
-    lengths = {path: len(datasets[path]) for path, column in columns_by_path.items() if column.is_scale}
+    scale_lengths = {path: len(datasets[path]) for path, column in columns_by_path.items() if column.is_scale}
     for path, column in columns_by_path.items():
         dataset = datasets[path]
-        shape = tuple(lengths[dim] for dim in column.dims)
+        shape = tuple(scale_lengths[dim] for dim in column.dims)
         dtype = h5py.string_dtype() if column.dtype == "text" else np.dtype(column.dtype)
         if not isinstance(dataset, h5py.Dataset) or (dataset.shape, dataset.dtype) != (shape, dtype):
             raise misfit(dataset, str(dataset), f"a dataset of type {column.dtype} with shape {shape}")
@@ -678,6 +707,8 @@ def _datasets(group: h5py.Group, members: Collection[str], present: Iterable[Col
 
 def _check_values(group: h5py.Group, arrays: Mapping[str, Array]) -> None:
     """Make sure that times rise, and that indices and lengths lie within the arrays that they refer to.
+
+    Whoever reads the log relies on it: with an index beyond an array, figures and summaries would fail in the middle.
 
     Raises:
         LogError: They do not.

@@ -80,8 +80,8 @@ class PendingSample:
         in_force: The command that acts when the sample begins, an earlier one where commands are late.
         u: Accelerations that reached the robot over the ticks (M, n).
         contact: Effect of taking up or letting go at the sample; None without a payload.
-        of_object: Momentum and kinetic energy of an object with a mass at the end of the sample; 0 without one.
-        expected: Momentum and energy of robot and object then, by impulse and work since the start of the run.
+        object_balance: Momentum and kinetic energy of an object with a mass at the end of the sample; 0 without one.
+        expected_balance: Momentum and energy of robot and object then, by impulse and work since the start of the run.
     """
 
     command: Command
@@ -92,8 +92,8 @@ class PendingSample:
     in_force: Command
     u: np.ndarray
     contact: Contact | None
-    of_object: np.ndarray | float
-    expected: np.ndarray
+    object_balance: np.ndarray | float
+    expected_balance: np.ndarray
 
     @property
     def commanded(self) -> np.ndarray:
@@ -210,7 +210,10 @@ class Column:
 
     @property
     def parts(self) -> "tuple[Column, ...]":
-        """The column; with it, if its rows have lengths of their own, those lengths and the index along a row."""
+        """All datasets that the column consists of: itself, and two more if its rows have lengths of their own.
+
+        These are the lengths of its rows, and the scale of its second dimension, the index along a row.
+        """
         if not self.ragged:
             return (self,)
         lengths = replace(
@@ -812,11 +815,11 @@ def sliding_of(attributes: Mapping[str, Any]) -> list[str]:
 
 
 def units_of_columns(column: Column, names: Sequence[str], sliding: Collection[str]) -> list[str] | None:
-    """Return the unit of each column of a dataset whose columns have different ones; None of any other.
+    """Return the unit of each column of a dataset that mixes lengths and angles, such as Q; None of any other dataset.
 
     Args:
-        column: The dataset, whose `units` are those of lengths and of angles.
-        names: The names of its columns.
+        column: The dataset. Its `units` are those of lengths and of angles, or of all its columns, separated by commas.
+        names: Names of its columns: coordinates such as `base.x`, or names of joints.
         sliding: Names of the joint coordinates that are lengths.
     """
     units = column.units.split(", ")

@@ -142,12 +142,18 @@ class CaptureSummary:
     """
 
     def __init__(self, task: TaskSpec, arrays: Arrays) -> None:
-        """Read what became of the object from the datasets of a log."""
+        """Read from the datasets of a log when and how the object was taken, lost and let go.
+
+        Args:
+            task: The task, with the destination of the object.
+            arrays: Datasets of the log by path.
+        """
         _, pose, v = when_let_go(task, arrays)
         space = space_of_pose(len(pose))
         linear = slice(space.dimension)
         angular = slice(space.dimension, None)
         destination = task.body.destination
+        # how far the object was from its destination when it was let go, or at the end
         error = np.full(len(v), np.nan) if destination is None else space.pose_error(pose, destination.pose)
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
@@ -293,7 +299,13 @@ class Summary:
         self.clearance = summarize_clearance(arrays)
 
     def _read_outcome(self, arrays: Arrays, attributes: Mapping[str, Any], problem: Problem) -> None:
-        """Read how the run and its stages ended."""
+        """Read how the run ended, whether the mission succeeded, and when each stage ended.
+
+        Args:
+            arrays: Datasets of the log by path.
+            attributes: Attributes of the log.
+            problem: The problem that the run solved.
+        """
         spec = problem.spec
         time = arrays["time"]
         end = float(arrays["final/end_time"])
@@ -309,7 +321,13 @@ class Summary:
         self.returned_at: tuple[float, ...] = tuple(time[list(returns_of(arrays))].tolist())
 
     def _read_solves(self, arrays: Arrays, problem: Problem) -> None:
-        """Read how the solves went: their times, events, basins and levels."""
+        """Read how the solves went: their times, events, local optima, and the priority levels of HTMPC.
+
+        Args:
+            arrays: Datasets of the log by path. `window/basin` is the number of the guess from which the best optimum
+                was found: 0 of the last plan, -1 where no other was tried.
+            problem: The problem that the run solved.
+        """
         controller = problem.spec.controller
         samples = len(arrays["time"])
         self.sample_time = controller.sample_time
@@ -317,21 +335,27 @@ class Summary:
         has_switch = np.asarray(np.isfinite(arrays["window/instants"]).any(axis=1))
         self.switching_solves = _solves(arrays, has_switch)
         self.missed = int(np.sum(arrays["solver/wall_time"] > controller.sample_time))
-        self.appended, self.postponed, self.failed_solves, self.unmeasured = (
-            int(arrays[f"events/{name}"].sum()) for name in ("appended", "postponed", "solve_failed", "unmeasured")
-        )
-        basin = arrays["window/basin"]
-        self.basins = int(np.sum(basin > 0)) if np.any(basin >= 0) else None
-        levels = arrays.get("levels/solved")
-        self.unsolved_levels = None if levels is None else int(np.sum(levels == 0))
-        rise = arrays.get("levels/rise", np.full((samples, 0), np.nan))
-        self.level_rise = float(np.nanmax(rise, initial=-np.inf)) if np.isfinite(rise).any() else np.nan
+        self.appended = int(arrays["events/appended"].sum())
+        self.postponed = int(arrays["events/postponed"].sum())
+        self.failed_solves = int(arrays["events/solve_failed"].sum())
+        self.unmeasured = int(arrays["events/unmeasured"].sum())
+        chosen_guess = arrays["window/basin"]
+        self.basins = int(np.sum(chosen_guess > 0)) if np.any(chosen_guess >= 0) else None
+        levels_solved = arrays.get("levels/solved")
+        self.unsolved_levels = None if levels_solved is None else int(np.sum(levels_solved == 0))
+        level_rise = arrays.get("levels/rise", np.full((samples, 0), np.nan))
+        self.level_rise = float(np.nanmax(level_rise, initial=-np.inf)) if np.isfinite(level_rise).any() else np.nan
         keeps_costs = controller.traits.has_levels and controller.htmpc.constraint == "cost"
-        raised = rise > controller.htmpc.tolerance + LEVEL_ACCURACY
+        raised = level_rise > controller.htmpc.tolerance + LEVEL_ACCURACY
         self.raised_levels = int(np.sum(raised)) if keeps_costs else None
 
     def _read_efforts(self, arrays: Arrays, attributes: Mapping[str, Any]) -> None:
-        """Read what the run took of controls and forces, and how near forces came to their limits."""
+        """Read what controls and forces the run took, how near forces came to limits, and how controls varied.
+
+        Args:
+            arrays: Datasets of the log by path.
+            attributes: Attributes of the log, which name the joints that slide.
+        """
         time = arrays["time"]
         coordinates = tuple(arrays["coordinate"])
         self.control_effort = float(arrays["effort/control"].sum())
@@ -345,10 +369,12 @@ class Summary:
         self.tightest_force = largest(utilization, coordinates, time)
         self.saturated = float(np.mean(saturated)) if len(saturated) else np.nan
         self.far_beyond = float(np.mean((utilization > FAR_BEYOND).any(axis=1))) if len(saturated) else np.nan
-        varied = variation(
+        variations = variation(
             np.abs(np.diff(arrays["control/u"], axis=0)).sum(axis=0), coordinates, sliding_of(attributes)
         )
-        self.variation_base_position, self.variation_base_angle, self.variation_joints, self.variation_sliding = varied
+        self.variation_base_position, self.variation_base_angle, self.variation_joints, self.variation_sliding = (
+            variations
+        )
 
     def _read_actuators(self, arrays: Arrays, problem: Problem) -> None:
         """Read what thrusters and wheels did, and where nothing acted on the base."""
@@ -359,7 +385,15 @@ class Summary:
         self.thrusters = _thrusters(arrays, problem)
 
     def _read_deviations(self, arrays: Arrays, problem: Problem) -> None:
-        """Read how far the motion was from plans, limits, end conditions and the balances of physics."""
+        """Read how far the motion was from plans, limits, end conditions and the balances of physics.
+
+        Grippers that close pull robot and object together with a jerk. So violations of limits are also read without
+        the samples in which one closes.
+
+        Args:
+            arrays: Datasets of the log by path.
+            problem: The problem that the run solved.
+        """
         time = arrays["time"]
         self.momentum_error, self.energy_error = (
             float(np.max(np.abs(arrays[f"balance/{name}"]), initial=0.0)) if len(time) else np.nan
@@ -370,23 +404,32 @@ class Summary:
         self.closing_samples = _closing_samples(arrays)
 
         coordinates = tuple(arrays["coordinate"])
-        names = {"position": coordinates, "velocity": tuple(f"{name} velocity" for name in coordinates)}
-        units = {kind: [getattr(each, kind) for each in problem.model.units] for kind in names}
+        column_names = {"position": coordinates, "velocity": tuple(f"{name} velocity" for name in coordinates)}
+        units = {quantity: [getattr(each, quantity) for each in problem.model.units] for quantity in column_names}
         deviations = (
-            largest(np.abs(arrays["deviation/Q"]), names["position"], time, units=units["position"]),
-            largest(np.abs(arrays["deviation/Qdot"]), names["velocity"], time, units=units["velocity"]),
+            largest(np.abs(arrays["deviation/Q"]), column_names["position"], time, units=units["position"]),
+            largest(np.abs(arrays["deviation/Qdot"]), column_names["velocity"], time, units=units["velocity"]),
         )
         self.off_plan = tuple(each for each in deviations if each is not None)
 
-        elsewhere = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
-        beyond = {kind: -arrays[f"margin/{kind}"] for kind in names}
-        violations = [_violation(arrays, kind, beyond[kind], names[kind], units[kind]) for kind in names]
-        others = [
-            _violation(arrays, kind, np.where(elsewhere, beyond[kind], np.nan), names[kind], units[kind])
-            for kind in names
+        outside_closing = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
+        excess = {quantity: -arrays[f"margin/{quantity}"] for quantity in column_names}
+        violations = [
+            _violation(arrays, quantity, excess[quantity], column_names[quantity], units[quantity])
+            for quantity in column_names
+        ]
+        violations_outside = [
+            _violation(
+                arrays,
+                quantity,
+                np.where(outside_closing, excess[quantity], np.nan),
+                column_names[quantity],
+                units[quantity],
+            )
+            for quantity in column_names
         ]
         self.beyond_limits = tuple(each for each in violations if each is not None and each.value > 0)
-        self.beyond_limits_elsewhere = tuple(each for each in others if each is not None and each.value > 0)
+        self.beyond_limits_elsewhere = tuple(each for each in violations_outside if each is not None and each.value > 0)
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
 
@@ -422,21 +465,25 @@ def _load(arrays: Arrays) -> tuple[float, float] | None:
 
 
 def _thrusters(arrays: Arrays, problem: Problem) -> ThrusterSummary | None:
-    """Summarize what thrusters did; None where none fire."""
+    """Summarize impulses and propellant of thrusters over a run, and what they could not give; None without any.
+
+    Args:
+        arrays: Datasets of the log by path. Impulses that are owed are wanted by the law and not given yet, since
+            pulses last whole ticks; refused ones cannot be given at all.
+        problem: The problem that the run solved.
+    """
     if "thrusters/impulse" not in arrays:
         return None
     impulses = arrays["thrusters/impulse"].sum(axis=0)
     linear = slice(problem.model.dimension)
     angular = slice(problem.model.dimension, None)
-    owed, refused = (
-        [np.linalg.norm(arrays[f"thrusters/{name}"][:, part], axis=1) for part in (linear, angular)]
-        for name in ("owed", "refused")
-    )
+    owed = [np.linalg.norm(arrays["thrusters/owed"][:, part], axis=1) for part in (linear, angular)]
+    refused = [np.linalg.norm(arrays["thrusters/refused"][:, part], axis=1) for part in (linear, angular)]
     shut = None
     if "thrusters/shut" in arrays:
-        lasting = problem.spec.controller.sample_time * arrays["thrusters/shut"].sum(axis=0)
-        by_name = zip(arrays["thruster"].tolist(), lasting.tolist(), strict=True)
-        shut = {name: seconds for name, seconds in by_name if seconds}
+        shut_time = problem.spec.controller.sample_time * arrays["thrusters/shut"].sum(axis=0)
+        time_of_thruster = zip(arrays["thruster"].tolist(), shut_time.tolist(), strict=True)
+        shut = {name: seconds for name, seconds in time_of_thruster if seconds}
     return ThrusterSummary(
         impulse=float(impulses.sum()),
         firings=int(arrays["thrusters/firings"].sum()),
@@ -448,24 +495,33 @@ def _thrusters(arrays: Arrays, problem: Problem) -> ThrusterSummary | None:
 
 
 def _floating(arrays: Arrays, problem: Problem) -> Iterator[FloatingStage]:
-    """Yield what became of momentum and base in the stages in which nothing pushed the base."""
+    """Yield how momentum and base changed in stages in which nothing pushes the base.
+
+    There the momentum of robot and wheels should stay, and the base reacts to the arms.
+
+    Args:
+        arrays: Datasets of the log by path.
+        problem: The problem that the run solved.
+    """
     model = problem.model
     space = model.space
     for stage in problem.stages:
-        at = np.flatnonzero(arrays["window/first"] == stage.index)
-        if stage.moved_by.is_pushed or not (stage.moved_by.moves and len(at)):
+        samples = np.flatnonzero(arrays["window/first"] == stage.index)
+        is_floating = stage.moved_by.moves and not stage.moved_by.is_pushed
+        if not (is_floating and len(samples)):
             continue
-        Q, v = (arrays.get(f"state/{name}_true", arrays[f"state/{name}"])[at] for name in ("Q", "Qdot"))
+        # the true state, where the log has it besides the one that the controller saw
+        Q, v = (arrays.get(f"state/{name}_true", arrays[f"state/{name}"])[samples] for name in ("Q", "Qdot"))
         momentum = model.momentum(Q, v)
         if "wheels/momentum" in arrays:
-            momentum = momentum + Wheels.of(model.spec).balance(Q, arrays["wheels/momentum"][at])[:, :-1]
-        known = np.isfinite(momentum).all(axis=1)
-        if not known.any():
+            momentum = momentum + Wheels.of(model.spec).balance(Q, arrays["wheels/momentum"][samples])[:, :-1]
+        is_known = np.isfinite(momentum).all(axis=1)
+        if not is_known.any():
             continue
-        change = momentum[known] - momentum[known][0]
-        moved = space.pose_error(*Q[known][[-1, 0]][:, space.base_coordinates])
-        linear, angular = np.split(change, [model.dimension], axis=1)
-        distance, angle = (float(np.linalg.norm(part)) for part in np.split(moved, [model.dimension]))
+        momentum_change = momentum[is_known] - momentum[is_known][0]
+        base_displacement = space.pose_error(*Q[is_known][[-1, 0]][:, space.base_coordinates])
+        linear, angular = np.split(momentum_change, [model.dimension], axis=1)
+        distance, angle = (float(np.linalg.norm(part)) for part in np.split(base_displacement, [model.dimension]))
         yield FloatingStage(
             name=stage.name,
             linear=float(np.linalg.norm(linear, axis=1).max()),
@@ -518,17 +574,22 @@ def variation(
 
 
 def early_starts(arrays: Arrays, threshold: float) -> np.ndarray:
-    """Tell which stages act on the control before their time and go on doing so, (S,).
+    """Tell which of the S stages act on the control before their switch time, and more than once (S,).
 
     A stage acts at a sample if its presence reaches the threshold of actual starts, or if its share in the control is
-    more than `NO_SHARE`. One that acts at a single sample before the switch to it, and at no other, has no early start:
-    nothing of it is left. Where its shares are not known, an early start stands as logged.
+    more than `NO_SHARE`. One that acts at a single sample before the switch to it has no early start: nothing comes of
+    it. Where its shares are not known, an early start stands as logged.
+
+    Args:
+        arrays: Datasets of the log by path.
+        threshold: Presence from which a stage has started, in the units of `window/presence`.
     """
     last_return = max(returns_of(arrays), default=0)
-    since = (np.arange(len(arrays["time"])) >= last_return)[:, None]
-    before = ~(arrays["time"][:, None] >= _beginnings(arrays)) & since  # also where the stage before has not ended
-    share = np.where(before, arrays["window/share"], np.nan)
-    presence = np.where(before, arrays["window/presence"], np.nan)
+    since_return = (np.arange(len(arrays["time"])) >= last_return)[:, None]
+    # negated, so that it holds too where the stage before has not ended: its switch time is NaN
+    is_before_switch = ~(arrays["time"][:, None] >= _beginnings(arrays)) & since_return
+    share = np.where(is_before_switch, arrays["window/share"], np.nan)
+    presence = np.where(is_before_switch, arrays["window/presence"], np.nan)
     acts = (share > NO_SHARE) | (presence >= threshold)
     goes_on = np.count_nonzero(acts, axis=0) > 1
     unknown = np.isnan(share).all(axis=0)
@@ -547,13 +608,20 @@ def _beginnings(arrays: Arrays) -> np.ndarray:
 
 
 def _stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[StageSummary, ...]:
-    """Summarize the stages, each with the published values of the same controller."""
+    """Summarize when each stage started and ended, with the published values of the same controller beside them.
+
+    Args:
+        arrays: Datasets of the log by path.
+        threshold: Presence in the control from which a stage has started.
+        published: Published times by name of the stage.
+    """
     switch_time = arrays["stages/switch_time"]
     early = early_starts(arrays, threshold)
-    passing = arrays["stages/early"].astype(bool) & ~early
-    begins = _beginnings(arrays)
-    actual_start = np.where(passing, begins, arrays["stages/actual_start"])
-    duration = switch_time - begins
+    acts_only_once = arrays["stages/early"].astype(bool) & ~early
+    switched_to = _beginnings(arrays)
+    # such a stage starts at its switch time after all, see `early_starts`
+    actual_start = np.where(acts_only_once, switched_to, arrays["stages/actual_start"])
+    duration = switch_time - switched_to
     returned_to = arrays["window/first"][list(returns_of(arrays))]
     return tuple(
         StageSummary(
@@ -572,7 +640,12 @@ def _stages(arrays: Arrays, threshold: float, published: PublishedRun) -> tuple[
 
 
 def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
-    """Summarize the solves of the chosen samples (K,)."""
+    """Summarize wall times and iterations of the solves at some samples; NaN without any.
+
+    Args:
+        arrays: Datasets of the log by path.
+        chosen: True at the samples that count (K,).
+    """
     wall_time = arrays["solver/wall_time"][chosen]
     iterations = arrays["solver/iterations"][chosen]
     if not len(wall_time):
@@ -589,20 +662,33 @@ def _solves(arrays: Arrays, chosen: np.ndarray) -> SolveSummary:
 
 
 def _limits(arrays: Arrays, stages: tuple[Stage, ...], units: Sequence[CoordinateUnits]) -> tuple[LimitSummary, ...]:
-    """Find the coordinate whose margin is smallest relative to its limit, of positions and of velocities."""
+    """Find the coordinate that comes nearest to its limit, relative to that limit, of positions and of velocities.
+
+    Margins are relative to half the distance of the lower and the upper limit in the stage of the sample, or absolute
+    where there is only one limit.
+
+    Args:
+        arrays: Datasets of the log by path.
+        stages: All stages of the task, with their limits.
+        units: Units of each coordinate.
+    """
     tightest = []
-    for kind in ("position", "velocity"):
-        margin = arrays[f"margin/{kind}"]
+    for quantity in ("position", "velocity"):
+        margin = arrays[f"margin/{quantity}"]
         if not np.isfinite(margin).any():
             continue
-        spans = [getattr(stage.limits, f"{kind}_high") - getattr(stage.limits, f"{kind}_low") for stage in stages]
-        half_span = np.array(spans)[arrays["window/first"]] / 2
+        widths = [
+            getattr(stage.limits, f"{quantity}_high") - getattr(stage.limits, f"{quantity}_low") for stage in stages
+        ]
+        half_span = np.array(widths)[arrays["window/first"]] / 2
         has_two_limits = np.isfinite(half_span) & (half_span > 0)
         relative = np.where(np.isfinite(margin), margin / np.where(has_two_limits, half_span, 1.0), np.inf)
-        row, column = np.unravel_index(np.argmin(relative), relative.shape)
+        sample, column = np.unravel_index(np.argmin(relative), relative.shape)
         coordinate = str(arrays["coordinate"][column])
-        unit = getattr(units[int(column)], kind)
-        tightest.append(LimitSummary(kind, coordinate, float(margin[row, column]), unit, float(relative[row, column])))
+        unit = getattr(units[int(column)], quantity)
+        tightest.append(
+            LimitSummary(quantity, coordinate, float(margin[sample, column]), unit, float(relative[sample, column]))
+        )
     return tuple(tightest)
 
 
@@ -623,20 +709,25 @@ def _closing_samples(arrays: Arrays) -> tuple[int, ...]:
 
 
 def _end_errors(arrays: Arrays, problem: Problem) -> tuple[float, float] | None:
-    """Compute the last stage's end errors of the final state, as the controller saw it and true."""
+    """Compute the error of the final state in the end condition of the last stage, over its tolerance.
+
+    Returns:
+        The error of the state that the controller saw, and of the true one, 1 where the condition is just met; None
+        where the log has no true state, or the run has not ended.
+    """
     if "final/Q_true" not in arrays or np.isnan(arrays["final/end_time"]):
         return None
     object_state = None
     if "final/object_pose" in arrays:
         object_state = arrays["final/object_pose"], arrays["final/object_velocity"]
     errors = []
-    for which in ("", "_true"):
-        Q = arrays[f"final/Q{which}"]
-        v = arrays[f"final/Qdot{which}"]
+    for suffix in ("", "_true"):
+        Q = arrays[f"final/Q{suffix}"]
+        v = arrays[f"final/Qdot{suffix}"]
         placed = in_own_chart(problem.model, problem.stages[-1], Q, v, object_state=object_state)
         errors.append(problem.costs.end_error(*placed))
-    seen, true = errors
-    return seen, true
+    error_of_seen, error_of_true = errors
+    return error_of_seen, error_of_true
 
 
 def _violation(
@@ -680,7 +771,7 @@ def largest(
     sample: int | None = None,
     units: Sequence[str] | None = None,
 ) -> Largest | None:
-    """Find the largest value; None if all are NaN.
+    """Find the largest value in a table, with its column, time and sample; None if all are NaN.
 
     Args:
         values: The values (T, names).
@@ -692,7 +783,7 @@ def largest(
     known_values = np.where(np.isnan(values), -np.inf, values)
     if not np.isfinite(known_values).any():
         return None
-    row, column = (int(at) for at in np.unravel_index(int(np.argmax(known_values)), known_values.shape))
+    row, column = (int(index) for index in np.unravel_index(int(np.argmax(known_values)), known_values.shape))
     unit = "1" if units is None else units[column]
-    at = row if sample is None else sample
-    return Largest(float(known_values[row, column]), str(names[column]), float(time[row]), at, unit)
+    sample_of_value = row if sample is None else sample
+    return Largest(float(known_values[row, column]), str(names[column]), float(time[row]), sample_of_value, unit)

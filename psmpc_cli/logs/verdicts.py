@@ -102,14 +102,23 @@ def verdicts(task: TaskSpec, arrays: Arrays) -> tuple[Verdict, ...]:
 
 
 def summarize_clearance(arrays: Arrays) -> ClearanceSummary | None:
-    """Find the parts that came nearest to each other; None where no distance is known."""
+    """Find which of the parts that keep clear came nearest to each other in a run; None where no distance is known.
+
+    Args:
+        arrays: Datasets of the log by path: distances and margins (K, P) [m] of P pairs at K samples, NaN where a pair
+            is not measured.
+
+    Returns:
+        The nearest pair, the pair nearest to its margin, and the pairs that touched (distance below 0) with the first
+        time.
+    """
     distances = arrays.get("clearance/distance")
     if distances is None or not np.isfinite(distances).any():
         return None
     margins = arrays["clearance/margin"]
 
     def at_smallest(values: np.ndarray) -> NearestParts:
-        sample, pair = (int(at) for at in np.unravel_index(int(np.nanargmin(values)), values.shape))
+        sample, pair = (int(index) for index in np.unravel_index(int(np.nanargmin(values)), values.shape))
         return NearestParts(
             pair=str(arrays["clearance/pair"][pair]),
             distance=float(distances[sample, pair]),
@@ -118,25 +127,29 @@ def summarize_clearance(arrays: Arrays) -> ClearanceSummary | None:
             sample=sample,
         )
 
-    overlaps = distances < 0
-    samples = np.flatnonzero(overlaps.any(axis=1))
+    is_touching = distances < 0
+    samples = np.flatnonzero(is_touching.any(axis=1))
     return ClearanceSummary(
         nearest=at_smallest(distances),
         tightest=at_smallest(margins),
-        touched=tuple(arrays["clearance/pair"][overlaps.any(axis=0)].tolist()),
+        touched=tuple(arrays["clearance/pair"][is_touching.any(axis=0)].tolist()),
         touched_at=float(arrays["time"][samples[0]]) if len(samples) else np.nan,
     )
 
 
 def judge_touch(arrays: Arrays) -> Verdict:
-    """Judge whether parts that keep clear touched; not judged where no distance is known, as in a loop without ticks.
+    """Judge whether parts that keep clear touched, as a verdict on the mission.
 
-    Nothing can touch where every pair is excepted.
+    It is not judged (margin NaN) where no distance is known, as in a loop without ticks. Where every pair is excepted
+    nothing can touch, so it holds.
+
+    Args:
+        arrays: Datasets of the log by path.
     """
     clearance = summarize_clearance(arrays)
     if clearance is None:
-        has_none = "clearance/pair" in arrays and not len(arrays["clearance/pair"])
-        return Verdict(NOTHING_TOUCHED, has_none, np.inf if has_none else np.nan, "m", np.nan)
+        no_pairs = "clearance/pair" in arrays and not len(arrays["clearance/pair"])
+        return Verdict(NOTHING_TOUCHED, no_pairs, np.inf if no_pairs else np.nan, "m", np.nan)
     return Verdict(
         name=NOTHING_TOUCHED,
         held=not clearance.touched,
@@ -167,34 +180,41 @@ def when_let_go(task: TaskSpec, arrays: Arrays) -> tuple[float, np.ndarray, np.n
 
 
 def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) -> Iterator[Verdict]:
-    """Judge whether every gripper closed, none was pulled open, and the object left where and as slow as it should.
+    """Judge whether the object was taken, not lost, and delivered: let go where it should be, and slowly enough.
 
-    Margins are relative to what is allowed; that of the grasps is the smallest of their loads. An object due for
-    release but still held was not delivered.
+    Args:
+        task: The task.
+        target_object: Its object, with the envelope and strength of grasps and its destination.
+        arrays: Datasets of the log by path.
+
+    Yields:
+        A verdict for each of the three; the last only if the object has a destination. Margins are relative to what is
+        allowed; that of the grasps is the smallest of their loads. An object due for release but still held was not
+        delivered.
     """
     grasp = target_object.grasp
     destination = target_object.destination
-    allowed = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
-    missed = arrays["grasp/missed_by"]
+    envelope = np.array([getattr(grasp.envelope, name) for name in arrays["grasp/measure"]])
+    missed_by = arrays["grasp/missed_by"]
     end = float(arrays["time"][-1]) if len(arrays["time"]) else np.nan
-    closed = np.isfinite(arrays["grasp/closed_at"])
-    taken = bool(closed.all())
+    is_closed = np.isfinite(arrays["grasp/closed_at"])
+    is_taken = bool(is_closed.all())
     yield Verdict(
         name=ObjectCheck.TAKEN.value,
-        held=taken,
-        margin=float(np.min(1 - missed / allowed)),
+        held=is_taken,
+        margin=float(np.min(1 - missed_by / envelope)),
         unit="1",
-        broken_at=np.nan if taken else end,
-        instead="" if taken else _why_not_taken(arrays, end),
+        broken_at=np.nan if is_taken else end,
+        instead="" if is_taken else _why_not_taken(arrays, end),
     )
-    lost = arrays["grasp/lost"] == 1
-    lost_at = float(np.min(arrays["grasp/opened_at"][lost])) if lost.any() else np.nan
-    pulled_open = f"{', '.join(arrays['gripper'][lost])} pulled open at {lost_at:.1f} s" if lost.any() else ""
+    is_lost = arrays["grasp/lost"] == 1
+    lost_at = float(np.min(arrays["grasp/opened_at"][is_lost])) if is_lost.any() else np.nan
+    pulled_open = f"{', '.join(arrays['gripper'][is_lost])} pulled open at {lost_at:.1f} s" if is_lost.any() else ""
     loads = largest_loads(arrays)
     strength = dict(zip(GRASP_LOADS, grasp.largest_loads, strict=True))
     yield Verdict(
         name=ObjectCheck.NOT_LOST.value,
-        held=taken and not lost.any(),
+        held=is_taken and not is_lost.any(),
         margin=min(1 - loads[load] / strength[load] for load in GRASP_LOADS),
         unit="1",
         broken_at=lost_at,
@@ -203,28 +223,28 @@ def _object_checks(task: TaskSpec, target_object: ObjectBody, arrays: Arrays) ->
     )
     if destination is None:
         return
-    left, pose, v = when_let_go(task, arrays)
+    left_at, pose, v = when_let_go(task, arrays)
     space = space_of_pose(len(destination.pose))
     error = space.pose_error(pose, destination.pose)
-    over = np.abs(error) / destination.tolerance
-    linear = v[: space.dimension]
-    margin = 1 - float(max(*over, np.linalg.norm(linear) / destination.speed))
-    delivered = taken and not lost.any() and margin >= 0
-    ends = "held to the end" if task.holds_to_the_end else "let go"
-    instead = f"{ends} at {left:.1f} s, too far from its destination or too fast"
-    if not np.isfinite(left):
-        instead = f"still held at {end:.1f} s, when the run ended"
-    if lost.any():
-        instead = pulled_open
-    if not taken:
-        instead = "it was not taken"
+    error_over_tolerance = np.abs(error) / destination.tolerance
+    linear_velocity = v[: space.dimension]
+    margin = 1 - float(max(*error_over_tolerance, np.linalg.norm(linear_velocity) / destination.speed))
+    delivered = is_taken and not is_lost.any() and margin >= 0
+    release = "held to the end" if task.holds_to_the_end else "let go"
+    what_happened = f"{release} at {left_at:.1f} s, too far from its destination or too fast"
+    if not np.isfinite(left_at):
+        what_happened = f"still held at {end:.1f} s, when the run ended"
+    if is_lost.any():
+        what_happened = pulled_open
+    if not is_taken:
+        what_happened = "it was not taken"
     yield Verdict(
         name=ObjectCheck.DELIVERED.value,
         held=delivered,
         margin=margin,
         unit="1",
-        broken_at=np.nan if delivered else left if np.isfinite(left) else end,
-        instead="" if delivered else instead,
+        broken_at=np.nan if delivered else left_at if np.isfinite(left_at) else end,
+        instead="" if delivered else what_happened,
     )
 
 
@@ -248,10 +268,15 @@ def _why_not_taken(arrays: Arrays, end: float) -> str:
 
 
 def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
-    """Compute the monitored signal at every sample (K,): distance [m], speed [m/s] or clearance [m].
+    """Compute the signal that a monitor watches, at each of K samples (K,): distance [m], speed [m/s] or clearance [m].
 
-    Speed is that of the frame's position between samples, the largest of the named frames. Clearance is the smallest
-    distance of the pairs at the ticks until the next sample; NaN where all of them may touch.
+    Distance is that between two frames, or of one from the base. Speed is that of a frame's position, by differences
+    between samples, the largest of the named frames. Clearance is the smallest distance of the pairs at the ticks until
+    the next sample; NaN where all of them may touch.
+
+    Args:
+        monitor: What is monitored, of which frames or parts.
+        arrays: Datasets of the log by path.
     """
     if monitor.quantity == "clearance":
         return _smallest_distances(monitor, arrays)
@@ -263,8 +288,8 @@ def signal(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
         return np.asarray(np.linalg.norm(positions[0] - origin, axis=1))
     if len(arrays["time"]) < 2:
         return np.zeros(len(arrays["time"]))
-    steps = [np.linalg.norm(np.gradient(position, axis=0), axis=1) for position in positions]
-    return np.asarray(np.max(steps, axis=0) / np.gradient(arrays["time"]))
+    displacements = [np.linalg.norm(np.gradient(position, axis=0), axis=1) for position in positions]
+    return np.asarray(np.max(displacements, axis=0) / np.gradient(arrays["time"]))
 
 
 def _smallest_distances(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
@@ -276,20 +301,28 @@ def _smallest_distances(monitor: MonitorSpec, arrays: Arrays) -> np.ndarray:
 
 
 def judge_monitor(monitor: MonitorSpec, arrays: Arrays) -> Verdict:
-    """Judge a monitor by the datasets of a log."""
-    during = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
+    """Judge whether a monitored signal kept its bounds at all samples of the stage in which it is watched.
+
+    Args:
+        monitor: The signal, its stage and its bounds. A bound may be relative to the signal's first value there.
+        arrays: Datasets of the log by path.
+
+    Returns:
+        The verdict; it does not hold (with a margin of NaN) where the stage was never reached.
+    """
+    is_watched = arrays["window/first"] == list(arrays["stages/name"]).index(monitor.during)
     values = signal(monitor, arrays)
     if monitor.quantity == "clearance":
-        during &= ~np.isnan(values)  # parts that may touch are not measured
-    if not during.any():
+        is_watched &= ~np.isnan(values)  # parts that may touch are not measured
+    if not is_watched.any():
         return Verdict(monitor.name, False, np.nan, monitor.unit, np.nan)
-    values = values[during]
-    time = arrays["time"][during]
+    values = values[is_watched]
+    time = arrays["time"][is_watched]
     margins = [side * (bound - values) for bound, side in monitor_bounds(monitor, float(values[0]))]
-    margin = np.min(margins, axis=0, initial=np.inf)
-    broken = np.flatnonzero(~(margin >= 0))  # a signal that is not a number holds no bound
-    broken_at = float(time[broken[0]]) if len(broken) else np.nan
-    return Verdict(monitor.name, not len(broken), float(margin.min()), monitor.unit, broken_at)
+    smallest_margins = np.min(margins, axis=0, initial=np.inf)
+    broken_samples = np.flatnonzero(~(smallest_margins >= 0))  # a signal that is not a number holds no bound
+    broken_at = float(time[broken_samples[0]]) if len(broken_samples) else np.nan
+    return Verdict(monitor.name, not len(broken_samples), float(smallest_margins.min()), monitor.unit, broken_at)
 
 
 def monitor_bounds(monitor: MonitorSpec, start: float) -> list[tuple[float, int]]:

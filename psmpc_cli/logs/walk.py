@@ -48,35 +48,42 @@ def misfit(item: h5py.HLObject, found: str, expected: str, at: str = "") -> LogE
 
 
 def walk(file: h5py.File) -> None:
-    """Make sure that a file holds nothing but groups and datasets of plain values, in itself, which memory holds.
+    """Make sure that an HDF5 file is harmless to read: plain values in the file itself, which memory can hold.
+
+    A file from elsewhere may link to other files, nest groups without end, or declare arrays larger than any memory.
+    Only links, types and shapes are looked at, no values.
 
     Raises:
         LogError: It holds something else.
     """
-    allowed = LEAST_ALLOWED + GROWTH * file.id.get_filesize()
-    size = 0
+    memory_limit = LEAST_ALLOWED + GROWTH * file.id.get_filesize()
+    total_memory = 0
     groups = [(file["/"], 0)]
-    objects = 0
-    attributes = 0
+    object_count = 0
+    attribute_count = 0
     while groups:
         group, depth = groups.pop()
-        objects += len(group)
-        if depth >= DEEPEST or objects > MOST_OBJECTS:
-            found = f"a group {depth} links from the root with object {objects} of the file"
+        object_count += len(group)
+        if depth >= DEEPEST or object_count > MOST_OBJECTS:
+            found = f"a group {depth} links from the root with object {object_count} of the file"
             raise misfit(group, found, f"at most {DEEPEST} links, and {MOST_OBJECTS} objects")
         for name in group.id:
             link = group.id.links.get_info(name).type
             member = _opened(group, name) if link == h5l.TYPE_HARD else None
             if not isinstance(member, h5py.Group | h5py.Dataset):
-                kind = "a type" if member is not None else LINKS.get(link, "a link of another program")
-                raise misfit(group, kind, "a dataset or group in the file itself", f"/{name.decode(errors='replace')}")
-            attributes = check_attributes(member, attributes)
+                type_found = "a type" if member is not None else LINKS.get(link, "a link of another program")
+                raise misfit(
+                    group, type_found, "a dataset or group in the file itself", f"/{name.decode(errors='replace')}"
+                )
+            attribute_count = check_attributes(member, attribute_count)
             if isinstance(member, h5py.Group):
                 groups.append((member, depth + 1))
                 continue
-            size += _memory(member)
-            if size > allowed:
-                raise misfit(member, f"{size} bytes up to here", f"at most {allowed} in a file of this size")
+            total_memory += _memory(member)
+            if total_memory > memory_limit:
+                raise misfit(
+                    member, f"{total_memory} bytes up to here", f"at most {memory_limit} in a file of this size"
+                )
 
 
 def _opened(group: h5py.Group, name: bytes) -> h5py.HLObject:
@@ -88,35 +95,44 @@ def _opened(group: h5py.Group, name: bytes) -> h5py.HLObject:
 
 
 def _memory(dataset: h5py.Dataset) -> int:
-    """Return the memory that the values of a dataset take [bytes], of texts no more than `TEXT_SIZE`.
+    """Compute the memory that the values of a dataset take when they are read [bytes], without reading them.
+
+    A text of variable length counts as `TEXT_SIZE`, whatever its real length is.
 
     Raises:
-        LogError: They are in other files, or are no plain numbers and texts.
+        LogError: The values are in other files, need an unknown filter, or are no plain numbers and texts.
     """
     storage = dataset.id.get_create_plist()
     is_virtual = storage.get_layout() == h5d.VIRTUAL
-    if is_virtual or storage.get_external_count():  # asked first: a shape may be that of another file
-        kind = "a virtual dataset" if is_virtual else "external storage"
-        raise misfit(dataset, kind, "values in the file itself")
-    if unknown := {storage.get_filter(number)[0] for number in range(storage.get_nfilters())} - FILTERS:
-        raise misfit(dataset, f"filter {min(unknown)}", "deflate, shuffle or Fletcher-32")
+    if is_virtual or storage.get_external_count():  # checked first: the shape may be that of another file
+        storage_name = "a virtual dataset" if is_virtual else "external storage"
+        raise misfit(dataset, storage_name, "values in the file itself")
+    if unknown_filters := {storage.get_filter(number)[0] for number in range(storage.get_nfilters())} - FILTERS:
+        raise misfit(dataset, f"filter {min(unknown_filters)}", "deflate, shuffle or Fletcher-32")
     dtype = dataset.dtype
     shape = dataset.shape
     if shape is None or not _is_plain(dtype):
         found = "no values" if shape is None else f"values of type {dtype}"
         raise misfit(dataset, found, "numbers or texts")
     text = h5py.check_string_dtype(dtype)
-    each = dtype.itemsize if text is None else TEXT_SIZE + 8 * (text.length or 0)
+    bytes_of_value = dtype.itemsize if text is None else TEXT_SIZE + 8 * (text.length or 0)
     chunk = storage.get_chunk() if storage.get_layout() == h5d.CHUNKED else ()
-    values: int = max(prod(shape), prod(chunk))
-    return values * each
+    value_count: int = max(prod(shape), prod(chunk))
+    return value_count * bytes_of_value
 
 
 def check_attributes(item: h5py.Group | h5py.Dataset, before: int = 0) -> int:
-    """Make sure that the attributes of an object, after so many of others, are plain numbers and texts; count all.
+    """Make sure that the attributes of a group or dataset are plain numbers and texts, and few enough.
+
+    Args:
+        item: The group or dataset.
+        before: Number of attributes of objects that were checked before.
+
+    Returns:
+        That number with the attributes of this object.
 
     Raises:
-        LogError: One is something else.
+        LogError: One is something else, or there are too many.
     """
     count: int = before + h5a.get_num_attrs(item.id)
     if count > MOST_ATTRIBUTES:
@@ -129,8 +145,8 @@ def check_attributes(item: h5py.Group | h5py.Dataset, before: int = 0) -> int:
             continue
         dtype = attribute.dtype
         shape = attribute.shape
-        several = shape and not is_dataset and name != RUNS
-        if shape is None or several or not _is_plain(dtype) or prod(shape) * dtype.itemsize > LARGEST_ATTRIBUTE:
+        is_array = shape and not is_dataset and name != RUNS
+        if shape is None or is_array or not _is_plain(dtype) or prod(shape) * dtype.itemsize > LARGEST_ATTRIBUTE:
             found = "no value" if shape is None else f"values of type {dtype} with shape {shape}"
             raise misfit(item, found, "a number or a text", f" attribute {name}")
     return count

@@ -71,7 +71,12 @@ class LogWriter:
     """
 
     def __init__(self, path: Path | None, header: Header, force: bool = False) -> None:
-        """Begin a log.
+        """Begin a log in memory and write its file, which holds what is known before the first sample.
+
+        Args:
+            path: The file; None for a log in memory alone.
+            header: What is known of the run beforehand.
+            force: Overwrite an earlier log.
 
         Raises:
             InputError: The path is taken (with `force`, by a file that psmpc did not write), or cannot be written.
@@ -83,10 +88,10 @@ class LogWriter:
         open_end = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}
         self._datasets = create_log(self._file, chosen, attributes, header.values)
-        self._growing = [column for column in chosen if column.value is not None]
-        self._pending: list[Sample | Row] = []
-        self._rows = 0
-        self._changed = False
+        self._growing_columns = [column for column in chosen if column.value is not None]
+        self._waiting_rows: list[Sample | Row] = []
+        self._rows_in_log = 0
+        self._has_unwritten_changes = False
         self._next_write = 0.0  # the first row is written at once
         if path is not None:
             write_new(path, image_of(self._file), force)
@@ -109,8 +114,8 @@ class LogWriter:
         Raises:
             RunError: The file cannot be written any further, for example because the disk is full.
         """
-        self._pending.append(row)
-        self._changed = True
+        self._waiting_rows.append(row)
+        self._has_unwritten_changes = True
         if monotonic() >= self._next_write:
             self._write_file()
 
@@ -118,12 +123,12 @@ class LogWriter:
         """Set datasets that do not grow, by path; they are in the file with the next write."""
         for path, value in values.items():
             self._file[path][...] = value
-        self._changed = True
+        self._has_unwritten_changes = True
 
     def update_attributes(self, attributes: Mapping[str, str]) -> None:
         """Set attributes of the log; they are in the file with the next write."""
         self._file.attrs.update(attributes)
-        self._changed = True
+        self._has_unwritten_changes = True
 
     def finish(self, finished: bool, reason: str, values: Mapping[str, ArrayLike], stuck: bool = False) -> None:
         """Write how the run ended, and what is known then of datasets that do not grow.
@@ -142,7 +147,7 @@ class LogWriter:
             RunError: As for `write`.
         """
         try:
-            if self._changed:
+            if self._has_unwritten_changes:
                 self._write_file()
         finally:
             self._file.close()
@@ -150,8 +155,7 @@ class LogWriter:
     def _write_file(self) -> None:
         """Replace the file by the whole log so far, in one step: a kill at any moment leaves a file that opens.
 
-        Rows that wait are moved to the log in memory before, where a log without a path stays; when the next write is
-        due follows from how long this one took.
+        Rows that wait are first moved to the log in memory, where a log without a path stays.
 
         Raises:
             RunError: The file cannot be written.
@@ -167,25 +171,27 @@ class LogWriter:
                     f"{self.path} cannot be written any further, it holds the run as last written: {reason}"
                 ) from None
         ended = monotonic()
-        self._changed = False
+        self._has_unwritten_changes = False
         # the slower the write, the later the next one: writing takes at most LARGEST_SHARE of a run's time
         self._next_write = ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)
 
     def _move_rows(self) -> None:
-        """Move the rows that wait to the log in memory.
+        """Move the rows of samples that wait to the datasets of the log in memory, many at once because that is faster.
 
-        `_rows` counts them last, so that after an interruption the same rows are written again to the same place.
+        `_rows_in_log` is counted up last, so that after an interruption the same rows are written again to the same
+        place.
         """
-        rows = rows_of(self._pending, self._growing)
-        for column in self._growing if rows else ():
+        rows = rows_of(self._waiting_rows, self._growing_columns)
+        for column in self._growing_columns if rows else ():
             values = [np.asarray(row[column.path]) for row in rows]
             if column.ragged:
                 self._extend_ragged(column, values)
                 continue
-            block = np.array(values) if column.dims[0] == "time" else np.concatenate(values)
-            _extend(self._datasets[column.path], self._rows * (len(block) // len(rows)), block)
-        self._rows += len(rows)
-        self._pending = []
+            # a sample has one row, or one for each of its ticks
+            new_values = np.array(values) if column.dims[0] == "time" else np.concatenate(values)
+            _extend(self._datasets[column.path], self._rows_in_log * (len(new_values) // len(rows)), new_values)
+        self._rows_in_log += len(rows)
+        self._waiting_rows = []
 
     def _extend_ragged(self, column: Column, values: list[np.ndarray]) -> None:
         """Add rows of different lengths: padded with NaN to the longest one, with their lengths beside them."""
@@ -194,8 +200,8 @@ class LogWriter:
         for padded, each in zip(block, values, strict=True):
             padded[: len(each)] = each
         dataset = self._datasets[column.path]
-        _extend(dataset, self._rows, block)
-        _extend(self._datasets[f"{column.path}_length"], self._rows, np.array(lengths))
+        _extend(dataset, self._rows_in_log, block)
+        _extend(self._datasets[f"{column.path}_length"], self._rows_in_log, np.array(lengths))
         _extend(self._datasets[column.dims[1]], 0, np.arange(dataset.shape[1]))
 
 
@@ -215,18 +221,23 @@ def _extend(dataset: h5py.Dataset, first: int, rows: np.ndarray) -> None:
 def create_log(
     group: h5py.Group, columns: Sequence[Column], attributes: Mapping[str, Any], values: Mapping[str, ArrayLike]
 ) -> dict[str, h5py.Dataset]:
-    """Create every dataset of a log: with its values, or without rows; its numbers have checksums. Return them by path.
+    """Create every dataset of a log, with units and names of its dimensions, so that rows can be appended to it.
+
+    Dimension scales (what runs along an axis: time, coordinates, stages) come first, as others are tied to them.
 
     Args:
         group: An empty group.
         columns: The datasets.
         attributes: Attributes of the log.
-        values: What is known of the datasets, by path.
+        values: What is known of the datasets beforehand, by path. Others begin without rows, or with unknown values.
+
+    Returns:
+        The datasets by path.
     """
     group.attrs.update(attributes)
     in_closeness = ("window/presence", "stages/epsilon") if attributes.get("onset") == "closeness" else ()
     datasets = dict[str, h5py.Dataset]()
-    names = dict[str, list[str]]()
+    coordinate_names = dict[str, list[str]]()
     sliding = sliding_of(attributes)
     for part in sorted((part for column in columns for part in column.parts), key=lambda part: not part.is_scale):
         lengths = [len(datasets[scale]) for scale in part.dims if scale != part.path]
@@ -236,10 +247,10 @@ def create_log(
         dataset.attrs.update({"units": units, "long_name": part.long_name})
         if not part.is_scale and part.dims[-1:] and part.dims[-1] in OF_COORDINATES:
             coordinate = part.dims[-1]
-            if coordinate not in names:
-                names[coordinate] = datasets[coordinate].asstr()[:].tolist()
-            if by_column := units_of_columns(part, names[coordinate], sliding):
-                dataset.attrs[COLUMN_UNITS] = by_column
+            if coordinate not in coordinate_names:
+                coordinate_names[coordinate] = datasets[coordinate].asstr()[:].tolist()
+            if units_of_each := units_of_columns(part, coordinate_names[coordinate], sliding):
+                dataset.attrs[COLUMN_UNITS] = units_of_each
         if part.is_scale:
             dataset.make_scale(part.path.rpartition("/")[2])
             continue
@@ -248,34 +259,38 @@ def create_log(
     return datasets
 
 
-def _create(group: h5py.Group, column: Column, widths: list[int], known: ArrayLike | None) -> h5py.Dataset:
-    """Create a dataset: in chunks that can grow, or of a fixed size beside the metadata, which have checksums.
+def _create(
+    group: h5py.Group, column: Column, scale_lengths: list[int], known_values: ArrayLike | None
+) -> h5py.Dataset:
+    """Create a dataset of a log, stored so that damage is found: all numbers have checksums.
+
+    One that grows sample by sample is stored in chunks. One of fixed size stands with the metadata.
 
     Args:
         group: The group of the log.
         column: The dataset.
-        widths: The lengths of its scales, but not of itself.
-        known: Its values, if they are known.
+        scale_lengths: Lengths of the scales of its dimensions, but for itself.
+        known_values: Its values; None if they are not known yet.
     """
-    text = column.dtype == "text"
-    dtype = h5py.string_dtype() if text else np.dtype(column.dtype)
-    data = None if known is None else np.asarray(known, object if text else dtype)
+    is_text = column.dtype == "text"
+    dtype = h5py.string_dtype() if is_text else np.dtype(column.dtype)
+    data = None if known_values is None else np.asarray(known_values, object if is_text else dtype)
     if column.value is None:
-        compact = h5p.create(h5p.DATASET_CREATE)
-        compact.set_layout(h5d.COMPACT)  # stands with the metadata, which have checksums
-        shape = widths if data is None else data.shape
-        unknown = None if text else column.unknown
-        return group.create_dataset(column.path, shape, dtype, data, fillvalue=unknown, dcpl=compact)
-    if column.ragged:
+        compact_layout = h5p.create(h5p.DATASET_CREATE)
+        compact_layout.set_layout(h5d.COMPACT)  # within the metadata, which have checksums
+        shape = scale_lengths if data is None else data.shape
+        unknown = None if is_text else column.unknown
+        return group.create_dataset(column.path, shape, dtype, data, fillvalue=unknown, dcpl=compact_layout)
+    if column.ragged:  # rows with lengths of their own
         chunks: tuple[int, ...] | bool = (ROWS_IN_A_PACK, ELEMENTS_IN_A_CHUNK)
-        growth: dict[str, Any] = {"maxshape": (None, None), "compression": "gzip", "compression_opts": 1}
+        growth_options: dict[str, Any] = {"maxshape": (None, None), "compression": "gzip", "compression_opts": 1}
         shape = [0, 0]
-        growth["fillvalue"] = np.nan
+        growth_options["fillvalue"] = np.nan
     else:
-        widths = widths[0 if column.is_scale else 1 :]
-        chunks = (ROWS_IN_A_CHUNK if column.dims[0] == "time" else TICKS_IN_A_CHUNK, *widths)
-        chunks = chunks if all(widths) else True  # nothing is in them
-        shape = [0, *widths]
-        growth = {"maxshape": (None, *widths)}
+        scale_lengths = scale_lengths[0 if column.is_scale else 1 :]
+        chunks = (ROWS_IN_A_CHUNK if column.dims[0] == "time" else TICKS_IN_A_CHUNK, *scale_lengths)
+        chunks = chunks if all(scale_lengths) else True  # HDF5 allows no chunks of size 0
+        shape = [0, *scale_lengths]
+        growth_options = {"maxshape": (None, *scale_lengths)}
     shape = shape if data is None else data.shape
-    return group.create_dataset(column.path, shape, dtype, data, chunks=chunks, fletcher32=True, **growth)
+    return group.create_dataset(column.path, shape, dtype, data, chunks=chunks, fletcher32=True, **growth_options)

@@ -40,17 +40,18 @@ def build_plant(
     firing: ThrusterFiring | None = None,
     drive: WheelDrive | None = None,
 ) -> Plant:
-    """Build the plant of a task.
+    """Build the plant of a task: the simulated physics that takes the place of the real robot.
 
     Args:
-        spec: Which plant.
+        spec: Which plant, and its steps.
         model: The robot as its controller knows it.
         native: Whether to run as compiled C, where the plant can.
-        friction: Friction of a disturbed plant; None for an undisturbed one.
+        friction: Friction of joints of a disturbed plant; None for an undisturbed one.
         capture: An object with a mass and its grasps.
-        force_limits: At which the force of the low-level law is cut; None where nothing limits it.
-        firing: How thrusters fire that give the force on the base; None where its force is the law's. They need limits.
-        drive: How reaction wheels are driven; None of a robot without any.
+        force_limits: Limits at which the force of the low-level law is cut; None where nothing limits it.
+        firing: Thrusters that give the force on the base; None where the plant applies the law's force itself. With
+            thrusters there are force limits.
+        drive: Drive of the reaction wheels; None of a robot without any.
 
     Raises:
         InputError: A package that the plant needs is not installed.
@@ -62,7 +63,12 @@ def build_plant(
 
 
 def require_plant(spec: PlantSpec) -> Callable[[PlantSetup], Plant]:
-    """Return the function that builds a plant of this kind.
+    """Import the module of a kind of plant and return its function `build`, or say which package is missing.
+
+    Plants are imported only when they are used: MuJoCo is an optional package.
+
+    Args:
+        spec: Names the kind, which is also the name of the module in this folder.
 
     Raises:
         InputError: A package that the plant needs is not installed, or does not work.

@@ -48,49 +48,65 @@ class AdaptiveDynamics:
         self._model = model
         self._integrators = {lawful: _integrator(model, lawful) for lawful in (False, True)}
 
-    def under(self, what: str, state: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
-        """Return the states from a state (nq + n,) on.
+    def under(self, acting: str, state: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
+        """Integrate the full dynamics over pieces of constant input, to a tolerance far below the accuracy of plans.
 
         Args:
-            what: What acts: `law`, `ticks` or `force`.
-            state: State at the first of the times.
-            times: Ends of the pieces (K + 1,) [s].
-            inputs: Accelerations [m/s^2, rad/s^2], or generalized forces [N, N m], of the pieces (K, n). Under the law
-                a spatial robot's are those of a plan, in its chart, each with the chart's anchor behind it (K, n + 4).
+            acting: `law`: accelerations that the low-level law follows at every instant; `ticks`: accelerations that it
+                turns into a force where each piece begins, as a plant does; `force`: generalized forces.
+            state: State [Q; v] at the first of the times (nq + n,).
+            times: Ends of the K pieces (K + 1,) [s].
+            inputs: Accelerations [m/s^2, rad/s^2] or generalized forces [N, N m] of the pieces (K, n). Under `law` a
+                spatial robot's are those of a plan, in its chart, each with the chart's anchor behind it (K, n + 4).
+
+        Returns:
+            Times and states, `INSIDE` of them a piece.
         """
         states = [state[:, None]]
-        integrator = self._integrators[what == "law"]
-        for given, dt in zip(inputs, np.diff(times), strict=True):
+        integrator = self._integrators[acting == "law"]
+        for piece_input, dt in zip(inputs, np.diff(times), strict=True):
             state = states[-1][:, -1]
-            if what == "ticks":
-                given = self._model.computed_torque(state[: self._model.nq], state[self._model.nq :], given)
-            states.append(np.asarray(integrator(x0=state, p=np.r_[given, dt])["xf"]))
-        parts = np.arange(1, INSIDE + 1) / INSIDE
-        inside = (times[:-1, None] + np.diff(times)[:, None] * parts).ravel()
-        return Flow(np.concatenate([times[:1], inside]), np.hstack(states).T)
+            if acting == "ticks":
+                piece_input = self._model.computed_torque(state[: self._model.nq], state[self._model.nq :], piece_input)
+            states.append(np.asarray(integrator(x0=state, p=np.r_[piece_input, dt])["xf"]))
+        shares_of_piece = np.arange(1, INSIDE + 1) / INSIDE
+        times_inside = (times[:-1, None] + np.diff(times)[:, None] * shares_of_piece).ravel()
+        return Flow(np.concatenate([times[:1], times_inside]), np.hstack(states).T)
 
 
-def _integrator(model: RobotModel, lawful: bool) -> ca.Function:
-    """Return the integrator of one piece, its time scaled to 1, under the law or under a held force."""
+def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
+    """Build the integrator of the full dynamics over one piece of constant input, with an adaptive step.
+
+    Time is scaled to 1, so that one integrator serves pieces of any length: the length is the last parameter. Outputs
+    are at `INSIDE` equidistant times.
+
+    Args:
+        model: The robot.
+        under_law: Whether the input is an acceleration that the low-level law follows at every instant, in a chart
+            whose anchor follows the input; otherwise it is a generalized force, held over the piece.
+
+    Returns:
+        x0 [Q; v] (nq + n,), p [input; anchor; length] -> states at the output times.
+    """
     n = model.n
     nq = model.nq
-    w = model.nominal.vector
+    inertial_parameters = model.nominal.vector
     state = ca.SX.sym("x", nq + n)
-    anchor = model.space.n_anchor if lawful else 0
-    p = ca.SX.sym("p", n + anchor + 1)
+    anchor_size = model.space.n_anchor if under_law else 0
+    p = ca.SX.sym("p", n + anchor_size + 1)
     Q = state[:nq]
     v = state[nq:]
     u = p[:n]
-    vdot = model.space.acceleration_at(Q, v, u, p[n:-1]) if lawful else u
-    F = model.law()(Q, v, vdot, w) if lawful else p[:n]
+    vdot = model.space.acceleration_at(Q, v, u, p[n:-1]) if under_law else u
+    F = model.law()(Q, v, vdot, inertial_parameters) if under_law else p[:n]
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    ode = p[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, w))
+    ode = p[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, inertial_parameters))
     options: dict[str, Any] = {
         "abstol": TOLERANCE,
         "reltol": TOLERANCE,
         "linear_multistep_method": "adams",
         "nonlinear_solver_iteration": "functional",
     }
-    parts = [float(part) for part in np.arange(1, INSIDE + 1) / INSIDE]
-    problem: dict[str, ca.SX] = {"x": state, "p": p, "ode": ode}
-    return ca.integrator("piece", "cvodes", problem, 0.0, parts, options)
+    output_times = [float(part) for part in np.arange(1, INSIDE + 1) / INSIDE]
+    dae: dict[str, ca.SX] = {"x": state, "p": p, "ode": ode}
+    return ca.integrator("piece", "cvodes", dae, 0.0, output_times, options)

@@ -204,24 +204,27 @@ def between(value: float, low: float, high: float) -> float:
 def limited_force(
     space: ConfigurationSpace, Q: Any, F: Any, low: Any, high: Any, clip: Callable[[Any, Any, Any], Any]
 ) -> list[Any]:
-    """Cut the components of a generalized force F (n,) at limits, that on the base along the base's own axes.
+    """Cut the components of a generalized force F (n,) at limits, those on the base along the base's own axes.
 
-    A force within the limits is returned to the bit: what is beyond them is taken off, instead of turning what is left
-    back and forth.
+    The excess is subtracted, rather than the rest rotated back and forth: so a force within the limits stays equal to
+    the last bit.
 
     Args:
         space: Coordinates of the robot.
-        Q: Where it is (nq,); numbers or expressions, as the others.
-        F: The force [N, N m].
-        low: Lower limits (n,).
+        Q: Position of the robot (nq,); numbers or CasADi expressions, as the others.
+        F: The force [N, N m], on the base along inertial axes.
+        low: Lower limits (n,), on the base along its own axes.
         high: Upper limits (n,).
         clip: Returns a component between its two limits.
+
+    Returns:
+        The n components of the limited force, on the base along inertial axes.
     """
     in_base_axes = space.along_base_axes(Q, F)
     within = [clip(in_base_axes[i], low[i], high[i]) for i in range(space.n)]
-    excess = [component - left for component, left in zip(in_base_axes, within, strict=True)]
-    off = space.along_inertial_axes(Q, excess)[: space.dimension]
-    return [*(F[i] - cut for i, cut in enumerate(off)), *within[space.dimension :]]
+    excess_in_base_axes = [wanted - kept for wanted, kept in zip(in_base_axes, within, strict=True)]
+    excess_in_inertial_axes = space.along_inertial_axes(Q, excess_in_base_axes)[: space.dimension]
+    return [*(F[i] - excess for i, excess in enumerate(excess_in_inertial_axes)), *within[space.dimension :]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,11 +378,16 @@ class TickedPlant(ABC):
     def advance(
         self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Advance tick by tick; see `Plant.advance`."""
+        """Advance over a sample, tick by tick: the low-level law sets a force, which is limited and held over the tick.
+
+        In the order of a tick: grippers close or open, the law reads the (noisy) state, thrusters and limits make of
+        its force what acts, wheels take their part of the moment on the base, and the physics advances. See
+        `Plant.advance`.
+        """
         M, n = setpoints.u.shape
         nq = self.model.nq
         drive = self.drive
-        closed = setpoints.grippers_close
+        grippers_close = setpoints.grippers_close
         disturbance = disturbance or Disturbance.none(self.model.nominal, M, n)
         law = self.law.with_load(setpoints.load)
         if self.firing is not None:
@@ -389,9 +397,9 @@ class TickedPlant(ABC):
         commanded = np.empty((M, n))
         F = np.empty((M, n))
         external_force = np.empty((M, n))
-        sum_of_ticks = np.zeros(self.model.parts["base"].stop + 1)  # impulse and work
+        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)  # impulse and work
         for k in range(M):
-            grasps = self.begin_tick(float(time[k]), states[k], bool(closed[k]))
+            grasps = self.begin_tick(float(time[k]), states[k], bool(grippers_close[k]))
             tick_law = self._tick_law(law, k, states[k], grasps, setpoints, disturbance)
             commanded[k] = tick_law.force(*setpoints.at(k))
             commanded[k], limits = self._fire(k, states[k], commanded[k], tick_law, setpoints)
@@ -400,15 +408,15 @@ class TickedPlant(ABC):
                 F[k] = drive.begin_tick(F[k], tick_law.driven)
             external_force[k] = F[k] if drive is None else drive.of_thrusters(F[k])
             external_force[k] += disturbance.external_force[k]
-            states[k + 1], of_tick = self.step(states[k], F[k] + disturbance.external_force[k], disturbance.robot)
-            sum_of_ticks += of_tick
+            states[k + 1], of_this_tick = self.step(states[k], F[k] + disturbance.external_force[k], disturbance.robot)
+            impulse_and_work += of_this_tick
             if drive is not None:
                 drive.end_tick()
         return Ticks(
             time=time,
             states=states,
             F=F,
-            impulse_and_work=self.impulse_and_work(sum_of_ticks, states, external_force),
+            impulse_and_work=self.impulse_and_work(impulse_and_work, states, external_force),
             target_object=self.end_sample(),
             commanded=None if self.force_limits is None else commanded,
             thrusters=None if self.firing is None else self.firing.end_sample(),
@@ -424,11 +432,21 @@ class TickedPlant(ABC):
         setpoints: Setpoints,
         disturbance: Disturbance,
     ) -> _TickLaw:
-        """Return the law in tick k, which begins in a state [Q; v]: it reads that with noise."""
+        """Prepare the low-level law for one tick: the noisy state that it reads, and what it counts with.
+
+        Args:
+            law: The law, with the load that the sample's setpoints name.
+            k: Number of the tick in its sample.
+            state: True state [Q; v] where the tick begins (nq + n,).
+            grasps: Parameters of the grasps of an object that all hands hold; None while they do not.
+            setpoints: Those of the sample.
+            disturbance: What the law does not know of the robot.
+        """
         n = self.model.n
         Q = state[: self.model.nq]
         v = state[self.model.nq :]
         if disturbance.is_noisy:
+            # noise is a step along the coordinates, which for an attitude is a rotation
             Q = np.array(self.model.space.integrate(Q, disturbance.noise[k, :n]))
             v = v + disturbance.noise[k, n:]
         return _TickLaw(
@@ -444,19 +462,21 @@ class TickedPlant(ABC):
     def _fire(
         self, k: int, state: np.ndarray, commanded: np.ndarray, law: _TickLaw, setpoints: Setpoints
     ) -> tuple[np.ndarray, ForceLimits | None]:
-        """Let thrusters give the force on the base in a tick, and joints follow their setpoints under it.
+        """Replace the force that the law commands on the base by what its thrusters give in a tick.
 
-        Where no thrusters fire the command stays, within the limits of the plant.
+        Thrusters fire pulses, so the base gets another force than the law wants. Joints then have to follow their
+        setpoints under the real one. Without thrusters the command stays as it is.
 
         Args:
-            k: The tick.
-            state: State [Q; v] where it begins.
+            k: Number of the tick in its sample.
+            state: State [Q; v] where it begins (nq + n,).
             commanded: Force that the law commands (n,).
             law: The law in this tick.
             setpoints: Those of the sample.
 
         Returns:
-            What is commanded of base and joints, and limits that hold the force on the base to that of the thrusters.
+            The force that is then commanded (n,), and limits that hold the force on the base to exactly that of the
+            thrusters.
         """
         firing = self.firing
         limits = self.force_limits
@@ -466,18 +486,18 @@ class TickedPlant(ABC):
         space = self.model.space
         firing.count_with_load(law.counts_with_load)
         span = firing.span(setpoints.driven, k, len(setpoints.u))
-        if span.begins:
-            wanted = law.force(*setpoints.mean(span.ticks))
-            firing.begin(limits.on_base(space, Q, wanted[None])[0])
+        if span.begins:  # a period of pulses: they are to give the mean of what the law wants over it
+            mean_wanted = law.force(*setpoints.mean(span.ticks))
+            firing.begin(limits.on_base(space, Q, mean_wanted[None])[0])
         wanted_on_base = limits.on_base(space, Q, commanded[None])
         if span.is_pushed:
             wrench = firing.wrenches(1)
-            base_force = np.array([self._on_base(law.Q, wrench[0]), self._on_base(law.Q, firing.mean)])
+            base_force = np.array([self._on_base(law.Q, wrench[0]), self._on_base(law.Q, firing.mean_wrench)])
             joint_force = law.joint_force(*setpoints.at(k), base_force)
             commanded = commanded.copy()
             commanded[space.joint_rates] = joint_force[space.joint_rates]
-            (held,) = limits.holding_base(wrench)
-            limits = ForceLimits(*np.split(held, 2))
+            (limits_as_vector,) = limits.holding_base(wrench)
+            limits = ForceLimits(*np.split(limits_as_vector, 2))
         firing.pass_ticks(wanted_on_base, span.is_pushed)
         return commanded, limits
 

@@ -55,31 +55,34 @@ class Relative:
     lever: list[Any]
 
 
-def compared(space: ConfigurationSpace, gripper: Any, rate: Any, pose: Any, v: Any, anchor: Any) -> Relative:
-    """Compare a gripper with a pose fixed to the object.
+def compared(
+    space: ConfigurationSpace, gripper: Any, gripper_rate: Any, object_pose: Any, object_velocity: Any, anchor: Any
+) -> Relative:
+    """Compute displacement and velocity of a gripper relative to a pose fixed to the object, which a bushing acts on.
 
     Args:
-        space: Of the poses.
-        gripper: Its pose.
-        rate: Linear velocity of its point and angular velocity, both in the inertial frame.
-        pose: The object's.
-        v: Its velocity, angular about its own axes.
-        anchor: The pose in the object's frame that the gripper is compared with.
+        space: Coordinates of poses, planar or spatial.
+        gripper: Pose of the gripper.
+        gripper_rate: Linear velocity of its point and angular velocity, both in the inertial frame.
+        object_pose: Pose of the object.
+        object_velocity: Velocity of the object: linear, and angular about its own axes.
+        anchor: The pose in the object's frame that the gripper is compared with, that at which it closed.
     """
-    at, attitude = space.to_3d(gripper)
-    moving, turning = space.twist_to_3d(rate)
-    centre, q = space.to_3d(pose)
-    carried, spin = space.twist_to_3d(v)
-    inside, turned = space.to_3d(anchor)
-    spin = rotate(q, spin)
-    lever = add(at, scaled(centre, -1))
-    wanted = product(q, turned)
-    apart = product(conjugate(wanted), attitude)
+    gripper_point, gripper_attitude = space.to_3d(gripper)
+    gripper_linear, gripper_angular = space.twist_to_3d(gripper_rate)
+    centre, object_attitude = space.to_3d(object_pose)
+    object_linear, object_angular = space.twist_to_3d(object_velocity)
+    anchor_point, anchor_attitude = space.to_3d(anchor)
+    # in the inertial frame; the velocity of the object is taken at the gripper's point
+    object_angular = rotate(object_attitude, object_angular)
+    lever = add(gripper_point, scaled(centre, -1))
+    wanted_attitude = product(object_attitude, anchor_attitude)
+    rotation_between = product(conjugate(wanted_attitude), gripper_attitude)
     return Relative(
-        r=add(lever, scaled(rotate(q, inside), -1)),
-        phi=rotate(wanted, log(shorter(apart))),
-        rdot=add(moving, scaled(add(carried, cross(spin, lever)), -1)),
-        omega=add(turning, scaled(spin, -1)),
+        r=add(lever, scaled(rotate(object_attitude, anchor_point), -1)),
+        phi=rotate(wanted_attitude, log(shorter(rotation_between))),
+        rdot=add(gripper_linear, scaled(add(object_linear, cross(object_angular, lever)), -1)),
+        omega=add(gripper_angular, scaled(object_angular, -1)),
         lever=lever,
     )
 
@@ -93,7 +96,9 @@ class GraspLaw:
     Attributes:
         grippers: Arms whose grippers take it.
         body: The object.
-        parameters: Number of parameters of one gripper.
+        n_parameters: Number of parameters of one gripper.
+        object_sizes: Sizes of a pose and of a velocity.
+        wrench_size: Size of a wrench, and of a velocity: 3 in the plane, 6 in space.
         bushing: Pose and velocity of a gripper (angular in the inertial frame), pose and velocity of the object,
             parameters -> wrench on the gripper at its point, wrench on the object about its centre, power [W].
         forces: Q, v, pose and velocity of the object, parameters of all grippers -> generalized force on the robot
@@ -106,112 +111,154 @@ class GraspLaw:
         self.body = body
         self.grippers = tuple(grippers)
         self.space = body.space
-        self.size = self.space.n_twist
-        self.sizes = (self.space.n_pose, self.space.n_twist)
-        self.parameters = self.sizes[0] + 4
+        self.wrench_size = self.space.n_twist
+        self.object_sizes = (self.space.n_pose, self.space.n_twist)
+        self.n_parameters = self.object_sizes[0] + 4
         self.bushing = self._bushing()
         self.forces = self._forces()
 
     def gripper(self, number: int, Q: Any, v: Any) -> tuple[Any, Any, Any]:
         """Return pose, velocity (angular in the inertial frame) and Jacobian of a gripper."""
         frame = list(self.model.pose_rows).index(self.grippers[number])
-        J = self.model.J_C(Q)[self.size * frame : self.size * (frame + 1), :]
+        J = self.model.J_C(Q)[self.wrench_size * frame : self.wrench_size * (frame + 1), :]
         return self.model.g(Q)[self.model.pose_rows[self.grippers[number]]], J @ v, J
 
     def _bushing(self) -> ca.Function:
-        sizes = {"gripper": self.sizes[0], "turn": self.size, "pose": self.sizes[0], "v": self.size}
-        bodies = [ca.SX.sym(name, size) for name, size in sizes.items()]
-        p = ca.SX.sym("p", self.parameters)
-        anchor = ca.vertsplit(p)[: self.sizes[0]]
-        k, kappa, d, delta = ca.vertsplit(p)[self.sizes[0] :]
-        gripper, rate, pose, v = map(ca.vertsplit, bodies)
-        relative = compared(self.space, gripper, rate, pose, v, anchor)
-        force = add(scaled(relative.r, -k), scaled(relative.rdot, -d))
-        moment = add(scaled(relative.phi, -kappa), scaled(relative.omega, -delta))
-        back = add(scaled(moment, -1), cross(relative.lever, scaled(force, -1)))
+        """Build the linear bushing between one gripper and the object: spring and damper in displacement and rotation.
+
+        The force acts on both bodies at the gripper's point, so the pair has no resultant and momentum is conserved.
+
+        Returns:
+            Pose and velocity of the gripper, pose and velocity of the object, parameters -> wrench on the gripper at
+            its point, wrench on the object about its centre, power [W].
+        """
+        argument_sizes = {
+            "gripper": self.object_sizes[0],
+            "turn": self.wrench_size,
+            "pose": self.object_sizes[0],
+            "v": self.wrench_size,
+        }
+        bodies = [ca.SX.sym(name, size) for name, size in argument_sizes.items()]
+        p = ca.SX.sym("p", self.n_parameters)
+        anchor = ca.vertsplit(p)[: self.object_sizes[0]]
+        stiffness, angular_stiffness, damping, angular_damping = ca.vertsplit(p)[self.object_sizes[0] :]
+        gripper, gripper_rate, object_pose, object_velocity = map(ca.vertsplit, bodies)
+        relative = compared(self.space, gripper, gripper_rate, object_pose, object_velocity, anchor)
+        force = add(scaled(relative.r, -stiffness), scaled(relative.rdot, -damping))
+        moment = add(scaled(relative.phi, -angular_stiffness), scaled(relative.omega, -angular_damping))
+        moment_on_object = add(scaled(moment, -1), cross(relative.lever, scaled(force, -1)))
         power = dot(force, relative.rdot) + dot(moment, relative.omega)
-        wrenches = self.space.twist(force, moment), self.space.twist(scaled(force, -1), back)
+        wrenches = self.space.twist(force, moment), self.space.twist(scaled(force, -1), moment_on_object)
         return ca.Function(
             "bushing", [*bodies, p], ca.cse([*(ca.vertcat(*wrench) for wrench in wrenches), ca.SX(power)])
         )
 
     def _forces(self) -> ca.Function:
-        """Q, v, pose and rate of the object, grasps -> what the bushings of all grasps do, and how they are loaded.
+        """Sum up what the bushings of all A grasps do to robot and object, as one CasADi function.
 
-        They give the generalized force on the robot (n,), the wrench on the object about its centre, the power that
-        they take from both, the wrench that each gripper puts on the object (size, A), and the loads of each grasp
-        (3, A): pull along the line from the object's centre to the gripper, shear across it, and moment.
+        Returns:
+            Q, v, pose and velocity of the object, parameters of all bushings -> generalized force on the robot (n,),
+            wrench on the object about its centre, power taken from both [W], the wrench that each gripper puts on the
+            object (wrench_size, A), and the loads of each grasp (3, A), which its strength is compared with: pull along
+            the line from the object's centre to the gripper, shear across it, and moment.
         """
-        sizes = {"Q": self.model.nq, "v": self.model.n, "pose": self.sizes[0], "rate": self.sizes[1]}
-        symbols = [ca.SX.sym(name, size) for name, size in sizes.items()]
-        Q, v, pose, rate = symbols
-        p = ca.SX.sym("p", self.parameters * len(self.grippers))
-        force = ca.SX.zeros(self.model.n)
-        wrench_about_centre = ca.SX.zeros(self.size)
+        argument_sizes = {
+            "Q": self.model.nq,
+            "v": self.model.n,
+            "pose": self.object_sizes[0],
+            "rate": self.object_sizes[1],
+        }
+        symbols = [ca.SX.sym(name, size) for name, size in argument_sizes.items()]
+        Q, v, object_pose, object_velocity = symbols
+        p = ca.SX.sym("p", self.n_parameters * len(self.grippers))
+        generalized_force = ca.SX.zeros(self.model.n)
+        wrench_about_centre = ca.SX.zeros(self.wrench_size)
         power = ca.SX(0)
         wrenches_on_object = []
         loads = []
         for i in range(len(self.grippers)):
             gripper_pose, gripper_rate, J = self.gripper(i, Q, v)
-            grasp = p[self.parameters * i : self.parameters * (i + 1)]
-            on_gripper, about_centre, power_of_grasp = self.bushing(gripper_pose, gripper_rate, pose, rate, grasp)
-            force = force + J.T @ on_gripper
+            grasp = p[self.n_parameters * i : self.n_parameters * (i + 1)]
+            on_gripper, about_centre, power_of_grasp = self.bushing(
+                gripper_pose, gripper_rate, object_pose, object_velocity, grasp
+            )
+            generalized_force = generalized_force + J.T @ on_gripper
             wrench_about_centre = wrench_about_centre + about_centre
             power = power + power_of_grasp
-            inside, _ = self.space.to_3d(ca.vertsplit(grasp)[: self.sizes[0]])
-            _, attitude = self.space.to_3d(ca.vertsplit(pose))
-            outwards = rotate(attitude, inside)
+            anchor_point, _ = self.space.to_3d(ca.vertsplit(grasp)[: self.object_sizes[0]])
+            _, attitude = self.space.to_3d(ca.vertsplit(object_pose))
+            centre_to_gripper = rotate(attitude, anchor_point)
             force_on_object, moment = self.space.twist_to_3d(ca.vertsplit(-on_gripper))
-            distance = ca.sqrt(dot(outwards, outwards))
-            pull = dot(force_on_object, outwards) / ca.fmax(distance, TINY)
+            distance = ca.sqrt(dot(centre_to_gripper, centre_to_gripper))
+            pull = dot(force_on_object, centre_to_gripper) / ca.fmax(distance, TINY)
             shear = ca.sqrt(ca.fmax(dot(force_on_object, force_on_object) - pull**2, 0))
             wrenches_on_object.append(-on_gripper)
             loads.append(ca.vertcat(pull, shear, ca.sqrt(dot(moment, moment))))
-        outputs = ca.cse([force, wrench_about_centre, power, ca.horzcat(*wrenches_on_object), ca.horzcat(*loads)])
+        outputs = ca.cse(
+            [generalized_force, wrench_about_centre, power, ca.horzcat(*wrenches_on_object), ca.horzcat(*loads)]
+        )
         return ca.Function("forces", [*symbols, p], outputs)
 
     def approach(
-        self, number: int, Q: np.ndarray, v: np.ndarray, target_object: np.ndarray, anchor: np.ndarray
+        self, gripper: int, Q: np.ndarray, v: np.ndarray, target_object: np.ndarray, anchor: np.ndarray
     ) -> np.ndarray:
-        """Compute how far a gripper is from a pose in the object's frame, whose pose and velocity are `target_object`.
+        """Compute how far a gripper is from its place on the object, and how heavy both bodies are there.
 
-        Distance, angle, velocity, angular velocity, then the inverses of the effective mass and of the effective
-        inertia of both bodies at the gripper, means over the directions (6,).
+        The former decides whether it may close, the latter sets the damping of its grasp.
+
+        Args:
+            gripper: Number of the gripper.
+            Q: Position of the robot (nq,).
+            v: Its velocity (n,).
+            target_object: Pose and velocity of the object.
+            anchor: The place: a pose of the gripper in the object's frame.
+
+        Returns:
+            Distance [m], angle [rad], velocity [m/s], angular velocity [rad/s]; then, means over the directions, the
+            inverses of the effective mass and of the effective inertia of both bodies at the gripper (6,).
         """
         d = self.model.dimension
-        pose, rate = np.split(target_object, [self.sizes[0]])
-        at, moving, J = (value.full() for value in self.gripper(number, Q, v))
-        relative = compared(self.space, at.ravel(), moving.ravel(), pose, rate, anchor)
-        missed = (
+        object_pose, object_velocity = np.split(target_object, [self.object_sizes[0]])
+        gripper_pose, gripper_rate, J = (value.full() for value in self.gripper(gripper, Q, v))
+        relative = compared(
+            self.space, gripper_pose.ravel(), gripper_rate.ravel(), object_pose, object_velocity, anchor
+        )
+        distances = (
             np.linalg.norm(difference) for difference in (relative.r, relative.phi, relative.rdot, relative.omega)
         )
-        robot = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T)
-        inverse = robot + self._inverse_mass(pose, relative.lever, relative.lever)
-        return np.array([*missed, inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
+        inverse_of_robot = J @ np.linalg.solve(self.model.mass_matrix(Q), J.T)
+        inverse = inverse_of_robot + self._inverse_mass(object_pose, relative.lever, relative.lever)
+        return np.array([*distances, inverse.diagonal()[:d].mean(), inverse.diagonal()[d:].mean()])
 
     def inverse_mass(self, Q: np.ndarray, pose: np.ndarray, anchors: np.ndarray) -> np.ndarray:
         """Compute the accelerations of all grippers relative to the object by the wrenches between them, at rest.
 
-        J H^-1 J' + J_o M_o^-1 J_o' (A n_twist, A n_twist): a wrench on each gripper and the opposite on the object.
+        W = J H^-1 J' + J_o M_o^-1 J_o': a wrench on each gripper and the opposite on the object. Its eigenvalues with
+        the stiffness of the grasps give their frequencies.
 
         Args:
             Q: Position of the robot (nq,).
-            pose: Of the object.
-            anchors: Poses of the grippers in the object's frame (A, 3) or (A, 7); they may not be there yet.
+            pose: Pose of the object.
+            anchors: Poses of the A grippers in the object's frame (A, 3) or (A, 7); they may not be there yet.
+
+        Returns:
+            W (A n_twist, A n_twist).
         """
         J = np.vstack([self.gripper(i, Q, np.zeros(self.model.n))[2].full() for i in range(len(self.grippers))])
         _, attitude = self.space.to_3d(pose)
         levers = [rotate(attitude, self.space.to_3d(anchor)[0]) for anchor in anchors]
-        of_object = np.block([[self._inverse_mass(pose, there, here) for there in levers] for here in levers])
-        return np.asarray(J @ np.linalg.solve(self.model.mass_matrix(Q), J.T) + of_object)
+        object_part = np.block(
+            [[self._inverse_mass(pose, pushed_at, moved_at) for pushed_at in levers] for moved_at in levers]
+        )
+        return np.asarray(J @ np.linalg.solve(self.model.mass_matrix(Q), J.T) + object_part)
 
     def _inverse_mass(self, pose: np.ndarray, there: Vector, here: Vector) -> np.ndarray:
         """Return the acceleration of the object's point at the lever `here` by a wrench on it at the lever `there`."""
         columns = []
         space = self.space
-        for force, moment in map(space.twist_to_3d, np.eye(self.size)):
+        for force, moment in map(space.twist_to_3d, np.eye(self.wrench_size)):
             wrench = space.twist(force, add(moment, cross(there, force)))
-            linear, angular = space.twist_to_3d(self.body.rates(pose, np.zeros(self.size), wrench)[1])
+            linear, angular = space.twist_to_3d(self.body.rates(pose, np.zeros(self.wrench_size), wrench)[1])
             angular = rotate(space.to_3d(pose)[1], angular)
             columns.append(space.twist(add(linear, cross(angular, here)), angular))
         return np.array(columns, dtype=float).T
@@ -236,16 +283,25 @@ class Capture:
     """
 
     def __init__(self, task: TaskSpec, model: RobotModel, target_object: ObjectBody) -> None:
+        """Set up a free object, which may differ from its description, and open grippers.
+
+        Mass and velocity differ from the description by draws of the task's seed.
+
+        Args:
+            task: The task, with its seed and the uncertainty of the object.
+            model: The robot.
+            target_object: The object as the task describes it.
+        """
         spec = target_object.grasp
         body = body_of(target_object)
         error = task.uncertainty.object or ObjectErrorSpec()
-        drawn = stream(task.seed, "object").uniform(-1, 1, 7)
-        factor = 1 + error.mass * drawn[0]
+        draws = stream(task.seed, "object").uniform(-1, 1, 7)
+        mass_factor = 1 + error.mass * draws[0]
         v = velocity_of(target_object)
-        v[: model.dimension] += error.linear * drawn[1 : 1 + model.dimension]
-        v[model.dimension :] += error.angular * drawn[4 : 4 + len(v) - model.dimension]
+        v[: model.dimension] += error.linear * draws[1 : 1 + model.dimension]
+        v[model.dimension :] += error.angular * draws[4 : 4 + len(v) - model.dimension]
         self.described = body
-        self.body = FreeBody(factor * body.mass, [factor * moment for moment in body.inertia])
+        self.body = FreeBody(mass_factor * body.mass, [mass_factor * moment for moment in body.inertia])
         law = GraspLaw(model, self.body, list(spec.at))
         self._task = task
         tick = 1 / task.plant.low_level_rate
@@ -254,21 +310,23 @@ class Capture:
         self.state = np.array([*target_object.pose, *v])
         self.tick = tick
         count = len(law.grippers)
-        self._at = np.array([spec.at[gripper] for gripper in law.grippers])
-        self.parameters = np.hstack([self._at, np.zeros((count, 4))])
+        self._anchors = np.array([spec.at[gripper] for gripper in law.grippers])
+        self.parameters = np.hstack([self._anchors, np.zeros((count, 4))])
         self.closed = np.zeros(count, bool)
-        self._wanted = False
+        self._is_to_hold = False  # whether grippers are commanded to be closed
         self.load = np.zeros((count, len(GRASP_LOADS)))
         self._load_at_loss = np.zeros_like(self.load)
         self._events = list[GraspEvent]()
-        self._rows: list[tuple[np.ndarray, ...]] = []
+        # states, wrenches, loads, closed grippers over the ticks of the sample so far, for its log
+        self._ticks_of_sample: list[tuple[np.ndarray, ...]] = []
         self._forces = ArrayFunction(law.forces)
+        # of a first-order filter with that time constant, over one tick; without a strength loads are not filtered
         self.filter = 1.0 if spec.strength is None else -np.expm1(-tick / spec.strength.filter)
 
     @property
     def pose_and_velocity(self) -> tuple[np.ndarray, np.ndarray]:
         """Pose and velocity of the object now."""
-        return self.state[: self.law.sizes[0]], self.state[self.law.sizes[0] :]
+        return self.state[: self.law.object_sizes[0]], self.state[self.law.object_sizes[0] :]
 
     @property
     def header(self) -> dict[str, ArrayLike]:
@@ -287,7 +345,7 @@ class Capture:
         }
 
     @property
-    def kept(self) -> np.ndarray:
+    def momentum_and_energy(self) -> np.ndarray:
         """Momentum about the inertial origin [N s, N m s] and kinetic energy [J] of the object, (4,) or (7,)."""
         pose, v = self.pose_and_velocity
         return np.array([*self.body.momentum(pose, v), self.body.kinetic_energy(v)])
@@ -295,12 +353,12 @@ class Capture:
     @property
     def holding(self) -> dict[str, bool]:
         """What grippers report, by arm: whether each holds the object; nothing while they are open."""
-        return dict(zip(self.law.grippers, self.closed.tolist(), strict=True)) if self._wanted else {}
+        return dict(zip(self.law.grippers, self.closed.tolist(), strict=True)) if self._is_to_hold else {}
 
     def measured(self, sample: int) -> np.ndarray:
         """Return the pose that is measured at a sample, (3,) or (7,)."""
         noise = self._task.uncertainty.noise
-        size = self.law.size
+        size = self.law.wrench_size
         d = self.law.model.dimension
         deviation = np.array([noise.object_position] * d + [noise.object_angle] * (size - d))
         step = stream(self._task.seed, "object noise", sample).standard_normal(size) * deviation
@@ -308,25 +366,30 @@ class Capture:
         return np.array(self.law.space.integrate(pose, step))
 
     def rates(self, Q: np.ndarray) -> np.ndarray:
-        """Compute the eigenvalues [1/s] of robot and object held by all grippers at once, the robot being at Q (nq,).
+        """Compute the eigenvalues [1/s] of robot and object held by all grippers, to choose a step of the integrator.
 
         With displacements r of the grippers, r'' = -W (K r + D r'): W as in `GraspLaw.inverse_mass`, K and D the
         stiffnesses and dampings of the bushings, as they are set at closing.
+
+        Args:
+            Q: Position of the robot (nq,), near that at which the grippers close.
         """
         pose, _ = self.pose_and_velocity
         d = self.law.model.dimension
-        W = self.law.inverse_mass(Q, pose, self._at)
-        directions = np.r_[np.zeros(d, int), np.ones(self.law.size - d, int)]
+        W = self.law.inverse_mass(Q, pose, self._anchors)
+        is_angular = np.r_[np.zeros(d, int), np.ones(self.law.wrench_size - d, int)]
         stiffness = []
         damping = []
-        for i in range(len(self._at)):
-            inverses = W.diagonal()[i * self.law.size : (i + 1) * self.law.size]
-            inverse = np.array([inverses[:d].mean(), inverses[d:].mean()])
-            stiffness.append(np.array(self.spec.stiffness)[directions])
-            damping.append(self._damping(inverse)[directions])
-        nothing = np.zeros_like(W)
-        linear = np.block([[nothing, np.eye(len(W))], [-W * np.concatenate(stiffness), -W * np.concatenate(damping)]])
-        return np.linalg.eigvals(linear)
+        for gripper in range(len(self._anchors)):
+            inverses_of_gripper = W.diagonal()[gripper * self.law.wrench_size : (gripper + 1) * self.law.wrench_size]
+            mean_inverses = np.array([inverses_of_gripper[:d].mean(), inverses_of_gripper[d:].mean()])
+            stiffness.append(np.array(self.spec.stiffness)[is_angular])
+            damping.append(self._damping(mean_inverses)[is_angular])
+        zeros = np.zeros_like(W)
+        system_matrix = np.block(
+            [[zeros, np.eye(len(W))], [-W * np.concatenate(stiffness), -W * np.concatenate(damping)]]
+        )
+        return np.linalg.eigvals(system_matrix)
 
     def _damping(self, inverse: np.ndarray) -> np.ndarray:
         """Return both dampings of a bushing from the inverses of effective mass and inertia (2,) at it."""
@@ -340,11 +403,11 @@ class Capture:
             robot_state: State [Q; v] of the robot.
             wanted: Whether they are to be closed.
         """
-        if wanted and not self._wanted:
+        if wanted and not self._is_to_hold:
             self._close(time, robot_state)
-        elif self._wanted and not wanted:
+        elif self._is_to_hold and not wanted:
             self._open(time, self.closed, "let go")
-        self._wanted = wanted
+        self._is_to_hold = wanted
 
     def begin_tick(self, time: float, robot_state: np.ndarray, wanted: bool) -> np.ndarray | None:
         """Close, open and lose grasps at the beginning of a tick.
@@ -364,59 +427,76 @@ class Capture:
         return bool(self.spec.known and self.closed.all())
 
     def record(self, times: np.ndarray, states: np.ndarray, wrench: np.ndarray, load: np.ndarray) -> int:
-        """Take in what the grasps bear in ticks, up to the first in which one bears too much: that is lost there.
+        """Record what the grasps bear over K ticks, up to the first in which one bears too much and is lost.
 
         Args:
-            times: Of the ticks (K,) [s].
-            states: Of the object at them (K, pose and velocity).
-            wrench: On the object at the grippers (K, A, 3) or (K, A, 6).
+            times: Beginnings of the ticks (K,) [s].
+            states: Pose and velocity of the object at them (K, size).
+            wrench: Wrenches on the object at the grippers (K, A, 3) or (K, A, 6).
             load: Filtered loads on the grasps (K, A, 3).
 
         Returns:
-            The number of ticks before a loss. The tick of a loss begins again, without what was lost.
+            The number of ticks before a loss. The tick of a loss has to be simulated again, without what was lost.
         """
-        beyond = self.closed & (load > self.spec.largest_loads).any(axis=2)
-        lost_in = np.flatnonzero(beyond.any(axis=1))
-        count = int(lost_in[0]) if lost_in.size else len(times)
-        if count:
-            borne = load[:count].copy()
-            self.load = borne[-1].copy()
-            borne[0] += self._load_at_loss
+        is_too_much = self.closed & (load > self.spec.largest_loads).any(axis=2)
+        ticks_of_loss = np.flatnonzero(is_too_much.any(axis=1))
+        ticks_before_loss = int(ticks_of_loss[0]) if ticks_of_loss.size else len(times)
+        if ticks_before_loss:
+            logged_load = load[:ticks_before_loss].copy()
+            self.load = logged_load[-1].copy()
+            logged_load[0] += self._load_at_loss  # the log shows under which load a grasp was lost, at that tick
             self._load_at_loss[:] = 0.0
-            self._rows.append((states[:count], wrench[:count], borne, np.tile(self.closed, (count, 1))))
-        if lost_in.size:
-            lost = beyond[count]
-            self.load[lost] = load[count, lost]
-            self._load_at_loss[lost] = self.load[lost]
-            self._open(float(times[count]), lost, "lost")
-        return count
+            self._ticks_of_sample.append(
+                (
+                    states[:ticks_before_loss],
+                    wrench[:ticks_before_loss],
+                    logged_load,
+                    np.tile(self.closed, (ticks_before_loss, 1)),
+                )
+            )
+        if ticks_of_loss.size:
+            lost_grippers = is_too_much[ticks_before_loss]
+            self.load[lost_grippers] = load[ticks_before_loss, lost_grippers]
+            self._load_at_loss[lost_grippers] = self.load[lost_grippers]
+            self._open(float(times[ticks_before_loss]), lost_grippers, "lost")
+        return ticks_before_loss
 
     def ticks(self) -> ObjectTicks:
         """Return what happened in the sample, and begin the next one."""
-        states, wrench, load, closed = (np.concatenate(column) for column in zip(*self._rows, strict=True))
-        pose, v = np.split(np.vstack([states, self.state]), [self.law.sizes[0]], axis=1)
+        states, wrench, load, closed = (np.concatenate(column) for column in zip(*self._ticks_of_sample, strict=True))
+        pose, v = np.split(np.vstack([states, self.state]), [self.law.object_sizes[0]], axis=1)
         events = tuple(self._events)
-        self._rows = []
+        self._ticks_of_sample = []
         self._events = []
         return ObjectTicks(pose, v, wrench, load, closed, events)
 
     def _close(self, time: float, robot_state: np.ndarray) -> None:
-        """Close every gripper that is inside its envelope."""
-        allowed = [getattr(self.spec.envelope, name) for name in MISSED_BY]
+        """Close every gripper that is near enough to its place on the object, and record which do and which miss it.
+
+        A gripper that closes holds the pose relative to the object that it then has, by a bushing.
+
+        Args:
+            time: Time of the tick [s].
+            robot_state: State [Q; v] of the robot (nq + n,).
+        """
+        envelope = [getattr(self.spec.envelope, name) for name in MISSED_BY]
         nq = self.law.model.nq
         pose, _ = self.pose_and_velocity
         poses = dict(zip(self.law.model.pose_rows, self.law.model.poses(robot_state[:nq]), strict=True))
-        for i, gripper in enumerate(self.law.grippers):
-            missed, inverse = np.split(
-                self.law.approach(i, robot_state[:nq], robot_state[nq:], self.state, self._at[i]), [4]
+        for number, gripper in enumerate(self.law.grippers):
+            distances, mean_inverses = np.split(
+                self.law.approach(number, robot_state[:nq], robot_state[nq:], self.state, self._anchors[number]),
+                [len(MISSED_BY)],
             )
-            inside = bool((missed <= allowed).all())
-            self._events.append(GraspEvent(gripper, time, "closed" if inside else "missed", tuple(missed.tolist())))
-            if inside:
+            is_inside = bool((distances <= envelope).all())
+            self._events.append(
+                GraspEvent(gripper, time, "closed" if is_inside else "missed", tuple(distances.tolist()))
+            )
+            if is_inside:
                 anchor = self.law.space.relative(poses[gripper], pose)
-                self.parameters[i] = [*anchor, *self.spec.stiffness, *self._damping(inverse)]
-                self.closed[i] = True
-                self.load[i] = 0.0
+                self.parameters[number] = [*anchor, *self.spec.stiffness, *self._damping(mean_inverses)]
+                self.closed[number] = True
+                self.load[number] = 0.0
 
     def _open(self, time: float, which: np.ndarray, why: str) -> None:
         for i in np.flatnonzero(which):
@@ -428,7 +508,7 @@ class Capture:
     def borne(self, robot_state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute what grasps bear in a tick: wrenches on the object (A, 3) or (A, 6), and filtered loads (A, 3)."""
         if not self.closed.any():
-            return np.zeros((len(self.closed), self.law.size)), self.load
+            return np.zeros((len(self.closed), self.law.wrench_size)), self.load
         nq = self.law.model.nq
         pose, v = self.pose_and_velocity
         *_, wrench, load = self._forces(robot_state[:nq], robot_state[nq:], pose, v, self.parameters.ravel())
@@ -436,22 +516,26 @@ class Capture:
 
 
 def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
-    """Build the object of a task with its grasps; None if it has no mass.
+    """Build the object of a task with its grasps; None if it has no mass, since then it takes part in no dynamics.
+
+    Args:
+        task: The task.
+        model: The robot.
 
     Raises:
-        InputError: The grasps are too stiff for the integrator's step.
+        InputError: The grasps are too stiff for the integrator's step, with the largest step that would do.
     """
     if task.body.mass == 0.0:
         return None
     capture = Capture(task, model, task.body)
-    rates = capture.rates(stack(task.initial, model.spec, "joint"))
+    eigenvalues = capture.rates(stack(task.initial, model.spec, "joint"))
     step = task.plant.step or 1 / task.plant.low_level_rate
-    if not is_stable(rates * step * RESERVE):
-        allowed = step
-        while not is_stable(rates * allowed * RESERVE):
-            allowed *= 0.98
+    if not is_stable(eigenvalues * step * RESERVE):
+        allowed_step = step
+        while not is_stable(eigenvalues * allowed_step * RESERVE):
+            allowed_step *= 0.98  # until one is stable, to 2 %
         raise InputError(
-            f"object.grasp.stiffness: found a step of {step:g} s, expected at most {allowed:.2g} s for grasps "
+            f"object.grasp.stiffness: found a step of {step:g} s, expected at most {allowed_step:.2g} s for grasps "
             "of this stiffness and damping: take a smaller plant.step, or softer grasps"
         )
     return capture

@@ -20,12 +20,12 @@ class IdealPlant:
     def advance(
         self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Advance over the M ticks of a sample, tick k under exactly the acceleration u[k]; see `Plant.advance`.
+        """Advance over the M ticks of a sample with exactly the commanded accelerations: a plant without dynamics.
 
-        F is the force that this acceleration needs at the beginning of its tick, by inverse dynamics. Impulse and work
-        are the change of momentum and kinetic energy from the first state to the last. Rates in task space are turned
-        into accelerations where each tick begins. This plant knows neither disturbances nor grippers, and all of its
-        base is driven.
+        Motion is integrated from u alone. F is the force that would be needed where each tick begins, by inverse
+        dynamics; impulse and work are the change of momentum and kinetic energy over the sample. Rates in task space
+        are turned into accelerations where each tick begins. This plant knows neither disturbances nor grippers, and
+        takes all of the base as driven. See `Plant.advance`.
         """
         model = self.model
         u = setpoints.u

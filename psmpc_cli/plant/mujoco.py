@@ -41,17 +41,30 @@ class MujocoPlant(TickedPlant):
         firing: ThrusterFiring | None = None,
         drive: WheelDrive | None = None,
     ) -> None:
+        """Set up MuJoCo's model of the robot, and where its coordinates are among those of MuJoCo.
+
+        Args:
+            model: The robot.
+            tick: Length of a tick of the low-level law [s].
+            substeps: Steps of MuJoCo in a tick.
+            friction: Friction of joints; None without any.
+            force_limits: Limits at which the force of the law is cut; None without any.
+            target_object: A free body beside the robot, in the same model; None without any.
+            firing: Thrusters that give the force on the base; None where the plant applies the law's force itself.
+            drive: Drive of the reaction wheels; None without any.
+        """
         super().__init__(LowLevelLaw(model), tick, force_limits, firing, drive)
         self.substeps = substeps
         self.friction = friction or JointFriction.none(model.n)
         self._target_object = target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
-        self._known = np.zeros(0)
+        self._set_parameters = np.zeros(0)  # inertial parameters that the engine has; none yet
         self.set_inertial_parameters(model.nominal)
         names = [body.name for body in model.spec.bodies]
         space = model.space
         moves = model.spec.moved_by.moves
         joints = [self.engine.joint(name).id for name in names[1:]]  # MuJoCo has them in another order, by depth
+        # a base that does not move has no coordinates in MuJoCo
         self.q = np.r_[: space.n_pose * moves, self.engine.jnt_qposadr[joints]]
         self.v = np.r_[: space.n_twist * moves, self.engine.jnt_dofadr[joints]]
         wheels = [self.engine.joint(name).id for name in wheel_names(model.spec)]
@@ -63,9 +76,9 @@ class MujocoPlant(TickedPlant):
 
     def set_inertial_parameters(self, robot: InertialParameters) -> None:
         """Build the engine for these inertial parameters of the robot and what it holds."""
-        if np.array_equal(robot.vector, self._known):
+        if np.array_equal(robot.vector, self._set_parameters):
             return
-        self._known = robot.vector
+        self._set_parameters = robot.vector
         spec = mujoco_spec(self.model.spec, self._target_object, robot)
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
         spec.option.timestep = self.tick / self.substeps
@@ -94,9 +107,16 @@ class MujocoPlant(TickedPlant):
         return states
 
     def _step(self, state: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the state (nq + n,) a tick after another under F (n,), and the work of all forces [J].
+        """Advance the robot by one tick under a held force, and compute the work of all forces.
 
         The work of a force held over a step is exact, whatever the path between the states.
+
+        Args:
+            state: State [Q; v] (nq + n,).
+            F: Generalized force (n,), with what motors of wheels give to the base.
+
+        Returns:
+            The state after the tick (nq + n,), and the work [J].
         """
         nq = self.model.nq
         space = self.model.space
@@ -122,9 +142,10 @@ class MujocoPlant(TickedPlant):
             mujoco.mj_step(self.engine, data)
             Q[coordinates] = data.qpos[self.q]
             v[rates] = data.qvel[self.v]
-            step = np.array(space.difference(Q_before, Q))
-            step = step - space.magnus_correction(v_before[None], v[None], self.engine.opt.timestep)[0]
-            work += float(acting @ step)
+            displacement = np.array(space.difference(Q_before, Q))
+            # the displacement of an attitude is not the integral of its velocity: the difference is taken off
+            displacement = displacement - space.magnus_correction(v_before[None], v[None], self.engine.opt.timestep)[0]
+            work += float(acting @ displacement)
         if drive is not None:
             work += float(drive.torque @ data.qpos[self.wheel_q])
         return np.concatenate([Q, v]), work
@@ -172,6 +193,16 @@ class MujocoStep:
         friction: JointFriction | None,
         drive: WheelDrive | None = None,
     ) -> None:
+        """Set up one tick of robot and object together: MuJoCo gives their accelerations, Runge-Kutta steps integrate.
+
+        Args:
+            law: The bushings between grippers and object.
+            body: The true object.
+            tick: Length of a tick [s].
+            substeps: Steps of the integrator in a tick.
+            friction: Friction of joints; None without any.
+            drive: Drive of the reaction wheels; None without any.
+        """
         self._law = law
         self._model = law.model
         self._tick = tick
@@ -182,9 +213,9 @@ class MujocoStep:
         engine = self._robot.engine
         self._sites = [engine.site(gripper).id for gripper in law.grippers]
         self._body = engine.body(OBJECT).id
-        first = engine.body_jntadr[self._body]
-        self._q = slice(engine.jnt_qposadr[first], engine.jnt_qposadr[first] + law.sizes[0])
-        self._v = slice(engine.jnt_dofadr[first], engine.jnt_dofadr[first] + law.sizes[1])
+        object_joint = engine.body_jntadr[self._body]
+        self._object_q = slice(engine.jnt_qposadr[object_joint], engine.jnt_qposadr[object_joint] + law.object_sizes[0])
+        self._object_v = slice(engine.jnt_dofadr[object_joint], engine.jnt_dofadr[object_joint] + law.object_sizes[1])
 
     def __call__(
         self,
@@ -194,32 +225,56 @@ class MujocoStep:
         parameters: np.ndarray,
         robot: InertialParameters,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Advance by a tick."""
+        """Advance robot and object by one tick under a held force on the robot.
+
+        Args:
+            state: State [Q; v] of the robot (nq + n,).
+            target_object: Pose and velocity of the object.
+            F: Generalized force on the robot (n,), with what motors of wheels give to the base.
+            parameters: Parameters of the bushings between grippers and object (A, n_parameters); 0 of an open gripper.
+            robot: True inertial parameters of the robot.
+
+        Returns:
+            State of the robot, state of the object, and impulse and work of the external forces over the tick.
+        """
         self._robot.set_inertial_parameters(robot)
         h = self._tick / self._substeps
-        nx = len(state)
-        attitudes = self._model.space.attitudes_at(0, nx)
-        no = len(target_object)
+        robot_size = len(state)
+        attitudes = self._model.space.attitudes_at(0, robot_size)
+        object_size = len(target_object)
         h_wheels = np.zeros(0)
         if self._drive is not None:
             F = self._drive.of_thrusters(F)
             h_wheels = self._drive.momentum
-        sums = np.zeros(self._model.parts["base"].stop + 1)
-        y = np.concatenate([state, target_object, sums, h_wheels])
+        impulse_and_work = np.zeros(self._model.parts["base"].stop + 1)
+        y = np.concatenate([state, target_object, impulse_and_work, h_wheels])
         for _ in range(self._substeps):
             y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
-            for rows in attitudes:
-                y[rows] /= np.linalg.norm(y[rows])
-        return y[:nx], y[nx : nx + no], y[nx + no : nx + no + len(sums)]
+            for quaternion in attitudes:
+                y[quaternion] /= np.linalg.norm(y[quaternion])
+        return (
+            y[:robot_size],
+            y[robot_size : robot_size + object_size],
+            y[robot_size + object_size : robot_size + object_size + len(impulse_and_work)],
+        )
 
-    def _rate(self, y: np.ndarray, F: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """Return the rate of y = [Q; v; pose; velocity of the object; impulse; work; momenta of wheels] under F."""
+    def _rate(self, integrated: np.ndarray, F: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """Compute the rate of the integrated state, with accelerations by MuJoCo's forward dynamics.
+
+        Args:
+            integrated: y = [Q; v; pose of the object; its velocity; impulse; work; momenta of wheels].
+            F: External generalized force on the robot (n,).
+            parameters: Parameters of the bushings (A, n_parameters).
+
+        Returns:
+            dy/dt.
+        """
         model = self._model
         engine = self._robot.engine
         data = self._robot.data
         law = self._law
-        ends = np.cumsum([model.nq, model.n, *law.sizes, model.parts["base"].stop + 1])
-        Q, v, pose, rate, _, h_wheels = np.split(y, ends)
+        ends = np.cumsum([model.nq, model.n, *law.object_sizes, model.parts["base"].stop + 1])
+        Q, v, object_pose, object_velocity, _, h_wheels = np.split(integrated, ends)
         self._robot.put(Q, v)
         torque = np.zeros(0)
         power_of_wheels = 0.0
@@ -227,50 +282,71 @@ class MujocoStep:
             torque = self._drive.torque
             self._robot.put_wheels(self._drive, h_wheels, v)
             power_of_wheels = float(torque @ data.qvel[self._robot.wheel_v])
-        data.qpos[self._q] = pose
-        data.qvel[self._v] = rate
+        data.qpos[self._object_q] = object_pose
+        data.qvel[self._object_v] = object_velocity
         mujoco.mj_fwdPosition(engine, data)
         mujoco.mj_fwdVelocity(engine, data)
         acting = self._robot.friction.net_force(F, v)
         data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self._robot.v] = acting[self._robot.moving_rates]
         data.qfrc_applied[self._robot.wheel_v] = torque
-        power = sum(self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4])
+        power_of_bushings = sum(
+            self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4]
+        )  # stiffness is 0 of an open one
         mujoco.mj_fwdActuation(engine, data)
         mujoco.mj_fwdAcceleration(engine, data)
         vdot = np.zeros(model.n)
         vdot[self._robot.moving_rates] = data.qacc_smooth[self._robot.v]
-        velocity_rate = data.qacc_smooth[self._v]
+        velocity_rate = data.qacc_smooth[self._object_v]
         Qdot = model.space.rate(Q, v)
-        pose_rate = law.body.space.rate(pose, rate)
+        pose_rate = law.body.space.rate(object_pose, object_velocity)
         external = model.space.external_wrench(Q, F)
         if not model.spec.moved_by.moves:
             external = [np.nan] * model.space.n_twist  # MuJoCo does not return the force of a mount
         return np.array(
-            [*Qdot, *vdot, *pose_rate, *velocity_rate, *external, acting @ v + power + power_of_wheels, *torque]
+            [
+                *Qdot,
+                *vdot,
+                *pose_rate,
+                *velocity_rate,
+                *external,
+                acting @ v + power_of_bushings + power_of_wheels,
+                *torque,
+            ]
         )
 
     def _press(self, site: int, parameters: np.ndarray) -> float:
-        """Apply the bushing at a gripper to both bodies; return its power [W]."""
+        """Apply the bushing at a gripper to both bodies, as forces at the gripper's point; return its power [W].
+
+        Args:
+            site: Number of the gripper's site in MuJoCo's model.
+            parameters: Parameters of its bushing (n_parameters,).
+        """
         engine = self._robot.engine
         data = self._robot.data
-        at = self._robot.data.site_xpos[site]
+        gripper_point = self._robot.data.site_xpos[site]
         velocity = np.zeros(6)
         quaternion = np.zeros(4)
         mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
         mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
         space = self._law.body.space
         rate = np.array(space.twist(velocity[3:], velocity[:3]))
-        pose = space.from_3d(at, quaternion)
-        w, _, power = self._bushing(pose, rate, data.qpos[self._q], data.qvel[self._v], parameters)
-        force, moment = (np.array(components, dtype=float) for components in space.twist_to_3d(w[0]))
+        pose = space.from_3d(gripper_point, quaternion)
+        wrench_on_gripper, _, power = self._bushing(
+            pose, rate, data.qpos[self._object_q], data.qvel[self._object_v], parameters
+        )
+        force, moment = (np.array(components, dtype=float) for components in space.twist_to_3d(wrench_on_gripper[0]))
         for body, sign in ((engine.site_bodyid[site], 1.0), (self._body, -1.0)):
-            mujoco.mj_applyFT(engine, data, sign * force, sign * moment, at, body, data.qfrc_applied)
+            mujoco.mj_applyFT(engine, data, sign * force, sign * moment, gripper_point, body, data.qfrc_applied)
         return float(power[0, 0])
 
 
 def build(setup: PlantSetup) -> Plant:
-    """Build the plant, of robot and object together where there is something to capture."""
+    """Build the plant on MuJoCo, of robot and object together where there is something to capture.
+
+    Args:
+        setup: What every kind of plant is built from.
+    """
     capture = setup.capture
     if capture is None:
         return MujocoPlant(

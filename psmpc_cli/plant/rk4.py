@@ -32,9 +32,9 @@ class _Inputs:
     in_task_space: bool
     varies: bool
 
-    def kind(self, plain: TickKind, is_pushed: bool) -> TickKind:
+    def kind(self, base_kind: TickKind, is_pushed: bool) -> TickKind:
         """Return the function of a tick that takes them, of those with the arguments of the plant alone."""
-        return replace(plain, in_task_space=self.in_task_space, varies=self.varies, is_pushed=is_pushed)
+        return replace(base_kind, in_task_space=self.in_task_space, varies=self.varies, is_pushed=is_pushed)
 
     def at(self, ticks: slice) -> list[np.ndarray]:
         """Return the arguments at ticks, a row each."""
@@ -65,6 +65,18 @@ class _CompiledPlant(ABC):
         firing: ThrusterFiring | None,
         drive: WheelDrive | None,
     ) -> None:
+        """Set up a plant; the functions of its ticks are built, and compiled, when a sample first needs them.
+
+        Args:
+            model: The robot.
+            tick: Length of a tick of the low-level law [s].
+            substeps: Steps of the integrator in a tick.
+            native: Whether functions run as compiled C.
+            friction: Friction of joints; None of an undisturbed plant.
+            force_limits: Limits at which the force of the law is cut; None without any.
+            firing: Thrusters that give the force on the base; None where the plant applies the law's force itself.
+            drive: Drive of the reaction wheels; None without any.
+        """
         self.model = model
         self.tick = tick
         self.friction = friction
@@ -72,9 +84,9 @@ class _CompiledPlant(ABC):
         self.firing = firing
         self.drive = drive
         self._native = native
-        self._plain = TickKind(tick, substeps, disturbed=friction is not None, limited=force_limits is not None)
-        self._one_tick: dict[TickKind, ca.Function] = {}
-        self._ticks: dict[tuple[int, TickKind], ArrayFunction] = {}
+        self._base_kind = TickKind(tick, substeps, disturbed=friction is not None, limited=force_limits is not None)
+        self._function_of_one_tick: dict[TickKind, ca.Function] = {}
+        self._function_of_ticks: dict[tuple[int, TickKind], ArrayFunction] = {}
 
     @abstractmethod
     def _build_tick(self, kind: TickKind) -> ca.Function:
@@ -85,27 +97,29 @@ class _CompiledPlant(ABC):
 
     def _tick_of(self, kind: TickKind) -> ca.Function:
         """Return the function of one tick, built on first use."""
-        if kind not in self._one_tick:
+        if kind not in self._function_of_one_tick:
             one = self._build_tick(kind)
-            self._one_tick[kind] = compiled(one) if self._native else one
-        return self._one_tick[kind]
+            self._function_of_one_tick[kind] = compiled(one) if self._native else one
+        return self._function_of_one_tick[kind]
 
     def _over(self, ticks: int, kind: TickKind) -> ArrayFunction:
         """Return the function of so many ticks, built on first use."""
-        if (ticks, kind) not in self._ticks:
-            self._ticks[ticks, kind] = ArrayFunction(self._tick_of(kind).mapaccum(ticks))
-        return self._ticks[ticks, kind]
+        if (ticks, kind) not in self._function_of_ticks:
+            self._function_of_ticks[ticks, kind] = ArrayFunction(self._tick_of(kind).mapaccum(ticks))
+        return self._function_of_ticks[ticks, kind]
 
     def _begin_span(
         self, first: int, last: int, z: np.ndarray, inputs: _Inputs, fixed: tuple[np.ndarray, ...], setpoints: Setpoints
     ) -> tuple[slice, bool]:
-        """Return ticks over which the same holds of the thrusters; a period of pulses may begin with them.
+        """Find how many ticks from one on are alike for the thrusters, and begin a period of pulses if one is due.
+
+        Those ticks can be integrated by one call of a function.
 
         Args:
-            first: The first of them.
-            last: The one after the last that may be among them.
+            first: The first tick.
+            last: The tick after the last that may be among them.
             z: Integrated state at the first.
-            inputs: Arguments at each tick of the sample.
+            inputs: Arguments of the function at each tick of the sample.
             fixed: Arguments that are the same at all ticks.
             setpoints: Those of the sample.
 
@@ -118,22 +132,26 @@ class _CompiledPlant(ABC):
             return slice(first, last), False
         span = firing.span(setpoints.driven, first, last)
         if span.begins:
-            one = self._over(1, inputs.kind(self._plain, is_pushed=True))
-            _, _, wanted, *_ = one(z, *inputs.mean(span.ticks), *fixed, _without_thrust(limits, firing))
+            # the wrench that the law wants for the mean setpoint over the period; the motion of this tick is discarded
+            law_in_one_tick = self._over(1, inputs.kind(self._base_kind, is_pushed=True))
+            _, _, wanted, *_ = law_in_one_tick(z, *inputs.mean(span.ticks), *fixed, _without_thrust(limits, firing))
             firing.begin(limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
         return span.ticks, span.is_pushed
 
     def _integrate(
         self, ticks: slice, is_pushed: bool, z: np.ndarray, inputs: _Inputs, fixed: tuple[np.ndarray, ...]
     ) -> list[np.ndarray]:
-        """Return the results of the function of ticks, within the limits of the force, a row a tick.
+        """Integrate ticks that are alike for the thrusters, by one call of a function.
 
         Args:
             ticks: The ticks.
-            is_pushed: Whether thrusters push the base in them.
+            is_pushed: Whether thrusters push the base in them; then they alone give the force on it.
             z: Integrated state at the first.
-            inputs: Arguments at each tick of the sample.
+            inputs: Arguments of the function at each tick of the sample.
             fixed: Arguments that are the same at all ticks.
+
+        Returns:
+            The results of the function, a row for each tick: integrated states, forces, and others.
         """
         count = ticks.stop - ticks.start
         limits: tuple[np.ndarray, ...] = ()
@@ -141,8 +159,8 @@ class _CompiledPlant(ABC):
             limits = (self.force_limits.vector,)
             if self.firing is not None and is_pushed:
                 limits = (_under_thrust(self.force_limits, self.firing, count),)
-        over = self._over(count, inputs.kind(self._plain, is_pushed))
-        return over(z, *inputs.at(ticks), *fixed, *limits)
+        integrate_ticks = self._over(count, inputs.kind(self._base_kind, is_pushed))
+        return integrate_ticks(z, *inputs.at(ticks), *fixed, *limits)
 
     def _pass_ticks(self, states: np.ndarray, commanded: np.ndarray, is_pushed: bool) -> None:
         """Tell the thrusters what the law has commanded over ticks that have passed.
@@ -177,48 +195,56 @@ class Rk4Plant(_CompiledPlant):
         drive: WheelDrive | None = None,
     ) -> None:
         super().__init__(model, tick, substeps, native, friction, force_limits, firing, drive)
-        self._tick_of(replace(self._plain, is_pushed=firing is not None))
+        self._tick_of(replace(self._base_kind, is_pushed=firing is not None))
 
     def advance(
         self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Simulate the robot over one sample; see `Plant.advance`.
+        """Simulate the robot over one sample, in as few calls as thrusters allow; see `Plant.advance`.
 
-        The integrated state is z = [state; external impulse; work; momenta of wheels]; impulse and work begin at 0.
+        The integrated state is z = [Q; v; external impulse; work; momenta of wheels]; impulse and work begin at 0.
         """
         M = len(setpoints.u)
         inputs, fixed = self._arguments(setpoints, disturbance)
         if self.firing is not None:
             self.firing.begin_sample(setpoints.shut)
-        sums = self.model.parts["base"].stop + 1
-        z = np.concatenate([state, np.zeros(sums), _momenta(self.model, self.drive)])
+        sums_size = self.model.parts["base"].stop + 1
+        z = np.concatenate([state, np.zeros(sums_size), _momenta(self.model, self.drive)])
         spans = []
         k = 0
         while k < M:
             ticks, is_pushed = self._begin_span(k, M, z, inputs, fixed, setpoints)
-            rows = self._integrate(ticks, is_pushed, z, inputs, fixed)
-            Z = rows[0]
+            results = self._integrate(ticks, is_pushed, z, inputs, fixed)
+            Z = results[0]
             if self.force_limits is not None:
-                self._pass_ticks(np.vstack([z, Z[:-1]]), rows[2], is_pushed)
-            spans.append(rows)
+                self._pass_ticks(np.vstack([z, Z[:-1]]), results[2], is_pushed)
+            spans.append(results)
             z = Z[-1]
             k = ticks.stop
-        Z, F, *more = (np.concatenate(rows) for rows in zip(*spans, strict=True))
-        robot, impulse_and_work, momenta = np.split(Z, np.cumsum([len(state), sums]), axis=1)
+        Z, F, *others = (np.concatenate(results) for results in zip(*spans, strict=True))
+        robot_states, impulse_and_work, momenta = np.split(Z, np.cumsum([len(state), sums_size]), axis=1)
         return Ticks(
             time=start + self.tick * np.arange(M + 1),
-            states=np.concatenate([state[None], robot]),
+            states=np.concatenate([state[None], robot_states]),
             F=F,
             impulse_and_work=impulse_and_work[-1],
-            commanded=None if self.force_limits is None else more[0],
+            commanded=None if self.force_limits is None else others[0],
             thrusters=None if self.firing is None else self.firing.end_sample(),
-            wheels=None if self.drive is None else _recorded(self.drive, momenta, more[-1]).end_sample(),
+            wheels=None if self.drive is None else _recorded(self.drive, momenta, others[-1]).end_sample(),
         )
 
     def _arguments(
         self, setpoints: Setpoints, disturbance: Disturbance | None
     ) -> tuple[_Inputs, tuple[np.ndarray, ...]]:
-        """Return the arguments of `tick_function` at each tick of a sample, and those that are the same at all."""
+        """Arrange setpoints and disturbances of a sample as arguments of `tick_function`.
+
+        Args:
+            setpoints: What the low-level law and the actuators are commanded to do.
+            disturbance: Differences from what the controller knows; None without any.
+
+        Returns:
+            Those with a row for each tick, and those that are the same at all ticks (parameters of a disturbed plant).
+        """
         followed = setpoints.u if setpoints.twist_rates is None else setpoints.twist_rates
         if setpoints.driven is not None:
             followed = np.hstack([followed, setpoints.driven])
@@ -266,44 +292,50 @@ class Rk4CapturePlant(_CompiledPlant):
     def advance(
         self, start: float, state: np.ndarray, setpoints: Setpoints, disturbance: Disturbance | None = None
     ) -> Ticks:
-        """Simulate robot and object over one sample; see `Plant.advance`."""
+        """Simulate robot and object over one sample; see `Plant.advance`.
+
+        Ticks that are alike (thrusters, commands of grippers, grasps) are integrated by one call. Where a grasp is lost
+        in one of them, those before it count, and the integration goes on from there without that grasp.
+        """
         capture = self.capture
         M, n = setpoints.u.shape
         inputs, parameters = self._arguments(setpoints, disturbance or Disturbance.none(self.model.nominal, M, n))
         if self.firing is not None:
             self.firing.begin_sample(setpoints.shut)
-        closed = setpoints.grippers_close
+        grippers_close = setpoints.grippers_close
         times = start + self.tick * np.arange(M + 1)
         states = np.vstack([state, np.empty((M, len(state)))])
         F = np.empty((M, n))
         commanded = np.empty((M, n))
         impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
-        k = 0
-        while k < M:
-            capture.want(times[k], states[k], bool(closed[k]))
-            h = _momenta(self.model, self.drive)
-            z = np.concatenate([states[k], impulse_and_work, h, capture.state, capture.load.ravel()])
+        tick = 0
+        while tick < M:
+            capture.want(times[tick], states[tick], bool(grippers_close[tick]))
+            wheel_momenta = _momenta(self.model, self.drive)
+            z = np.concatenate([states[tick], impulse_and_work, wheel_momenta, capture.state, capture.load.ravel()])
             fixed = np.concatenate([capture.parameters.ravel(), capture.closed]), parameters
             if self.firing is not None:
                 self.firing.count_with_load(capture.is_known_load)
-            ticks, is_pushed = self._begin_span(k, _end_of_equal(closed, k), z, inputs, fixed, setpoints)
+            ticks, is_pushed = self._begin_span(tick, _end_of_equal(grippers_close, tick), z, inputs, fixed, setpoints)
             Z, F[ticks], commanded[ticks], wrench, *torque = self._integrate(ticks, is_pushed, z, inputs, fixed)
-            sizes = [len(state), len(impulse_and_work), len(h), len(capture.state)]
-            robot, sums, momenta, of_object, load = np.split(Z, np.cumsum(sizes), axis=1)
-            count = capture.record(
+            sizes = [len(state), len(impulse_and_work), len(wheel_momenta), len(capture.state)]
+            robot_states, sums, momenta, object_states, load = np.split(Z, np.cumsum(sizes), axis=1)
+            ticks_before_loss = capture.record(
                 times[ticks],
-                np.vstack([capture.state, of_object[:-1]]),
+                np.vstack([capture.state, object_states[:-1]]),
                 wrench.reshape(len(Z), len(capture.closed), -1),
                 load.reshape(len(Z), len(capture.closed), -1),
             )
-            if count:  # ticks before a grasp is lost
-                states[k + 1 : k + 1 + count] = robot[:count]
-                self._pass_ticks(states[k : k + count], commanded[k : k + count], is_pushed)
+            if ticks_before_loss:  # ticks before a grasp is lost
+                states[tick + 1 : tick + 1 + ticks_before_loss] = robot_states[:ticks_before_loss]
+                self._pass_ticks(
+                    states[tick : tick + ticks_before_loss], commanded[tick : tick + ticks_before_loss], is_pushed
+                )
                 if self.drive is not None:
-                    _recorded(self.drive, momenta[:count], torque[0][:count])
-                impulse_and_work = sums[count - 1]
-                capture.state = of_object[count - 1]
-                k += count
+                    _recorded(self.drive, momenta[:ticks_before_loss], torque[0][:ticks_before_loss])
+                impulse_and_work = sums[ticks_before_loss - 1]
+                capture.state = object_states[ticks_before_loss - 1]
+                tick += ticks_before_loss
         return Ticks(
             time=times,
             states=states,
@@ -316,12 +348,21 @@ class Rk4CapturePlant(_CompiledPlant):
         )
 
     def _arguments(self, setpoints: Setpoints, disturbance: Disturbance) -> tuple[_Inputs, np.ndarray]:
-        """Return the arguments of `capture_tick` at each tick of a sample, and its parameters, the same at all."""
+        """Arrange setpoints and disturbances of a sample as arguments of `capture_tick`.
+
+        Args:
+            setpoints: What the low-level law and the actuators are commanded to do.
+            disturbance: Differences from what the controller knows.
+
+        Returns:
+            Those with a row for each tick, and the vector of parameters that are the same at all: of the robot, of the
+            law, of friction, of the true object, of the object as the law knows it, and of the filter of loads.
+        """
         capture = self.capture
-        columns = (setpoints.u, setpoints.twist_rates, setpoints.driven)
+        commanded_columns = (setpoints.u, setpoints.twist_rates, setpoints.driven)
         external_force = disturbance.external_force
         inputs = _Inputs(
-            np.hstack([values for values in columns if values is not None]),
+            np.hstack([values for values in commanded_columns if values is not None]),
             (external_force,) if self.friction is None else (disturbance.noise, external_force),
             in_task_space=setpoints.twist_rates is not None,
             varies=setpoints.driven is not None,
@@ -353,12 +394,12 @@ def _end_of_equal(values: np.ndarray, first: int) -> int:
 
 def _under_thrust(limits: ForceLimits, firing: ThrusterFiring, ticks: int) -> np.ndarray:
     """Return the limits of ticks in which thrusters push the base, as `tick_function` takes them (ticks, 2n + d)."""
-    return np.hstack([limits.holding_base(firing.wrenches(ticks)), np.tile(firing.mean, (ticks, 1))])
+    return np.hstack([limits.holding_base(firing.wrenches(ticks)), np.tile(firing.mean_wrench, (ticks, 1))])
 
 
 def _without_thrust(limits: ForceLimits, firing: ThrusterFiring) -> np.ndarray:
     """Return the same of one tick in which no thruster fires (1, 2n + d): the law then says what it asks for."""
-    none = np.zeros((1, len(firing.mean)))
+    none = np.zeros((1, len(firing.mean_wrench)))
     return np.hstack([limits.holding_base(none), none])
 
 
@@ -375,7 +416,11 @@ def _recorded(drive: WheelDrive, momenta: np.ndarray, torques: np.ndarray) -> Wh
 
 
 def build(setup: PlantSetup) -> Plant:
-    """Build the plant, of robot and object together where there is something to capture."""
+    """Build the plant of rigid bodies, of robot and object together where there is something to capture.
+
+    Args:
+        setup: What every kind of plant is built from.
+    """
     capture = setup.capture
     if capture is None:
         return Rk4Plant(

@@ -72,7 +72,7 @@ class ThrusterFiring:
     Attributes:
         thrusters: The thrusters.
         period: Number of ticks in which each fires at most one pulse.
-        mean: Mean wrench over the period that has begun (d,) [N, N m].
+        mean_wrench: Mean wrench over the period that has begun (d,) [N, N m].
     """
 
     def __init__(self, thrusters: Thrusters, period: int, tick: float, pulsed: bool = True) -> None:
@@ -92,99 +92,112 @@ class ThrusterFiring:
         T = thrusters.count
 
         # of the period of pulses
-        self.mean = np.zeros(d)
-        self._length = period  # ticks of the period that begins next
-        self._thrusts = np.zeros((0, T))  # over the ticks that are left of the period [N]
-        self._unfinished = self._thrusts  # those of pulses of the period before that go on in this one [N]
-        self._owed = np.zeros(d)  # impulse that the law has asked for, and pulses have not given yet
-        self._is_loaded = False  # whether the law counts with a load
+        self.mean_wrench = np.zeros(d)
+        self._next_period_ticks = period  # ticks of the period that begins next
+        self._planned_thrusts = np.zeros((0, T))  # over the ticks that are left of the period [N]
+        self._unfinished_thrusts = (
+            self._planned_thrusts
+        )  # those of pulses of the period before that go on in this one [N]
+        self._owed_impulse = np.zeros(d)  # impulse that the law has asked for, and pulses have not given yet
+        self._law_has_load = False  # whether the law counts with a load
 
         # of the sample, for its log
-        self._rows: list[np.ndarray] = []  # thrusts over its ticks so far [N]
-        self._fires = np.zeros(T, bool)  # which fired at the last tick of the sample before
-        self._refused = np.zeros(d)  # impulse that no thrusts can give
+        self._thrusts_of_sample: list[np.ndarray] = []  # thrusts over its ticks so far [N]
+        self._fired_last = np.zeros(T, bool)  # which fired at the last tick of the sample before
+        self._refused_impulse = np.zeros(d)  # impulse that no thrusts can give
         self._is_shut: np.ndarray | None = None  # which are shut at the ticks that are left; None: none
-        self._shut = np.zeros(T)  # share of its ticks at which each is shut
+        self._share_shut = np.zeros(T)  # share of its ticks at which each is shut
 
     def begin_sample(self, is_shut: np.ndarray | None) -> None:
         """Take in which thrusters are shut at the ticks of the sample that begins (M, T); None: none is."""
         if is_shut is None or not is_shut.any():
             return
         self._is_shut = is_shut
-        self._shut = is_shut.mean(axis=0)
+        self._share_shut = is_shut.mean(axis=0)
 
     @property
     def ticks_left(self) -> int:
         """Number of ticks until another period begins."""
-        return len(self._thrusts)
+        return len(self._planned_thrusts)
 
     def span(self, driven: np.ndarray | None, first: int, last: int) -> "FiringSpan":
-        """Return the ticks from one on over which thrusters go on as they begin: off, or within one period of pulses.
+        """Return how many ticks from one on are alike for the thrusters: all off, or all within one period of pulses.
 
         Plants advance over them at once. A period begins where thrusters push the base and none is under way.
 
         Args:
-            driven: Whether something acts on each coordinate of the base at the ticks of the sample (M, d); thrusters
+            driven: 1 where something acts on a coordinate of the base, at the ticks of the sample (M, d); thrusters
                 push it where something acts on its position. None: they always do.
             first: The first tick.
-            last: The one after the last that may be among them.
+            last: The tick after the last that may be among them.
         """
-        end = last
+        end_of_phase = last
         if driven is not None:
             is_pushed = driven[first:last, 0] > 0
-            changes = np.flatnonzero(is_pushed != is_pushed[0])
-            end = first + int(changes[0]) if changes.size else last
+            change_ticks = np.flatnonzero(is_pushed != is_pushed[0])
+            end_of_phase = first + int(change_ticks[0]) if change_ticks.size else last
             if not is_pushed[0]:
-                return FiringSpan(first, end, is_pushed=False, begins=False)
-        end_of_period = first + (self.ticks_left or self._length)
-        return FiringSpan(first, min(end_of_period, end), is_pushed=True, begins=not self.ticks_left)
+                return FiringSpan(first, end_of_phase, is_pushed=False, begins=False)
+        end_of_period = first + (self.ticks_left or self._next_period_ticks)
+        return FiringSpan(first, min(end_of_period, end_of_phase), is_pushed=True, begins=not self.ticks_left)
 
     def count_with_load(self, is_loaded: bool) -> None:
-        """Take in whether the law counts with a load from this tick on, and end the period where that changes.
+        """End the period of pulses early where the law begins or ceases to count with a held load.
 
-        The next one lasts as long as the rest of this one, so that periods stay in step with samples, and a period
-        longer where a shortest pulse would not fit. Pulses that have begun go on to their ends.
+        The law then wants another wrench than the period was planned for. The next period lasts as long as the rest of
+        this one, so that periods stay in step with samples, and a period longer where a shortest pulse would not fit.
+        Pulses that have begun go on to their ends.
+
+        Args:
+            is_loaded: Whether the law counts with a load from this tick on.
         """
-        if is_loaded == self._is_loaded:
+        if is_loaded == self._law_has_load:
             return
-        self._is_loaded = is_loaded
-        left = self.ticks_left
-        if not left:
+        self._law_has_load = is_loaded
+        ticks_left = self.ticks_left
+        if not ticks_left:
             return
-        fits = left * self._tick >= self.thrusters.shortest_pulse.max() - 1e-9
-        self._length = left if fits else left + self.period
-        fires = self._rows[-1][-1] > 0 if self._rows else self._fires
-        goes_on = self._pulsed & fires & np.logical_and.accumulate(self._thrusts > 0, axis=0)
-        self._unfinished = np.where(goes_on, self._thrusts, 0.0)
-        self._thrusts = self._thrusts[:0]
+        pulse_fits = ticks_left * self._tick >= self.thrusters.shortest_pulse.max() - 1e-9
+        self._next_period_ticks = ticks_left if pulse_fits else ticks_left + self.period
+        is_firing = self._thrusts_of_sample[-1][-1] > 0 if self._thrusts_of_sample else self._fired_last
+        # a thruster that fires now goes on up to its first tick without thrust
+        is_same_pulse = self._pulsed & is_firing & np.logical_and.accumulate(self._planned_thrusts > 0, axis=0)
+        self._unfinished_thrusts = np.where(is_same_pulse, self._planned_thrusts, 0.0)
+        self._planned_thrusts = self._planned_thrusts[:0]
 
     def begin(self, wanted: np.ndarray) -> None:
-        """Begin a period of pulses: allocate what is wanted over it to the thrusters, tick by tick.
+        """Begin a period of pulses: plan thrusts, tick by tick, that give a wanted mean wrench.
 
-        What earlier periods owe is wanted too, less what pulses that have not ended yet will give. What the thrusters
-        cannot give together is refused, and not owed any more, so that it does not add up.
+        What earlier periods owe (impulse that pulses could not give, as they last whole ticks) is wanted too, less what
+        pulses that have not ended yet will give. What the thrusters cannot give together is refused, and not owed any
+        more, so that it does not add up.
 
         Args:
             wanted: Mean wrench that the law wants on the base over the period (d,) [N, N m].
         """
-        ticks = self._length
-        length = ticks * self._tick
+        period_ticks = self._next_period_ticks
+        period_length = period_ticks * self._tick
         is_shut = None if self._is_shut is None else self._is_shut[0]
         if is_shut is not None:
-            self._unfinished = np.where(is_shut, 0.0, self._unfinished)
-        impulse_of_unfinished = self._tick * self.thrusters.wrenches @ self._unfinished.sum(axis=0)
-        allocation = self.thrusters.allocate(wanted + (self._owed - impulse_of_unfinished) / length, is_shut)
-        self._refused += allocation.residual * length
-        self._owed -= allocation.residual * length
+            self._unfinished_thrusts = np.where(is_shut, 0.0, self._unfinished_thrusts)
+        impulse_of_unfinished = self._tick * self.thrusters.wrenches @ self._unfinished_thrusts.sum(axis=0)
+        allocation = self.thrusters.allocate(
+            wanted + (self._owed_impulse - impulse_of_unfinished) / period_length, is_shut
+        )
+        self._refused_impulse += allocation.residual * period_length
+        self._owed_impulse -= allocation.residual * period_length
         if self._pulsed:
-            self._thrusts = self.thrusters.pulses(allocation.thrusts, ticks, self._tick)
-            first = slice(len(self._unfinished))  # a thruster in an unfinished pulse fires no second one meanwhile
-            self._thrusts[first] = np.maximum(self._thrusts[first], self._unfinished)
+            self._planned_thrusts = self.thrusters.pulses(allocation.thrusts, period_ticks, self._tick)
+            # a thruster in an unfinished pulse fires no second one meanwhile
+            unfinished_ticks = slice(len(self._unfinished_thrusts))
+            self._planned_thrusts[unfinished_ticks] = np.maximum(
+                self._planned_thrusts[unfinished_ticks], self._unfinished_thrusts
+            )
         else:
-            self._thrusts = np.tile(allocation.thrusts, (ticks, 1))
-        self.mean = self.thrusters.wrenches @ self._thrusts.mean(axis=0)
-        self._length = self.period
-        self._unfinished = self._unfinished[:0]
+            self._planned_thrusts = np.tile(allocation.thrusts, (period_ticks, 1))
+        self.mean_wrench = self.thrusters.wrenches @ self._planned_thrusts.mean(axis=0)
+        self._next_period_ticks = self.period
+        self._unfinished_thrusts = self._unfinished_thrusts[:0]
 
     def wrenches(self, ticks: int) -> np.ndarray:
         """Return what they give over so many ticks of this period (ticks, d) [N, N m]."""
@@ -192,63 +205,69 @@ class ThrusterFiring:
 
     def _given(self, ticks: int) -> np.ndarray:
         """Return the thrusts over so many ticks of this period (ticks, T) [N]."""
-        thrusts = self._thrusts[:ticks]
+        thrusts = self._planned_thrusts[:ticks]
         return thrusts if self._is_shut is None else np.where(self._is_shut[:ticks], 0.0, thrusts)
 
     def pass_ticks(self, wanted: np.ndarray, is_pushed: bool) -> None:
-        """Take in that ticks have passed; where nothing pushes the base thrusters are off, and nothing is owed.
+        """Account for ticks that have passed: record what was fired, and update what is owed to the law.
+
+        Where nothing pushes the base, thrusters are off and nothing is owed.
 
         Args:
-            wanted: Wrenches that the law wanted on the base over them (ticks, d) [N, N m].
+            wanted: Wrenches that the law wanted on the base over the ticks (ticks, d) [N, N m].
             is_pushed: Whether thrusters push the base.
         """
         ticks = len(wanted)
         if is_pushed:
-            self._owed += self._tick * (wanted - self.wrenches(ticks)).sum(axis=0)
-            self._rows.append(self._given(ticks))
-            self._thrusts = self._thrusts[ticks:]
+            self._owed_impulse += self._tick * (wanted - self.wrenches(ticks)).sum(axis=0)
+            self._thrusts_of_sample.append(self._given(ticks))
+            self._planned_thrusts = self._planned_thrusts[ticks:]
         else:
-            self._owed[:] = 0.0
-            self._rows.append(np.zeros((ticks, self.thrusters.count)))
-            self._thrusts = self._thrusts[:0]
-            self._unfinished = self._unfinished[:0]
-            self._length = self.period
+            self._owed_impulse[:] = 0.0
+            self._thrusts_of_sample.append(np.zeros((ticks, self.thrusters.count)))
+            self._planned_thrusts = self._planned_thrusts[:0]
+            self._unfinished_thrusts = self._unfinished_thrusts[:0]
+            self._next_period_ticks = self.period
         if self._is_shut is not None:
             self._is_shut = self._is_shut[ticks:]
 
     def end_sample(self) -> ThrusterTicks:
-        """Return what was fired over the sample that ends, and begin the next one."""
-        thrusts = np.concatenate(self._rows)
-        fires = np.vstack([self._fires, thrusts > 0])
+        """Return what was fired over the sample that ends, for its log, and begin the record of the next one.
+
+        A firing begins where a thruster that was off at the tick before is on, so the last tick before the sample
+        counts too.
+        """
+        thrusts = np.concatenate(self._thrusts_of_sample)
+        is_firing = np.vstack([self._fired_last, thrusts > 0])
         sample = ThrusterTicks(
             thrusts=thrusts,
             impulses=self._tick * thrusts.sum(axis=0),
-            firings=(np.diff(fires.astype(int), axis=0) > 0).sum(axis=0),
-            owed=self._owed.copy(),
-            refused=self._refused.copy(),
-            shut=self._shut,
+            firings=(np.diff(is_firing.astype(int), axis=0) > 0).sum(axis=0),
+            owed=self._owed_impulse.copy(),
+            refused=self._refused_impulse.copy(),
+            shut=self._share_shut,
         )
-        self._rows = []
+        self._thrusts_of_sample = []
         self._is_shut = None
-        self._shut = np.zeros(self.thrusters.count)
-        self._fires = fires[-1]
-        self._refused[:] = 0.0
+        self._share_shut = np.zeros(self.thrusters.count)
+        self._fired_last = is_firing[-1]
+        self._refused_impulse[:] = 0.0
         return sample
 
 
 def firing_of(task: TaskSpec, model: RobotModel) -> ThrusterFiring | None:
-    """Return how the thrusters of a task's robot fire; None where nothing fires.
+    """Set up how the thrusters of a task's robot fire; None where nothing fires.
 
-    The period of pulses is the robot's own. By default it is the sample time, since the acceleration that the law
-    follows is another at each sample, or as many samples as the longest shortest pulse takes. It is a whole number of
-    ticks, rounded up.
+    The period of pulses is the robot's own, rounded up to whole ticks. By default it is the sample time, since the
+    acceleration that the law follows is another at each sample; or as many samples as the longest of the shortest
+    pulses takes.
     """
     if not (task.fires(model.spec) and task.plant.traits.has_forces):
         return None
     thrusters = Thrusters.of(model.spec.thrusters)
     tick = 1 / task.plant.low_level_rate
-    sample = task.controller.sample_time
+    sample_time = task.controller.sample_time
     period = model.spec.pulse_period
     if period is None:
-        period = sample * max(1.0, np.ceil(thrusters.shortest_pulse.max() / sample - 1e-9))
+        period = sample_time * max(1.0, np.ceil(thrusters.shortest_pulse.max() / sample_time - 1e-9))
     return ThrusterFiring(thrusters, int(np.ceil(period / tick - 1e-6)), tick, task.plant.thrusters == "pulsed")

@@ -83,17 +83,18 @@ class Uncertainty:
         return change(self._model, state, self._true, self._with_payload(self._true))
 
     def disturbance(self, sample: int, start: float, stage: int, law: LowLevelLaw) -> Disturbance | None:
-        """Return what disturbs the plant over a sample; None where nothing does.
+        """Collect how the true robot differs, over one sample, from what its controller knows; None where in nothing.
 
         Args:
-            sample: Its number.
+            sample: Number of the sample, by which its noise is drawn.
             start: When it begins [s].
-            stage: The stage then, which tells whether the payload is held.
-            law: The low-level law, for what it takes the robot for.
+            stage: Index of the stage then, which tells whether the payload is held.
+            law: The low-level law, with the inertial parameters that it takes for the robot's.
         """
         if self.friction is None:
             return None
         believed = law.parameters
+        # the law may be told of a payload while it is held
         if self.spec.carried.is_told and self.holds(stage):
             believed = self._with_payload(believed)
         return Disturbance(
@@ -151,24 +152,27 @@ def disturbs(task: TaskSpec) -> bool:
 
 
 def take_up(model: RobotModel, state: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
-    """Compute the effect of taking up an object at rest: H_holding v+ = H_free v-.
+    """Compute how velocities and energy jump when the robot takes up an object at rest: H_holding v+ = H_free v-.
 
     The object has no momentum, so the generalized momentum stays. The energy lost is that of the velocities lost, by
     Carnot's theorem: 1/2 (v- - v+)' H_free (v- - v+) + 1/2 v+' (H_holding - H_free) v+.
 
     Args:
         model: The robot.
-        state: State before (nq + n,).
-        free: Its inertial parameters with empty grippers.
+        state: State [Q; v-] before (nq + n,).
+        free: Inertial parameters of the robot with empty grippers.
         holding: The same with the object in them.
+
+    Returns:
+        The state after, and the change of momentum (0) and energy.
     """
-    Q, before = np.split(state, [model.nq])
+    Q, v_before = np.split(state, [model.nq])
     H_free = model.mass_matrix(Q, free)
     H_holding = model.mass_matrix(Q, holding)
-    after = np.linalg.solve(H_holding, H_free @ before)
-    lost = before - after
-    loss = (lost @ H_free @ lost + after @ (H_holding - H_free) @ after) / 2
-    return Contact(np.concatenate([Q, after]), np.append(np.zeros(model.parts["base"].stop), -loss))
+    v_after = np.linalg.solve(H_holding, H_free @ v_before)
+    v_lost = v_before - v_after
+    energy_lost = (v_lost @ H_free @ v_lost + v_after @ (H_holding - H_free) @ v_after) / 2
+    return Contact(np.concatenate([Q, v_after]), np.append(np.zeros(model.parts["base"].stop), -energy_lost))
 
 
 def release(model: RobotModel, state: np.ndarray, free: InertialParameters, holding: InertialParameters) -> Contact:
@@ -235,27 +239,32 @@ def friction_of(spec: UncertaintySpec, robot: RobotSpec) -> JointFriction:
 
 
 def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
-    """Return the limits at which a plant cuts forces; None where there are none.
+    """Return the limits at which a plant cuts forces; None where nothing limits them.
 
-    They are those of robot and task, and the largest components of what thrusters give. Of these the share is there
-    that the task's uncertainty says. The tighter limits of a skill are wishes of the plan; the robot does not know
-    them.
+    They are the hard limits of robot and task, and the largest wrench components that thrusters can give, scaled by the
+    share that the task's uncertainty leaves of them. Tighter limits of a skill are not among them: plans keep to those,
+    but the robot does not know them.
+
+    Args:
+        task: The task.
+        robot: The robot.
     """
-    in_stages = [task.moved_by(stage, robot) for stage in range(len(task.stages))]
-    anywhere = replace(
+    moved_by_in_stages = [task.moved_by(stage, robot) for stage in range(len(task.stages))]
+    moved_by_any = replace(
         robot.moved_by,
-        is_pushed=any(moved_by.is_pushed for moved_by in in_stages),
-        is_turned=any(moved_by.is_turned for moved_by in in_stages),
+        is_pushed=any(moved_by.is_pushed for moved_by in moved_by_in_stages),
+        is_turned=any(moved_by.is_turned for moved_by in moved_by_in_stages),
     )
-    declared = resolve_limits(robot, task.limits, moved_by=anywhere)
+    declared = resolve_limits(robot, task.limits, moved_by=moved_by_any)
     low = declared.force_low.copy()
     high = declared.force_high.copy()
     if task.fires(robot):
-        least, most = Thrusters.of(robot.thrusters).extent
-        has_wheels = any(moved_by.is_turned and not moved_by.is_pushed for moved_by in in_stages)
-        given = slice(robot.dimension if has_wheels else len(least))
-        low[given] = np.maximum(low[given], least[given])
-        high[given] = np.minimum(high[given], most[given])
+        wrench_low, wrench_high = Thrusters.of(robot.thrusters).extent
+        # moments are not limited by thrusters where wheels turn the base in some stage
+        has_wheels = any(moved_by.is_turned and not moved_by.is_pushed for moved_by in moved_by_in_stages)
+        thruster_rows = slice(robot.dimension if has_wheels else len(wrench_low))
+        low[thruster_rows] = np.maximum(low[thruster_rows], wrench_low[thruster_rows])
+        high[thruster_rows] = np.minimum(high[thruster_rows], wrench_high[thruster_rows])
     if not (np.isfinite(low) | np.isfinite(high)).any():
         return None
     share = _by_coordinate(task.uncertainty.force_share, robot, 1.0)
@@ -263,15 +272,15 @@ def force_limits_of(task: TaskSpec, robot: RobotSpec) -> ForceLimits | None:
 
 
 def _check_step(task: TaskSpec, inertia: np.ndarray, friction: JointFriction) -> None:
-    """Make sure that the integrator's step suits the friction, which is stiffest near rest.
+    """Make sure that the integrator's step is short enough for the friction, which is stiffest near rest.
 
     Args:
-        task: The task.
+        task: The task, with its plant's step.
         inertia: Mass matrix of the true robot (n, n).
-        friction: Of its joints.
+        friction: Friction of its joints.
 
     Raises:
-        InputError: It does not, or the mass matrix is singular.
+        InputError: The step is too long, or the mass matrix is singular.
     """
     if not np.linalg.cond(inertia) < 1 / np.finfo(float).eps:
         raise InputError(
@@ -279,6 +288,7 @@ def _check_step(task: TaskSpec, inertia: np.ndarray, friction: JointFriction) ->
             "mass nearer to the nominal ones"
         )
     step = task.plant.step or 1 / task.plant.low_level_rate
+    # Coulomb friction tanh(v / width) has the slope coulomb / width at rest, like a viscous one
     fastest = _fastest_rate(inertia, friction.viscous + friction.coulomb / friction.width)
     if step * fastest > 1.0:
         viscous_alone = step * _fastest_rate(inertia, friction.viscous) <= 1.0

@@ -78,24 +78,38 @@ class ClearanceMeter:
         )
 
     def measure(self, stage: int, chart: Chart, ticks: Ticks) -> tuple[np.ndarray, np.ndarray]:
-        """Return the smallest distance of each pair over ticks (P,) and its points then (P, 2, 3) [m]; else NaN."""
+        """Measure how near the parts of each pair come to each other over the ticks of a sample.
+
+        Args:
+            stage: Index of the stage, whose groups of pairs are measured.
+            chart: Local coordinates of configurations in which the distance functions are written.
+            ticks: What the plant did over the sample (M ticks).
+
+        Returns:
+            The smallest distance of each of the P pairs (P,) [m], and the two nearest points then, in the inertial
+            frame (P, 2, 3) [m]; NaN for pairs that are not measured in this stage.
+        """
         smallest = np.full(len(self.pairs), np.inf)
         points = np.full((len(self.pairs), 2, 3), np.nan)
         X = chart.entered(ticks.states)
-        for measured in self._by_stage[stage]:
-            argument = self._argument(measured, chart, ticks)
-            if argument is None:
+        for group in self._by_stage[stage]:
+            arguments = self._argument(group, chart, ticks)
+            if arguments is None:
                 continue
-            apart = measured.distances(X, argument, rows=len(X))[0]
-            nearest_ticks = apart.argmin(axis=0)
-            least = apart.min(axis=0)
-            at, place = np.unique(nearest_ticks, return_inverse=True)  # mostly the first and the last
-            nearest = measured.points(X[at], argument[at], rows=len(at))[0].reshape(len(at), -1, 2, 3)[place]
-            for row in np.argsort(-least):  # of several, the smallest is entered last
-                column = measured.columns[measured.pair_of_row[row]]
-                if least[row] <= smallest[column]:
-                    smallest[column] = least[row]
-                    points[column] = nearest[row, measured.pair_of_row[row]]
+            distances = group.distances(X, arguments, rows=len(X))[0]
+            row_closest_tick = distances.argmin(axis=0)
+            row_smallest = distances.min(axis=0)
+            # points are computed at the few ticks at which some row is smallest, mostly the first and the last
+            closest_ticks, tick_of_row = np.unique(row_closest_tick, return_inverse=True)
+            points_of_row = group.points(X[closest_ticks], arguments[closest_ticks], rows=len(closest_ticks))[
+                0
+            ].reshape(len(closest_ticks), -1, 2, 3)[tick_of_row]
+            # a pair may have several rows, one for each pair of solids: the smallest is entered last
+            for row in np.argsort(-row_smallest):
+                column = group.columns[group.pair_of_row[row]]
+                if row_smallest[row] <= smallest[column]:
+                    smallest[column] = row_smallest[row]
+                    points[column] = points_of_row[row, group.pair_of_row[row]]
         smallest[np.isinf(smallest)] = np.nan
         return smallest, points
 

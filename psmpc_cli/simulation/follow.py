@@ -23,40 +23,53 @@ class FollowedTask:
     def __init__(
         self, task: Task, path: Path, changes: Changes = (), report: Callable[[str], None] = logger.warning
     ) -> None:
-        """Follow the file of a task.
+        """Follow the file of a task, so that a user can move targets while the run goes on.
 
         Args:
-            task: The task as it was loaded.
-            path: Its file.
-            changes: Keys that were changed as it was loaded.
-            report: Takes a message about a change that does not count.
+            task: The task as it was loaded for the run.
+            path: The file that it was loaded from, which is looked at before every sample.
+            changes: Keys that were overridden as it was loaded (`--set`), and are again at every reading.
+            report: Takes a message when a change of the file does not count, by default as a warning of the log.
         """
         self._task = task
         self._path = path
         self._changes = changes
         self._report = report
-        self._modified = self._modification()
+        self._modified_at = self._modification()
 
     def __call__(self, time: float) -> Mapping[str, Any]:
-        """Return the targets that have changed since the last call, by the names of their stages."""
-        modified = self._modification()
-        if modified in (self._modified, 0):  # a file that is not there is about to be replaced
+        """Read the task file again if it was modified, and return the targets in it that are new.
+
+        A file that is no valid task, or in which anything but targets differs, is reported once and changes nothing: a
+        typing error must not end a run.
+
+        Args:
+            time: Time of the run [s], for messages.
+
+        Returns:
+            The new targets as they are written in the file, by the names of their stages; empty where nothing changed.
+        """
+        modified_at = self._modification()
+        is_missing = modified_at == 0  # editors remove a file for a moment while they replace it
+        if modified_at == self._modified_at or is_missing:
             return {}
-        self._modified = modified
-        goes_on = f"{time:.1f} s: {self._path} has changed and does not count, the run goes on with the old targets"
+        self._modified_at = modified_at
+        rejection = f"{time:.1f} s: {self._path} has changed and does not count, the run goes on with the old targets"
         try:
             task = load_task(self._path, self._changes)
         except PsmpcError as error:
-            self._report(f"{goes_on}:\n{error}")
+            self._report(f"{rejection}:\n{error}")
             return {}
-        others = other_keys(self._task, task)
-        if others:
-            self._report(f"{goes_on}: found other values of {', '.join(others)}, expected other targets alone")
+        changed_keys = other_keys(self._task, task)
+        if changed_keys:
+            self._report(f"{rejection}: found other values of {', '.join(changed_keys)}, expected other targets alone")
             return {}
         stages = zip(self._task.spec.stages, task.spec.stages, strict=True)
-        changed = [index for index, (before, after) in enumerate(stages) if before.target != after.target]
+        with_new_target = [index for index, (before, after) in enumerate(stages) if before.target != after.target]
         self._task = task
-        return {task.spec.stages[index].name: task.source.value(("stages", index, "target")) for index in changed}
+        return {
+            task.spec.stages[index].name: task.source.value(("stages", index, "target")) for index in with_new_target
+        }
 
     def _modification(self) -> int:
         """Return when the file was changed last [ns]; 0 where it is not there."""

@@ -56,72 +56,103 @@ def audit_gradients(experiment: Experiment) -> tuple[Audit, ...]:
     return tuple(_audit(experiment, first) for first in range(len(experiment.problem.stages) - 1))
 
 
-def _audit(experiment: Experiment, first: int) -> Audit:
-    """Compare the gradient by the switch after a stage, computed in four ways, at random inputs."""
-    random = np.random.default_rng(experiment.problem.spec.seed)
-    window, switch_times = _window(experiment, first, random)
+def _audit(experiment: Experiment, stage_before: int) -> Audit:
+    """Compare four ways of computing the gradient dJ/dt_s by one switch time, on a window over two stages.
+
+    The discrete adjoint is compared with algorithmic differentiation and with central differences, at random controls.
+    With the costate formula it is compared at an optimum, on the task's mesh and on one twice as fine: its gap has to
+    shrink.
+
+    Args:
+        experiment: The task's experiment.
+        stage_before: Index of the stage that ends at the switch.
+    """
+    generator = np.random.default_rng(experiment.problem.spec.seed)
+    window, switch_times = _window(experiment, stage_before, generator)
     tau = durations(switch_times, window.start, window.horizon)
     model = experiment.problem.model
     rollout = Rollout(model, window, switch_times)
     inputs = [model.n_inputs(stage.input) for stage in window.stages]
-    U = [0.1 * random.standard_normal(size) for size in zip(window.nodes, inputs, strict=True)]
+    U = [0.1 * generator.standard_normal(size) for size in zip(window.nodes, inputs, strict=True)]
     adjoint = rollout.by_adjoint(tau, U)
+    # differences are relative to the gradient, or to this floor near a stationary point, where it is tiny
     scale = max(1e-3, float(np.abs(adjoint).max()))
-    nodes = experiment.problem.spec.controller.uniform_nodes
+    N = experiment.problem.spec.controller.uniform_nodes
     return Audit(
         switch=(window.stages[0].name, window.stages[1].name),
         gradient=float(adjoint[0]),
         to_differentiation=float(np.abs(adjoint - rollout.by_differentiation(tau, U)).max()) / scale,
         to_differences=float(np.abs(adjoint - rollout.by_differences(tau, U)).max()) / scale,
-        costate_gaps=(_costate_gap(experiment, window, tau, nodes), _costate_gap(experiment, window, tau, 2 * nodes)),
+        costate_gaps=(_costate_gap(experiment, window, tau, N), _costate_gap(experiment, window, tau, 2 * N)),
     )
 
 
-def _window(experiment: Experiment, first: int, random: np.random.Generator) -> tuple[Window, np.ndarray]:
-    """Build a window over two consecutive stages from a random state near the initial one.
+def _window(experiment: Experiment, stage_before: int, generator: np.random.Generator) -> tuple[Window, np.ndarray]:
+    """Build a window over two stages from a random state near the task's initial one, to audit its gradient.
+
+    The switch is at 40 % of the horizon and the terminal cost is 0, so that only the two stages count.
+
+    Args:
+        experiment: The task's experiment.
+        stage_before: Index of the first of the two stages.
+        generator: Draws the state.
 
     Returns:
         The window, and its switch time (1,) [s].
     """
     problem = experiment.problem
-    controller = experiment.problem.spec.controller
-    n = experiment.problem.model.n
+    controller = problem.spec.controller
+    n = problem.model.n
     Q = experiment.initial_state[:-n]
     v = experiment.initial_state[-n:]
     chart = problem.model.space.chart_at(Q)
-    noise = np.r_[0.3 * random.standard_normal(n), 0.05 * random.standard_normal(n)]
+    noise = np.r_[0.3 * generator.standard_normal(n), 0.05 * generator.standard_normal(n)]
+    # noise is added in a chart, where an attitude has three coordinates instead of four of a unit quaternion
     Q, v = (rows[0] for rows in chart.from_chart(chart.to_chart(Q[None], v[None]) + noise))
     placed = [in_own_chart(problem.model, stage, Q, v)[0] for stage in problem.stages]
     chart = problem.model.space.chart_at(Q)
     x0 = np.asarray(chart.to_chart(Q[None], v[None])[0])
-    nodes = controller.uniform_nodes
+    N = controller.uniform_nodes
     switch_times = np.array([0.4 * controller.horizon])
-    prediction = resting_plan(0.0, controller.horizon, nodes, x0, chart)
+    prediction = resting_plan(0.0, controller.horizon, N, x0, chart)
     window = WindowBuilder(problem).build(
-        MovingSequence(tuple(range(first, first + len(switch_times) + 1)), switch_times, StageProgress(0.0)),
+        MovingSequence((stage_before, stage_before + 1), switch_times, StageProgress(0.0)),
         placed,
         prediction,
     )
-    return replace(window, nodes=(nodes, nodes), terminal_cost=0.0), switch_times
+    return replace(window, nodes=(N, N), terminal_cost=0.0), switch_times
 
 
-def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes: int) -> float:
-    """Compute the difference of the costate formula from the adjoint at an optimum without limits and end conditions.
+def _costate_gap(experiment: Experiment, window: Window, tau: np.ndarray, nodes_per_stage: int) -> float:
+    """Compute how far the costate formula (eq. 27) is from the discrete adjoint, at an unconstrained optimum.
 
-    The formula assumes such an optimum: with multipliers of constraints the costate has further terms.
+    The formula assumes such an optimum: with multipliers of constraints the costate has further terms. So limits,
+    constraints and end conditions are removed before the solve.
+
+    Args:
+        experiment: The task's experiment, whose solver is used.
+        window: Window over two stages.
+        tau: Durations of the stages (S + 1,) [s].
+        nodes_per_stage: Intervals of the mesh in each stage.
+
+    Returns:
+        The largest difference of the two gradients by switch times.
     """
-    free = tuple(_unconstrained(stage) for stage in window.stages)
-    window = replace(window, nodes=(nodes,) * len(free), stages=free)
+    unconstrained = tuple(_unconstrained(stage) for stage in window.stages)
+    window = replace(window, nodes=(nodes_per_stage,) * len(unconstrained), stages=unconstrained)
     switch_times = window.start + np.cumsum(tau)[:-1]
     guess = replace(
-        resting_plan(window.start, window.horizon, nodes, window.x0, window.chart), switch_times=switch_times
+        resting_plan(window.start, window.horizon, nodes_per_stage, window.x0, window.chart), switch_times=switch_times
     )
     solution = build_solver(experiment.problem).solve(window, guess, within=0.0)
     plan = solution.plan
     ends = np.cumsum(window.nodes)
-    pieces = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]
+    intervals_of_stage = [slice(end - N, end) for end, N in zip(ends, window.nodes, strict=True)]
     costs = experiment.problem.costs
-    U = [costs.inputs(stage, plan.X[at], plan.u[at]) for stage, at in zip(free, pieces, strict=True)]
+    U = [
+        costs.inputs(stage, plan.X[intervals], plan.u[intervals])
+        for stage, intervals in zip(unconstrained, intervals_of_stage, strict=True)
+    ]
     rollout = Rollout(experiment.problem.model, window, switch_times)
     return float(np.abs(rollout.by_adjoint(tau, U) - rollout.by_costate(tau, U)).max())
 

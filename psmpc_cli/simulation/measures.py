@@ -55,16 +55,18 @@ class Meter:
         uncertainty: Uncertainty | None,
         capture: Capture | None,
         initial_state: np.ndarray,
-        wheels: np.ndarray | None = None,
+        wheel_momenta: np.ndarray | None = None,
     ) -> None:
-        """Set up what is measured.
+        """Prepare the measurement of a run, and compute momentum and energy of robot, object and wheels at its start.
 
         Args:
-            counterfactuals: Solves what is measured alone.
-            uncertainty: What the controller does not know.
-            capture: The object and its grasps.
+            counterfactuals: Solves the windows over other stages from which presence and shares of stages are computed.
+            uncertainty: What differs between the true robot and the one that the controller knows; None where nothing
+                does.
+            capture: The object with its grasps; None without an object that has a mass.
             initial_state: Initial state [Q; v] (nq + n,).
-            wheels: What wheels store at first (W,) [N m s]; None of a robot without any.
+            wheel_momenta: Angular momenta that reaction wheels store at first (W,) [N m s]; None of a robot without
+                any.
         """
         problem = counterfactuals.problem
         self._capture = capture
@@ -72,22 +74,23 @@ class Meter:
         self._uncertainty = uncertainty
         self._problem = problem
         self._sees_the_state = problem.spec.sees_the_state
-        self._shares = problem.spec.log.shares
+        self._logs_shares = problem.spec.log.shares
         self._noise = standard_deviations(problem.spec.uncertainty.noise, problem.model.spec)
         self._force_limits = force_limits_of(problem.spec, problem.model.spec)
         self._clearance = ClearanceMeter(problem) if problem.spec.keeps_clear else None
         self._acts_in_task_space = problem.spec.acts_in_task_space
-        self._base = problem.model.parts["base"]
-        self._slides = np.array([joint.prismatic for joint in problem.model.spec.joints], bool)
-        self._number = 0
-        self._tick = 1 / problem.spec.plant.low_level_rate
+        self._base_rates = problem.model.parts["base"]
+        self._is_sliding_joint = np.array([joint.prismatic for joint in problem.model.spec.joints], bool)
+        self._sample_number = 0
+        self._tick_length = 1 / problem.spec.plant.low_level_rate
         self._wheels = Wheels.of(problem.model.spec)
-        self._expected = self._momentum_and_energy(0, initial_state[None])[0] + (
-            0.0 if capture is None else capture.kept
+        self._expected_balance = self._momentum_and_energy(0, initial_state[None])[0] + (
+            0.0 if capture is None else capture.momentum_and_energy
         )
-        if wheels is not None:
-            self._expected = (
-                self._expected + self._wheels.balance(initial_state[None, : problem.model.nq], wheels[None])[0]
+        if wheel_momenta is not None:
+            self._expected_balance = (
+                self._expected_balance
+                + self._wheels.balance(initial_state[None, : problem.model.nq], wheel_momenta[None])[0]
             )
 
     def measure(
@@ -99,44 +102,44 @@ class Meter:
         contact: Contact | None,
         in_force: Command,
     ) -> Sample:
-        """Collect what the metrics of a sample are computed from; they are when they are first read.
+        """Collect what the metrics of a sample are computed from when they are first read.
 
-        Only what later samples could change is computed here: the counterfactual solves (which stages are present in
+        Computed at once is only what later samples would change: the counterfactual solves (which stages are present in
         the control, and their shares of it), and the momentum and energy that robot and load should have by now, which
         are summed up from sample to sample.
 
         Args:
             command: What the controller decided.
-            ticks: What the plant did.
-            state: True state (nq + n,), before anything is taken up or let go. Where nothing is uncertain the one that
-                the controller saw counts, which is the same.
-            u: Accelerations that reached the robot over the ticks (M, n).
-            contact: Effect of taking up or letting go at the sample; None without a payload.
+            ticks: What the plant did, tick by tick, until the next sample.
+            state: True state [Q; v] (nq + n,), before anything is taken up or let go.
+            u: Accelerations that reached the robot over the M ticks (M, n).
+            contact: Effect of taking up or letting go of a payload at the sample; None without a payload.
             in_force: The command that acts when the sample begins, an earlier one where commands are late.
 
         Returns:
             The sample, whose metrics are still to be computed.
         """
-        change = ticks.impulse_and_work
+        impulse_and_work = ticks.impulse_and_work
         if contact is not None:
-            change = change + contact.momentum_and_energy
-        self._expected = self._expected + change
+            impulse_and_work = impulse_and_work + contact.momentum_and_energy
+        self._expected_balance = self._expected_balance + impulse_and_work
         if "returned" in command.events:
-            self._counterfactuals.begin_again()
+            self._counterfactuals.forget_plans()
         pending = PendingSample(
             command=command,
             ticks=ticks,
             presence=self._counterfactuals.presence(command),
-            shares=self._counterfactuals.shares(command) if self._shares else {},
+            shares=self._counterfactuals.shares(command) if self._logs_shares else {},
+            # without uncertainty the controller saw the true state, to the bit
             state=command.state if self._sees_the_state and command.delay == 0.0 else state,
             in_force=in_force,
             u=u,
             contact=contact,
-            of_object=0.0 if self._capture is None else self._capture.kept,
-            expected=self._expected,
+            object_balance=0.0 if self._capture is None else self._capture.momentum_and_energy,
+            expected_balance=self._expected_balance,
         )
-        sample = Sample(pending, self._number, len(self._problem.stages), self.metrics)
-        self._number += 1
+        sample = Sample(pending, self._sample_number, len(self._problem.stages), self.metrics)
+        self._sample_number += 1
         return sample
 
     def metrics(self, samples: Sequence[PendingSample]) -> list[dict[str, Any]]:
@@ -145,68 +148,86 @@ class Meter:
         return [row for _, of_stage in stages for row in self._metrics_in_stage(list(of_stage))]
 
     def _metrics_in_stage(self, samples: Sequence[PendingSample]) -> list[dict[str, Any]]:
-        """Compute the metrics of K samples of one stage, by their paths in the log.
+        """Compute the metrics of K samples of one stage at once, which is faster than one by one.
 
-        All are in one chart. In space each sample has a chart, and so a placed stage, of its own: there K is 1.
+        Args:
+            samples: The samples. All share one chart (local coordinates of configurations). Spatial robots have a chart
+                of its own at each sample, so there K is 1.
+
+        Returns:
+            For each sample its metrics, by their paths in the log.
         """
         command = samples[0].in_force
         stage = command.stage
         chart = command.solution.window.chart
-        charted = [chart.entered(sample.ticks.states) for sample in samples]
-        columns = {
+        X_of_samples = [chart.entered(sample.ticks.states) for sample in samples]
+        values_by_path = {
             "window/presence": [sample.presence for sample in samples],
             "window/share": [sample.shares for sample in samples],
             **self._states_and_costs(stage, chart, samples),
-            **self._margins(stage.limits, samples, charted),
+            **self._margins(stage.limits, samples, X_of_samples),
             **self._efforts_and_peaks(stage, samples),
-            **self._deviations(chart, samples, charted),
+            **self._deviations(chart, samples, X_of_samples),
             **self._balances(stage.index, samples),
             "force/own_axes": self._along_base_axes([sample.ticks for sample in samples]),
             **self._wheel_use([sample.ticks.wheels for sample in samples]),
             **({} if self._force_limits is None else self._force_use(self._force_limits, samples)),
             **({} if self._clearance is None else self._clearances(self._clearance, stage.index, chart, samples)),
         }
-        rows = list(zip(*columns.values(), strict=True))
-        for row in rows:
-            make_read_only(*row)
-        return [dict(zip(columns, row, strict=True)) for row in rows]
+        values_of_samples = list(zip(*values_by_path.values(), strict=True))
+        for values_of_sample in values_of_samples:
+            make_read_only(*values_of_sample)
+        return [dict(zip(values_by_path, values_of_sample, strict=True)) for values_of_sample in values_of_samples]
 
     def _states_and_costs(
         self, stage: PlacedStage, chart: Chart, samples: Sequence[PendingSample]
     ) -> dict[str, np.ndarray]:
-        """Return true states and poses at samples, the first control after them, and what the stage's cost is there."""
+        """Compute true states and poses at K samples, the first control after them, and the stage's running cost there.
+
+        Args:
+            stage: The stage with its target at the samples.
+            chart: Local coordinates of configurations in which the cost is written.
+            samples: The samples.
+
+        Returns:
+            Arrays with a row for each sample, by path in the log.
+        """
         model = self._problem.model
         states = np.array([sample.state for sample in samples])
         Q = states[:, : model.nq]
         u = np.array([sample.u[0] for sample in samples])
-        since = np.array([sample.ticks.time[0] - sample.in_force.sequence.progress.entered for sample in samples])
+        since_entry = np.array([sample.ticks.time[0] - sample.in_force.sequence.progress.entered for sample in samples])
         columns = {
             "state/Q_true": Q,
             "state/Qdot_true": states[:, model.nq :],
             "control/u": u,
             "pose/xi": model.poses(Q).reshape(len(states), -1),
-            "cost/current_stage": self._problem.costs.at(stage, chart.entered(states), u, since),
+            "cost/current_stage": self._problem.costs.at(stage, chart.entered(states), u, since_entry),
         }
         if self._acts_in_task_space:
             columns["pose/condition"] = model.task_space_condition(Q)
         return columns
 
     def _margins(
-        self, limits: Limits, samples: Sequence[PendingSample], charted: Sequence[np.ndarray]
+        self, limits: Limits, samples: Sequence[PendingSample], X_of_samples: Sequence[np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Return the smallest margins to limits of states over the ticks of samples, as simulated and as planned.
+        """Compute how near states come to their limits over the ticks of K samples, as simulated and as planned.
 
         Args:
-            limits: The limits.
+            limits: Limits of positions, and of velocities v.
             samples: The samples.
-            charted: States of the ticks of each in the chart (M + 1, 2n).
+            X_of_samples: For each the states [Q; Qdot] in the chart at its M + 1 ticks (M + 1, 2n).
+
+        Returns:
+            The smallest margins (K, n), by path in the log; negative beyond a limit.
         """
         n = self._problem.model.n
-        passed = np.stack([X[1:] for X in charted], axis=1)
+        simulated = np.stack([X[1:] for X in X_of_samples], axis=1)
+        # limits hold for v; in a chart of a spatial robot the rates Qdot of attitude differ from it
         v = [sample.ticks.states[1:, self._problem.model.nq :] for sample in samples]
-        passed[:, :, n:] = np.stack(v, axis=1)  # limits are of v
+        simulated[:, :, n:] = np.stack(v, axis=1)
         planned = np.array([_along_plan(sample.in_force, sample.ticks) for sample in samples])
-        margin = _margins(passed, limits)
+        margin = _margins(simulated, limits)
         planned_margin = _margins(planned.swapaxes(0, 1), limits)
         return {
             "margin/position": margin[:, :n],
@@ -216,21 +237,31 @@ class Meter:
         }
 
     def _efforts_and_peaks(self, stage: PlacedStage, samples: Sequence[PendingSample]) -> dict[str, np.ndarray]:
-        """Return integrals of controls and forces over the ticks of samples, and their largest values in them."""
+        """Integrate controls and forces over the ticks of K samples, and find their largest values.
+
+        Args:
+            stage: The stage of the samples, which tells what moves the base.
+            samples: The samples.
+
+        Returns:
+            Efforts and peaks (K,), by path in the log.
+        """
         ticks = [sample.ticks for sample in samples]
-        force, torque, joint_torque, sliding_force = self._norms(np.array([of_sample.F for of_sample in ticks]))
+        force, torque, joint_torque, sliding_force = self._norms(
+            np.array([ticks_of_sample.F for ticks_of_sample in ticks])
+        )
         accelerations = np.array([sample.u for sample in samples])
         linear, angular, joint, sliding = self._norms(accelerations)
-        # a base that nothing moves has no control
+        # the accelerations of a base that nothing moves are reactions, not controls, and cost no effort
         controls = accelerations * self._problem.model.actuated(stage.moved_by)
-        # T_s |dv / T_s|^2, with dv the integral of the commanded accelerations over a sample of length T_s
+        # effort of control: T_s |dv / T_s|^2, with dv the integral of the accelerations over a sample of length T_s
         mean = controls.mean(axis=1)
-        sample_time = self._tick * accelerations.shape[1]
+        sample_time = self._tick_length * accelerations.shape[1]
         return {
             "effort/control": sample_time * (mean**2).sum(axis=1),
-            "effort/squared_acceleration": self._tick * (controls**2).sum(axis=(1, 2)),
-            "effort/base_force": self._tick * force.sum(axis=1),
-            "effort/base_torque": self._tick * self._torque_of_thrusters(ticks, torque).sum(axis=1),
+            "effort/squared_acceleration": self._tick_length * (controls**2).sum(axis=(1, 2)),
+            "effort/base_force": self._tick_length * force.sum(axis=1),
+            "effort/base_torque": self._tick_length * self._torque_of_thrusters(ticks, torque).sum(axis=1),
             "peak/base_force": force.max(axis=1),
             "peak/base_torque": torque.max(axis=1),
             "peak/joint_torque": joint_torque.max(axis=1),
@@ -242,46 +273,66 @@ class Meter:
         }
 
     def _deviations(
-        self, chart: Chart, samples: Sequence[PendingSample], charted: Sequence[np.ndarray]
+        self, chart: Chart, samples: Sequence[PendingSample], X_of_samples: Sequence[np.ndarray]
     ) -> dict[str, Any]:
-        """Return how far samples end from their plans, and the errors of stages that end in them.
+        """Compute how far the true states at the ends of K samples are from their plans, and errors of end conditions.
 
         Args:
-            chart: The chart of the samples.
+            chart: Local coordinates of configurations, of the samples.
             samples: The samples.
-            charted: States of the ticks of each in the chart (M + 1, 2n).
+            X_of_samples: For each the states [Q; Qdot] in the chart at its M + 1 ticks (M + 1, 2n).
+
+        Returns:
+            By path in the log: deviations of Q and v (K, n); and for each sample the errors of stages that end in it,
+            by stage index, over their tolerances, and over these widened by what noise may do.
         """
         model = self._problem.model
         n = model.n
-        ends = np.array([sample.ticks.states[-1] for sample in samples])
+        end_states = np.array([sample.ticks.states[-1] for sample in samples])
         plans = [sample.in_force.plan for sample in samples]
         Q, v = chart.from_chart(states_of(plans, [sample.ticks.time[-1] for sample in samples]))
-        about = model.space.chart_at(Q[0])
-        deviation = np.hstack([(about.entered(ends) - about.to_chart(Q, v))[:, :n], ends[:, model.nq :] - v])
-        end_errors = [self._ends(sample.in_force, sample.ticks, X) for sample, X in zip(samples, charted, strict=True)]
+        # the difference of attitudes is taken in a chart about the planned one, where it is a rotation vector
+        chart_of_plan = model.space.chart_at(Q[0])
+        deviation = np.hstack(
+            [(chart_of_plan.entered(end_states) - chart_of_plan.to_chart(Q, v))[:, :n], end_states[:, model.nq :] - v]
+        )
+        end_errors = [
+            self._errors_of_ended_stages(sample.in_force, sample.ticks, X_of_sample)
+            for sample, X_of_sample in zip(samples, X_of_samples, strict=True)
+        ]
         return {
             "deviation/Q": deviation[:, :n],
             "deviation/Qdot": deviation[:, n:],
-            "deviation/end": [{stage: error for stage, (error, _) in errors.items()} for errors in end_errors],
-            "deviation/end_noise": [{stage: error for stage, (_, error) in errors.items()} for errors in end_errors],
+            "deviation/end": [{stage: error for stage, (error, _) in by_stage.items()} for by_stage in end_errors],
+            "deviation/end_noise": [
+                {stage: error for stage, (_, error) in by_stage.items()} for by_stage in end_errors
+            ],
         }
 
     def _balances(self, stage: int, samples: Sequence[PendingSample]) -> dict[str, Any]:
-        """Return drifts of momentum and energy at the ends of samples of a stage, and what a payload does to energy.
+        """Check the simulation by its balances: compute drifts of momentum and energy at the ends of K samples.
 
-        The drift is what robot, object and wheels have, less what they should have by impulse and work so far.
+        The drift is what robot, object and wheels have, less what they should have by impulse and work since the start.
+        A payload changes the robot's energy when it is taken up, which is returned as well.
+
+        Args:
+            stage: Index of the stage of the samples.
+            samples: The samples.
+
+        Returns:
+            A value or row for each sample, by path in the log.
         """
-        ends = np.array([sample.ticks.states[-1] for sample in samples])
-        of_object = np.array([sample.of_object for sample in samples]).reshape(len(ends), -1)
-        expected = np.array([sample.expected for sample in samples])
-        drift = self._momentum_and_energy(stage, ends) + of_object - expected
-        drift = drift + self._of_wheels(ends, [sample.ticks.wheels for sample in samples])
-        held = self._uncertainty is not None and self._uncertainty.holds(stage)
+        end_states = np.array([sample.ticks.states[-1] for sample in samples])
+        object_balance = np.array([sample.object_balance for sample in samples]).reshape(len(end_states), -1)
+        expected_balance = np.array([sample.expected_balance for sample in samples])
+        drift = self._momentum_and_energy(stage, end_states) + object_balance - expected_balance
+        drift = drift + self._of_wheels(end_states, [sample.ticks.wheels for sample in samples])
+        holds_payload = self._uncertainty is not None and self._uncertainty.holds(stage)
         contacts = [sample.contact for sample in samples]
         return {
             "balance/momentum": drift[:, :-1],
             "balance/energy": drift[:, -1],
-            "payload/held": [held] * len(samples),
+            "payload/held": [holds_payload] * len(samples),
             "payload/energy": [0.0 if contact is None else contact.momentum_and_energy[-1] for contact in contacts],
         }
 
@@ -292,35 +343,46 @@ class Meter:
             return 0.0
         return self._wheels.balance(states[:, : self._problem.model.nq], np.array(known))
 
-    def _torque_of_thrusters(self, ticks: Sequence[Ticks], torque: np.ndarray) -> np.ndarray:
-        """Return norms of the torques on the base (K, M) without what the motors of wheels give.
+    def _torque_of_thrusters(self, ticks: Sequence[Ticks], torque_norms: np.ndarray) -> np.ndarray:
+        """Compute norms of the torques on the base (K, M) without what wheels give: only thrusters use propellant.
 
         Args:
-            ticks: Of K samples.
-            torque: Norms of all torques on the base (K, M) [N m].
+            ticks: Those of K samples, M each.
+            torque_norms: Norms of all torques on the base (K, M) [N m], which are returned of a robot without wheels.
         """
-        along_base = self._wheels.along_base  # in the order of plants: nothing is left but what thrusters give
-        by_wheels = [
-            np.transpose(along_base(list(of_sample.wheels.torque.T)))
-            for of_sample in ticks
-            if of_sample.wheels is not None
+        # summed in the same order as plants do it, so that without thrust exactly 0 is left
+        moments_along_base = self._wheels.along_base
+        wheel_moments = [
+            np.transpose(moments_along_base(list(ticks_of_sample.wheels.torque.T)))
+            for ticks_of_sample in ticks
+            if ticks_of_sample.wheels is not None
         ]
-        if len(by_wheels) < len(ticks):
-            return torque
-        all_torques = np.array([of_sample.F for of_sample in ticks])[..., self._problem.model.space.rotation]
-        return np.asarray(np.linalg.norm(all_torques + np.array(by_wheels), axis=-1))
+        if len(wheel_moments) < len(ticks):
+            return torque_norms
+        all_torques = np.array([ticks_of_sample.F for ticks_of_sample in ticks])[
+            ..., self._problem.model.space.rotation
+        ]
+        return np.asarray(np.linalg.norm(all_torques + np.array(wheel_moments), axis=-1))
 
-    def _wheel_use(self, ticks: Sequence[WheelTicks | None]) -> dict[str, list[np.ndarray]]:
-        """Return what wheels store at samples, and their torques furthest from 0 until the next, by path in the log."""
-        known = [of_sample for of_sample in ticks if of_sample is not None]
-        if len(known) < len(ticks):
+    def _wheel_use(self, wheel_ticks: Sequence[WheelTicks | None]) -> dict[str, list[np.ndarray]]:
+        """Return what wheels store at K samples, and the torques of their motors furthest from 0 in each sample.
+
+        Args:
+            wheel_ticks: Momenta (M + 1, W) and torques (M, W) of the W wheels at the ticks of each sample; None without
+                wheels.
+
+        Returns:
+            For each sample an array (W,), by path in the log; empty without wheels.
+        """
+        wheels_of_samples = [wheels_of_sample for wheels_of_sample in wheel_ticks if wheels_of_sample is not None]
+        if len(wheels_of_samples) < len(wheel_ticks):
             return {}
-        furthest = [np.abs(of_sample.torque).argmax(axis=0) for of_sample in known]
+        peak_ticks = [np.abs(wheels_of_sample.torque).argmax(axis=0) for wheels_of_sample in wheels_of_samples]
         return {
-            "wheels/momentum": [of_sample.momentum[0] for of_sample in known],
+            "wheels/momentum": [wheels_of_sample.momentum[0] for wheels_of_sample in wheels_of_samples],
             "wheels/torque": [
-                np.take_along_axis(of_sample.torque, at[None], axis=0)[0]
-                for of_sample, at in zip(known, furthest, strict=True)
+                np.take_along_axis(wheels_of_sample.torque, peak_tick[None], axis=0)[0]
+                for wheels_of_sample, peak_tick in zip(wheels_of_samples, peak_ticks, strict=True)
             ],
         }
 
@@ -331,12 +393,22 @@ class Meter:
         return np.column_stack(self._problem.model.space.along_base_axes(Q.T, F.T))
 
     def _force_use(self, limits: ForceLimits, samples: Sequence[PendingSample]) -> dict[str, np.ndarray]:
-        """Return how near commanded forces come to their limits, and how often they are cut, by path in the log."""
+        """Compute how near commanded forces come to their limits in K samples, and how often they are cut.
+
+        Args:
+            limits: Limits at which the plant cuts generalized forces.
+            samples: The samples.
+
+        Returns:
+            Arrays (K,), by path in the log: the largest utilization, which is 1 at a limit, and the share of ticks with
+            a cut force [0, 1].
+        """
         model = self._problem.model
         F = np.array([sample.ticks.F for sample in samples])
         commanded = np.array([sample.commanded for sample in samples])
         Q = np.array([sample.ticks.states[:-1, : model.nq] for sample in samples])
         utilization = limits.utilization(model.space, Q, commanded)
+        # forces of a loop of the user's own may be unknown (NaN)
         is_cut = (commanded != F).any(axis=2) & (utilization > 1 + NOT_CUT).any(axis=2)
         return {
             "force/utilization": utilization.max(axis=1),
@@ -346,7 +418,18 @@ class Meter:
     def _clearances(
         self, meter: ClearanceMeter, stage: int, chart: Chart, samples: Sequence[PendingSample]
     ) -> dict[str, np.ndarray]:
-        """Return how near bodies come to each other over samples of a stage, by path in the log."""
+        """Collect how near bodies that keep clear of each other come over K samples of a stage.
+
+        Args:
+            meter: Measures the P pairs of bodies.
+            stage: Index of the stage.
+            chart: Local coordinates of configurations, of the samples.
+            samples: The samples.
+
+        Returns:
+            By path in the log: smallest distances (K, P) [m], their points (K, P, 6) [m], and the distances less the
+            margins that are to be kept (K, P) [m].
+        """
         measured = [meter.measure(stage, chart, sample.ticks) for sample in samples]
         smallest = np.array([distance for distance, _ in measured])
         return {
@@ -357,17 +440,23 @@ class Meter:
             "clearance/margin": smallest - meter.margins[stage],
         }
 
-    def _norms(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return linear and angular norms of the base's forces or rates (K, M, n), and the joints' largest (K, M).
+    def _norms(self, generalized: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Reduce generalized forces or rates to four numbers a tick, which have different units.
 
-        The largest are those of the joints that turn, and of those that slide.
+        Args:
+            generalized: Generalized forces or accelerations (K, M, n), of the base first.
+
+        Returns:
+            Norms (K, M) of the base's linear and of its angular part; the largest of joints that turn, and of joints
+            that slide.
         """
         d = self._problem.model.dimension
-        of_base = values[..., self._base]
-        joints = np.abs(np.delete(values, self._base, axis=-1))
-        linear = np.linalg.norm(of_base[..., :d], axis=-1)
-        angular = np.linalg.norm(of_base[..., d:], axis=-1)
-        turning, sliding = (joints[..., chosen].max(axis=-1, initial=0.0) for chosen in (~self._slides, self._slides))
+        base = generalized[..., self._base_rates]
+        joints = np.abs(np.delete(generalized, self._base_rates, axis=-1))
+        linear = np.linalg.norm(base[..., :d], axis=-1)
+        angular = np.linalg.norm(base[..., d:], axis=-1)
+        turning = joints[..., ~self._is_sliding_joint].max(axis=-1, initial=0.0)
+        sliding = joints[..., self._is_sliding_joint].max(axis=-1, initial=0.0)
         return linear, angular, turning, sliding
 
     def _momentum_and_energy(self, stage: int, states: np.ndarray) -> np.ndarray:
@@ -377,29 +466,39 @@ class Meter:
         robot = None if uncertainty is None else uncertainty.true_parameters(stage)
         return self._problem.model.balance(states[:, :nq], states[:, nq:], robot)
 
-    def _ends(self, command: Command, ticks: Ticks, X: np.ndarray) -> dict[int, tuple[float, float]]:
-        """Return the end errors of stages that end with a sample, by stage index: see `_end_errors`.
+    def _errors_of_ended_stages(
+        self, command: Command, ticks: Ticks, X_of_ticks: np.ndarray
+    ) -> dict[int, tuple[float, float]]:
+        """Compute how well the stages that end in a sample met their end conditions, by stage index.
 
-        By the plan before the next sample, at their planned switch times, which may lie up to `SHORTEST` after it: so
-        far the motion is carried on. Or by the measured state, at the sample. A target relative to the object is where
-        the object is then, not where it was foreseen. X are the states of the ticks in the chart of the sample (M + 1,
-        2n).
+        A stage ends at its planned switch time, or at the sample where the measured state meets its condition. A
+        planned time may lie up to `SHORTEST` after the next sample: so far the motion is extrapolated. A target
+        relative to the object is where the object really is then, not where it was predicted.
+
+        Args:
+            command: The command in force.
+            ticks: What the plant did over the sample.
+            X_of_ticks: The states at its M + 1 ticks, in the chart of the sample (M + 1, 2n).
+
+        Returns:
+            The two errors of `_end_errors` for each stage.
         """
         stages = command.problem.stages
         chart = command.solution.window.chart
         Q, v = np.split(ticks.states[0], [self._problem.model.nq])
-        errors = {
-            index: self._errors_at(stages[index], Q, v, ticks, time)
-            for index, time in command.switches
+        by_measured_state = {
+            stage_index: self._errors_at(stages[stage_index], Q, v, ticks, time)
+            for stage_index, time in command.switches
             if time == command.acts_at
         }
+        errors = dict(by_measured_state)
         for stage, switch_time in zip(command.solution.window.stages, command.switch_times, strict=False):
             if switch_time > ticks.time[-1] + SHORTEST:
                 continue
             time = float(switch_time)
-            x = state_at(ticks.time, X, time)
+            x = state_at(ticks.time, X_of_ticks, time)
             if stage.on_object:
-                Q, v = (rows[0] for rows in chart.from_chart(x[None]))
+                Q, v = (one_row[0] for one_row in chart.from_chart(x[None]))
                 errors[stage.index] = self._errors_at(stages[stage.index], Q, v, ticks, time)
             else:
                 errors[stage.index] = self._end_errors(stage, x)
@@ -463,20 +562,22 @@ class Counterfactuals:
         self.onset = controller.problem.spec.onset
         self._solver = controller.law.solver
         self._builder = controller.law.builder
-        self._last: dict[tuple[int, int], tuple[Plan, Solution]] = {}
+        self._plans_and_solutions: dict[tuple[int, int], tuple[Plan, Solution]] = {}
         self._started: set[int] = set()
 
-    def begin_again(self) -> None:
+    def forget_plans(self) -> None:
         """Forget plans and early starts: the sequence has returned to an earlier stage, and stages start anew."""
-        self._last.clear()
+        self._plans_and_solutions.clear()
         self._started.clear()
 
     def presence(self, command: Command) -> dict[int, float]:
-        """Measure how much of each waiting stage is in the mean control over the sample, by stage index.
+        """Measure how much each waiting stage already acts on the control, by stage index.
 
-        With `onset: control` that is the norm of what the stage adds [m/s^2, rad/s^2]: the difference to the window
-        up to the stage before it. With `closeness` it is the `closeness` to the stage's own optimum [1]. Both are in
-        the stage's onset coordinates. A stage is measured until it reaches the largest threshold.
+        A window is solved that ends with the stage before the waiting one, and its mean control over the sample is
+        compared with the applied one. With `onset: control` the presence is the norm of the difference [m/s^2,
+        rad/s^2]; with `onset: closeness` it is how near that brings the control to the stage's own optimum [1], see
+        `closeness`. Only the coordinates that the skill names for it count. A stage is measured until its presence
+        reaches the largest threshold: from then on it has started.
         """
         sequence = command.sequence
         presence = {}
@@ -487,26 +588,29 @@ class Counterfactuals:
             if stage in self._started:
                 continue
             shorter = sequence.up_to(stage - 1)
-            without, _ = self._plan(shorter, command)
-            rows = list(command.stages[stage].onset_rows)
-            applied, other = (plan.mean_control(edges)[0, rows] for plan in (command.plan, without))
+            plan_without, _ = self._plan(shorter, command)
+            onset_rows = list(command.stages[stage].onset_rows)
+            applied_control = command.plan.mean_control(edges)[0, onset_rows]
+            control_without = plan_without.mean_control(edges)[0, onset_rows]
             if self.onset.kind == "control":
-                presence[stage] = float(np.linalg.norm(applied - other))
+                presence[stage] = float(np.linalg.norm(applied_control - control_without))
             else:
-                alone, usable = self._plan(MovingSequence.of(stage, command.acts_at), command)
+                plan_alone, usable = self._plan(MovingSequence.of(stage, command.acts_at), command)
                 if not usable:
                     continue
-                presence[stage] = closeness(applied, other, alone.mean_control(edges)[0, rows])
+                presence[stage] = closeness(
+                    applied_control, control_without, plan_alone.mean_control(edges)[0, onset_rows]
+                )
             if presence[stage] >= max(self.onset.epsilon, *self.onset.series):
                 self._started.add(stage)
         return presence
 
     def shares(self, command: Command) -> dict[int, float]:
-        """Compute the share of each stage in the control of the first tick, by stage index.
+        """Compute how much of the applied control each stage makes up, by stage index (paper Fig. 1).
 
-        Every stage in the window, or every level, is solved for alone. The shares are the weights of the convex
-        combination of their controls that is nearest to the applied one. There are none where the stages agree, where
-        one has no solution, or where the robot brakes without a plan.
+        Every stage in the window, or every level of HTMPC, is solved for alone. The shares are the weights of the
+        convex combination of their controls at the first tick that is nearest to the applied one. There are none where
+        the stages agree, where one has no solution, or where the robot brakes without a plan.
         """
         first = command.sequence.first
         count = max(command.sequence.count, len(command.levels))
@@ -517,10 +621,10 @@ class Counterfactuals:
         controls = []
         edges = command.edges[:2]
         for stage in range(first, first + count):
-            alone = MovingSequence.of(stage, command.acts_at)
+            sequence_alone = MovingSequence.of(stage, command.acts_at)
             if stage == first:
-                alone = command.sequence.up_to(stage)
-            plan, usable = self._plan(alone, command)
+                sequence_alone = command.sequence.up_to(stage)
+            plan, usable = self._plan(sequence_alone, command)
             if not usable:
                 return {}
             controls.append(plan.mean_control(edges)[0])
@@ -531,22 +635,35 @@ class Counterfactuals:
         return dict(enumerate(map(float, weights), start=first))
 
     def _plan(self, sequence: MovingSequence, command: Command) -> tuple[Plan, bool]:
-        """Return the plan of the window over a sequence, and whether it is a solution or its last plan, shifted."""
+        """Solve the window over other stages than the applied one, warm from its own last plan.
+
+        A plan that was already made at this sample is returned again. Where the solve fails, the last plan is shifted
+        to now.
+
+        Args:
+            sequence: The stages of the window, with their switch times.
+            command: The command of the sample, whose state, horizon and mesh are used.
+
+        Returns:
+            The plan, and True if it is a solution, False if a shifted plan.
+        """
         key = (sequence.first, sequence.last)
-        plan, previous = self._last.get(key, (None, None))
-        if plan is not None and previous is not None and plan.start >= command.acts_at:
-            return plan, previous.outcome.usable
+        plan, previous_solution = self._plans_and_solutions.get(key, (None, None))
+        if plan is not None and previous_solution is not None and plan.start >= command.acts_at:
+            return plan, previous_solution.outcome.usable
         prediction = command.prediction
-        x = command.solution.window.x0
+        x0 = command.solution.window.x0
         chart = command.solution.window.chart
         if plan is not None:
-            prediction = shift(plan.in_chart(chart), command.acts_at, command.solution.window.horizon, x)
-        applied = command.solution.window.applied
-        window = self._builder.build(sequence, command.stages, prediction, previous or command.solution, applied)
+            prediction = shift(plan.in_chart(chart), command.acts_at, command.solution.window.horizon, x0)
+        applied_before = command.solution.window.applied
+        window = self._builder.build(
+            sequence, command.stages, prediction, previous_solution or command.solution, applied_before
+        )
         guess = sequence.guess(prediction)
-        solution = self._solver.solve(_on_mesh_of(command.solution.window, window), guess, previous)
-        self._last[key] = solution.plan if solution.outcome.usable else prediction, solution
-        return self._last[key][0], solution.outcome.usable
+        solution = self._solver.solve(_on_mesh_of(command.solution.window, window), guess, previous_solution)
+        self._plans_and_solutions[key] = solution.plan if solution.outcome.usable else prediction, solution
+        return self._plans_and_solutions[key][0], solution.outcome.usable
 
 
 def _on_mesh_of(applied: Window, window: Window) -> Window:
@@ -575,15 +692,18 @@ def closeness(applied: np.ndarray, without: np.ndarray, alone: np.ndarray) -> fl
     return (distance - float(np.linalg.norm(applied - alone))) / max(distance, DISTINCT)
 
 
-def nearest_combination(u: np.ndarray, applied: np.ndarray) -> np.ndarray:
-    """Compute the weights (S,) of the convex combination of controls u (S, n) that is nearest to the applied one (n,).
+def nearest_combination(controls: np.ndarray, applied: np.ndarray) -> np.ndarray:
+    """Compute weights (S,) that combine S controls (S, n) to the one nearest to the applied control (n,).
 
-    With differences D = (u - applied)', nonnegative w that minimize |D w|^2 + (sum w - 1)^2 are a multiple of the
-    weights: for w = s c with sum c = 1 the minimum over s is d^2 / (1 + d^2), d = |D c|, which rises with d.
+    The weights are nonnegative and sum up to 1.
+
+    With differences D = (controls - applied)', nonnegative w that minimize |D w|^2 + (sum w - 1)^2 are a multiple of
+    the weights: for w = s c with sum c = 1 the minimum over s is d^2 / (1 + d^2), d = |D c|, which rises with d. So
+    nonnegative least squares solves it.
     """
-    differences = (u - applied).T
+    differences = (controls - applied).T
     scale = max(float(np.linalg.norm(differences, axis=0).max()), DISTINCT)
-    weights, _ = nnls(np.vstack([differences / scale, np.ones(len(u))]), np.r_[np.zeros(len(applied)), 1.0])
+    weights, _ = nnls(np.vstack([differences / scale, np.ones(len(controls))]), np.r_[np.zeros(len(applied)), 1.0])
     return np.asarray(weights / weights.sum())
 
 
@@ -598,25 +718,30 @@ class StageClock:
     def __init__(self, stages: int, onset: OnsetSpec) -> None:
         self.thresholds = np.array([*onset.series, onset.epsilon])
         self.switch_time = np.full(stages, np.nan)
-        self._early = np.full((stages, len(self.thresholds)), np.nan)
-        self._begins_again = np.full(stages, np.nan)
+        self._started_early_at = np.full((stages, len(self.thresholds)), np.nan)
+        self._entered_again_at = np.full(stages, np.nan)
 
     def update(self, sample: Sample) -> bool:
-        """Take in a sample; return whether anything changed."""
+        """Follow when stages end and first act on the control; return True if anything changed.
+
+        A stage acts from the first sample on at which its presence in the control reaches a threshold. Where the
+        sequence returns to an earlier stage, because grippers missed the object, times of the stages from there on are
+        forgotten.
+        """
         command = sample.command
         self.end(command.switches)
         changed = bool(command.switches)
         if "returned" in command.events:
-            stages_again = slice(command.sequence.first, None)
-            self.switch_time[stages_again] = np.nan
-            self._early[stages_again] = np.nan
-            self._begins_again[stages_again] = np.nan
-            self._begins_again[command.sequence.first] = command.time
+            stages_that_come_again = slice(command.sequence.first, None)
+            self.switch_time[stages_that_come_again] = np.nan
+            self._started_early_at[stages_that_come_again] = np.nan
+            self._entered_again_at[stages_that_come_again] = np.nan
+            self._entered_again_at[command.sequence.first] = command.time
             changed = True
         for stage, presence in sample.presence.items():
-            starts = (presence >= self.thresholds) & np.isnan(self._early[stage])
-            self._early[stage, starts] = sample.command.acts_at
-            changed |= bool(starts.any())
+            reached = (presence >= self.thresholds) & np.isnan(self._started_early_at[stage])
+            self._started_early_at[stage, reached] = sample.command.acts_at
+            changed |= bool(reached.any())
         return changed
 
     def end(self, switches: tuple[Switch, ...]) -> None:
@@ -627,13 +752,13 @@ class StageClock:
     @property
     def tables(self) -> dict[str, np.ndarray]:
         """The times as known so far, by their paths in the log."""
-        after_another = np.r_[0.0, self.switch_time[:-1]]
-        regular = np.where(np.isnan(self._begins_again), after_another, self._begins_again)
-        starts = np.where(np.isnan(self._early), regular[:, None], self._early)
+        end_of_stage_before = np.r_[0.0, self.switch_time[:-1]]
+        regular_starts = np.where(np.isnan(self._entered_again_at), end_of_stage_before, self._entered_again_at)
+        starts = np.where(np.isnan(self._started_early_at), regular_starts[:, None], self._started_early_at)
         return {
             "stages/switch_time": self.switch_time.copy(),
             "stages/actual_start": starts[:, -1],
-            "stages/early": ~np.isnan(self._early[:, -1]),
+            "stages/early": ~np.isnan(self._started_early_at[:, -1]),
             "stages/actual_start_by_epsilon": starts[:, :-1],
         }
 
@@ -645,8 +770,8 @@ class GraspRecord:
     """
 
     def __init__(self, capture: Capture) -> None:
-        self._grippers = list(capture.law.grippers)
-        self._tried_at = np.nan
+        self._gripper_names = list(capture.law.grippers)
+        self._last_try_at = np.nan
         self._none = {
             "object/left_at": np.array(np.nan),
             "object/left_pose": np.full_like(capture.pose_and_velocity[0], np.nan),
@@ -657,7 +782,7 @@ class GraspRecord:
     @property
     def _untried(self) -> dict[str, np.ndarray]:
         """What the record holds before the grippers are to close."""
-        count = len(self._grippers)
+        count = len(self._gripper_names)
         return {
             "grasp/closed_at": np.full(count, np.nan),
             "grasp/missed_by": np.full((count, len(MISSED_BY)), np.nan),
@@ -667,24 +792,28 @@ class GraspRecord:
         }
 
     def update(self, sample: Sample) -> bool:
-        """Take in a sample; return whether anything changed."""
+        """Follow when grippers close, miss, open or lose the object in a sample; return True if anything changed.
+
+        A new try to close begins the record anew: in the log are the times, the errors at closing and the place where
+        the object was let go, of the last try. NaN is what has not happened.
+        """
         target_object = sample.ticks.target_object
         if target_object is None:
             return False
         for event in target_object.events:
-            if event.what in ("closed", "missed") and event.time != self._tried_at:
+            if event.what in ("closed", "missed") and event.time != self._last_try_at:
                 self.tables = self._untried
-                self._tried_at = event.time
+                self._last_try_at = event.time
             tables = self.tables
-            i = self._grippers.index(event.gripper)
+            gripper = self._gripper_names.index(event.gripper)
             if event.what in ("closed", "missed"):
-                tables["grasp/missed_by"][i] = event.values
+                tables["grasp/missed_by"][gripper] = event.values
             if event.what == "closed":
-                tables["grasp/closed_at"][i] = event.time
+                tables["grasp/closed_at"][gripper] = event.time
             elif event.what != "missed":
-                tables["grasp/opened_at"][i] = event.time
-                tables["grasp/lost"][i] = event.what == "lost"
-                if np.isnan(tables["object/left_at"]):
+                tables["grasp/opened_at"][gripper] = event.time
+                tables["grasp/lost"][gripper] = event.what == "lost"
+                if np.isnan(tables["object/left_at"]):  # the first gripper to open
                     tick = int(np.argmin(np.abs(sample.ticks.time - event.time)))
                     tables["object/left_at"] = np.array(event.time)
                     tables["object/left_pose"] = target_object.pose[tick]

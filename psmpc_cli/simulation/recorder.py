@@ -118,46 +118,57 @@ def record(
     watch: Watch = lambda sample: None,
     force: bool = False,
 ) -> Run:
-    """Record the samples of a closed loop and return the run.
+    """Record a closed loop while it runs, sample by sample, and return the run as it is read from its log.
 
     Args:
-        loop: The loop.
-        samples: Its samples.
-        path: The log; in memory alone by default.
-        watch: Called with each sample.
+        loop: What is known of the loop beforehand: its task, its plant, what is unknown to the controller.
+        samples: Generator that runs the loop: it yields samples and returns how the loop ended.
+        path: Where the log is written; in memory alone by default.
+        watch: Called with each sample after it is written.
         force: Overwrite an earlier log.
 
     Raises:
         InputError: The log exists already or cannot be written.
         RunError: The log could not be written any further.
     """
-    place = None if path is None else path.absolute()  # a watcher may change the working folder
+    absolute_path = None if path is None else path.absolute()  # a watcher may change the working folder
     with LogWriter(path, header(loop), force) as writer:
         _write(loop, samples, writer, watch)
-        if place is None:
+        if absolute_path is None:
             return run_in(writer.file).with_problem(loop.problem)
-    return read_run(place).with_problem(loop.problem)
+    return read_run(absolute_path).with_problem(loop.problem)
 
 
 def _write(loop: RecordedLoop, samples: Samples, writer: LogWriter, watch: Watch) -> None:
-    """Write every sample of a closed loop and how it ended."""
+    """Run a closed loop and write what it yields, so that the log is complete up to any interruption or error.
+
+    Written at every sample: its row, and the tables of the whole run that it has changed (when stages ended and
+    started, what became of grasps, which targets were changed). At the end: the final state and the verdicts.
+
+    Args:
+        loop: What is known of the loop beforehand.
+        samples: Generator that runs the loop: it yields samples and returns how the loop ended.
+        writer: Writes the log.
+        watch: Called with each sample after it is written. What it raises ends the run; KeyboardInterrupt does so
+            cleanly.
+    """
     stages = loop.problem.stages
     clock = StageClock(len(stages), loop.problem.spec.onset)
     records = (clock,) if loop.capture is None else (clock, GraspRecord(loop.capture))
-    targets = list[dict[str, Any]]()
+    changes_of_targets = list[dict[str, Any]]()
     try:
         writer.update(clock.tables)
         while isinstance(sample := _next(samples), Sample):
             writer.write(sample)
             if sample.command.new_targets:
-                targets += [
+                changes_of_targets += [
                     {"time": sample.command.time, "stage": stage, "target": target}
                     for stage, target in sample.command.new_targets
                 ]
-                writer.update_attributes({NEW_TARGETS: json.dumps(targets)})
-            for kept in records:
-                if kept.update(sample):
-                    writer.update(kept.tables)
+                writer.update_attributes({NEW_TARGETS: json.dumps(changes_of_targets)})
+            for record_of_run in records:
+                if record_of_run.update(sample):
+                    writer.update(record_of_run.tables)
             _report(sample, stages)
             make_read_only(sample.ticks)
             watch(sample)
@@ -204,7 +215,12 @@ def _verdicts(loop: RecordedLoop, writer: LogWriter) -> dict[str, ArrayLike]:
 
 
 def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
-    """Log what happened at a sample: failures as warnings, other events as information."""
+    """Log what happened at a sample for the user who watches: failures as warnings, other events as information.
+
+    Args:
+        sample: The sample.
+        stages: All stages of the task, for their names.
+    """
     command = sample.command
     for switch in command.switches:
         logger.info("%.2f s: %s ended at %.2f s", command.time, stages[switch.stage].name, switch.time)
@@ -217,15 +233,15 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
         logger.info("%.2f s: %s has another target", command.time, stage)
     if "missed" in command.events:
         back_to = stages[command.sequence.first].name
-        then = f"back to {back_to}" if "returned" in command.events else "there is no other try"
-        logger.warning("%.2f s: grippers missed or lost the object; %s", command.time, then)
+        consequence = f"back to {back_to}" if "returned" in command.events else "there is no other try"
+        logger.warning("%.2f s: grippers missed or lost the object; %s", command.time, consequence)
     braking = "braking" in command.events
-    goes_on = "the robot brakes to rest" if braking else "the shifted plan goes on"
+    what_goes_on = "the robot brakes to rest" if braking else "the shifted plan goes on"
     if "unmeasured" in command.events:
-        instead = goes_on if braking else "the plan's prediction is used for it"
+        instead = what_goes_on if braking else "the plan's prediction is used for it"
         logger.warning("%.2f s: the state was not measured; %s", command.time, instead)
     elif "solve_failed" in command.events:
-        logger.warning("%.2f s: solve failed (%s); %s", command.time, command.outcome.name.lower(), goes_on)
+        logger.warning("%.2f s: solve failed (%s); %s", command.time, command.outcome.name.lower(), what_goes_on)
     if "load_dropped" in command.events:
         logger.warning("%.2f s: the load found out does not explain the motion; its prior counts", command.time)
     if "near_singular" in command.events:
@@ -234,14 +250,20 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
 
 
 def header(loop: RecordedLoop) -> Header:
-    """Return what the log says of the run before it begins."""
+    """Collect what the log says of a run before it begins, so that the log alone suffices to understand and repeat it.
+
+    Returns:
+        Attributes of the file (versions, machine, settings, the texts of task and robot); the values along the
+        dimensions of datasets (names of coordinates, stages, monitors); and which optional datasets the log has.
+    """
     task = loop.problem.spec
-    loaded = loop.problem.task
+    loaded_task = loop.problem.task
     uncertainty = loop.uncertainty
     capture = loop.capture
-    names = tuple(stage.name for stage in loop.problem.stages)
+    stage_names = tuple(stage.name for stage in loop.problem.stages)
     space = loop.problem.model.space
-    of_Q = {Q_COORDINATE: labels(loaded.robot, "joint", of_error=False)} if space.nq > space.n else {}
+    # an attitude in space has four coordinates in Q and three in v, so Q has labels of its own
+    coordinates_of_Q = {Q_COORDINATE: labels(loaded_task.robot, "joint", of_error=False)} if space.nq > space.n else {}
     return Header(
         attributes={
             "psmpc_version": __version__,
@@ -259,31 +281,33 @@ def header(loop: RecordedLoop) -> Header:
             "horizon": task.controller.horizon,
             "nodes": task.controller.nodes,
             "onset": task.onset.kind,
-            SLIDING: ", ".join(name for name in labels(loaded.robot, "joint") if name in loaded.robot.sliding),
+            SLIDING: ", ".join(
+                name for name in labels(loaded_task.robot, "joint") if name in loaded_task.robot.sliding
+            ),
             "seed": task.seed,
             KEEP_GOING: loop.keep_going,
             **({NEW_TARGETS: "[]"} if loop.changes_targets else {}),
-            "digest": loaded.digest,
-            "task_yaml": loaded.task_yaml,
-            "robot_yaml": loaded.robot_yaml,
+            "digest": loaded_task.digest,
+            "task_yaml": loaded_task.task_yaml,
+            "robot_yaml": loaded_task.robot_yaml,
         },
         values={
-            "coordinate": labels(loaded.robot, "joint"),
-            **of_Q,
-            "pose_coordinate": labels(loaded.robot, "task", of_error=False),
-            "stage": names,
-            "momentum": MOMENTUM[loaded.robot.dimension],
+            "coordinate": labels(loaded_task.robot, "joint"),
+            **coordinates_of_Q,
+            "pose_coordinate": labels(loaded_task.robot, "task", of_error=False),
+            "stage": stage_names,
+            "momentum": MOMENTUM[loaded_task.robot.dimension],
             **({"load/moment": _moments_of_load(loop.problem)} if task.finds_load else {}),
-            **(masses_header(loaded.robot) if task.finds_masses else {}),
+            **(masses_header(loaded_task.robot) if task.finds_masses else {}),
             "stages/epsilon": task.onset.series,
-            "stages/name": names,
+            "stages/name": stage_names,
             "stages/priority": priorities_in_force(task.controller, loop.problem.stages),
             "monitors/name": tuple(task.judged),
             "monitors/unit": tuple(task.judged.values()),
             **({} if capture is None else capture.header),
             **(clearance_header(loop.problem) if task.keeps_clear else {}),
-            **(thrusters_header(loaded.robot) if THRUSTERS.holds(loop.recorded) else {}),
-            **({"wheel": wheel_labels(loaded.robot)} if WHEELS.holds(loop.recorded) else {}),
+            **(thrusters_header(loaded_task.robot) if THRUSTERS.holds(loop.recorded) else {}),
+            **({"wheel": wheel_labels(loaded_task.robot)} if WHEELS.holds(loop.recorded) else {}),
             **({} if uncertainty is None else uncertainty.drawn),
         },
         has=conditions_of(loop.recorded),
@@ -345,7 +369,9 @@ class Recorder:
         return len(self._commands)
 
     def add(self, command: Command, ticks: Ticks | None = None) -> None:
-        """Add what the controller decided at a sample.
+        """Add what the controller decided at a sample, and what the robot did then if that is known.
+
+        Nothing is computed yet, so it costs no time in the loop.
 
         Args:
             command: The command.
@@ -403,18 +429,26 @@ class Recorder:
         return record(loop, self._samples(loop, reason or self._controller.failure or "the loop ended"))
 
     def _samples(self, loop: RecordedLoop, reason: str) -> Samples:
-        """Yield the samples as `closed_loop` does, and return how the loop ended."""
-        wheels = self._commands[0].wheels if len(self._commands[0].wheels) else None
-        meter = Meter(loop.counterfactuals, loop.uncertainty, loop.capture, loop.initial_state, wheels)
+        """Yield the recorded samples as the loop of `simulate` yields its own, and return how the loop ended.
+
+        The end is where the last stage has met its end condition and the task's time after that has passed; or else
+        where records end.
+
+        Args:
+            loop: What is known of the loop.
+            reason: Why the loop ended, where the last stage had not.
+        """
+        wheel_momenta = self._commands[0].wheels if len(self._commands[0].wheels) else None
+        meter = Meter(loop.counterfactuals, loop.uncertainty, loop.capture, loop.initial_state, wheel_momenta)
         last_stage = loop.problem.stages[-1]
-        ends_at = np.inf
+        mission_ends_at = np.inf
         time = self._commands[0].time
-        end = loop.initial_state
+        end_state = loop.initial_state
         for command, ticks in zip(self._commands, self._ticks_of_samples(), strict=True):
             state = command.state if ticks is None else ticks.states[0]
             if any(switch.stage == last_stage.index for switch in command.switches):
-                ends_at = command.acts_at + loop.problem.spec.time_after_end
-            if command.time >= ends_at - 1e-9:
+                mission_ends_at = command.acts_at + loop.problem.spec.time_after_end
+            if command.time >= mission_ends_at - 1e-9:
                 met = f"{last_stage.name} met its end condition"
                 return Ending(True, met, command.time, command.state, state, command.switches)
             if ticks is None:
@@ -422,8 +456,8 @@ class Recorder:
             in_force = self._in_force(float(ticks.time[0]))
             yield meter.measure(command, ticks, state, in_force.u, None, in_force)
             time = float(ticks.time[-1])
-            end = ticks.states[-1]
-        return Ending(False, reason, time, end, end)
+            end_state = ticks.states[-1]
+        return Ending(False, reason, time, end_state, end_state)
 
     def _in_force(self, time: float) -> Command:
         """Return the last command that is expected to act at a time [s]; the first one before there is any."""
@@ -431,23 +465,28 @@ class Recorder:
         return acting[-1] if acting else self._commands[0]
 
     def _ticks_of_samples(self) -> Iterator[Ticks | None]:
-        """Yield the ticks of every command: those given, else one from its state to the next; None if neither is."""
-        following = [*self._commands[1:], None]
-        for command, ticks, next_command in zip(self._commands, self._ticks, following, strict=True):
-            last = command.wheels if next_command is None else next_command.wheels
+        """Yield what the robot did after every command, for the metrics of its sample.
+
+        That is what the user gave. Where nothing was given it is one long tick, from the measured state of the command
+        to that of the next one, with unknown forces (NaN); None after the last command.
+        """
+        next_commands = [*self._commands[1:], None]
+        for command, ticks, next_command in zip(self._commands, self._ticks, next_commands, strict=True):
+            wheels_at_end = command.wheels if next_command is None else next_command.wheels
             if ticks is not None:
-                yield ticks if ticks.wheels is not None else replace(ticks, wheels=_wheels(command, last, len(ticks.F)))
+                knows_wheels = ticks.wheels is not None
+                yield ticks if knows_wheels else replace(ticks, wheels=_wheels(command, wheels_at_end, len(ticks.F)))
                 continue
             if next_command is None:
                 yield None
                 continue
-            base = self._controller.problem.model.parts["base"]
+            base_rates = self._controller.problem.model.parts["base"]
             yield Ticks(
                 time=np.array([command.acts_at, next_command.acts_at]),
                 states=np.array([command.state, next_command.state]),
                 F=np.full((1, command.u.shape[1]), np.nan),
-                impulse_and_work=np.full(base.stop + 1, np.nan),
-                wheels=_wheels(command, last, 1),
+                impulse_and_work=np.full(base_rates.stop + 1, np.nan),
+                wheels=_wheels(command, wheels_at_end, 1),
             )
 
 
@@ -466,23 +505,27 @@ def _wheels(command: Command, after: np.ndarray, ticks: int) -> WheelTicks | Non
 
 
 def _checked(ticks: Ticks, command: Command) -> Ticks:
-    """Return the ticks of a sample with arrays of numbers, and NaN for an impulse and a work that are not given.
+    """Check the ticks that a user's own loop has recorded of a sample, and return them as arrays of floats.
 
-    Forces are commanded as they are applied where nothing else is given.
+    Forces that were commanded are those applied, and impulse and work are NaN, where they are not given.
+
+    Args:
+        ticks: What the robot did over the sample, as the user gives it.
+        command: The command of the sample, which has M ticks.
 
     Raises:
         InputError: An array is not as large as the ticks of the command make it, or times do not go on from the
             command's.
     """
-    count, n = command.u.shape
+    M, n = command.u.shape
     ticks = replace(ticks, commanded=ticks.F if ticks.commanded is None else ticks.commanded)
-    shapes = {"time": (count + 1,), "states": (count + 1, len(command.state)), "F": (count, n), "commanded": (count, n)}
+    shapes = {"time": (M + 1,), "states": (M + 1, len(command.state)), "F": (M, n), "commanded": (M, n)}
     for name, shape in shapes.items():
         if shape_of(getattr(ticks, name)) != shape:
             raise rejected(f"ticks.{name}", getattr(ticks, name), f"numbers {shape}")
-    of_base = command.law.model.parts["base"].stop + 1
-    if shape_of(ticks.impulse_and_work) not in ((), (of_base,)):
-        raise rejected("ticks.impulse_and_work", ticks.impulse_and_work, f"numbers ({of_base},)")
+    base_values = command.law.model.parts["base"].stop + 1
+    if shape_of(ticks.impulse_and_work) not in ((), (base_values,)):
+        raise rejected("ticks.impulse_and_work", ticks.impulse_and_work, f"numbers ({base_values},)")
     time = np.array(ticks.time, dtype=float)
     begins_with_command = abs(time[0] - command.time) <= command.tick
     if not (begins_with_command and (np.diff(time) > 0).all()):
@@ -494,5 +537,5 @@ def _checked(ticks: Ticks, command: Command) -> Ticks:
         states=np.array(ticks.states, dtype=float),
         F=np.array(ticks.F, dtype=float),
         commanded=np.array(ticks.commanded, dtype=float),
-        impulse_and_work=np.array(np.broadcast_to(ticks.impulse_and_work, (of_base,)), dtype=float),
+        impulse_and_work=np.array(np.broadcast_to(ticks.impulse_and_work, (base_values,)), dtype=float),
     )

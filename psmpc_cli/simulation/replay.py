@@ -25,10 +25,11 @@ from psmpc_cli.specs.load import parse_task
 
 
 def logged_solve(run: Run, sample: int) -> Solution:
-    """Read the solve of a sample from a log, so that its window can be solved again; under HTMPC the first level's.
+    """Rebuild the solve of a sample from a log, so that its window can be solved again or its plan integrated.
 
-    A log has the numbers of the window, the guess, the solution and the multipliers that the solve started from. It has
-    neither the multipliers nor the stages' costs at the solution, so the one that is returned has none of these.
+    A log has the numbers of the window, the guess, the solution and the multipliers that the solve started from. It
+    lacks the multipliers and the stages' costs at the solution, so the returned one has none of these. Under HTMPC it
+    is the solve of the first priority level.
 
     Args:
         run: A run with plans.
@@ -37,8 +38,8 @@ def logged_solve(run: Run, sample: int) -> Solution:
     Raises:
         LogError: The run holds no plans, not this sample, or a plan that is not of its window.
     """
-    vectors = (run.plan(name, sample) for name in ("parameters", "guess", "solution", "guess_multipliers"))
-    window_numbers, guess, solution, guess_duals = vectors
+    logged_vectors = (run.plan(name, sample) for name in ("parameters", "guess", "solution", "guess_multipliers"))
+    window_numbers, guess, solution, guess_duals = logged_vectors
     try:
         window = read_window(run.problem_at(float(run.time[sample])), _frame(run, sample), window_numbers)
         return Solution(
@@ -101,7 +102,14 @@ class Replay:
 
 
 def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
-    """Solve the horizon of a sample again without a deadline, by default with the run's own solver.
+    """Solve the window of one logged sample again, and compare the result with what the log has.
+
+    The solve has no deadline, so that it does not depend on the machine. It starts from the logged guess.
+
+    Args:
+        log: A run with plans.
+        sample: The number of the sample.
+        solver: Name of the solver; by default the run's own.
 
     Raises:
         LogError: The log holds no plans, not this sample, or a plan that is not of its window.
@@ -112,30 +120,35 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
     logged = logged_solve(log, sample)
     iterations = list[str]()
     if solver is not None and solver != task.spec.solver.kind:
-        keys = (f"solver.kind={json.dumps(solver)}", "solver.deadline=null", "solver.gradient=exact")
-        changes = [(f"--solver {solver}", key) for key in keys]  # deadline and gradient are those of the run's solver
+        overrides = (f"solver.kind={json.dumps(solver)}", "solver.deadline=null", "solver.gradient=exact")
+        changes = [
+            (f"--solver {solver}", key) for key in overrides
+        ]  # deadline and gradient are those of the run's solver
         task = parse_task(task.task_yaml, task.robot_yaml, task.spec.name, changes)
-    spec = task.spec.solver.model_copy(update={"deadline": None})
+    solver_spec = task.spec.solver.model_copy(update={"deadline": None})
     same_solver = task.spec.solver.kind == log.task.spec.solver.kind
     problem = log.problem if task is log.task else build_problem(task)
-    back_end = build_solver(problem, spec, iterations.append)
+    window_solver = build_solver(problem, solver_spec, iterations.append)
+    # a window that a stage has just entered had more iterations in the run
     if log["events/appended"][sample]:
-        back_end = back_end.stopping(np.inf, spec.entry_iterations)
-    duals = logged.guess_duals if same_solver else np.zeros(0)
-    previous = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=duals) if logged.warm else None
-    solution = back_end.solve(logged.window, logged.guess, previous)
+        window_solver = window_solver.stopping(np.inf, solver_spec.entry_iterations)
+    # multipliers of another solver are of other rows
+    guess_duals = logged.guess_duals if same_solver else np.zeros(0)
+    previous = replace(logged, outcome=Outcome.OPTIMAL, plan=logged.guess, duals=guess_duals) if logged.warm else None
+    solution = window_solver.solve(logged.window, logged.guess, previous)
+    # compared are the objective, the planned switch times, and the mean control over the first tick
     first_tick = logged.window.start + np.array([0.0, 1 / task.spec.plant.low_level_rate])
     ends = (f"{stage.name} ends [s]" for stage in logged.window.stages[:-1])
-    controls = log.coordinates
-    names = ["objective J", *ends, *(f"control of {name}" for name in controls)]
-    solves = [
+    coordinates = log.coordinates
+    names = ["objective J", *ends, *(f"control of {name}" for name in coordinates)]
+    compared_values = [
         np.r_[solve.J, solve.plan.switch_times, solve.plan.mean_control(first_tick)[0]] for solve in (logged, solution)
     ]
     return Replay(
         logged=logged,
         solution=solution,
         iterations=tuple(iterations),
-        compared=dict(zip(names, zip(*np.array(solves).tolist(), strict=True), strict=True)),
+        compared=dict(zip(names, zip(*np.array(compared_values).tolist(), strict=True), strict=True)),
         largest_of_controls=float(np.abs(solution.plan.u - logged.plan.u).max()),
         remarks=tuple(_remarks(log, sample)),
         same_solver=same_solver,
@@ -143,19 +156,27 @@ def replay(log: Run, sample: int, solver: str | None = None) -> Replay:
 
 
 def _remarks(log: Run, sample: int) -> Iterator[str]:
-    """Say where a logged solve is not the one behind the applied control."""
+    """Say in which ways a logged solve is not the one that gave the applied control, so that a replay is not misread.
+
+    Args:
+        log: The run.
+        sample: The number of the sample.
+
+    Yields:
+        One sentence for each such way.
+    """
     names = log.stage_names
-    last = int(log["window/first"][sample] + log["window/count"][sample]) - 1
-    if log["events/postponed"][sample] and last + 1 < len(names):
+    last_stage = int(log["window/first"][sample] + log["window/count"][sample]) - 1
+    if log["events/postponed"][sample] and last_stage + 1 < len(names):
         yield (
-            f"{names[last + 1]} was seen, but the window with it had no solution: logged, and solved again, is the "
-            "window without it"
+            f"{names[last_stage + 1]} was seen, but the window with it had no solution: logged, and solved again, "
+            "is the window without it"
         )
     if log["events/solve_failed"][sample]:
-        went_on = "the plan was used up" if log["events/braking"][sample] else "the plan before it went on"
-        yield f"the solve failed and {went_on}: compared is the last iterate of the failed solve"
+        consequence = "the plan was used up" if log["events/braking"][sample] else "the plan before it went on"
+        yield f"the solve failed and {consequence}: compared is the last iterate of the failed solve"
     if "levels/solved" in log:
-        window = f"the window of its first level alone, that of {names[last]}"
+        window = f"the window of its first level alone, that of {names[last_stage]}"
         yield f"the log of HTMPC holds {window}: the applied control is that of the last level"
     if log.task.spec.solver.deadline is not None:
         yield "solves of the run had a deadline, this one has none"
@@ -178,13 +199,18 @@ def _require_newest_format(log: Run) -> None:
 def rerun(
     log: Run, path: Path | None = None, force: bool = False, watch: Watch = lambda sample: None
 ) -> Comparison | None:
-    """Repeat a run, up to where its log ends, and compare every dataset but the wall times; None if interrupted.
+    """Repeat a run and compare every dataset but the wall times, to check that its results can be reproduced.
+
+    A run that was interrupted is repeated up to the sample at which its log ends.
 
     Args:
-        log: The log.
+        log: The run.
         path: Where the new log goes; it is kept in memory alone by default.
         force: Overwrite an earlier log.
         watch: Called with each sample.
+
+    Returns:
+        The comparison; None if the repetition was itself interrupted.
 
     Raises:
         LogError: The log holds no samples, or does not describe a run of this version.
@@ -203,9 +229,9 @@ def rerun(
         if log.interrupted and sample.number + 1 == samples:
             raise KeyboardInterrupt(str(log.attributes["end_reason"]) or "as far as the log goes")
 
-    again = simulate(log.task, path, watch_samples, force, keep_going=log.keeps_going, new_targets=log.new_targets)
-    stopped = again.interrupted and (len(again.time) < samples or not log.interrupted)
-    return None if stopped else compare_runs(log, again)
+    new_run = simulate(log.task, path, watch_samples, force, keep_going=log.keeps_going, new_targets=log.new_targets)
+    was_stopped = new_run.interrupted and (len(new_run.time) < samples or not log.interrupted)
+    return None if was_stopped else compare_runs(log, new_run)
 
 
 def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sample: None) -> Comparison | None:
@@ -228,21 +254,26 @@ def continue_run(log: Run, path: Path | None = None, watch: Watch = lambda sampl
     if not log.interrupted:
         reason = log.attributes["end_reason"]
         raise LogError(f"{log.path}: this run has ended ({reason}), so there is nothing to continue")
-    again = simulate(log.task, path, watch, keep_going=log.keeps_going, new_targets=log.new_targets)
-    if again.interrupted:
+    new_run = simulate(log.task, path, watch, keep_going=log.keeps_going, new_targets=log.new_targets)
+    if new_run.interrupted:
         return None
-    comparison = compare_runs(log, again)
+    comparison = compare_runs(log, new_run)
     if path is None and not comparison.differences:
-        again.save(log.path, force=True)
+        new_run.save(log.path, force=True)
     return comparison
 
 
 def unequal_conditions(log: Run) -> tuple[str, ...]:
-    """List the conditions under which a repeated run need not be equal: other versions, several threads, a deadline."""
-    here = {"psmpc": __version__, "casadi": version("casadi"), "numpy": np.__version__}
-    logged = {name: str(log.attributes.get(f"{name}_version", "unknown")) for name in here}
+    """List the reasons why a repeated run need not be equal to the last bit, in sentences for the user; empty if none.
+
+    Such are other versions of packages, sums over several threads, deadlines of solves, and another machine.
+    """
+    versions_here = {"psmpc": __version__, "casadi": version("casadi"), "numpy": np.__version__}
+    versions_of_log = {name: str(log.attributes.get(f"{name}_version", "unknown")) for name in versions_here}
     conditions = [
-        f"{name} {logged[name]} wrote the log, this is {here[name]}" for name in here if logged[name] != here[name]
+        f"{name} {versions_of_log[name]} wrote the log, this is {versions_here[name]}"
+        for name in versions_here
+        if versions_of_log[name] != versions_here[name]
     ]
     if os.environ.get("OMP_NUM_THREADS") != "1" and (os.cpu_count() or 1) > 1:
         conditions.append("OMP_NUM_THREADS is not 1: sums over several threads may be rounded otherwise")

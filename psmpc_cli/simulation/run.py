@@ -57,7 +57,14 @@ class Experiment(RecordedLoop):
 
 
 def build_experiment(loaded: Task) -> Experiment:
-    """Build the experiment that a task describes: its controller, its plant, and what disturbs them."""
+    """Build all that a closed loop of a task needs: its controller, its plant, and what disturbs them.
+
+    An experiment has memory (the estimates of the controller, the object in its grasps), so every run needs one of its
+    own.
+
+    Args:
+        loaded: The task with its robot, validated.
+    """
     problem = build_problem(loaded)
     task = problem.spec
     model = problem.model
@@ -118,23 +125,23 @@ def libraries_for(problem: Problem) -> list[Library]:
 
 
 def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
-    """Build the functions that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand.
+    """List the functions that the plant `rk4` of a task evaluates at every tick, which a run compiles beforehand.
 
-    There is one for each kind of tick that may occur: with the law in joint or in task space, and with or without
-    thrust on the base where stages switch thrusters off.
+    There is one for each kind of tick that may occur: with the low-level law in joint or in task space, and with or
+    without thrust on the base, which stages may switch off.
     """
     capture = build_capture(task, model)
-    plain = TickKind(
+    base_kind = TickKind(
         *ticks_of(task.plant), disturbed=disturbs(task), limited=force_limits_of(task, model.spec) is not None
     )
-    varies = task.changes_mobility(model.spec)
-    fires = task.fires(model.spec)
+    base_drive_varies = task.changes_mobility(model.spec)
+    thrusters_fire = task.fires(model.spec)
     laws_in_task_space = (False, True) if task.acts_in_task_space else (False,)
-    thrusts = sorted({False, fires}) if varies else [fires]
+    pushed_choices = sorted({False, thrusters_fire}) if base_drive_varies else [thrusters_fire]
     kinds = [
-        replace(plain, in_task_space=in_task_space, varies=varies, is_pushed=has_thrust)
+        replace(base_kind, in_task_space=in_task_space, varies=base_drive_varies, is_pushed=is_pushed)
         for in_task_space in laws_in_task_space
-        for has_thrust in thrusts
+        for is_pushed in pushed_choices
     ]
     if capture is not None:
         return [capture_tick(capture, kind) for kind in kinds]
@@ -148,8 +155,8 @@ DIVERGED = 1e9
 def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[Sample, None, Ending]:
     """Run the closed loop of an experiment: yield its samples, and return how it ended.
 
-    At every sample the state is measured, the controller decides, its command is sent, and the plant advances by what
-    has arrived. What is known of the sample is measured last.
+    At every sample the state is measured, the controller decides, its command is sent, and the plant advances under the
+    command that has arrived by then. Last, the sample's metrics are collected.
 
     Args:
         experiment: The experiment, built for this run alone.
@@ -159,8 +166,8 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     plant = experiment.plant
     uncertainty = experiment.uncertainty
     capture = experiment.capture
-    wheels = None if experiment.drive is None else experiment.drive.momentum
-    meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.initial_state, wheels)
+    wheel_momenta = None if experiment.drive is None else experiment.drive.momentum
+    meter = Meter(experiment.counterfactuals, uncertainty, capture, experiment.initial_state, wheel_momenta)
     state = experiment.initial_state
     braking_until = np.inf
     sample_number = 0
@@ -175,8 +182,8 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         holding = None if capture is None else capture.holding
         for name, target in (experiment.new_targets(now) or {}).items():
             controller.retarget(name, target, feasibility=False)
-        wheels = None if experiment.drive is None else experiment.drive.momentum
-        command = controller.step(now, State.of(measured, wheels), object_pose, holding)
+        wheel_momenta = None if experiment.drive is None else experiment.drive.momentum
+        command = controller.step(now, State.of(measured, wheel_momenta), object_pose, holding)
         if (ending := _ending(experiment, command, state, braking_until, time_after_end)) is not None:
             return ending
         if any(switch.stage == until for switch in command.switches):
@@ -233,35 +240,43 @@ class _Line:
         self._arrived.append((max(arrival, before), command))
 
     def over_sample(self, sample: int) -> tuple[Command, Setpoints]:
-        """Return the command in force when a sample begins, and the setpoints over the sample.
+        """Return the command in force when a sample begins, and the setpoints of the low-level law at its ticks.
 
-        Before the first command has arrived it is that one.
+        Commands reach the robot late and at any tick, so the setpoints may be those of several commands, each from its
+        arrival on. Before the first has arrived nothing is commanded (zeros), and it counts as the one in force.
+
+        Args:
+            sample: Number of the sample.
         """
-        now = sample * self._ticks
-        while len(self._arrived) > 1 and self._arrived[1][0] <= now:
+        first_tick = sample * self._ticks
+        while len(self._arrived) > 1 and self._arrived[1][0] <= first_tick:
             self._arrived.pop(0)
         arrival, command = self._arrived[0]
         load = command.law.load
-        if arrival == now and (len(self._arrived) == 1 or self._arrived[1][0] >= now + self._ticks):
-            driven = command.driven if self._changes_mobility else None
-            return command, Setpoints(command.u, command.closed, command.twist_rates, driven, command.shut, load)
+        # mostly one command arrives as the sample begins and no other within it: its setpoints are taken as they are
+        if arrival == first_tick and (len(self._arrived) == 1 or self._arrived[1][0] >= first_tick + self._ticks):
+            driven_axes = command.driven if self._changes_mobility else None
+            return command, Setpoints(command.u, command.closed, command.twist_rates, driven_axes, command.shut, load)
         u = np.zeros((self._ticks, command.law.model.n))
         closed = np.zeros(self._ticks, bool)
-        driven = np.tile(command.driven[0], (self._ticks, 1))
-        shut = np.repeat(command.shut[:1], self._ticks, axis=0)
-        in_task_space = any(each.twist_rates is not None for _, each in self._arrived)
+        driven_axes = np.tile(command.driven[0], (self._ticks, 1))
+        shut_thrusters = np.repeat(command.shut[:1], self._ticks, axis=0)
+        in_task_space = any(arrived.twist_rates is not None for _, arrived in self._arrived)
         twist_rates = np.zeros((self._ticks, command.law.model.n_twists)) if in_task_space else None
-        ticks = np.arange(now, now + self._ticks)
-        for begins, each in self._arrived:
-            acts = ticks >= begins
-            own = np.minimum(ticks[acts] - begins, self._ticks - 1)
-            u[acts] = each.u[own]
-            closed[acts] = each.closed[own]
-            driven[acts] = each.driven[own]
-            shut[acts] = each.shut[own]
+        run_ticks = np.arange(first_tick, first_tick + self._ticks)
+        for arrives_at, arrived in self._arrived:
+            is_in_force = run_ticks >= arrives_at
+            # ticks since the arrival; the last setpoint holds where the next command is late
+            own_ticks = np.minimum(run_ticks[is_in_force] - arrives_at, self._ticks - 1)
+            u[is_in_force] = arrived.u[own_ticks]
+            closed[is_in_force] = arrived.closed[own_ticks]
+            driven_axes[is_in_force] = arrived.driven[own_ticks]
+            shut_thrusters[is_in_force] = arrived.shut[own_ticks]
             if twist_rates is not None:
-                twist_rates[acts] = _twist_rates(each)[own]
-        return command, Setpoints(u, closed, twist_rates, driven if self._changes_mobility else None, shut, load)
+                twist_rates[is_in_force] = _twist_rates(arrived)[own_ticks]
+        return command, Setpoints(
+            u, closed, twist_rates, driven_axes if self._changes_mobility else None, shut_thrusters, load
+        )
 
 
 def _twist_rates(command: Command) -> np.ndarray:
@@ -276,24 +291,32 @@ def _twist_rates(command: Command) -> np.ndarray:
 def _ending(
     experiment: Experiment, command: Command, state: np.ndarray, braking_until: float, time_after_end: float
 ) -> Ending | None:
-    """Return the ending if the run is over.
+    """Decide whether a run is over at a sample, and return how it ended; None if it goes on.
 
-    The last stage is at its target, the mission can no longer succeed, the robot is at rest without a plan, or the time
-    limit is reached.
+    It is over when the last stage has ended and the task's time after that has passed, when the mission can no longer
+    succeed, when the robot has braked to rest without a plan, or at the time limit.
+
+    Args:
+        experiment: The experiment.
+        command: What the controller decided at the sample.
+        state: True state [Q; v] (nq + n,).
+        braking_until: When a braking motion without a plan ends [s]; infinite without one.
+        time_after_end: How long the run goes on after its last stage [s].
     """
     now = command.time
+    rounding = 1e-9  # of sums of sample times [s]
     switches = command.switches
     if experiment.controller.failure and not experiment.keep_going:
         return Ending(False, experiment.controller.failure, now, command.state, state, switches)
-    if now >= experiment.controller.sequence.ended_at + time_after_end - 1e-9:
+    if now >= experiment.controller.sequence.ended_at + time_after_end - rounding:
         return Ending(
             True, f"{experiment.problem.stages[-1].name} met its end condition", now, command.state, state, switches
         )
-    if now >= braking_until - 1e-9:
+    if now >= braking_until - rounding:
         cause = "the state was not measured" if "unmeasured" in command.events else "no window could be solved"
         reason = f"{cause} and the plan was used up; the robot braked to rest"
         return Ending(False, reason, now, command.state, state, switches, stuck=True)
-    if now >= experiment.problem.spec.time_limit - 1e-9 and not experiment.controller.done:
+    if now >= experiment.problem.spec.time_limit - rounding and not experiment.controller.done:
         reason = f"time limit of {experiment.problem.spec.time_limit:g} s reached"
         return Ending(False, reason, now, command.state, state, switches)
     return None

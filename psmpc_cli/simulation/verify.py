@@ -46,7 +46,15 @@ class Verification:
     """
 
     def __init__(self, log: Run, every: int = 1, watch: Watch = lambda progress: None) -> None:
-        """Integrate the full dynamics along the plans and the closed loop.
+        """Integrate the full dynamics along the plans and the closed loop of a run, and keep the largest deviations.
+
+        Plans are computed with accelerations that are constant over an interval, and limits hold at its ends. This
+        shows how far the exact motion is from them in between.
+
+        Args:
+            log: A run with plans.
+            every: Only the plan of every n-th sample is integrated.
+            watch: Called with the progress.
 
         Raises:
             LogError: The log holds no plans or no samples, or a motion that cannot be integrated; or it is of a spatial
@@ -63,8 +71,8 @@ class Verification:
         self._model = log.problem.model
         self._physics = AdaptiveDynamics(self._model)
         task = self._problem.spec
-        levels = "levels/solved" in log
-        uncertain = task.is_uncertain or task.controller.offset_free
+        has_levels = "levels/solved" in log
+        is_uncertain = task.is_uncertain or task.controller.offset_free
         states = np.hstack([log.motion.Q_seen, log.motion.v_seen])
         self._states = np.vstack([states, np.full_like(states[:1], np.nan)])  # after a kill the last one is not known
         self.horizons: Peaks = {}
@@ -76,34 +84,40 @@ class Verification:
         for sample in range(len(log.time)):
             if not log["events/solve_failed"][sample]:
                 solve = logged_solve(log, sample)
-                plan = None if levels else solve.plan
+                plan = None if has_levels else solve.plan  # of HTMPC the log has the first level, another is applied
                 if sample % every == 0:
                     self.count += 1
                     _update_peaks(self.horizons, sample, self._measure_horizon(solve.plan, solve.window))
-            applied = None if log["events/braking"][sample] else plan
-            if not uncertain and (flow := self._integrate_sample(sample, applied)) is not None:
+            applied_plan = None if log["events/braking"][sample] else plan
+            if not is_uncertain and (flow := self._integrate_sample(sample, applied_plan)) is not None:
                 self.samples += 1
-                _update_peaks(self.loop, sample, self._measure_loop(sample, flow, applied))
+                _update_peaks(self.loop, sample, self._measure_loop(sample, flow, applied_plan))
             work.advance()
-        self.remarks = tuple(_remarks(levels, uncertain, len(log.time) - self.samples))
+        self.remarks = tuple(_remarks(has_levels, is_uncertain, len(log.time) - self.samples))
 
     def _measure_horizon(self, plan: Plan, window: Window) -> Iterator[QuantitySeries]:
         """Integrate the robot under its low-level law along a plan, and measure how far the motion is from the plan.
 
-        It yields, by position and velocity: the differences of states at the plan's nodes; by how much limits are
-        violated within each stage, less what the measured state violates them by, which no plan can change; and the
-        error of the end condition where a stage ends. The integration has `INSIDE` states an interval, and works in
-        [Q; v]; states are brought back into the plan's chart to be compared.
+        The integration works in [Q; v] and has `INSIDE` states an interval; they are compared in the plan's chart.
+
+        Args:
+            plan: The plan.
+            window: Its window, with stages, limits and mesh.
+
+        Yields:
+            By position and velocity: the differences of states at the plan's nodes; by how much limits are violated
+            within each stage, less what the measured state violates them by, which no plan can change; and the error of
+            the end condition where a stage ends.
         """
         u = np.hstack([plan.u, np.tile(plan.chart.anchor, (len(plan.u), 1))])
         flow = self._integrate("law", np.hstack(plan.chart.from_chart(plan.X[:1]))[0], plan.times, u)
         X = plan.chart.entered(flow.between_pieces)
         yield from self._positions_and_velocities("", np.abs(X - plan.X), plan.times)
         for stage, N, last in zip(window.stages, window.nodes, np.cumsum(window.nodes), strict=True):
-            inside = slice((last - N) * INSIDE, last * INSIDE + 1)
-            beyond = self._limit_violations(stage, flow)
+            times_of_stage = slice((last - N) * INSIDE, last * INSIDE + 1)
+            violations = self._limit_violations(stage, flow)
             yield from self._positions_and_velocities(
-                " limit", np.maximum(beyond - beyond[0], 0.0)[inside], flow.times[inside]
+                " limit", np.maximum(violations - violations[0], 0.0)[times_of_stage], flow.times[times_of_stage]
             )
             if stage is not window.stages[-1]:
                 yield self._end_error(stage, X[last], plan.times[last])
@@ -120,44 +134,64 @@ class Verification:
             raise LogError(f"{self._log.path}: the motion from {times[0]:g} s on cannot be integrated") from None
 
     def _integrate_sample(self, sample: int, plan: Plan | None) -> Flow | None:
-        """Integrate the closed loop over a sample under its logged forces, else under those of its plan.
+        """Integrate the closed loop over one sample from its logged state, as a check of the plant that simulated it.
+
+        What acts are the logged forces; where the log has none, the accelerations of the plan.
+
+        Args:
+            sample: The number of the sample.
+            plan: The plan that is applied; None if it is not known.
 
         Returns:
-            The motion; None where neither is known.
+            The motion; None where neither forces nor plan are known.
         """
         log = self._log
         task = self._problem.spec
         ticks = round(task.controller.sample_time * task.plant.low_level_rate)
-        edges = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
+        tick_times = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
         state = self._states[sample]
         forces = log.ticks["F"][sample * ticks : (sample + 1) * ticks] if log.ticks else np.zeros(0)
         if len(forces) and np.isfinite(forces).all():  # those of a loop of the user's own may be unknown
-            return self._integrate("force", state, edges, forces)
+            return self._integrate("force", state, tick_times, forces)
         if plan is None:
             return None
-        _, v = plan.chart.from_chart(plan.states_at(edges))
-        return self._integrate("ticks", state, edges, np.diff(v, axis=0) / np.diff(edges)[:, None])
+        _, v = plan.chart.from_chart(plan.states_at(tick_times))
+        return self._integrate("ticks", state, tick_times, np.diff(v, axis=0) / np.diff(tick_times)[:, None])
 
     def _measure_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[QuantitySeries]:
-        """Compare the integrated motion over a sample with its plan, limits, next logged state and ends of stages."""
+        """Measure how far the integrated motion over one sample is from its plan, limits, and the logged motion.
+
+        Args:
+            sample: The number of the sample.
+            flow: The integrated motion.
+            plan: The plan that is applied; None if it is not known.
+
+        Yields:
+            Differences from the plan at the end of the sample; by how much limits are violated; the difference from the
+            next logged state; and errors of end conditions of stages that end in the sample.
+        """
         log = self._log
-        end = flow.times[-1:]
+        end_time = flow.times[-1:]
         if plan is not None:
             yield from self._positions_and_velocities(
-                "", np.abs(plan.chart.entered(flow.states[-1:]) - plan.states_at(end)), end
+                "", np.abs(plan.chart.entered(flow.states[-1:]) - plan.states_at(end_time)), end_time
             )
         stages = log.problem_at(float(log.time[sample])).stages
-        beyond = self._limit_violations(stages[int(log["window/first"][sample])], flow)
-        yield from self._positions_and_velocities(" limit", beyond, flow.times)
+        violations = self._limit_violations(stages[int(log["window/first"][sample])], flow)
+        yield from self._positions_and_velocities(" limit", violations, flow.times)
         names = [*log.coordinates, *(f"{name} velocity" for name in log.coordinates)]
-        after = self._states[sample + 1]
+        next_logged_state = self._states[sample + 1]
         yield (
             "plant",
-            np.abs(np.diff(self._chart_at(after).entered(np.vstack([flow.states[-1], after])), axis=0)),
-            end,
+            np.abs(
+                np.diff(
+                    self._chart_at(next_logged_state).entered(np.vstack([flow.states[-1], next_logged_state])), axis=0
+                )
+            ),
+            end_time,
             names,
         )
-        switches = [switch for switch in log.switches if flow.times[0] + 1e-9 < switch[1] <= end[0] + 1e-9]
+        switches = [switch for switch in log.switches if flow.times[0] + 1e-9 < switch[1] <= end_time[0] + 1e-9]
         chart = self._chart_at(flow.states[0])
         for index, time in switches:
             Q, v = chart.from_chart(state_at(flow.times, chart.entered(flow.states), time)[None])

@@ -218,12 +218,12 @@ def test_forces_are_cut_while_the_robot_holds_an_object(tmp_path: Path, kind: st
     for limits in (None, ForceLimits(np.full(model.n, -0.02), np.full(model.n, 0.01))):
         capture = build_capture(task.spec, model)
         assert capture is not None
-        before = np.r_[kept(model, start)] + capture.kept
+        before = np.r_[kept(model, start)] + capture.momentum_and_energy
         ticks = build_plant(spec, model, False, None, capture, limits).advance(
             0.0, start, Setpoints(u, closed=np.ones(50, bool))
         )
         assert ticks.target_object is not None and ticks.target_object.closed.all()
-        after = kept(model, ticks.states[-1]) + capture.kept
+        after = kept(model, ticks.states[-1]) + capture.momentum_and_energy
         np.testing.assert_allclose(after - before, ticks.impulse_and_work, rtol=0, atol=1e-6)
         made.append(ticks)
     free, limited = made

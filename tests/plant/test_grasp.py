@@ -104,7 +104,7 @@ def run(task: Task, samples: int = 3, push: float = 1.0, wanted: Array | None = 
 
 def kept(task: Task, capture: Capture, x: Array, target_object: Array) -> Array:
     """Momentum and energy of robot and object."""
-    model, size = model_of(task.robot.name), capture.law.sizes[0]
+    model, size = model_of(task.robot.name), capture.law.object_sizes[0]
     Q, v, pose, rate = x[: model.nq], x[model.nq :], target_object[:size], target_object[size:]
     own = np.r_[model.momentum(Q, v), model.kinetic_energy(Q, v)]
     return np.asarray(own + np.r_[capture.body.momentum(pose, rate), capture.body.kinetic_energy(rate)])
@@ -160,7 +160,7 @@ def test_plants_agree_on_a_robot_with_rotors(tmp_path: Path, seed: int) -> None:
 def test_what_a_grasp_gives_to_the_robot_it_takes_from_the_object(make: Any) -> None:
     task = make(FREE)
     made, capture = run(task, samples=1)
-    target_object, model, size = made[0].target_object, model_of(task.robot.name), capture.law.sizes[0]
+    target_object, model, size = made[0].target_object, model_of(task.robot.name), capture.law.object_sizes[0]
     assert target_object is not None
     robot = [model.momentum(made[0].states[k, : model.nq], made[0].states[k, model.nq :]) for k in (0, -1)]
     body = [np.array(capture.body.momentum(target_object.pose[k], target_object.v[k])) for k in (0, -1)]
@@ -267,7 +267,7 @@ def test_loads_are_the_parts_of_the_wrench_that_a_gripper_puts_on_the_object(mak
     assert target_object is not None
     law = capture.law
     d = law.model.dimension
-    inside = capture.parameters[:, : law.sizes[0]]
+    inside = capture.parameters[:, : law.object_sizes[0]]
     pose = target_object.pose[-2]
     Q, v = np.split(made[-1].states[-2], [law.model.nq])
     *_, loads = law.forces(Q, v, pose, target_object.v[-2], capture.parameters.ravel())

@@ -218,9 +218,9 @@ def test_thrusters_fire_while_the_robot_holds_an_object(tmp_path: Path, kind: st
     assert capture is not None
     limits = force_limits_of(task.spec, model.spec)
     plant = build_plant(spec, model, False, None, capture, limits, firing(model, 40))
-    before = model.balance(start[None, : model.nq], start[None, model.nq :])[0] + capture.kept
+    before = model.balance(start[None, : model.nq], start[None, model.nq :])[0] + capture.momentum_and_energy
     ticks = plant.advance(0.0, start, Setpoints(u, closed=closed))
-    after = model.balance(ticks.states[-1:, : model.nq], ticks.states[-1:, model.nq :])[0] + capture.kept
+    after = model.balance(ticks.states[-1:, : model.nq], ticks.states[-1:, model.nq :])[0] + capture.momentum_and_energy
     assert ticks.target_object is not None and ticks.thrusters is not None
     assert ticks.target_object.closed[:70].all() and not ticks.target_object.closed[70:].any()
     np.testing.assert_allclose(after - before, ticks.impulse_and_work, rtol=0, atol=1e-6)
@@ -352,7 +352,7 @@ def test_pulses_do_not_jerk_the_joints_of_hands_that_hold_a_load() -> None:
         limits = force_limits_of(task.spec, model.spec)
         plant = build_plant(task.spec.plant, model, False, None, capture, limits, fires)
         x = np.r_[np.zeros(3), np.radians([45, 30, 60, -45, -30, -60]), np.zeros(9)]
-        kept = model.balance(x[:9], x[9:]) + capture.kept
+        kept = model.balance(x[:9], x[9:]) + capture.momentum_and_energy
         states = []
         thrusts = []
         for k in range(0, 8 * M, M):
@@ -360,7 +360,7 @@ def test_pulses_do_not_jerk_the_joints_of_hands_that_hold_a_load() -> None:
             assert ticks.target_object is not None and ticks.thrusters is not None
             np.testing.assert_array_equal(ticks.target_object.closed.all(axis=1), closed[k : k + M])
             x = ticks.states[-1]
-            now = model.balance(x[:9], x[9:]) + capture.kept
+            now = model.balance(x[:9], x[9:]) + capture.momentum_and_energy
             np.testing.assert_allclose(now - kept, ticks.impulse_and_work, rtol=0, atol=1e-8)
             kept = now
             states.append(ticks.states[1:])

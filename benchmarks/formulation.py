@@ -8,6 +8,7 @@ python benchmarks/formulation.py reach [NODES]       Capture by accelerations of
 python benchmarks/formulation.py ablations [NODES]   and docs/figures/ablation_*.png; about half an hour
 """
 
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -78,6 +79,36 @@ REACHES: Mapping[str, tuple[bool, str, str]] = {
     "posed, `input: task`": (True, "task", "ipopt"),
 }
 """Whether Approach poses the arms, the input of Capture, and the solver."""
+
+
+WINDOWS_SCANNED = {"1 : 1 from 1 : 100": "C", "1 : 100": "B", "1 : 1": "A"}
+"""The windows of the page by the label of an ablation's numbers, longer labels first."""
+
+PLAIN = {
+    r"planned t_s at T_f": "share of samples with the switch planned at the horizon's end",
+    r"jumps of t_s": "jumps of the planned switch time",
+    r"^end \[s\]": "run ends [s]",
+    r"^error ": "error of the planned states ",
+    r"^missed ": "target missed at the switch by ",
+    r" nodes$": " intervals",
+    r"^T0 \[s\]$": "time of the window [s]",
+    r"^T0 \[s\], (.*)": r"window \1: its time T0 [s]",
+    r"^earliest t_s \[s\], (.*)": r"window \1: earliest switch that can be met [s]",
+    r"^minima \[s\], (.*), 1": r"window \1: J is lowest at [s]",
+    r"^minima \[s\], (.*), 2": r"window \1: second minimum of J at [s]",
+    r"^found \[s\], (.*), (\d)": r"window \1: switch found from guess \2 [s]",
+}
+"""Names of an ablation's numbers as patterns, with what the rows of the page say."""
+
+VARIANTS = {
+    "printed": "no pending cost",
+    "none": "no normalization",
+    "range": "by the range",
+    "range and printed": "by the range, no pending cost",
+    "exact": "exact step",
+    "euler": "Euler's step",
+}
+"""Columns of the page by variant."""
 
 
 SINGULAR = 1e9
@@ -241,9 +272,20 @@ def _by_variant(numbers: Mapping[str, float]) -> Iterator[str]:
     for name, value in numbers.items():
         of = next((each for each in sorted(columns, key=len, reverse=True) if f", {each}" in name), None)
         quantity = name.replace(f", {of}", "")
-        row = rows.setdefault(quantity, {"": quantity, **dict.fromkeys(columns, "-")})
-        row |= dict.fromkeys([of] if of else columns, f"{value:.4g}")
+        row = rows.setdefault(
+            quantity, {"": _in_words(quantity), **{VARIANTS.get(each, each): "-" for each in columns}}
+        )
+        row |= {VARIANTS.get(each, each): f"{value:.4g}" for each in ([of] if of else columns)}
     return markdown(rows.values())
+
+
+def _in_words(quantity: str) -> str:
+    """Return what the page says for the name of a number."""
+    for label, letter in WINDOWS_SCANNED.items():
+        quantity = quantity.replace(f", {label}", f", {letter}")
+    for pattern, words in PLAIN.items():
+        quantity = re.sub(pattern, words, quantity)
+    return quantity
 
 
 if __name__ == "__main__":

@@ -241,14 +241,14 @@ def sized_task(arms: int, joints: int) -> Task:
     return parse_task(write(task), write(robot), str(robot["name"]))
 
 
-def timed(subject: object, name: str, clock: Callable[[], float] = perf_counter) -> list[float]:
+def timed(subject: object, name: str) -> list[float]:
     """Return a list [s] into which a method of an object puts the time of each of its calls from now on."""
     spent, method = list[float](), getattr(subject, name)
 
     def call(*arguments: Any, **named: Any) -> Any:
-        began = clock()
+        began = perf_counter()
         result = method(*arguments, **named)
-        spent.append(clock() - began)
+        spent.append(perf_counter() - began)
         return result
 
     setattr(subject, name, call)
@@ -260,11 +260,8 @@ Warm = Sequence[tuple[Solution, Solution]]
 
 
 def space(repeat: str = "5") -> Iterator[str]:
-    """Yield the tables of a robot in space: its windows beside the planar robot's, and the solves of a whole run."""
-    cells, spent = dict[tuple[str, str], tuple[Problem, Warm]](), {}
-    for nodes, name in product(MESHES, (PLANAR, SPATIAL)):
-        problem, warm, spent = _whole_run(name, nodes)  # the times of the last one are shown
-        cells[name, nodes] = problem, warm
+    """Yield the table of a robot in space: its windows beside the planar robot's."""
+    cells = {(name, nodes): _whole_run(name, nodes) for nodes, name in product(MESHES, (PLANAR, SPATIAL))}
     times, wall_over_busy = _solved_in_turn(cells, int(repeat))
     if wall_over_busy > QUIET:
         yield f"**The machine was busy: wall over processor time {wall_over_busy:.2f}.**\n"
@@ -274,13 +271,6 @@ def space(repeat: str = "5") -> Iterator[str]:
         planar, spatial = (float(np.median(times[name, nodes])) for name in (PLANAR, SPATIAL))
         rows.append((nodes, _ms(planar), _ms(spatial), _number(spatial / planar)))
     yield from markdown(rows, "nodes", *names, "over planar")
-    yield ""
-    spreads = (
-        (name, *map(_ms, np.percentile(each, (50, 99, 100))), sum(time > 0.1 for time in each), len(each))
-        for name, each in spent.items()
-    )
-    run = f"whole run of {SPATIAL}, nodes auto"
-    yield from markdown(spreads, run, "median [ms]", "p99 [ms]", "max [ms]", "over 100 ms", "samples")
 
 
 def forces(repeat: str = "5") -> Iterator[str]:
@@ -531,10 +521,9 @@ def _decisions(name: str, nodes: str, solver: str, deadline: str) -> tuple[list[
     return commands, spent[: len(commands)]
 
 
-def _whole_run(name: str, nodes: str) -> tuple[Problem, Warm, dict[str, list[float]]]:
-    """Run a closed loop; return its problem, its warm windows, and what solves and whole decisions took [s]."""
+def _whole_run(name: str, nodes: str) -> tuple[Problem, Warm]:
+    """Run a closed loop; return its problem and its warm windows."""
     experiment = build_experiment(load_task(name, [f"controller.nodes={nodes}", "log.shares=false"]))
-    busy = timed(experiment.controller, "step", process_time)
     commands = [sample.command for sample in closed_loop(experiment)]
     solutions = [command.solution for command in commands]
     warm = [
@@ -543,9 +532,7 @@ def _whole_run(name: str, nodes: str) -> tuple[Problem, Warm, dict[str, list[flo
         if solution.warm and solution.outcome.usable and len(solution.window.stages) == 2
     ]
     _tell(f"{name}, nodes {nodes}: {len(commands)} samples, {len(warm)} warm windows of two stages")
-    walls = [command.solve_time for command in commands]
-    spent = {"solves, wall time": walls, "whole decisions, processor time": busy[: len(walls)]}
-    return experiment.problem, warm, spent
+    return experiment.problem, warm
 
 
 def _solved_in_turn(

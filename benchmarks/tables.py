@@ -192,7 +192,9 @@ def quantities() -> Iterator[str]:
     for study, columns in by_study.items():
         for column in columns:
             studies.setdefault((f"`{column.path}`", column.units, column.long_name), []).append(study)
-    rows = ((*cells, ", ".join(recorded)) for cells, recorded in studies.items())
+    names = list(dict.fromkeys(name for name, _, _ in studies))  # rows of one name stand together
+    together = sorted(studies.items(), key=lambda study: names.index(study[0][0]))
+    rows = ((*cells, ", ".join(recorded)) for cells, recorded in together)
     return markdown(rows, "array", "units", "what", "recorded by")
 
 

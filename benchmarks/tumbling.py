@@ -167,16 +167,16 @@ def budget() -> Iterator[str]:
         "rate of the satellite": f"{np.degrees(rate):.1f} deg/s",
         "momentum of the satellite about its centre": f"{spin:.2f} N m s",
         "momentum of the servicer's own turn": f"{own:.2f} N m s",
-        "momentum of both about their common centre, on their orbits": f"{both:.1f} N m s",
-        "what four wheels of the servicer's class store about x or y": f"{pyramid:.1f} N m s",
+        "momentum of both about their common centre of mass, by circling": f"{both:.1f} N m s",
+        "momentum that four wheels of the servicer's class store about x or y": f"{pyramid:.1f} N m s",
         "largest torque of the thrusters": f"{torque:g} N m",
-        "time in which it takes the three momenta above": f"{turning_back:.1f} s",
+        "time in which this torque takes the sum of those three momenta away": f"{turning_back:.1f} s",
         "speed of the servicer beside the satellite": f"{distance * rate:.3f} m/s",
-        "impulse to get there, and to stop with it": f"{impulse:.0f} N s each",
+        "impulse to reach that speed, and again to stop with the satellite": f"{impulse:.0f} N s each",
         "largest force of the thrusters": f"{force:g} N",
-        "time in which it gives either impulse": f"{impulse / force:.1f} s",
-        f"force at the hands where it stops within {STOPS_WITHIN} s, as in the run above": f"{pull:.1f} N",
-        "what two grasps hold": f"{body.grasp.strength.pull:g} N each",
+        "time in which this force gives one of these impulses": f"{impulse / force:.1f} s",
+        f"force at the hands if it stops within {STOPS_WITHIN} s, as in the run above": f"{pull:.1f} N",
+        "pull that each of the two grasps bears": f"{body.grasp.strength.pull:g} N",
     }
     return markdown(rows.items(), "what", TASK)
 

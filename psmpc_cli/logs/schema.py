@@ -606,7 +606,7 @@ SCHEMA = (
     _sampled_count(
         "window/basin",
         "1",
-        "index of the guess of the switch times whose plan was taken: 0 the last plan's; -1 if there was one guess",
+        "index of the guess whose plan was taken, 0 for the last plan; -1 if there was one guess only",
         "command.solution.basin",
     ),
     _window("window/nodes", "1", "intervals N_s of each stage", "command.solution.window.nodes"),
@@ -618,14 +618,14 @@ SCHEMA = (
         only=FREE_END,
     ),
     _by_stage(
-        "window/presence", ACCELERATION_UNITS, "how much of a waiting stage is in the control; NaN if not looked at"
+        "window/presence", ACCELERATION_UNITS, "how much a later stage acts on the control already; NaN if not computed"
     ),
     _by_stage("window/share", "1", "share of each stage in the applied control; NaN where it has none"),
     _event("appended", "a stage entered the window"),
-    _event("postponed", "a stage was seen, but the window with it had no solution yet"),
-    _event("solve_failed", "the solve failed and the shifted plan went on"),
+    _event("postponed", "a stage was detected, but the window with it had no solution yet"),
+    _event("solve_failed", "the solve failed, and the last plan was followed further"),
     _event("braking", "the plan was used up and the robot braked to rest"),
-    _event("unmeasured", "the measured state was not finite, and the plan's was used for it"),
+    _event("unmeasured", "the measured state was not finite, and the one that the plan predicts replaced it"),
     _event("load_dropped", "what had been found out of the load was given up for the prior", LOAD),
     _event(
         "near_singular",
@@ -655,8 +655,8 @@ SCHEMA = (
     _sampled_velocities(
         "margin/velocity", VELOCITY_UNITS, "smallest distance to a velocity limit until the next sample"
     ),
-    _sampled_velocities("margin/planned_position", POSITION_UNITS, "the same of the plan to a position limit", since=5),
-    _sampled_velocities("margin/planned_velocity", VELOCITY_UNITS, "the same of the plan to a velocity limit", since=5),
+    _sampled_velocities("margin/planned_position", POSITION_UNITS, "the same of the planned position", since=5),
+    _sampled_velocities("margin/planned_velocity", VELOCITY_UNITS, "the same of the planned velocity", since=5),
     _sampled("effort/control", EFFORT_UNITS, "T_s |dv / T_s|^2, dv the integral of u over the sample"),
     _sampled("effort/squared_acceleration", EFFORT_UNITS, "integral of |u|^2 until the next sample"),
     _sampled("effort/base_force", "N s", "integral of the norm of the base force"),
@@ -677,7 +677,7 @@ SCHEMA = (
     _level_metric(
         "levels/rise",
         "1",
-        "by what part of it each level's cost is higher at the last level that converged",
+        "by what part of its optimum the cost of each level is higher at the last level that converged",
         _level_rises,
     ),
     _level("wall_time", "s", "wall time of each level's solve alone; NaN where there was none", "wall_time"),

@@ -128,20 +128,22 @@ _ENDS = _number(
 )
 _STARTS = "actual start of each stage"
 _CURRENT = "integral of the running cost of each stage, before normalization, while it was the current one"
-_FINAL = "largest error of the last stage's end condition at the end, over its tolerance"
-_AT_ENDS = "as `final_error`, for each stage but the last, when it ended"
-_AND_NOISE = "as `end_error`, over the tolerance plus 2 sigma of the measurement"
-_BEYOND = "tightest distance to a {} limit at a tick; negative beyond it"
-_OVER = "the same distance to a {} limit, over half the limits' distance"
-_NEAREST = "smallest distance at a tick of parts that keep clear; negative where they touched"
+_FINAL = "largest error of the last stage's end condition at the end of the run, divided by its tolerance"
+_AT_ENDS = "the same of each stage but the last, at the time at which it ended"
+_AND_NOISE = "as `end_error`, but divided by the tolerance plus 2 standard deviations of the measurement"
+_BEYOND = "smallest distance to a {} limit at any tick; negative beyond the limit"
+_OVER = "the same for a {} limit, divided by half the distance between the two limits"
+_NEAREST = "smallest distance at any tick between parts that keep clear; negative where they touched"
 _MARGINS = "smallest distance of each monitor's signal to its bounds, in the unit of the monitor"
 _VARIES = "total variation of the {} acceleration"
 _MOST = "largest number of iterations of a solve"
-_BASINS = "windows in which another guess of the switch times than the last plan's won"
+_BASINS = "windows in which the plan from another guess of the switch times was better than that from the last plan"
 
 OUTCOME = (
     _whole("completed", "1 if the last stage met its end condition, 0 if not"),
-    _whole("succeeded", "1 if it did and every monitor held on the true state, 0 if not, -1 if not judged", _succeeded),
+    _whole(
+        "succeeded", "1 if `completed` and every monitor held on the true state, 0 if not, -1 if not judged", _succeeded
+    ),
     _number("end_time", "s", "end of the run, whatever ended it", "duration"),
     _ENDS,
     _number("actual_start", "s", _STARTS, lambda run: run.stages["actual_start"], dims=("stage",)),
@@ -168,7 +170,9 @@ OUTCOME = (
 
 EFFORT = (
     _number("stage_cost", "s", _CURRENT, _stage_cost, dims=("stage",)),
-    _number("control_effort", EFFORT_UNITS, "sum over samples of T_s |dv / T_s|^2, dv the integral of u over one"),
+    _number(
+        "control_effort", EFFORT_UNITS, "sum over samples of T_s |dv / T_s|^2, dv the integral of u over the sample"
+    ),
     _number("squared_acceleration", EFFORT_UNITS, "integral of |u|^2"),
     _number("base_force", "N s", "integral of the norm of the base force"),
     _number("base_torque", "N m s", "integral of the norm of the base torque"),
@@ -183,8 +187,8 @@ EFFORT = (
     _number("solve_time_median", "s", "median wall time of a solve", "solves.median"),
     _number("solve_time_largest", "s", "longest wall time of a solve", "solves.largest"),
     _whole("appended", "stages that entered the window"),
-    _whole("postponed", "samples at which a stage was seen, but the window with it had no solution"),
-    _whole("solves_failed", "failed solves after which the shifted plan went on", "failed_solves"),
+    _whole("postponed", "samples at which a stage was detected, but the window with it had no solution"),
+    _whole("solves_failed", "failed solves; the last plan was then followed further", "failed_solves"),
     _whole("basin_changes", _BASINS, lambda run: run.summary().basins or 0),
 )
 """What a run took."""
@@ -212,9 +216,9 @@ def over_weights(second: int) -> tuple[Column, ...]:
         return float(signal[samples[0]]) if len(samples) else np.nan
 
     by_epsilon = "actual_start_by_epsilon"
-    seen = "first sample with the switch in the window"
-    planned = "optimized switch time at that sample"
-    starts = "actual start of the second of both stages, for each threshold epsilon"
+    seen = "first sample at which the window holds the switch between the two stages"
+    planned = "switch time that the plan has at that sample"
+    starts = "actual start of the second of the two stages, for each threshold epsilon"
     ends = "switch time that ended the second stage"
     before = second - 1
     return (

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.ocp.end import MEASURES, component_counts
+from psmpc_cli.ocp.end import MEASURES, MOMENTA, component_counts
 from psmpc_cli.ocp.loads import LoadKind, OwnMotion
 from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.ocp.stage import Stage, StageShape, cost_shape, end_shape, stage_shape
@@ -462,8 +462,8 @@ class StageFunctions:
         self.shape = shape
         self.rows = skill.rows(model)
         self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
-        of_object = 2 * model.space.n_pose if shape.object_names else 0
-        self.numbers = self._numbers_of_skill + of_object
+        self._numbers_of_object = 2 * model.space.n_pose if shape.object_names else 0
+        self.numbers = self._numbers_of_skill + self._numbers_of_object + shape.end_load.count(model)
         self.inputs = model.n_inputs(shape.input)
         self._Q = ca.SX.sym("Q", n)
         self._Qdot = ca.SX.sym("Qdot", n)
@@ -530,29 +530,53 @@ class StageFunctions:
 
     @cached_property
     def _end(self) -> ca.SX:
-        """Rows of the error the stage ends by, then of its rate where that counts, then of the object. Eq. (18)."""
+        """Rows of the error the stage ends by, then of its rate where that counts, then of vectors. Eq. (18)."""
         end = self.shape.end
         rows = list(end.rows)
         if not rows:
-            return self._object_end
-        return ca.vertcat(self._e[rows], self._rate[rows] if end.has_rates else ca.SX(0, 1), self._object_end)
+            return self._bounded_vectors
+        return ca.vertcat(self._e[rows], self._rate[rows] if end.has_rates else ca.SX(0, 1), self._bounded_vectors)
 
     @property
-    def _object_end(self) -> ca.SX:
-        """Rows d of what is bounded of the object: its position, turn and velocities, component by component.
+    def _bounded_vectors(self) -> ca.SX:
+        """Components of the vectors d whose norms are bounded, of the object and of the momentum, one after the other.
 
-        The object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
-        pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
-        quaternion's vector doubled. Windows bound each of c components by tolerance / sqrt(c), which keeps |d| within
-        the tolerance: the rows of velocities then are linear in the rates.
+        Windows bound each of c components by tolerance / sqrt(c), which keeps |d| within the tolerance: the rows of
+        velocities and momenta then are linear in the rates.
         """
         measures = self.shape.end.measures
         if not measures:
             return ca.SX(0, 1)
+        vectors = self._vectors_of_object if self.shape.object_names else {}
+        if not vectors.keys() >= set(measures):
+            vectors = {**vectors, **self._momenta}
+        return ca.SX(ca.vertcat(*(component for measure in measures for component in vectors[measure])))
+
+    @property
+    def _momenta(self) -> dict[str, list[ca.SX]]:
+        """Components of linear momentum, and of the angular one about the centre of mass, of robot and load.
+
+        That of wheels is none of them: a robot whose wheels have taken its turn up is at rest.
+        """
+        d = self.model.space.dimension
+        numbers = self._target[self._numbers_of_skill + self._numbers_of_object :]
+        momentum = self.shape.end_load.momentum_about_centre(self.model)
+        components = ca.vertsplit(momentum(self._x, self._target[self.anchor], numbers))
+        return dict(zip(MOMENTA, (components[:d], components[d:]), strict=True))
+
+    @property
+    def _vectors_of_object(self) -> dict[str, list[ca.SX]]:
+        """Components of what may be bounded of the object: its position, turn and velocities.
+
+        The object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
+        pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
+        quaternion's vector doubled.
+        """
         space = self.model.space
         frame = self.model.pose_rows[self.shape.object_names[0]]
         of_skill = self._target[: self._numbers_of_skill]
-        inside, destination = ca.vertsplit(self._target[self._numbers_of_skill :], space.n_pose)
+        of_object = self._target[self._numbers_of_skill :][: self._numbers_of_object]
+        inside, destination = ca.vertsplit(of_object, space.n_pose)
         p, q = space.to_3d(ca.vertsplit(self.model.charted(self._Q, of_skill[self.anchor])[frame]))
         r, q_r = space.to_3d(ca.vertsplit(inside))
         wanted_position, wanted_attitude = space.to_3d(ca.vertsplit(destination))
@@ -565,8 +589,7 @@ class StageFunctions:
         apart = add(position, scaled(wanted_position, -1))
         distance, angle = self._of_space(apart, scaled(turned[1:], 2))
         speed, rate = self._of_space(ca.vertsplit(velocity), scaled(spin[1:], 2))
-        rows = dict(zip(MEASURES, (distance, angle, speed, rate), strict=True))
-        return ca.SX(ca.vertcat(*(component for measure in measures for component in rows[measure])))
+        return dict(zip(MEASURES, (distance, angle, speed, rate), strict=True))
 
     def _of_space(self, linear: Sequence[ca.SX], angular: Sequence[ca.SX]) -> tuple[list[ca.SX], list[ca.SX]]:
         """Return the components of two vectors (3,) that count."""
@@ -576,13 +599,13 @@ class StageFunctions:
 
     @property
     def end_rows(self) -> int:
-        """Number of rows of the end condition, rates and those of the object included."""
+        """Number of rows of the end condition, rates and components of vectors included."""
         end = self.shape.end
-        return len(end.rows) * (2 if end.has_rates else 1) + sum(self._object_rows)
+        return len(end.rows) * (2 if end.has_rates else 1) + sum(self._component_counts)
 
     @property
-    def _object_rows(self) -> tuple[int, ...]:
-        """Number of rows of each of the measures of the object that count."""
+    def _component_counts(self) -> tuple[int, ...]:
+        """Number of components of each of the vectors whose norms are bounded."""
         return component_counts(self.shape.end.measures, self.model.space.dimension)
 
     @cached_property
@@ -599,14 +622,14 @@ class StageFunctions:
     def met(self) -> BatchFunction:
         """x, [target; centers; half widths], margin -> whether the end condition holds within margin * tolerance.
 
-        What is bounded of the object is the length of its components.
+        What is bounded of object and momentum is the length of the components.
         """
         sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
         margin = ca.SX.sym("margin")
         end_numbers = ca.SX.sym("numbers", int(sizes[-1]))
         target, drift, tolerance = ca.vertsplit(end_numbers, sizes.tolist())
         rows = self.end.value.function(self._x, target) - drift
-        counts = [1] * (self.end_rows - sum(self._object_rows)) + list(self._object_rows)
+        counts = [1] * (self.end_rows - sum(self._component_counts)) + list(self._component_counts)
         bounded = np.cumsum([0, *counts]).tolist()
         lengths = [ca.norm_2(error) for error in ca.vertsplit(rows, bounded)]
         most = [ca.norm_2(bound) for bound in ca.vertsplit(tolerance, bounded)]

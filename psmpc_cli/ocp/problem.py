@@ -9,8 +9,8 @@ import numpy as np
 
 from psmpc_cli.ocp.constraints import CONSTRAINTS
 from psmpc_cli.ocp.constraints.base import numbers_by_name
-from psmpc_cli.ocp.end import MEASURES, AtTime, ByObject, ByState, End
-from psmpc_cli.ocp.loads import UNWEIGHED_LOAD, known_load
+from psmpc_cli.ocp.end import MEASURES, MOMENTA, AtTime, ByObject, ByState, End, NormBound, component_counts
+from psmpc_cli.ocp.loads import NO_KNOWN_LOAD, UNWEIGHED_LOAD, known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import Posture, skill_in
@@ -23,7 +23,7 @@ from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.object import ObjectBody, OnObject
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, rows, stack
-from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
+from psmpc_cli.specs.task import EndCondition, SkillSpec, StageSpec, TaskSpec, TrajectorySpec
 
 ObjectState = tuple[np.ndarray, np.ndarray]
 """Pose of the object (3,) or (7,) and its velocity (3,) or (6,)."""
@@ -146,9 +146,19 @@ def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     return replace(stage, constraints=constraints)
 
 
-def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
+def _norm_bounds(condition: EndCondition, dimension: int) -> tuple[NormBound, ...]:
+    """Return what an end condition bounds of the object, and then of the momentum."""
+    of_object = [getattr(condition.object, measure, None) for measure in MEASURES]
+    of_momentum = [getattr(condition.momentum, kind, None) for kind in ("linear", "angular")]
+    measures = (*MEASURES, *MOMENTA)
+    bounds = zip(measures, (*of_object, *of_momentum), component_counts(measures, dimension), strict=True)
+    return tuple(NormBound(measure, most, components) for measure, most, components in bounds if most is not None)
+
+
+def _end(index: int, task: TaskSpec, model: RobotModel, lasts: float) -> End:
     """Return how a stage ends that lasts at least so long [s]; what it holds is in its gripper as the task has it."""
     spec = task.stages[index]
+    robot = model.spec
     space = task.skills[spec.skill].wanted_in
     condition = spec.ends_when
     dwell = max(spec.dwell, lasts)
@@ -165,6 +175,8 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
         rows=rows(condition.coordinates, robot, space),
         tolerance=condition.tolerances(robot, space),
         rate_tolerance=condition.velocities(robot, space),
+        norms=_norm_bounds(condition, robot.dimension),
+        load=NO_KNOWN_LOAD if condition.momentum is None else known_load(task, model, index).without_wheels,
         hold=condition.hold,
     )
     body = task.body
@@ -172,13 +184,9 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
         return by_state
     at = body.grasp.at[body.holder]
     pose_space = space_of_pose(len(at))
-    bounds = {measure: getattr(condition.object, measure) for measure in MEASURES}
-    given = {measure: bound for measure, bound in bounds.items() if bound is not None}
     return ByObject(
         **{attribute.name: getattr(by_state, attribute.name) for attribute in fields(by_state)},
         frame=body.holder,
-        measures=tuple(given),
-        object_tolerance=np.array(list(given.values())),
         destination=np.array(body.pose_after_release),
         inside=pose_space.relative(pose_space.neutral, at),
     )
@@ -229,7 +237,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         control_weights=control_weights,
         force_load=known_load(task, model, index).without_wheels if skill.weights.weighs_force else UNWEIGHED_LOAD,
         rate_weights=_rate_weights(skill, robot, actuated),
-        end=_end(index, task, robot, lasts),
+        end=_end(index, task, model, lasts),
         limits=resolve_limits(robot, task.limits, skill.limits, moved_by=moved_by),
         moved_by=moved_by,
         onset_rows=tuple(row for row in onset if actuated[row]),

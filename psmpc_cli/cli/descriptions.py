@@ -26,7 +26,7 @@ from psmpc_cli.specs.object import GRASP_LOADS, ObjectSpec
 from psmpc_cli.specs.parts import ANGLE, ERROR_AXES, LENGTH, QUANTITIES, TARGET_AXES, axes_of, units_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
 from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits, units
-from psmpc_cli.specs.task import ObjectEndSpec, PrioritiesSpec, TaskSpec, TrajectorySpec
+from psmpc_cli.specs.task import MomentumEndSpec, ObjectEndSpec, PrioritiesSpec, TaskSpec, TrajectorySpec
 
 
 def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
@@ -258,6 +258,8 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     about += [f"at least {spec.dwell:g} s"] if spec.dwell else []
     if spec.ends_when and spec.ends_when.object:
         about += [f"object within {_object_end(spec.ends_when.object)}"]
+    if spec.ends_when and spec.ends_when.momentum:
+        about += [f"momentum within {_momentum_end(spec.ends_when.momentum)}"]
     numbers = iter(stage.target)
     row = count()
     parts = []
@@ -291,6 +293,12 @@ def _object_end(end: ObjectEndSpec) -> str:
     written = [f"{value:g} {unit}" for value, unit in lengths if value is not None]
     written += [f"{math.degrees(value):.4g} {unit}" for value, unit in angles if value is not None]
     return ", ".join(written)
+
+
+def _momentum_end(end: MomentumEndSpec) -> str:
+    """Write what an end condition asks of the momentum."""
+    momenta = ((end.linear, "N s"), (end.angular, "N m s"))
+    return ", ".join(f"{value:g} {unit}" for value, unit in momenta if value is not None)
 
 
 def _target(part: str, values: Sequence[tuple[str, float]], sliding: Collection[str] = ()) -> str:

@@ -275,6 +275,7 @@ class ControlLaw:
             sequence=memory.sequence,
             plan=memory.plans.solved,
             target_object=target_object,
+            load=memory.load.numbers,
             signs=memory.signs,
             waypoints=memory.route.waypoints,
             at_planned_ends=at_planned_ends,

@@ -68,6 +68,7 @@ class Placer:
         sequence: MovingSequence,
         plan: Plan | None,
         target_object: ObjectEstimate,
+        load: np.ndarray,
         signs: Signs,
         waypoints: Mapping[int, np.ndarray],
         at_planned_ends: bool = False,
@@ -83,6 +84,7 @@ class Placer:
             sequence: The stages in the window.
             plan: The plan in force, in the chart; None before the first.
             target_object: What is known of the object.
+            load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; empty where the task says them.
             signs: Those of the sample before.
             waypoints: Points of routes that costs follow, by stage index: numbers of its target.
             at_planned_ends: Targets relative to the object are where it is when their stage is planned to end, or at
@@ -102,6 +104,7 @@ class Placer:
         model = self._problem.model
         if sequence.first in self._problem.held_stages:
             stages = self._with_held_object(stages, time, x, chart, target_object)
+        stages = tuple(stage.with_load(load) for stage in stages)
         posture = model.space.posture(x[model.space.joint_rates])
         charted = tuple(stage.in_chart(chart.anchor, posture, all_signs[stage.index]) for stage in stages)
         return Placement(chart, charted, all_signs)

@@ -1,4 +1,4 @@
-"""How a stage ends: at a time, by its end condition (18) on the robot, or by one on the object that it holds too."""
+"""How a stage ends: at a time, or by its end condition (18): on the robot, on momentum, on the object that it holds."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from psmpc_cli.ocp.loads import NO_KNOWN_LOAD, Load
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.robot.configuration import space_of_pose
 
@@ -20,14 +21,32 @@ ROUNDING = 1e-9
 MEASURES = ("position", "angle", "velocity", "angular_velocity")
 """What an object's end condition may bound [m, rad, m/s, rad/s]."""
 
-OF_ROTATION = ("angle", "angular_velocity")
-"""Those of them that have as many components as a rotation."""
+MOMENTA = ("linear_momentum", "angular_momentum")
+"""What an end condition may bound of robot and held load: momentum, that of rotation about their centre of mass."""
+
+OF_ROTATION = ("angle", "angular_velocity", "angular_momentum")
+"""Those of all these that have as many components as a rotation."""
 
 
 def component_counts(measures: Sequence[str], dimension: int) -> tuple[int, ...]:
-    """Return how many components each of some `MEASURES` has in the plane or in space."""
+    """Return how many components each of some `MEASURES` and `MOMENTA` has in the plane or in space."""
     rotations = dimension * (dimension - 1) // 2
     return tuple(rotations if measure in OF_ROTATION else dimension for measure in measures)
+
+
+@dataclass(frozen=True)
+class NormBound:
+    """The largest norm of a vector at the end of a stage.
+
+    Attributes:
+        measure: Which vector, of `MEASURES` or `MOMENTA`.
+        most: Its largest norm [m, rad, m/s, rad/s, N s, N m s].
+        components: How many it has.
+    """
+
+    measure: str
+    most: float
+    components: int
 
 
 @dataclass(frozen=True)
@@ -83,7 +102,7 @@ class EndShape:
     Attributes:
         rows: Rows of the error with an end condition at the stage's end; empty: none.
         has_rates: The rates of those rows are bounded too.
-        measures: What is bounded of the object that the stage holds.
+        measures: The vectors whose norms are bounded, of the object that the stage holds and of the momentum.
         is_fixed: The stage ends at a given instant.
     """
 
@@ -111,6 +130,8 @@ class End(ABC):
         target_rates: The rates of the rows at which the stage ends, (rows,) [m/s, rad/s]: as the task says, and those
             of a target that moves; empty where both are 0.
         own_rates: Of these what the task says, (rows,); empty where that is rest.
+        norms: Bounds of vectors of the object and of the momentum.
+        load: What momentum is of, beside the robot, where it is bounded.
         hold: How long the end condition must be met without a break [s].
     """
 
@@ -121,18 +142,26 @@ class End(ABC):
     rate_tolerance: np.ndarray | None = None
     target_rates: np.ndarray = field(default_factory=lambda: np.zeros(0))
     own_rates: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    norms: tuple[NormBound, ...] = ()
+    load: Load = NO_KNOWN_LOAD
     hold: float = 0.0
 
     @property
     def shape(self) -> EndShape:
         """What decides the structure of an optimization."""
-        return EndShape(rows=self.rows, has_rates=self.rate_tolerance is not None)
+        measures = tuple(bound.measure for bound in self.norms)
+        return EndShape(rows=self.rows, has_rates=self.rate_tolerance is not None, measures=measures)
 
     @cached_property
     def half_widths(self) -> np.ndarray:
-        """Bounds of all that the end condition measures: its rows, then their rates, then the object's components."""
+        """Bounds of all that the end condition measures: its rows, then their rates, then components of vectors.
+
+        Of the c components of a vector it is the bound of the norm / sqrt(c), which keeps the norm.
+        """
         rates = np.zeros(0) if self.rate_tolerance is None else self.rate_tolerance
-        return np.concatenate([self.tolerance, rates])
+        most = np.array([bound.most for bound in self.norms])
+        components = np.array([bound.components for bound in self.norms], int)
+        return np.concatenate([self.tolerance, rates, np.repeat(most / np.sqrt(components), components)])
 
     @cached_property
     def centers(self) -> np.ndarray:
@@ -144,8 +173,9 @@ class End(ABC):
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Number of components of each quantity that is bounded: 1 of the robot's, more of the object's."""
-        return (1,) * len(self.half_widths)
+        """Number of components of each quantity that is bounded: 1 of a row or a rate, more of a vector."""
+        of_vectors = tuple(bound.components for bound in self.norms)
+        return (*(1,) * (len(self.half_widths) - sum(of_vectors)), *of_vectors)
 
     @property
     def has_condition(self) -> bool:
@@ -169,13 +199,13 @@ class End(ABC):
 
     @property
     def record(self) -> np.ndarray:
-        """What samples set of it, for a log: the pose of the object in that gripper, where it matters."""
-        return np.zeros(0)
+        """What samples set of it, for a log: the pose of the object in that gripper, and a load that is found out."""
+        return self.load.sampled_numbers
 
     @property
-    def object_numbers(self) -> np.ndarray:
-        """What functions of stages take of the object behind the numbers of a target."""
-        return np.zeros(0)
+    def arguments(self) -> np.ndarray:
+        """What functions of stages take of the object and of the load, behind the numbers of a target."""
+        return self.load.numbers
 
     @property
     def awaits_object(self) -> bool:
@@ -197,7 +227,11 @@ class End(ABC):
 
     def recorded(self, record: np.ndarray) -> Self:
         """Return the end with what a record of it says, see `record`."""
-        return self
+        return self.with_load(record)
+
+    def with_load(self, numbers: np.ndarray) -> Self:
+        """Return the end with the mass and moments of a load, where samples find them out and momentum is bounded."""
+        return replace(self, load=self.load.sampled(numbers)) if self.load.is_estimated else self
 
     def with_held_object(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> Self:
         """Return the end with the held object where it is seen.
@@ -316,7 +350,7 @@ NEVER = AtTime()
 
 @dataclass(frozen=True, eq=False)
 class ByState(End):
-    """The end of a stage by the state of the robot: rows of the error, and their rates, within tolerances. Eq. (18)."""
+    """The end of a stage by the state of the robot: errors, their rates and momenta within tolerances. Eq. (18)."""
 
     def observed(self, progress: StageProgress, now: float, is_met: Callable[[], bool]) -> StageProgress:
         """Return the progress with since when the end condition is met, where it must be held."""
@@ -368,60 +402,35 @@ class ByObject(ByState):
 
     Attributes:
         frame: The gripper.
-        measures: What is bounded of the object, of `MEASURES`.
-        object_tolerance: Its bounds, one for each measure [m, rad, m/s, rad/s].
         destination: Where the object has to be, (3,) or (7,).
         inside: Its pose in the frame of the gripper, (3,) or (7,).
         awaits_object: It is not yet where it has to be.
     """
 
     frame: str = ""
-    measures: tuple[str, ...] = ()
-    object_tolerance: np.ndarray = field(default_factory=lambda: np.zeros(0))
     destination: np.ndarray = field(default_factory=lambda: np.zeros(0))
     inside: np.ndarray = field(default_factory=lambda: np.zeros(0))
     awaits_object: bool = False
 
     @property
-    def shape(self) -> EndShape:
-        """That of the robot's rows, with what is bounded of the object."""
-        return replace(super().shape, measures=self.measures)
-
-    @property
     def object_names(self) -> tuple[str, ...]:
         """The gripper, and what is bounded."""
-        return (self.frame, *self.measures)
+        return (self.frame, *(bound.measure for bound in self.norms if bound.measure in MEASURES))
 
     @property
-    def object_numbers(self) -> np.ndarray:
-        """Where the object is in the gripper, and where it has to be."""
-        return np.concatenate([self.inside, self.destination])
-
-    @property
-    def _object_counts(self) -> tuple[int, ...]:
-        return component_counts(self.measures, space_of_pose(len(self.inside)).dimension)
-
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """1 of each of the robot's rows, then the components of the object's measures."""
-        of_robot = len(self.half_widths) - sum(self._object_counts)
-        return (*(1,) * of_robot, *self._object_counts)
-
-    @cached_property
-    def half_widths(self) -> np.ndarray:
-        """Bounds of all rows; of the c components of the object's measures tolerance / sqrt(c), which keeps lengths."""
-        counts = np.array(self._object_counts, int)
-        of_object = np.repeat(self.object_tolerance / np.sqrt(counts), counts)
-        return np.concatenate([super().half_widths, of_object])
+    def arguments(self) -> np.ndarray:
+        """Where the object is in the gripper, where it has to be, and the numbers of the load."""
+        return np.concatenate([self.inside, self.destination, super().arguments])
 
     @property
     def record(self) -> np.ndarray:
-        """Where the object is in the gripper."""
-        return self.inside
+        """Where the object is in the gripper, and a load that is found out."""
+        return np.concatenate([self.inside, super().record])
 
     def recorded(self, record: np.ndarray) -> Self:
-        """Return the end with the object at a pose in the gripper."""
-        return replace(self, inside=record)
+        """Return the end with the object at a pose in the gripper, and with a load."""
+        inside, of_load = np.split(record, [len(self.inside)])
+        return replace(self, inside=inside).with_load(of_load)
 
     def with_held_object(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> Self:
         """Return the end with the object where it is seen in its gripper; it is awaited until it is delivered."""
@@ -434,7 +443,7 @@ class ByObject(ByState):
         d = space.dimension
         error = space.pose_error(pose, self.destination)
         lengths = dict(zip(MEASURES, map(np.linalg.norm, (error[:d], error[d:], v[:d], v[d:])), strict=True))
-        return all(lengths[measure] <= most for measure, most in zip(self.measures, self.object_tolerance, strict=True))
+        return all(lengths[bound.measure] <= bound.most for bound in self.norms if bound.measure in lengths)
 
     def time_left(self, progress: StageProgress, now: float, sample_time: float) -> float:
         """Return the same; an object that is awaited cannot be seen to be there before the next sample."""

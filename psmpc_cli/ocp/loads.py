@@ -208,6 +208,34 @@ class LoadKind:
 
         return model.cached((LoadKind.momentum, self), build)
 
+    def momentum_about_centre(self, model: RobotModel) -> ca.Function:
+        """Return x (2n,) in a chart, its anchor, numbers -> linear momentum, and angular about the centre of mass.
+
+        Both (n_twist,) are of robot and load. A translation of everything at the velocity of the common centre of mass
+        has the same linear momentum and, about that centre, no angular momentum. So the angular momentum about it is
+        what stays about the inertial origin once that translation is taken from the base's velocity.
+        """
+
+        def build() -> ca.Function:
+            space = model.space
+            x = ca.SX.sym("x", 2 * model.n)
+            anchor = ca.SX.sym("anchor", space.n_anchor)
+            numbers = ca.SX.sym("numbers", self.count(model))
+            momentum = self.momentum(model)
+
+            def at_velocity(velocity: ca.SX) -> ca.SX:
+                return momentum(ca.vertcat(x[: model.n], velocity), anchor, numbers)
+
+            linear = at_velocity(x[model.n :])[: space.dimension]
+            along_x = ca.SX(ca.DM([1.0, *np.zeros(model.n - 1)]))
+            mass = at_velocity(along_x)[0]
+            translation = ca.vertcat(linear / mass, ca.SX.zeros(model.n - space.dimension))
+            about_centre = at_velocity(x[model.n :] - translation)[space.dimension :]
+            momenta = ca.vertcat(linear, about_centre)
+            return ca.Function("momentum_about_centre", [x, anchor, numbers], ca.cse([momenta]))
+
+        return model.cached((LoadKind.momentum_about_centre, self), build)
+
     def _split(self, model: RobotModel, numbers: ca.SX, stored: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return inertial parameters of the robot with the payload, grasps and object, those of nothing held empty.
 
@@ -331,21 +359,39 @@ class Load:
         """Whether the controller finds out what the grippers hold."""
         return self.finds_payload or self.held.is_estimated
 
-    def numbers_with(self, found: np.ndarray) -> np.ndarray:
-        """Return the numbers with mass [kg] and moments of inertia [kg m^2] of the load as they were found out."""
-        if self.finds_payload:
-            of_grippers = np.array(self.mass) / sum(self.mass)
-            found = np.outer(found, of_grippers).ravel()
-        return np.concatenate([found, self.numbers[len(found) :]])
-
     @property
     def without_wheels(self) -> "Load":
         """The load with wheels that count as empty."""
         return replace(self, stores=NOTHING, stored=())
 
+    @property
+    def sampled_numbers(self) -> np.ndarray:
+        """What samples set of the load where it is found out, mass [kg] and moments of inertia [kg m^2]; else empty.
+
+        Those of an object are its principal moments, of a payload the one of all that grippers hold together.
+        """
+        if self.finds_payload:
+            return np.array([sum(self.mass), sum(self.inertia)])
+        return np.array([self.held.mass, *self.held.inertia]) if self.held.is_estimated else np.zeros(0)
+
+    def sampled(self, numbers: np.ndarray) -> "Load":
+        """Return the load with these as `sampled_numbers`; itself where samples set none."""
+        if self.finds_payload:
+            shares = np.array(self.mass) / sum(self.mass)
+            masses, inertias = np.outer(numbers, shares).tolist()
+            return replace(self, mass=tuple(masses), inertia=tuple(inertias))
+        if not self.held.is_estimated:
+            return self
+        mass, *inertia = numbers.tolist()
+        return replace(self, held=replace(self.held, mass=mass, inertia=tuple(inertia)))
+
     def parameters(self, model: RobotModel) -> InertialParameters:
         """Return the inertial parameters of the robot with the payload."""
         return model.nominal.holding(np.array(self.mass), np.array(self.inertia))
+
+
+NO_KNOWN_LOAD = Load(mass=(), inertia=())
+"""Of a stage whose end asks nothing of the momentum, and so of no load."""
 
 
 class _UnweighedLoad(Load):
@@ -383,9 +429,7 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     if payload.known:
         totals = prior_of_load(task).mean if payload.is_estimated else np.array([payload.mass, payload.inertia])
         masses, inertias = np.outer(totals, payload.shares(tuple(model.spec.arms))).tolist()
-        return replace(
-            no_load, mass=tuple(masses), inertia=tuple(inertias), finds_payload=payload.is_estimated
-        )
+        return replace(no_load, mass=tuple(masses), inertia=tuple(inertias), finds_payload=payload.is_estimated)
     held = HeldObject.of(task.body, model) if task.body.grasp.known else EMPTY_HANDS
     return replace(no_load, held=held)
 

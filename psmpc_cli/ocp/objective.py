@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.ocp.end import MEASURES, component_counts
+from psmpc_cli.ocp.end import MEASURES, MOMENTA, component_counts
 from psmpc_cli.ocp.loads import LoadKind, OwnMotion
 from psmpc_cli.ocp.skills import skill_in
 from psmpc_cli.ocp.stage import Stage, StageShape, cost_shape, end_shape, stage_shape
@@ -499,10 +499,10 @@ class StageFunctions:
         self.model = model
         self.shape = shape
         self.rows = skill.rows(model)
-        # A target has the numbers of the skill, those that samples set (the chart's anchor), then those of the object.
+        # A target has the numbers of the skill, those that samples set (the chart's anchor), then those of object and load.
         self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
-        numbers_of_object = 2 * model.space.n_pose if shape.object_names else 0
-        self.numbers = self._numbers_of_skill + numbers_of_object
+        self._numbers_of_object = 2 * model.space.n_pose if shape.object_names else 0
+        self.numbers = self._numbers_of_skill + self._numbers_of_object + shape.end_load.count(model)
         self.inputs = model.n_inputs(shape.input)
         self._Q = ca.SX.sym("Q", n)
         self._Qdot = ca.SX.sym("Qdot", n)
@@ -570,30 +570,53 @@ class StageFunctions:
 
     @cached_property
     def _end(self) -> ca.SX:
-        """Rows of the error the stage ends by, then of its rate where that counts, then of the object. Eq. (18)."""
+        """Rows of the error the stage ends by, then of its rate where that counts, then of vectors. Eq. (18)."""
         end = self.shape.end
         rows = list(end.rows)
         if not rows:
-            return self._object_end
-        return ca.vertcat(self._e[rows], self._rate[rows] if end.has_rates else ca.SX(0, 1), self._object_end)
+            return self._bounded_vectors
+        return ca.vertcat(self._e[rows], self._rate[rows] if end.has_rates else ca.SX(0, 1), self._bounded_vectors)
 
     @property
-    def _object_end(self) -> ca.SX:
-        """Rows d of the end condition on a held object: how far it is from its destination, and how fast it moves.
+    def _bounded_vectors(self) -> ca.SX:
+        """Components of the vectors d whose norms are bounded, of the object and of the momentum, one after the other.
 
-        They are its position, turn and velocities, component by component, as far as the end condition bounds them. The
-        object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
-        pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
-        quaternion's vector doubled. Windows bound each of c components by tolerance / sqrt(c), which keeps |d| within
-        the tolerance: the rows of velocities then are linear in the rates.
+        Windows bound each of c components by tolerance / sqrt(c), which keeps |d| within the tolerance: the rows of
+        velocities and momenta then are linear in the rates.
         """
         measures = self.shape.end.measures
         if not measures:
             return ca.SX(0, 1)
+        vectors = self._vectors_of_object if self.shape.object_names else {}
+        if not vectors.keys() >= set(measures):
+            vectors = {**vectors, **self._momenta}
+        return ca.SX(ca.vertcat(*(component for measure in measures for component in vectors[measure])))
+
+    @property
+    def _momenta(self) -> dict[str, list[ca.SX]]:
+        """Components of linear momentum, and of the angular one about the centre of mass, of robot and load.
+
+        That of wheels is none of them: a robot whose wheels have taken its turn up is at rest.
+        """
+        d = self.model.space.dimension
+        numbers = self._target[self._numbers_of_skill + self._numbers_of_object :]
+        momentum = self.shape.end_load.momentum_about_centre(self.model)
+        components = ca.vertsplit(momentum(self._x, self._target[self.anchor], numbers))
+        return dict(zip(MOMENTA, (components[:d], components[d:]), strict=True))
+
+    @property
+    def _vectors_of_object(self) -> dict[str, list[ca.SX]]:
+        """Components of what may be bounded of the object: its position, turn and velocities.
+
+        The object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
+        pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
+        quaternion's vector doubled.
+        """
         space = self.model.space
         gripper = self.shape.object_names[0]
         anchor = self._target[: self._numbers_of_skill][self.anchor]
-        pose_in_gripper, destination = ca.vertsplit(self._target[self._numbers_of_skill :], space.n_pose)
+        of_object = self._target[self._numbers_of_skill :][: self._numbers_of_object]
+        pose_in_gripper, destination = ca.vertsplit(of_object, space.n_pose)
         gripper_pose = self.model.charted(self._Q, anchor)[self.model.pose_rows[gripper]]
         p, q = space.to_3d(ca.vertsplit(gripper_pose))
         r, q_r = space.to_3d(ca.vertsplit(pose_in_gripper))
@@ -608,8 +631,7 @@ class StageFunctions:
         offset_components, turn_components = self._of_space(offset, scaled(turned[1:], 2))
         velocity_components, spin_components = self._of_space(ca.vertsplit(velocity), scaled(spin[1:], 2))
         components = (offset_components, turn_components, velocity_components, spin_components)
-        rows_of_measure = dict(zip(MEASURES, components, strict=True))
-        return ca.SX(ca.vertcat(*(row for measure in measures for row in rows_of_measure[measure])))
+        return dict(zip(MEASURES, components, strict=True))
 
     def _of_space(self, linear: Sequence[ca.SX], angular: Sequence[ca.SX]) -> tuple[list[ca.SX], list[ca.SX]]:
         """Return the components of a linear and an angular vector (3,) that there are in the robot's space."""
@@ -619,13 +641,13 @@ class StageFunctions:
 
     @property
     def end_rows(self) -> int:
-        """Number of rows of the end condition, rates and those of the object included."""
+        """Number of rows of the end condition, rates and components of vectors included."""
         end = self.shape.end
-        return len(end.rows) * (2 if end.has_rates else 1) + sum(self._object_rows)
+        return len(end.rows) * (2 if end.has_rates else 1) + sum(self._component_counts)
 
     @property
-    def _object_rows(self) -> tuple[int, ...]:
-        """Number of rows of each of the measures of the object that count."""
+    def _component_counts(self) -> tuple[int, ...]:
+        """Number of components of each of the vectors whose norms are bounded."""
         return component_counts(self.shape.end.measures, self.model.space.dimension)
 
     @cached_property
@@ -642,16 +664,16 @@ class StageFunctions:
     def met(self) -> BatchFunction:
         """x, [target; centers; half widths], margin -> 1 if the end condition (18) holds there, else 0.
 
-        A row of the robot's error has to be within margin times its half width of its center. Of the object the
-        components of each measure (distance, angle, speeds) count together, by their length. A little slack lets a
-        solution at the edge count that a solver ended within its own tolerance.
+        A row of the robot's error has to be within margin times its half width of its center. The components of a
+        vector, of the object or of the momentum, count together, by their length. A little slack lets a solution at the
+        edge count that a solver ended within its own tolerance.
         """
         sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
         margin = ca.SX.sym("margin")
         end_numbers = ca.SX.sym("numbers", int(sizes[-1]))
         target, drift, tolerance = ca.vertsplit(end_numbers, sizes.tolist())
         rows = self.end.value.function(self._x, target) - drift
-        counts = [1] * (self.end_rows - sum(self._object_rows)) + list(self._object_rows)
+        counts = [1] * (self.end_rows - sum(self._component_counts)) + list(self._component_counts)
         first_rows = np.cumsum([0, *counts]).tolist()
         lengths = [ca.norm_2(error) for error in ca.vertsplit(rows, first_rows)]
         largest_lengths = [ca.norm_2(bound) for bound in ca.vertsplit(tolerance, first_rows)]

@@ -9,8 +9,8 @@ import numpy as np
 
 from psmpc_cli.ocp.constraints import CONSTRAINTS
 from psmpc_cli.ocp.constraints.base import numbers_by_name
-from psmpc_cli.ocp.end import MEASURES, AtTime, ByObject, ByState, End
-from psmpc_cli.ocp.loads import UNWEIGHED_LOAD, known_load
+from psmpc_cli.ocp.end import MEASURES, MOMENTA, AtTime, ByObject, ByState, End, NormBound, component_counts
+from psmpc_cli.ocp.loads import NO_KNOWN_LOAD, UNWEIGHED_LOAD, known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import Posture, skill_in
@@ -23,7 +23,7 @@ from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.object import ObjectBody, OnObject
 from psmpc_cli.specs.parts import Space
 from psmpc_cli.specs.robot import RobotSpec, resolve_limits, rows, stack
-from psmpc_cli.specs.task import SkillSpec, StageSpec, TaskSpec, TrajectorySpec
+from psmpc_cli.specs.task import EndCondition, SkillSpec, StageSpec, TaskSpec, TrajectorySpec
 
 ObjectState = tuple[np.ndarray, np.ndarray]
 """Pose of the object (3,) or (7,) and its velocity (3,) or (6,)."""
@@ -159,16 +159,26 @@ def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     return replace(stage, constraints=constraints)
 
 
-def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
+def _norm_bounds(condition: EndCondition, dimension: int) -> tuple[NormBound, ...]:
+    """Return what an end condition bounds of the object, and then of the momentum."""
+    of_object = [getattr(condition.object, measure, None) for measure in MEASURES]
+    of_momentum = [getattr(condition.momentum, kind, None) for kind in ("linear", "angular")]
+    measures = (*MEASURES, *MOMENTA)
+    bounds = zip(measures, (*of_object, *of_momentum), component_counts(measures, dimension), strict=True)
+    return tuple(NormBound(measure, most, components) for measure, most, components in bounds if most is not None)
+
+
+def _end(index: int, task: TaskSpec, model: RobotModel, lasts: float) -> End:
     """Return how a stage ends: at a time, by the robot's state, or by the state of the object that it holds.
 
     Args:
         index: Index of the stage.
         task: The task.
-        robot: The robot.
+        model: The robot.
         lasts: Time that the stage lasts at least, since its target is a trajectory [s]; else 0.
     """
     spec = task.stages[index]
+    robot = model.spec
     space = task.skills[spec.skill].wanted_in
     condition = spec.ends_when
     dwell = max(spec.dwell, lasts)
@@ -185,6 +195,8 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
         rows=rows(condition.coordinates, robot, space),
         tolerance=condition.tolerances(robot, space),
         rate_tolerance=condition.velocities(robot, space),
+        norms=_norm_bounds(condition, robot.dimension),
+        load=NO_KNOWN_LOAD if condition.momentum is None else known_load(task, model, index).without_wheels,
         hold=condition.hold,
     )
     body = task.body
@@ -192,13 +204,9 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
         return by_state
     gripper_on_object = body.grasp.at[body.holder]
     pose_space = space_of_pose(len(gripper_on_object))
-    tolerances = {measure: getattr(condition.object, measure) for measure in MEASURES}
-    bounded = {measure: tolerance for measure, tolerance in tolerances.items() if tolerance is not None}
     return ByObject(
         **{attribute.name: getattr(by_state, attribute.name) for attribute in fields(by_state)},
         frame=body.holder,
-        measures=tuple(bounded),
-        object_tolerance=np.array(list(bounded.values())),
         destination=np.array(body.pose_after_release),
         inside=pose_space.relative(pose_space.neutral, gripper_on_object),  # the object in the gripper's frame
     )
@@ -259,7 +267,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         control_weights=control_weights,
         force_load=known_load(task, model, index).without_wheels if skill.weights.weighs_force else UNWEIGHED_LOAD,
         rate_weights=_rate_weights(skill, robot, is_actuated),
-        end=_end(index, task, robot, trajectory_duration),
+        end=_end(index, task, model, trajectory_duration),
         limits=resolve_limits(robot, task.limits, skill.limits, moved_by=moved_by),
         moved_by=moved_by,
         onset_rows=tuple(row for row in onset if is_actuated[row]),

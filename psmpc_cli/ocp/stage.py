@@ -8,7 +8,7 @@ from typing import Self, TypeAlias
 import numpy as np
 
 from psmpc_cli.ocp.end import OPEN, End, EndShape
-from psmpc_cli.ocp.loads import UNWEIGHED, UNWEIGHED_LOAD, Load, LoadKind
+from psmpc_cli.ocp.loads import NO_KNOWN_LOAD, UNWEIGHED, UNWEIGHED_LOAD, Load, LoadKind
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import TargetPart
@@ -246,6 +246,11 @@ class PlacedStage(Stage):
         """Return the stage with the object where it is seen in the gripper that holds it, see `End`."""
         return self.with_end(self.end.with_held_object(grippers, pose, v))
 
+    def with_load(self, numbers: np.ndarray) -> "PlacedStage":
+        """Return the stage with the mass and moments that its load is taken to have, see `End`."""
+        end = self.end.with_load(numbers)
+        return self if end is self.end else self.with_end(end)
+
     def with_arguments(self, arguments: Mapping[str, np.ndarray]) -> "PlacedStage":
         """Return a stage with the arguments (numbers,) of constraints that samples set, by name; others are unknown."""
         sampled = {
@@ -297,14 +302,14 @@ class PlacedStage(Stage):
 
         In a window attitudes are coordinates in a chart, rotation vectors about an anchor. Quaternions of the target
         get the signs that are meant. Behind the numbers of the skill stand those that a sample sets: anchor, posture of
-        redundant joints, and what the end says of the object. A planar robot has none of these.
+        redundant joints, and what the end says of object and load. A planar robot has only these last.
 
         Args:
             anchor: Attitude about which the chart is, (4,).
             joints: Posture to which redundant joints are drawn, (joints,) [rad, m].
             signs: Of the target's quaternions, by frame, 1 or -1: of the two for one attitude the one meant.
         """
-        sample_numbers = np.concatenate([anchor, joints, self.end.object_numbers])
+        sample_numbers = np.concatenate([anchor, joints, self.end.arguments])
         if not (self.attitudes or len(sample_numbers)):
             return self
 
@@ -333,6 +338,7 @@ class StageShape:
         end: What is imposed at its end.
         object_names: What the target's numbers say of the object behind those of the skill: the gripper that holds it,
             and what is bounded; empty: nothing.
+        end_load: What kind of load they say behind that, where the end bounds the momentum of robot and load.
         moving: The cost follows a desired trajectory.
         force_load: What kind of load the grippers are known to hold, where force costs; `UNWEIGHED` where it does not.
         weighs_rate: Changes of the acceleration cost.
@@ -343,6 +349,7 @@ class StageShape:
     input: str = "joint"
     end: EndShape = OPEN
     object_names: tuple[str, ...] = ()
+    end_load: LoadKind = NO_KNOWN_LOAD.kind
     moving: bool = False
     force_load: LoadKind = UNWEIGHED
     weighs_rate: bool = False
@@ -361,6 +368,7 @@ def stage_shape(stage: Stage) -> StageShape:
         input=stage.input,
         end=stage.end.shape,
         object_names=stage.end.object_names,
+        end_load=stage.end.load.kind,
         moving=stage.reference.moves,
         force_load=stage.force_load.kind,
         weighs_rate=len(stage.rate_weights) > 0,
@@ -377,12 +385,12 @@ def without_end(shape: StageShape) -> StageShape:
 
 def end_shape(shape: StageShape) -> StageShape:
     """Return the shape that all stages share whose end condition is the same function."""
-    return StageShape(shape.space, end=replace(shape.end, is_fixed=False), object_names=shape.object_names)
+    return replace(cost_shape(shape), end=replace(shape.end, is_fixed=False))
 
 
 def cost_shape(shape: StageShape) -> StageShape:
     """Return the shape that all stages share whose error and target are the same functions; without force and rate."""
-    return StageShape(shape.space, object_names=shape.object_names)
+    return StageShape(shape.space, object_names=shape.object_names, end_load=shape.end_load)
 
 
 def in_segments(stages: Sequence[PlacedStage]) -> tuple[PlacedStage, ...]:

@@ -522,6 +522,15 @@ class ObjectEndSpec(Spec):
     angular_velocity: fields.Width | None = Field(None, description="largest angular velocity [rad/s]")
 
 
+class MomentumEndSpec(Spec):
+    """How little momentum robot and held load have at the end of a stage, without that of reaction wheels; norms."""
+
+    linear: fields.Positive | None = Field(None, description="largest linear momentum [N s]")
+    angular: fields.Positive | None = Field(
+        None, description="largest angular momentum about the common centre of mass [N m s]"
+    )
+
+
 class EndCondition(Spec):
     """When a stage is over, h of eq. (18): |error| <= tolerance, and where `velocity` is given |rate| <= velocity too.
 
@@ -538,6 +547,9 @@ class EndCondition(Spec):
     )
     object: fields.Sparse[ObjectEndSpec | None] = Field(
         None, description="where the held object must be, and how much at rest"
+    )
+    momentum: fields.Sparse[MomentumEndSpec | None] = Field(
+        None, description="how little momentum robot and held load must have"
     )
     hold: fields.Sparse[fields.Seconds] = Field(0.0, description="how long it must be met without a break [s]")
 
@@ -665,8 +677,10 @@ def _end(end: EndCondition, earlier_fields: Fields, context: Context) -> RuleErr
     """Give coordinates of an end condition that the robot does not have, and tolerances that are missing or misfit."""
     if end.object is not None:
         yield from (((("object", *at)), error) for at, error in _object_end(end.object, earlier_fields, context))
-    elif not end.coordinates:
-        yield (), expected('"coordinates", "object" or both', "neither", at_key=True)
+    elif not (end.coordinates or end.momentum):
+        yield (), expected('at least one of "coordinates", "object", "momentum"', "none", at_key=True)
+    if end.momentum is not None and not end.momentum.model_dump(exclude_none=True):
+        yield ("momentum",), expected(f"at least one of {', '.join(MomentumEndSpec.model_fields)}", "none")
     sizes = context.sizes
     space = context.spaces.get(earlier_fields.get("skill", ""))
     if not sizes or space is None:
@@ -871,6 +885,28 @@ def _comes_again(stages: tuple[StageSpec, ...], earlier_fields: Fields, context:
         if fixed:
             found = f"{quoted(fixed[0])} with the fixed switch time {stages[order.index(fixed[0])].at:g} s"
             yield (i, "if_missed", "back_to"), expected('stages with "ends_when" from there to here', found)
+
+
+def _moved_by(stage: StageSpec, earlier_fields: Fields, context: Context) -> MobilityTraits:
+    """Return what moves the base in a stage, as far as skills are valid."""
+    skills: Mapping[str, SkillSpec] = earlier_fields.get("skills", {})
+    of_skill = skills[stage.skill].mobility if stage.skill in skills else None
+    given = stage.mobility or of_skill
+    return MOBILITIES[given] if given else context.moved_by
+
+
+def _unchanged_momenta(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give ends by a momentum that nothing changes in their stage, or that its mount takes up."""
+    for i, stage in enumerate(stages):
+        bounds = stage.ends_when and stage.ends_when.momentum
+        if not bounds:
+            continue
+        moved_by = _moved_by(stage, earlier_fields, context)
+        for key, is_changed in (("linear", moved_by.is_pushed), ("angular", moved_by.is_turned)):
+            if getattr(bounds, key) is not None and not is_changed:
+                why = "nothing changes it" if moved_by.moves else "the mount takes it up"
+                wanted = f"none: {why} where the base is {moved_by.name}"
+                yield (i, "ends_when", "momentum", key), expected(wanted, at_key=True)
 
 
 def _instants(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
@@ -1127,6 +1163,7 @@ class TaskSpec(Spec):
         Field(min_length=1),
         validated_by(partial(_own_names, "stages")),
         validated_by(_instants),
+        validated_by(_unchanged_momenta),
         validated_by(_comes_again),
     ] = Field(description="the stages in their order")
     priorities: Annotated[PrioritiesSpec, validated_by(disagreements)] | None = Field(

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.end import NEVER, AtTime, ByObject, ByState, End, PlannedEnd, StageProgress
+from psmpc_cli.ocp.end import NEVER, AtTime, ByObject, ByState, End, NormBound, PlannedEnd, StageProgress
 from psmpc_cli.ocp.plan import Plan, resting_plan
 
 BY_STATE = ByState(rows=(0, 2), tolerance=np.array([0.01, 0.02]), rate_tolerance=np.array([0.1, 0.2]))
@@ -12,8 +12,7 @@ BY_OBJECT = ByObject(
     rows=(1,),
     tolerance=np.array([0.05]),
     frame="arm_1",
-    measures=("position", "angle"),
-    object_tolerance=np.array([0.02, 0.03]),
+    norms=(NormBound("position", 0.02, 2), NormBound("angle", 0.03, 1)),
     destination=np.array([1.0, 0.0, 0.5]),
     inside=np.array([0.1, 0.0, 0.0]),
 )
@@ -72,7 +71,7 @@ def test_an_object_is_awaited_until_it_is_where_it_has_to_be() -> None:
         assert end.awaits_object == awaited
         assert end.is_over(StageProgress(0.0), 5.0, lambda: True) != awaited
         assert end.time_left(StageProgress(0.0), 5.0, 0.1) == (0.1 if awaited else 0.0)
-        np.testing.assert_allclose(BY_OBJECT.recorded(end.record).object_numbers, end.object_numbers)
+        np.testing.assert_allclose(BY_OBJECT.recorded(end.record).arguments, end.arguments)
 
 
 @pytest.mark.parametrize(

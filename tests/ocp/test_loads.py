@@ -107,5 +107,6 @@ def test_a_payload_that_is_found_out_begins_with_the_prior_in_plan_and_law() -> 
     load = known_load(task.spec, model, held)
     assert load.is_estimated
     np.testing.assert_allclose(load.numbers, [2, 6, 0.25, 0.75])
-    np.testing.assert_allclose(load.numbers_with(np.array([4.0, 2.0])), [1, 3, 0.5, 1.5])
+    np.testing.assert_allclose(load.sampled_numbers, [8, 1])
+    np.testing.assert_allclose(load.sampled(np.array([4.0, 2.0])).numbers, [1, 3, 0.5, 1.5])
     assert not known_load(task.spec, model, held - 1).is_estimated

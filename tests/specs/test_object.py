@@ -27,7 +27,7 @@ from psmpc_cli.specs.load import load_task
         (["stages.capture.ends_when.object={velocity: 0.1}"], "stages[1].ends_when.object", "holds the object"),
         (["stages.transport.ends_when.object={speed: 0.1}"], "stages[2].ends_when.object.speed", "velocity"),
         (["stages.transport.ends_when.object={velocity: -1}"], "stages[2].ends_when.object.velocity", "greater"),
-        (["stages.transport.ends_when={velocity: 0.1}"], "stages[2].ends_when", '"coordinates", "object" or both'),
+        (["stages.transport.ends_when={velocity: 0.1}"], "stages[2].ends_when", '"coordinates", "object", "momentum"'),
     ],
 )
 def test_objects_with_a_mass_that_make_no_sense(changes: list[str], path: str, words: str) -> None:

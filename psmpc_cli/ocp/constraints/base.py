@@ -287,7 +287,7 @@ def sampled_load(load: Load) -> ArgumentAtSample | None:
 
 def load_at_sample(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray:
     """Return the numbers of a load (numbers,) at a sample."""
-    numbers = load.numbers_with(sample.load) if load.is_estimated else load.numbers
+    numbers = load.sampled(sample.load).numbers
     if load.stores and sample.stored is not None:
         numbers = np.concatenate([numbers[: -len(sample.stored)], sample.stored])
     return numbers

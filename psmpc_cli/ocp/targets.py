@@ -1,13 +1,14 @@
 """What a task's start and the targets of its stages do to what it keeps: distances of parts, and cones."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, kept_groups, poses_at
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
-from psmpc_cli.ocp.postures import arm_postures, held_pose
+from psmpc_cli.ocp.constraints.plumes import PlumeForecast
+from psmpc_cli.ocp.postures import arm_postures, held_pose, unforeseen
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleContext, Stage
 from psmpc_cli.robot.model import RobotModel
@@ -45,7 +46,9 @@ class CloseParts:
 def clearance_remarks(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
 ) -> Iterator[Fault]:
-    """Yield parts nearer than the task keeps them at its start or where a stage leads, and obstacles nothing avoids.
+    """Yield parts nearer than the task keeps them at its start or where a stage leads, and obstacles of no use.
+
+    Obstacles are for what keeps clear, and for thrusters that avoid plumes.
 
     Args:
         task: The task.
@@ -53,7 +56,8 @@ def clearance_remarks(
         stages: Its stages.
         stops: Their `configurations`.
     """
-    if task.spec.obstacles and not task.spec.keeps_clear:
+    avoids_plumes = any(task.spec.avoids_plumes(stage.index, task.robot) for stage in stages)
+    if task.spec.obstacles and not (task.spec.keeps_clear or avoids_plumes):
         yield Fault(("obstacles",), 'found no "clearance", expected one: without it nothing keeps clear of obstacles')
     for close in _close_parts(task, model, stages, stops):
         where = "at the start"
@@ -111,23 +115,53 @@ def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stop
 
 def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> dict[tuple[str, str], float]:
     """Compute the distances of parts that keep clear [m] with the robot at Q (nq,), of all whose place is known."""
-    space = model.space
-    chart = space.chart_at(Q)
-    x = np.asarray(chart.to_chart(Q[None], np.zeros((1, model.n)))[0])
-    pose = _object_pose(task, model, stage, Q)
-    state = None if pose is None else (pose, np.zeros(space.n_twist))
-    view = SampleContext(0.0, x, chart.anchor, object_state=state)
+    view = _at_rest(task, model, stage, Q)
     smallest = dict[tuple[str, str], float]()
     for group in kept_groups(task.spec, model, 0 if stage is None else stage.index).values():
         argument = argument_of(group, model, view)
         if argument is None or (stage is not None and _has_moved(group, stage, view)):
             continue
-        taken = np.concatenate([chart.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
-        apart = distances_on_arrays(model, group.pairs)(x, taken)[0].ravel()
+        taken = np.concatenate([view.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
+        apart = distances_on_arrays(model, group.pairs)(view.x, taken)[0].ravel()
         for pair, distance in zip(group.pairs.pair_of_row, apart.tolist(), strict=True):
             name = group.pairs.names[pair]
             smallest[name] = min(distance, smallest.get(name, np.inf))
     return smallest
+
+
+def _at_rest(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> SampleContext:
+    """Return what constraints see with the robot at rest at Q (nq,), at the start or at the target of a stage."""
+    chart = model.space.chart_at(Q)
+    x = np.asarray(chart.to_chart(Q[None], np.zeros((1, model.n)))[0])
+    pose = _object_pose(task, model, stage, Q)
+    state = None if pose is None else (pose, np.zeros(model.space.n_twist))
+    return SampleContext(0.0, x, chart.anchor, object_state=state)
+
+
+def shut_thrusters(
+    task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
+) -> dict[str, tuple[int, ...] | None]:
+    """Return the numbers, from 1 on, of thrusters that are shut at the targets of stages that avoid plumes.
+
+    By the name of the stage; None where something moves, so that they are not known before the run.
+
+    Args:
+        task: The task.
+        model: Its robot.
+        stages: Its stages.
+        stops: Their `configurations`.
+    """
+    moving = unforeseen(task.spec, stages)
+    shut: dict[str, tuple[int, ...] | None] = {}
+    for stage, Q in zip(stages, stops[1:], strict=True):
+        if not task.spec.avoids_plumes(stage.index, task.robot):
+            continue
+        shut[stage.name] = None
+        if stage.index not in moving:
+            forecast = replace(PlumeForecast.of(task.spec, model, stage.index), since=np.zeros(1))
+            (is_shut,) = forecast.is_shut(forecast.numbers(model, _at_rest(task, model, stage, Q)))
+            shut[stage.name] = tuple(int(number) for number in np.flatnonzero(is_shut) + 1)
+    return shut
 
 
 def _has_moved(group: Group, stage: Stage, start: SampleContext) -> bool:

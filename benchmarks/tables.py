@@ -21,7 +21,7 @@ import psmpc_cli as psmpc
 from psmpc_cli.cli.app import app
 from psmpc_cli.logs import conditions, schema
 from psmpc_cli.solvers.base import Outcome
-from psmpc_cli.specs.fields import ANGLE_PATTERN, COORDINATE_PATTERN, NAME_PATTERN, SECONDS_PATTERN
+from psmpc_cli.specs.fields import ANGLE_PATTERN, COORDINATE_PATTERN, LENGTH_PATTERN, NAME_PATTERN, SECONDS_PATTERN
 from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.studies.measures import WHOLE_RUN, over_weights
@@ -35,12 +35,17 @@ UNITS = {
 KINDS = {
     NAME_PATTERN: "name",
     ANGLE_PATTERN: "angle",
+    LENGTH_PATTERN: "length",
     COORDINATE_PATTERN: "length or angle",
     SECONDS_PATTERN: "`2 s`",
 }
 """Kinds of texts, by their patterns."""
 
-WITH_UNIT = {"angle": "number or angle", "length or angle": "number, length or angle"}
+WITH_UNIT = {
+    "angle": "number or angle",
+    "length": "number or length",
+    "length or angle": "number, length or angle",
+}
 """What numbers are called that may be written with their units, by the kind of those texts."""
 
 BOUNDS = {"exclusiveMinimum": "> {:g}", "minimum": ">= {:g}", "maximum": "<= {:g}", "exclusiveMaximum": "< {:g}"}

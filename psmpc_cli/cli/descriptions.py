@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from itertools import count, groupby, zip_longest
+from itertools import count, groupby, starmap, zip_longest
 from json import dumps
 
 import numpy as np
@@ -14,6 +14,7 @@ from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD
 from psmpc_cli.ocp.forecast import StageForecast, forecast_configurations, initial_state
 from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
 from psmpc_cli.ocp.stage import Stage
+from psmpc_cli.ocp.targets import shut_thrusters
 from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.geometry import pieces_of
@@ -59,6 +60,8 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if spec.fires(task.robot):
         echo()
         echo(_thrusters(task.robot))
+        if shut := shut_thrusters(task, model, stages, stops):
+            echo(f"shut at the target, because of plumes: {'; '.join(starmap(_shut, shut.items()))}")
     if rows := list(_turns(task, model, stages)):
         echo()
         print_table(TURNS, rows, left=1)
@@ -229,6 +232,13 @@ def _thrusters(robot: RobotSpec) -> str:
     of_axes = (f"{axis} {-a:.4g} to {b:.4g} {unit}" for axis, a, b, unit in zip(axes, -low, high, units, strict=True))
     unused = "" if robot.moved_by.is_pushed else f", off where the base is {robot.mobility}"
     return f"{counted(len(robot.thrusters), 'thruster', 'thrusters')}{unused}, at most: {', '.join(of_axes)}"
+
+
+def _shut(stage: str, numbers: Sequence[int] | None) -> str:
+    """Write the numbers of the thrusters that are shut in a stage; None where they are not known before the run."""
+    if numbers is None:
+        return f"{stage} not known before the run"
+    return f"{stage} {', '.join(map(str, numbers)) or 'none'}"
 
 
 def _listed(numbers: Sequence[float]) -> str:

@@ -499,7 +499,7 @@ class StageFunctions:
         self.model = model
         self.shape = shape
         self.rows = skill.rows(model)
-        # A target has the numbers of the skill, those that samples set (the chart's anchor), then those of object and load.
+        # A target has the skill's numbers, those that samples set (the chart's anchor), then those of object and load.
         self._numbers_of_skill = skill.numbers(model) + model.space.n_sample_numbers
         self._numbers_of_object = 2 * model.space.n_pose if shape.object_names else 0
         self.numbers = self._numbers_of_skill + self._numbers_of_object + shape.end_load.count(model)

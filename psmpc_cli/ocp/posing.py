@@ -5,13 +5,15 @@ Such a stage gives time away: the arms could be posed for the next stage while t
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 
 import numpy as np
 
-from psmpc_cli.ocp.forecast import angle_between, coordinate_of_row, counts, earliest_ends, largest_rates, shortest_time
+from psmpc_cli.ocp.forecast import coordinate_of_row, counts, earliest_ends, shortest_time
 from psmpc_cli.ocp.postures import unforeseen
+from psmpc_cli.ocp.quickest import Begin, RestToRest, quickest
 from psmpc_cli.ocp.stage import Stage
-from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.document import Fault, quoted
@@ -21,12 +23,6 @@ from psmpc_cli.specs.robot import units
 
 LEAST_GAIN = 0.5
 """Least time [s] that posing has to save to be advised: less is lost in what later stages vary by."""
-
-LOST = 1.0
-"""Of the time that posing saves at the speed limits, what the rest of the mission loses again [s].
-
-It is the median of 20 random missions (benchmarks/posing.py, missions 100 to 119).
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +34,7 @@ class Posing:
         arms: The arms that could be posed.
         Q: Coordinates of the robot (nq,): the base at the target of the stage, these arms where the next stage needs
             them, the others as the stage holds them.
-        time: What the next stage takes at least to move these arms from where they are held [s].
+        time: How long these arms take at least from where they are held to there [s].
         lead: How long before the end of the stage the controller may move them already [s].
         saved: By how much the mission is estimated to be shorter with the arms posed [s].
     """
@@ -119,150 +115,286 @@ def _may_pose(task: Task, stages: Sequence[Stage], index: int) -> bool:
 def _posing(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray], index: int
 ) -> Iterator[Posing]:
-    """Yield what posing the arms in a stage saves, if it saves enough.
-
-    The motion at the speed limits is followed. In a stage that lasts T the arms move from where it begins towards where
-    it holds them, for the last `lead` seconds towards where the next stage needs them; what is left of that is time of
-    the next stage, unless its base, or an arm that is not held, takes longer. Posed, they move to the latter for all
-    of T.
-    """
-    space = model.space
-    stage = stages[index]
-    then = stages[index + 1]
-    asked = _rows_asked(model, then)
-    of_joints = slice(space.base.stop, model.n)
-    held = np.zeros(model.n + 1, bool)
-    held[of_joints] = stage.weights[of_joints] > 0
-    held[list(stage.end.rows)] = False
-    held &= asked
-    if not held.any():
+    """Yield what posing the arms in a stage saves, if it saves enough."""
+    switch = _switch(task, model, stages, stops, index)
+    if not switch.is_held.any() or not switch.postures:
         return
-    needed = _needed(model, then, *stops[index : index + 3])
-    begin, hold, need = map(space.in_order_of_v, (*stops[index : index + 2], needed))
-    beyond = (need < stage.limits.position_low) | (need > stage.limits.position_high)
-    if beyond[held[:-1]].any():
+    needed = min(switch.postures, key=switch.nearness)
+    need = model.space.in_order_of_v(needed)
+    limits = switch.stage.limits
+    beyond = (need < limits.position_low) | (need > limits.position_high)
+    if beyond[switch.is_held].any():
         return
 
-    duration = _duration(task, space, stages, stops, index)
-    controller = task.spec.controller
-    lead = 0.0 if controller.traits.one_stage else min(controller.horizon, duration)
-    rates = largest_rates(space, stage)[:2, :-1]
-    posed_at = _moved(begin, need, rates, duration)
-    left_at = _moved(_moved(begin, hold, rates, duration - lead), need, rates, lead)
-    is_free = np.isin(np.arange(model.n), stage.end.rows, invert=True) & ~held[:-1]
-    is_free[space.base] = False
-    others_at = np.where(is_free, _moved(begin, need, rates, lead), hold)
-
-    turn = angle_between(stops[index + 1][space.attitude], needed[space.attitude])
-    others = _times(space, then, need - others_at, turn)
-    unposed = np.where(held, _times(space, then, need - left_at, turn), others)
-    posed = np.where(held, _times(space, then, need - posed_at, turn), others)
-    shortest = max(then.end.dwell, posed[asked].max() + then.end.hold)
-    saved = max(then.end.dwell, unposed[asked].max() + then.end.hold) - shortest - LOST
+    held = switch.forecast(switch.hold)
+    posed = switch.forecast(_with_joints(model, switch.hold, needed, switch.is_held))
+    saved = held.time - posed.time
     if not (np.isfinite(saved) and saved > LEAST_GAIN):
         return
-    late = held & (unposed + then.end.hold > shortest)
-    arms = tuple(arm for arm in task.robot.arms if late[:-1][model.parts[arm]].any())
-    Q = _with_arms(model, stops[index + 1], needed, arms)
-    from_held = _times(space, then, need - hold, turn)
-    yield Posing(index, arms, Q, float(from_held[late].max()), lead, float(saved))
+    late = switch.is_held & (switch.arrivals(held.begin, needed) > posed.arrival)
+    arms = tuple(arm for arm in task.robot.arms if late[model.parts[arm]].any())
+    is_posed = np.zeros(model.n, bool)
+    for arm in arms:
+        is_posed[model.parts[arm]] = True
+    Q = _with_joints(model, switch.hold, needed, is_posed)
+    from_held = switch.next_motion.times(np.array(model.space.difference(switch.hold, needed)))
+    yield Posing(index, arms, Q, float(from_held[late].max()), switch.lead, float(saved))
 
 
-def _needed(model: RobotModel, stage: Stage, begin: np.ndarray, hold: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return where a stage needs the robot (nq,): of the postures that take its poses those nearest to the held one.
+@dataclass(frozen=True, eq=False)
+class _Forecast:
+    """What follows a switch.
+
+    Attributes:
+        time: How long the next stage and the flight of the base in the stage after it last together [s].
+        arrival: When the robot is where the end of the next stage asks it to be, from the switch on [s].
+        begin: Where the next stage begins to move the robot, and when.
+    """
+
+    time: float
+    arrival: float
+    begin: Begin
+
+
+@dataclass(frozen=True, eq=False)
+class _Switch:
+    """A switch from one stage to the next, whose motions are the fastest that the limits allow.
+
+    Idle arms move to where the stage holds them until the next stage is in the window, and from then on to where that
+    one needs them. The base moves for the next stage once the switch is over and it has come to rest.
+
+    Attributes:
+        model: The robot.
+        stage: The stage.
+        then: The next stage.
+        after: The stage after that; None where there is none, or where its target is not known before the run.
+        begin: Coordinates at which the stage begins (nq,).
+        hold: Those of its target (nq,).
+        goal: Those of the target of `after` (nq,); of no meaning without it.
+        postures: Coordinates that take the target of the next stage, (nq,) each.
+        asked: Coordinates of v for which the end of the next stage waits (n,).
+        is_held: Of these those of arms that the stage holds although its end does not ask for them (n,).
+        duration: How long the stage lasts [s].
+        lead: How long before the switch the next stage is in the window [s].
+        settling: How long after the switch each coordinate of the base could be at rest, (3,) or (6,) [s].
+        sample_time: Of the controller [s].
+    """
+
+    model: RobotModel
+    stage: Stage
+    then: Stage
+    after: Stage | None
+    begin: np.ndarray
+    hold: np.ndarray
+    goal: np.ndarray
+    postures: Sequence[np.ndarray]
+    asked: np.ndarray
+    is_held: np.ndarray
+    duration: float
+    lead: float
+    settling: np.ndarray
+    sample_time: float
+
+    @cached_property
+    def next_motion(self) -> RestToRest:
+        """How the next stage moves the robot."""
+        return _motion_of(self.model, self.then)
+
+    def nearness(self, posture: np.ndarray) -> tuple[float, float]:
+        """Return how much longer than the stage arms take to a posture (nq,), and how long from the held one [s]."""
+        from_begin = self.arrivals(Begin(self.begin, np.full(self.model.n, self.duration)), posture)
+        from_held = self.arrivals(Begin(self.hold, np.zeros(self.model.n)), posture)
+        return max(float(from_begin[self.is_held].max()), 0.0), float(from_held[self.is_held].max())
+
+    def arrivals(self, begin: Begin, posture: np.ndarray) -> np.ndarray:
+        """Return how long after the switch coordinates that the next stage asks for are those of a posture (n,) [s]."""
+        times = self.next_motion.times(np.array(self.model.space.difference(begin.Q, posture)))
+        return np.where(self.asked & (times > 0), times - begin.ahead, 0.0)
+
+    def forecast(self, hold: np.ndarray) -> _Forecast:
+        """Return what follows the switch if the stage holds the robot at some coordinates (nq,)."""
+        space = self.model.space
+        begin, posture = self._begin_of_next(hold)
+        step = np.where(self.asked, space.difference(begin.Q, posture), 0.0)
+        end = np.array(space.integrate(begin.Q.tolist(), step.tolist()))
+        poses = {arm: pose for arm, pose in self.then.poses_of_arms.items() if self.asked[self.model.parts[arm]].any()}
+        is_free = self.asked & ~_rows_of_coordinates(self.model, self.then)
+        arrival, Q = quickest(self.model, self.next_motion, begin, end, poses, is_free)
+        lasts = max(self.then.end.dwell, arrival + self.then.end.hold, self.sample_time)
+        return _Forecast(lasts + self._flight_after(Q, lasts), arrival, begin)
+
+    def _begin_of_next(self, hold: np.ndarray) -> tuple[Begin, np.ndarray]:
+        """Return where and when the next stage begins to move the robot, and the posture nearest to there (nq,).
+
+        A joint that is still on its way when the next stage comes into the window, and goes on in the same direction,
+        does not stop in between.
+        """
+        space = self.model.space
+        joints = space.joint_coordinates
+        is_idle = np.isin(np.arange(self.model.n), self.stage.end.rows, invert=True)
+        is_idle[space.base] = False
+        motion = _motion_of(self.model, self.stage)
+        reach = motion.distances(np.full(self.model.n, self.duration - self.lead))
+        reach = np.where(self.stage.weights[: self.model.n] > 0, reach, 0.0)[space.joint_rates]
+        is_idle_joint = is_idle[space.joint_rates]
+        first = self.begin[joints]
+        start = hold.copy()
+        start[joints] = np.where(is_idle_joint, first + np.clip(hold[joints] - first, -reach, reach), hold[joints])
+        ahead = np.where(is_idle, self.lead, 0.0)
+        ahead[space.base] = -self.settling
+        stopped = Begin(start, ahead)
+        posture = min(self.postures, key=lambda posture: float(self.arrivals(stopped, posture).max()))
+
+        goes_on = (hold[joints] - start[joints]) * (posture[joints] - start[joints]) > 0
+        Q = start.copy()
+        Q[joints] = np.where(goes_on, first, start[joints])
+        earlier = ahead.copy()
+        earlier[space.joint_rates] = np.where(goes_on, self.duration, ahead[space.joint_rates])
+        return Begin(Q, earlier), posture
+
+    def _flight_after(self, Q: np.ndarray, lasts: float) -> float:
+        """Return how long the base flies in the stage after the next, from coordinates Q (nq,) [s].
+
+        Args:
+            Q: Coordinates at which the next stage ends.
+            lasts: How long the next stage lasts [s]. A base that has not come to rest in this time has to do so first,
+                unless it flies on in the same direction, which spares it the time to gain speed again.
+        """
+        if self.after is None:
+            return 0.0
+        space = self.model.space
+        flown = np.array(space.difference(self.begin, self.hold))[space.base]
+        displacements = np.array(space.difference(Q, self.goal))
+        flight = _motion_of(self.model, self.after).times(displacements)[space.base]
+        unsettled = np.maximum(self.settling - lasts, 0.0)
+        times = flight + np.where(flown * displacements[space.base] > 0, -unsettled, unsettled)
+        of_base = _rows_of_coordinates(self.model, self.after)[space.base]
+        return float(times[of_base].max(initial=0.0))
+
+
+def _switch(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray], index: int) -> _Switch:
+    """Return the switch at the end of a stage."""
+    stage = stages[index]
+    then = stages[index + 1]
+    has_after = index + 2 < len(stages) and index + 2 not in unforeseen(task.spec, stages)
+    asked = _rows_asked(model, then)
+    is_held = asked & (stage.weights[: model.n] > 0)
+    is_held[model.space.base] = False
+    is_held[list(stage.end.rows)] = False
+    duration, settling = _duration(task, model, stages, stops, index)
+    controller = task.spec.controller
+    return _Switch(
+        model=model,
+        stage=stage,
+        then=then,
+        after=stages[index + 2] if has_after else None,
+        begin=stops[index],
+        hold=stops[index + 1],
+        goal=stops[index + 3 if has_after else index + 2],
+        postures=_postures(model, then, *stops[index : index + 3]),
+        asked=asked,
+        is_held=is_held,
+        duration=duration,
+        lead=0.0 if controller.traits.one_stage else min(controller.horizon, duration),
+        settling=settling,
+        sample_time=controller.sample_time,
+    )
+
+
+def _postures(
+    model: RobotModel, stage: Stage, begin: np.ndarray, hold: np.ndarray, target: np.ndarray
+) -> list[np.ndarray]:
+    """Return the postures that take a stage's poses, on all branches that are found, (nq,) each.
+
+    There is none where a pose is out of reach.
 
     Args:
         model: The robot.
         stage: The stage.
         begin: Where the stage before begins (nq,); a posture may be on a branch that leads on from there.
-        hold: Where it holds the robot (nq,).
+        hold: Where it holds the robot (nq,), likewise.
         target: Where the motion from there leads, of `configurations` (nq,).
     """
-    needed = target.copy()
-    space = model.space
+    if not counts(stage, range(model.space.base.stop)):
+        return [target]  # it is not known where arms have to be
     before = model.nq - model.n
-    rates = np.minimum(*largest_rates(space, stage)[:2, :-1])
+    base = stage.target[stage.parts[BASE].numbers]
+    branches = []
     for arm, pose in stage.poses_of_arms.items():
         rows = model.parts[arm]
         limits = stage.limits.position_low[rows], stage.limits.position_high[rows]
-        base = stage.target[stage.parts[BASE].numbers]
-        held = hold[before:][rows]
-        candidates = [target[before:][rows]]
-        if not counts(stage, range(space.base.stop)) or np.array_equal(candidates[0], held):
-            continue  # it is not known where the arm has to be, or it is there
-        for near in (None, begin[before:][rows]):
-            reach = reach_of(model, arm, base, pose, limits, near)
-            if reach.configuration is not None:
-                candidates.append(np.array(reach.configuration))
-        needed[before:][rows] = min(candidates, key=lambda joints: np.max(np.abs(joints - held) / rates[rows]))
-    return needed
+        nearby = (None, *(Q[before:][rows] for Q in (begin, hold, target)))
+        reaches = [reach_of(model, arm, base, pose, limits, near) for near in nearby]
+        branches.append([np.array(reach.configuration) for reach in reaches if reach.configuration is not None])
+    postures = []
+    for joints in product(*branches):
+        posture = target.copy()
+        for arm, values in zip(stage.poses_of_arms, joints, strict=True):
+            posture[before:][model.parts[arm]] = values
+        postures.append(posture)
+    return postures
 
 
-def _with_arms(model: RobotModel, Q: np.ndarray, other: np.ndarray, arms: Sequence[str]) -> np.ndarray:
-    """Return coordinates (nq,) of which some arms have those of another configuration."""
+def _with_joints(model: RobotModel, Q: np.ndarray, other: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Return coordinates (nq,) with the joints of another configuration in some rows of v (n,)."""
     mixed = Q.copy()
-    before = model.nq - model.n
-    for arm in arms:
-        mixed[before:][model.parts[arm]] = other[before:][model.parts[arm]]
+    joints = model.space.joint_coordinates
+    mixed[joints] = np.where(rows[model.space.joint_rates], other[joints], Q[joints])
     return mixed
 
 
+def _rows_of_coordinates(model: RobotModel, stage: Stage) -> np.ndarray:
+    """Return the coordinates of v for which the end of a stage waits by themselves (n,)."""
+    rows = np.zeros(model.n, bool)
+    coordinates = coordinate_of_row(stage)
+    rows[[coordinates[row] for row in stage.end.rows if row in coordinates]] = True
+    return rows
+
+
 def _rows_asked(model: RobotModel, stage: Stage) -> np.ndarray:
-    """Return which coordinates of v, and the base's attitude behind them, the end of a stage waits for (n + 1,).
+    """Return the coordinates of v for which the end of a stage waits (n,).
 
     For those of an arm and of the base it waits through the pose of an end-effector, where all of the pose is wanted.
     """
-    asked = np.zeros(model.n + 1, bool)
+    asked = _rows_of_coordinates(model, stage)
     ends = set(stage.end.rows)
     base = range(model.space.base.stop)
-    coordinates = coordinate_of_row(stage)
-    asked[[coordinates[row] for row in ends & coordinates.keys()]] = True
     for arm in stage.poses_of_arms:
         part = stage.parts[arm]
         rows = range(part.rows.start, part.rows.stop)
         if ends & set(rows) and counts(stage, [*base, *rows]):
             asked[model.parts[arm]] = True
             asked[list(base)] = True
-    asked[-1] = asked[model.space.rotation].all()
     return asked
 
 
 def _duration(
-    task: Task, space: ConfigurationSpace, stages: Sequence[Stage], stops: Sequence[np.ndarray], index: int
-) -> float:
-    """Return how long a stage lasts at least, from the target of the one before on [s]."""
+    task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray], index: int
+) -> tuple[float, np.ndarray]:
+    """Return how long a stage lasts from the target of the one before on [s], and when the base could be at rest.
+
+    The latter is how long after the stage each of its coordinates could be, (3,) or (6,) [s]: a stage whose end does
+    not ask for rest is over when the base arrives.
+    """
     stage = stages[index]
+    motion = _motion_of(model, stage)
+    displacements = np.array(model.space.difference(stops[index], stops[index + 1]))
+    at_rest = motion.times(displacements)
     if stage.end.shape.is_fixed:
         before = earliest_ends(task, stages)[index - 1][0] if index else 0.0
-        return max(stage.end.latest - before, 0.0)
-    begin, hold = stops[index : index + 2]
-    turn = angle_between(begin[space.attitude], hold[space.attitude])
-    times = _times(space, stage, space.in_order_of_v(hold) - space.in_order_of_v(begin), turn)
-    rows = list(stage.end.rows)
-    if set(range(space.rotation.start, space.rotation.stop)) <= set(rows):
-        rows.append(len(times) - 1)
-    return max(stage.end.dwell, float(times[rows].max(initial=0.0)) + stage.end.hold)
+        lasts = max(stage.end.latest - before, 0.0)
+    else:
+        at_speed = shortest_time(np.abs(displacements), motion.velocity, motion.acceleration, np.zeros(model.n))
+        arrivals = np.where(stage.end.shape.has_rates | np.isinf(at_rest), at_rest, at_speed)
+        lasts = max(stage.end.dwell, float(arrivals[list(stage.end.rows)].max(initial=0.0)) + stage.end.hold)
+    return lasts, np.maximum(at_rest[model.space.base] - lasts, 0.0)
 
 
-def _times(space: ConfigurationSpace, stage: Stage, displacement: np.ndarray, turn: float) -> np.ndarray:
-    """Return how long coordinates take at the speed limits of a stage for displacements from rest, (n + 1,) [s].
-
-    Args:
-        space: The robot's coordinates.
-        stage: The stage.
-        displacement: By how much they change (n,) [m, rad].
-        turn: By how much a spatial base turns [rad]; it stands for the components of its attitude.
-    """
-    change = np.append(displacement, turn)
-    if space.has_quaternion:
-        change[space.rotation] = 0.0
-    rates = largest_rates(space, stage)
-    rate, gain = np.where(change > 0, rates[::2], rates[1::2])
-    times = shortest_time(np.abs(change), rate, gain, np.zeros(len(change)))
-    return np.asarray(np.where((change != 0) & (rate <= 0), np.inf, times))
-
-
-def _moved(start: np.ndarray, goal: np.ndarray, rates: np.ndarray, time: float) -> np.ndarray:
-    """Return where coordinates (n,) are that move to a goal for some time at their largest rates up and down (2, n)."""
-    most = rates * time if time > 0 else np.zeros_like(rates)  # rates may be infinite
-    return np.asarray(start + np.clip(goal - start, -most[1], most[0]))
+def _motion_of(model: RobotModel, stage: Stage) -> RestToRest:
+    """Return how a stage moves each coordinate: the smaller limit of both directions counts."""
+    limits = stage.limits
+    velocity = np.minimum(limits.velocity_high, -limits.velocity_low)
+    if not stage.moved_by.moves:
+        velocity[model.space.base] = 0.0
+    acceleration = np.minimum(limits.acceleration_high, -limits.acceleration_low)
+    return RestToRest(velocity, acceleration, limits.position_low, limits.position_high)

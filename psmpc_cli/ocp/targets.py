@@ -1,13 +1,14 @@
 """What a task's start and the targets of its stages do to what it keeps: distances of parts, and cones."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, groups_to_clear, poses_at
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
-from psmpc_cli.ocp.postures import arm_postures, held_pose
+from psmpc_cli.ocp.constraints.plumes import PlumeForecast
+from psmpc_cli.ocp.postures import arm_postures, held_pose, unforeseen
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleContext, Stage
 from psmpc_cli.robot.model import RobotModel
@@ -47,7 +48,7 @@ def clearance_remarks(
 ) -> Iterator[Fault]:
     """Yield parts that are nearer than the task keeps them at its start or at a target, where no plan could keep clear.
 
-    And a remark on obstacles that nothing avoids.
+    And a remark on obstacles of no use: they are for what keeps clear, and for thrusters that avoid plumes.
 
     Args:
         task: The task.
@@ -55,7 +56,8 @@ def clearance_remarks(
         stages: Its stages.
         stops: The robot's coordinates at the start and at the target of every stage, (nq,) each.
     """
-    if task.spec.obstacles and not task.spec.keeps_clear:
+    avoids_plumes = any(task.spec.avoids_plumes(stage.index, task.robot) for stage in stages)
+    if task.spec.obstacles and not (task.spec.keeps_clear or avoids_plumes):
         yield Fault(("obstacles",), 'found no "clearance", expected one: without it nothing keeps clear of obstacles')
     for close in _close_parts(task, model, stages, stops):
         where = "at the start"
@@ -109,8 +111,8 @@ def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stop
     depends on how the robot gets there.
 
     Args:
-        model: The robot.
         task: The task.
+        model: The robot.
         stages: Its stages.
         stops: The robot's coordinates at the start and at the target of every stage, (nq,) each.
     """
@@ -141,23 +143,54 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     Returns:
         The smallest distance of each two parts [m], which may have several shapes; negative where they overlap.
     """
-    space = model.space
-    chart = space.chart_at(Q)
-    x = np.asarray(chart.to_chart(Q[None], np.zeros((1, model.n)))[0])
-    pose = _object_pose(task, model, stage, Q)
-    state = None if pose is None else (pose, np.zeros(space.n_twist))
-    at_rest_there = SampleContext(0.0, x, chart.anchor, object_state=state)
+    at_rest_there = _at_rest(task, model, stage, Q)
     smallest = dict[tuple[str, str], float]()
     for group in groups_to_clear(task.spec, model, 0 if stage is None else stage.index).values():
         argument = argument_of(group, model, at_rest_there)
         if argument is None or (stage is not None and _has_moved(group, stage, at_rest_there)):
             continue
         poses = poses_at(group.pairs, model, argument, np.zeros(1))[0]
-        (distances,) = distances_on_arrays(model, group.pairs)(x, np.concatenate([chart.anchor, poses]))
+        taken = np.concatenate([at_rest_there.anchor, poses])
+        (distances,) = distances_on_arrays(model, group.pairs)(at_rest_there.x, taken)
         for pair, distance in zip(group.pairs.pair_of_row, distances.ravel().tolist(), strict=True):
             names = group.pairs.names[pair]
             smallest[names] = min(distance, smallest.get(names, np.inf))
     return smallest
+
+
+def _at_rest(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> SampleContext:
+    """Return what constraints see with the robot at rest at Q (nq,), at the start or at the target of a stage."""
+    chart = model.space.chart_at(Q)
+    x = np.asarray(chart.to_chart(Q[None], np.zeros((1, model.n)))[0])
+    pose = _object_pose(task, model, stage, Q)
+    state = None if pose is None else (pose, np.zeros(model.space.n_twist))
+    return SampleContext(0.0, x, chart.anchor, object_state=state)
+
+
+def shut_thrusters(
+    task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
+) -> dict[str, tuple[int, ...] | None]:
+    """Return the numbers, from 1 on, of thrusters that are shut at the targets of stages that avoid plumes.
+
+    By the name of the stage; None where something moves, so that they are not known before the run.
+
+    Args:
+        task: The task.
+        model: Its robot.
+        stages: Its stages.
+        stops: Their `configurations`.
+    """
+    moving = unforeseen(task.spec, stages)
+    shut: dict[str, tuple[int, ...] | None] = {}
+    for stage, Q in zip(stages, stops[1:], strict=True):
+        if not task.spec.avoids_plumes(stage.index, task.robot):
+            continue
+        shut[stage.name] = None
+        if stage.index not in moving:
+            forecast = replace(PlumeForecast.of(task.spec, model, stage.index), since=np.zeros(1))
+            (is_shut,) = forecast.is_shut(forecast.numbers(model, _at_rest(task, model, stage, Q)))
+            shut[stage.name] = tuple(int(number) for number in np.flatnonzero(is_shut) + 1)
+    return shut
 
 
 def _has_moved(group: Group, stage: Stage, start: SampleContext) -> bool:

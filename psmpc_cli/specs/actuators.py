@@ -6,13 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, ensure, expected, unit_errors, validated_by
-from psmpc_cli.specs.parts import LENGTH
-
-
-def _is_a_length(written: Any, earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give a length that is written as an angle."""
-    yield from unit_errors(written, LENGTH.position)
+from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, ensure, expected, validated_by
 
 
 class Plume(Spec):
@@ -22,9 +16,7 @@ class Plume(Spec):
         fields.Width,
         ensure(lambda angle: angle < np.pi / 2, "an angle between 0 and 90 deg, with its unit: 30 deg"),
     ] = Field(description="angle between its axis and its edge, half of what it opens [rad]")
-    length: Annotated[fields.CoordinateWidth, validated_by(_is_a_length, as_written=True)] = Field(
-        description="how far from the nozzle it reaches [m]"
-    )
+    length: fields.Length = Field(description="how far from the nozzle it reaches [m]")
 
 
 class Thruster(Spec):

@@ -35,6 +35,7 @@ NAME_PATTERN = r"^[^\s./\\\[\]=:,]+( [^\s./\\\[\]=:,]+)*$"
 
 SECONDS_PATTERN = rf"^{DECIMAL} *s$"
 ANGLE_PATTERN = rf"^{DECIMAL} *(deg|rad|°)$"
+LENGTH_PATTERN = rf"^{DECIMAL} *m$"
 COORDINATE_PATTERN = rf"^{DECIMAL} *(m|deg|rad|°)$"
 
 FLAW = "flaw"
@@ -258,6 +259,15 @@ def number_or_angle(value: object) -> float:
     return number(value)
 
 
+def _length(value: object) -> float:
+    """Return a finite number, or a length with its unit in m."""
+    if isinstance(value, str):
+        if not re.fullmatch(LENGTH_PATTERN, value):
+            raise expected("a length, such as 0.2 or 0.2 m")
+        value = float(value.rstrip(" m"))
+    return number(value)
+
+
 def _coordinate(value: object, rate: str = "") -> float:
     """Return a finite number, a length with its unit in m, or an angle with its unit in rad; see `unit_errors`.
 
@@ -269,7 +279,7 @@ def _coordinate(value: object, rate: str = "") -> float:
         of_rate = f"a number in {rate}, such as 0.2, 0.2 m or 30 deg"
         raise expected(of_rate if rate else "a number, an angle such as 30 deg, or a length such as 0.2 m")
     is_length = isinstance(value, str) and value.endswith("m")
-    return number(float(str(value).rstrip(" m"))) if is_length else number_or_angle(value)
+    return _length(value) if is_length else number_or_angle(value)
 
 
 def unit_errors(written: object, unit: str, turns: bool = True, rate: str = "") -> RuleErrors:
@@ -398,6 +408,7 @@ class _Or:
 
 
 _or_angle = _Or({"type": "string", "pattern": ANGLE_PATTERN})
+_or_length = _Or({"type": "string", "pattern": LENGTH_PATTERN})
 _or_unit = _Or({"type": "string", "pattern": COORDINATE_PATTERN})
 _not_tiny = ensure(lambda value: not 0 < value < 1e-12, "a number of at least 1e-12")
 
@@ -428,6 +439,7 @@ SecondsOrAuto = Annotated[
     ),
 ]
 Angle = Annotated[float, BeforeValidator(number_or_angle), _or_angle]
+Length = Annotated[float, Field(gt=0), BeforeValidator(_length), _not_tiny, _or_length]
 Coordinate = Annotated[float, BeforeValidator(_coordinate), _or_unit]
 CoordinateWidth = Annotated[float, Field(gt=0), BeforeValidator(_coordinate), _not_tiny, _or_unit]
 Direction = Annotated[float, BeforeValidator(number_or_angle), validated_by(within_a_turn, as_written=True), _or_angle]

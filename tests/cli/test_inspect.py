@@ -97,6 +97,7 @@ def test_check_prints_which_stages_avoid_plumes(psmpc: Psmpc, tmp_path: Path) ->
     assert next(i for i, line in enumerate(lines) if line.startswith("reach")) < next(
         i for i, line in enumerate(lines) if "plumes avoided" in line
     )
+    assert "shut at the target, because of plumes: reach none" in lines
 
 
 def test_armatures_are_in_the_table_of_a_robot(psmpc: Psmpc, tmp_path: Path) -> None:

@@ -1,16 +1,21 @@
 """What check says of starts and targets that touch, are inside a margin, or outside a cone."""
 
 import re
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from psmpc_cli.ocp.feasibility import remarks, review
-from psmpc_cli.ocp.forecast import forecast_stages
+from psmpc_cli.ocp.forecast import forecast_configurations, forecast_stages
+from psmpc_cli.ocp.targets import shut_thrusters
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.load import load_task
+
+from ..plumed import AHEAD, before_a_panel
 
 
 @pytest.mark.parametrize(
@@ -131,3 +136,31 @@ def test_a_monitor_of_parts_that_are_no_pair_is_a_fault() -> None:
         (fault,) = review(load_task("transport", monitored(of)))
         assert dotted(fault.path) == "monitors[0].of"
         assert fault.message.startswith(f'found "{of[0]}" and "{of[1]}", expected parts that keep clear in "approach"')
+
+
+def shut(folder: Path, **changes: Any) -> dict[str, tuple[int, ...] | None]:
+    """Which thrusters are shut at the targets of the platform before a panel, which has changes."""
+    task = before_a_panel(folder, **changes)
+    forecasts = forecast_stages(task)
+    stages = [forecast.stage for forecast in forecasts]
+    return shut_thrusters(task, forecasts[0].model, stages, forecast_configurations(task, forecasts))
+
+
+def test_thrusters_whose_plumes_reach_an_obstacle_are_shut_at_the_target(tmp_path: Path) -> None:
+    """Only those that brake blow at the panel, which is 0.65 m from their nozzles, or 1.65 m; plumes are 1.5 m long."""
+    assert shut(tmp_path) == {"fly": tuple(number + 1 for number in AHEAD)}
+    farther = [{"name": "panel", "shape": {"box": [0.2, 0.6]}, "pose": [3.2, 0, 0]}]
+    assert shut(tmp_path, obstacles=farther) == {"fly": ()}
+    drifting = [{**farther[0], "velocity": [-0.01, 0]}]
+    assert shut(tmp_path, obstacles=drifting) == {"fly": None}
+    assert shut(tmp_path, plumes="ignored") == {}
+
+
+def test_obstacles_without_clearance_are_remarked_unless_plumes_keep_off_them(tmp_path: Path) -> None:
+    def said(plumes: str) -> list[str]:
+        task = before_a_panel(tmp_path, plumes=plumes)
+        return [remark.message for remark in remarks(task, forecast_stages(task)) if remark.path == ("obstacles",)]
+
+    assert said("avoided") == []
+    (remark,) = said("ignored")
+    assert "nothing keeps clear of obstacles" in remark

@@ -172,14 +172,15 @@ static void form_interval_rows(InteriorPoint *ip, const double *weights) {
         double weight_low = weights[i];
         double weight_high = weights[count + i];
         double weight = weight_low + weight_high;
-        double *mean = ip->dense_by_tau + i * S;
+        const double *by_gaps = ip->tau_by_gaps + i * S;
+        double *y_tau = scalars(ip->dense_y[i]) + Y_Q_COLUMN + N;
         ip->dense_weights[i] = weight + program->interval_weight[i];
         double share_high = weight > 0.0 ? weight_high / weight : 0.0;
         double width = program->interval_high[i] - program->interval_low[i];
         double bound = program->interval_low[i] + share_high * width;
         double left = weight_low * share_high * width * width;
         for (int c = 0; c < S; c++) {
-            mean[c] = by_tau[c] - bound * by_duration[c];
+            y_tau[c] = by_gaps[c] + (by_tau[c] - bound * by_duration[c]);
             for (int e = 0; e < S; e++) ip->H_tau_tau[c * S + e] += left * by_duration[c] * by_duration[e];
         }
     }
@@ -460,10 +461,12 @@ static int64_t allocate_all(InteriorPoint *ip, const QuadraticProgram *program, 
     equations->row = (int64_t *)allocate(&workspace, rows);
     int64_t interval_rows = program->interval_row_count;
     if (interval_rows) {
-        ip->dense = (DenseGains *)allocate(&workspace, K * (int64_t)(sizeof(DenseGains) / sizeof(double)));
-        ip->reduced_rows = (vec(*)[Y_VECS])allocate(&workspace, interval_rows * Y_PADDED);
+        ip->dense = (DenseTableau *)allocate(&workspace, K * (int64_t)(sizeof(DenseTableau) / sizeof(double)));
+        ip->dense_y = (vec(*)[Y_VECS])allocate(&workspace, interval_rows * Y_PADDED);
+        ip->dense_patterns =
+            (Pattern *)allocate(&workspace, interval_rows * (int64_t)(sizeof(Pattern) / sizeof(double)));
         ip->dense_weights = allocate(&workspace, interval_rows);
-        ip->dense_by_tau = allocate(&workspace, interval_rows * S);
+        ip->tau_by_gaps = allocate(&workspace, interval_rows * S);
     } else {
         ip->intervals = (IntervalGains *)allocate(&workspace, K * doubles_of_gains);
     }
@@ -586,6 +589,21 @@ static void fill_positions(InteriorPoint *ip) {
             }
 }
 
+/* Write the constraints on intervals as rows of y, but for what they have by tau themselves. */
+static void reduce_interval_rows(InteriorPoint *ip) {
+    const int64_t S = ip->program->S;
+    const QuadraticProgram *program = ip->program;
+    for (int64_t i = 0; i < program->interval_row_count; i++) {
+        int64_t k = program->interval_row[i];
+        double a = -program->gap_velocity[2 * k];
+        double b = -program->gap_velocity[2 * k + 1];
+        const double *c = program->interval_jacobian + i * INTERVAL_ROW;
+        reduce_interval_row(S, c, a, b, program->gap_tau + k * N * S, ip->dense_y[i]);
+        memcpy(ip->tau_by_gaps + i * S, scalars(ip->dense_y[i]) + Y_Q_COLUMN + N, S * sizeof(double));
+        ip->dense_patterns[i] = pattern_of(S, ip->dense_y[i]);
+    }
+}
+
 /* Set the first iterate: v = 0 and tau = 0, the positions that close the gaps, Q_k+1 = Q_k - gap_k; its inequalities,
  * equations, slacks, multipliers, residuals and complementarity. */
 static void initialize(InteriorPoint *ip) {
@@ -610,10 +628,11 @@ static void initialize(InteriorPoint *ip) {
     ip->dense_rows = (IntervalRows){
         .count = program->interval_row_count,
         .interval = program->interval_row,
-        .jacobian = program->interval_jacobian,
         .weights = ip->dense_weights,
-        .by_tau = ip->dense_by_tau,
+        .y = (const vec(*)[Y_VECS])ip->dense_y,
+        .patterns = ip->dense_patterns,
     };
+    reduce_interval_rows(ip);
     fill_positions(ip);
     memset(program->X, 0, program->K * NX * sizeof(double));
     memset(program->tau, 0, S * sizeof(double));
@@ -636,7 +655,7 @@ static void initialize(InteriorPoint *ip) {
  * positive definite on the steps that keep the gaps closed. */
 static int factorize(InteriorPoint *ip) {
     int is_dense = ip->program->interval_row_count > 0;
-    int is_definite = is_dense ? dense_factorize(&ip->riccati, &ip->dense_rows, ip->reduced_rows, ip->dense, ip->schur)
+    int is_definite = is_dense ? dense_factorize(&ip->riccati, &ip->dense_rows, ip->dense, ip->schur)
                                : riccati_factorize(&ip->riccati, ip->intervals, ip->schur);
     return is_definite && factorize_schur(ip);
 }

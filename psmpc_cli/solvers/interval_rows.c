@@ -15,6 +15,8 @@
  *
  *     w = -G_ww^-1 (G_wv v + G_wq q + r),   P <- G - [G_vw; G_qw] G_ww^-1 [G_wv G_wq].
  *
+ * Gains of the feedback law are not formed: each factorization serves two solves, which take less with its factors.
+ *
  * Rows of the change of acceleration from the interval before depend on the velocity z where that began as well. Where a
  * kernel has such rows (HISTORY = N), z follows on Q and tau in q, and z+ = v. A row has y_z = c_z, and of P by z+ the
  * part by Q and tau is that by v before the interval,
@@ -34,24 +36,32 @@
 #define INTERVAL_ROW (2 * NX + S + HISTORY)                /* entries of a row by both states, tau and z */
 #define Y_Z_COLUMN (Y_Q_COLUMN + HISTORY_COLUMN)           /* of z in y */
 
-/* Constraints on intervals: which, their derivatives c by [Q; v] at both ends, and their weights as one row, of which
- * the part by tau is not c but `by_tau`, and what is left of the weights of the durations. */
+#define FEW_ENTRIES 8 /* most entries of a row that are added one by one */
+
+/* Where a row of y may differ from 0. */
+typedef struct {
+    uint64_t blocks;               /* bit b: in the columns of vector b */
+    int64_t count;                 /* of its entries, FEW_ENTRIES + 1 where it has more than FEW_ENTRIES */
+    int64_t columns[FEW_ENTRIES];  /* of the entries, ascending */
+} Pattern;
+
+/* Constraints on intervals: which, as rows of y, and their weights. Of the derivatives by tau a row has those of its
+ * common bound, see `form_interval_rows`, which change from one iteration to the next. */
 typedef struct {
     int64_t count;             /* I */
     const int64_t *interval;   /* ascending, (I,) */
-    const double *jacobian;    /* (I, 4N + S + HISTORY) */
     const double *weights;     /* (I,) */
-    const double *by_tau;      /* (I, S) */
+    const vec (*y)[Y_VECS];    /* (I, Y_VECS) */
+    const Pattern *patterns;   /* (I,) */
 } IntervalRows;
 
-/* The feedback law of an interval, rows of the gains [-G_ww^-1 G_wv, -G_ww^-1 G_wq, -G_ww^-1]. */
+/* The tableau of an interval, L^-1 [. G_wv G_wq 1] with G_ww = L L', from which its feedback law follows. */
 typedef struct {
-    vec gain[N][Y_VECS];
-} DenseGains;
+    vec row[N][DENSE_TABLEAU_VECS];
+} DenseTableau;
 
-/* Write a row of an interval as one of y; `gap_tau` is -Gamma (N, S). */
-static void reduce_interval_row(int64_t S, const double *c, const double *by_tau, double a, double b, const double *gap_tau,
-                                vec y_row[Y_VECS]) {
+/* Write a row c of an interval as one of y, but for c_tau; `gap_tau` is -Gamma (N, S). */
+static void reduce_interval_row(int64_t S, const double *c, double a, double b, const double *gap_tau, vec y_row[Y_VECS]) {
     const double *by_Q = c;
     const double *by_v = c + N;
     const double *by_next_Q = c + NX;
@@ -63,12 +73,23 @@ static void reduce_interval_row(int64_t S, const double *c, const double *by_tau
         y[Y_V_COLUMN + i] = by_v[i] + a * by_next_Q[i];
         y[Y_Q_COLUMN + i] = by_Q[i] + by_next_Q[i];
     }
-    for (int e = 0; e < S; e++) {
-        double sum = by_tau[e];
-        for (int i = 0; i < N; i++) sum -= gap_tau[i * S + e] * by_next_Q[i];
-        y[Y_Q_COLUMN + N + e] = sum;
-    }
+    for (int e = 0; e < S; e++)
+        for (int i = 0; i < N; i++) y[Y_Q_COLUMN + N + e] -= gap_tau[i * S + e] * by_next_Q[i];
     for (int i = 0; i < HISTORY; i++) y[Y_Z_COLUMN + i] = c[2 * NX + S + i];
+}
+
+/* Return where a row of y may differ from 0, by tau everywhere. */
+static Pattern pattern_of(int64_t S, const vec y_row[Y_VECS]) {
+    const double *y = const_scalars(y_row);
+    Pattern pattern = {0};
+    for (int i = 0; i < Y_PADDED; i++) {
+        int is_by_tau = i >= Y_Q_COLUMN + N && i < Y_Q_COLUMN + N + S;
+        if (y[i] == 0.0 && !is_by_tau) continue;
+        pattern.blocks |= (uint64_t)1 << i / LANES;
+        if (pattern.count < FEW_ENTRIES) pattern.columns[pattern.count] = i;
+        if (pattern.count <= FEW_ENTRIES) pattern.count++;
+    }
+    return pattern;
 }
 
 /* Turn what G has by z+ into what it has by v: z+ = v. */
@@ -91,7 +112,11 @@ static void substitute_history(const ValueFunction *P, double a, vec G[Y_PADDED]
 
 /* Form the blocks of G on and above the diagonal, but for M. */
 static void form_interval_hessian(int64_t S, const ValueFunction *P, double a, double b, const double *R, vec G[Y_PADDED][Y_VECS]) {
-    memset(G, 0, Y_PADDED * Y_VECS * sizeof(vec));
+    if (N < N_PADDED) {
+        memset(G[N], 0, (N_PADDED - N) * sizeof *G);
+        memset(G[Y_V_COLUMN + N], 0, (N_PADDED - N) * sizeof *G);
+    }
+    memset(G[Y_Q_COLUMN + N + S], 0, (NQ_PADDED - N - S) * sizeof *G);
     for (int i = 0; i < N; i++) {
         for (int v = 0; v < NQ_VECS; v++) {
             G[i][Y_Q_VEC + v] = b * P->qq[i][v] + P->vq[i][v];
@@ -121,70 +146,82 @@ static void form_interval_hessian(int64_t S, const ValueFunction *P, double a, d
 
 #define ROW_BATCH 64 /* rows that are added together */
 
-/* Add weight y y' of at most ROW_BATCH rows y to the blocks of G on and above the diagonal, rows in groups of LANES
- * columns, so that each row of G is read and written once. Rows of the change of an acceleration have few entries: those
- * that have none in a row of G are left out there. */
-static void add_row_batch(const vec (*rows)[Y_VECS], const double *weights, int count, vec G[Y_PADDED][Y_VECS]) {
-    double factors[ROW_BATCH];
-    int chosen[ROW_BATCH];
-    for (int i = 0; i < Y_PADDED; i++) {
-        int first_vec = i / LANES;
+/* Add weight y y' of a row with few entries to the blocks of G on and above the diagonal. */
+static void add_few_entries(const Pattern *pattern, double weight, const vec y_row[Y_VECS], vec G[Y_PADDED][Y_VECS]) {
+    const double *y = const_scalars(y_row);
+    for (int64_t l = 0; l < pattern->count; l++) {
+        int64_t i = pattern->columns[l];
+        double factor = weight * y[i];
+        for (int64_t m = 0; m < pattern->count; m++) {
+            int64_t j = pattern->columns[m];
+            if (j / LANES >= i / LANES) scalars(G[i])[j] += factor * y[j];
+        }
+    }
+}
+
+/* Add the sum of factors_r y' over some rows y to `vecs` vectors of LANES rows of G, few enough to stay in registers. */
+INLINE void add_products(const vec *factors, const vec *const *rows, int count, int first_vec, int vecs,
+                         vec (*G)[Y_VECS]) {
+    vec sum[LANES][3];
+    for (int r = 0; r < LANES; r++)
+        for (int j = 0; j < vecs; j++) sum[r][j] = G[r][first_vec + j];
+    for (int l = 0; l < count; l++)
+        for (int r = 0; r < LANES; r++)
+            for (int j = 0; j < vecs; j++) sum[r][j] += const_scalars(factors + l)[r] * rows[l][first_vec + j];
+    for (int r = 0; r < LANES; r++)
+        for (int j = 0; j < vecs; j++) G[r][first_vec + j] = sum[r][j];
+}
+
+/* Add weight y y' of at most ROW_BATCH rows to the blocks of G on and above the diagonal, LANES rows of G at a time. */
+static void add_row_batch(const IntervalRows *rows, const int64_t *batch, int count, vec G[Y_PADDED][Y_VECS]) {
+    vec factors[ROW_BATCH];
+    const vec *chosen[ROW_BATCH];
+    for (int block = 0; block < Y_VECS; block++) {
         int chosen_count = 0;
-        for (int r = 0; r < count; r++) {
-            double factor = weights[r] * const_scalars(rows[r])[i];
-            factors[chosen_count] = factor;
-            chosen[chosen_count] = r;
-            chosen_count += factor != 0.0;
+        for (int l = 0; l < count; l++) {
+            int64_t i = batch[l];
+            if (!(rows->patterns[i].blocks >> block & 1)) continue;
+            factors[chosen_count] = rows->weights[i] * rows->y[i][block];
+            chosen[chosen_count] = rows->y[i];
+            chosen_count++;
         }
-        for (int v = first_vec; v < Y_VECS && chosen_count; v += 3) {
-            int vecs = Y_VECS - v < 3 ? Y_VECS - v : 3;
-            vec sum[3];
-            for (int j = 0; j < vecs; j++) sum[j] = G[i][v + j];
-            for (int r = 0; r < chosen_count; r++)
-                for (int j = 0; j < vecs; j++) sum[j] += factors[r] * rows[chosen[r]][v + j];
-            for (int j = 0; j < vecs; j++) G[i][v + j] = sum[j];
-        }
+        vec(*to)[Y_VECS] = G + block * LANES;
+        int v = block;
+        if (chosen_count == 0) continue;
+        for (; v + 2 < Y_VECS; v += 3) add_products(factors, chosen, chosen_count, v, 3, to);
+        if (v + 1 < Y_VECS) add_products(factors, chosen, chosen_count, v, 2, to);
+        else if (v < Y_VECS) add_products(factors, chosen, chosen_count, v, 1, to);
     }
 }
 
-/* Add weight y y' of `count` rows y to the blocks of G on and above the diagonal. */
-static void add_interval_rows(const vec (*rows)[Y_VECS], const double *weights, int count, vec G[Y_PADDED][Y_VECS]) {
-    for (int first = 0; first < count; first += ROW_BATCH) {
-        int batch = count - first < ROW_BATCH ? count - first : ROW_BATCH;
-        add_row_batch(rows + first, weights + first, batch, G);
+/* Add weight y y' of the rows from `first` to before `last` to the blocks of G on and above the diagonal. */
+static void add_interval_rows(const IntervalRows *rows, int64_t first, int64_t last, vec G[Y_PADDED][Y_VECS]) {
+    int64_t batch[ROW_BATCH];
+    int count = 0;
+    for (int64_t i = first; i < last; i++) {
+        if (rows->patterns[i].count <= FEW_ENTRIES) add_few_entries(rows->patterns + i, rows->weights[i], rows->y[i], G);
+        else batch[count++] = i;
+        if (count < ROW_BATCH && i < last - 1) continue;
+        add_row_batch(rows, batch, count, G);
+        count = 0;
     }
 }
 
-/* Factorize G_ww and form the gains of an interval and the value function at the node before it, see above. Returns 0
- * where G_ww is not positive definite. */
-static int eliminate_dense(const vec G[Y_PADDED][Y_VECS], vec T[N][DENSE_TABLEAU_VECS], ValueFunction *P,
-                           DenseGains *to) {
+/* Form the tableau of an interval, factorize G_ww, and form the value function at the node before it, see above. Returns
+ * 0 where G_ww is not positive definite. */
+static int eliminate_dense(const vec G[Y_PADDED][Y_VECS], DenseTableau *tableau, ValueFunction *P) {
+    vec(*T)[DENSE_TABLEAU_VECS] = tableau->row;
     for (int i = 0; i < N; i++) {
-        memcpy(T[i], G[i], Y_VECS * sizeof(vec));
+        for (int v = 0; v < Y_VECS; v++) T[i][v] = G[i][v];
         for (int v = 0; v < N_VECS; v++) T[i][Y_VECS + v] = (vec){0};
         scalars(T[i])[Y_PADDED + i] = 1.0;
     }
     if (!factorize_tableau(T[0], DENSE_TABLEAU_VECS, Y_VECS)) return 0;
-    vec gain[N_PADDED][Y_VECS];
-    memset(gain, 0, sizeof gain);
-    for (int block = 0; block < N_VECS; block++) {
-        int first = block * LANES;
-        gemm_block_row(T[0], DENSE_TABLEAU_VECS, first, N, Y_PADDED + first, Y_V_VEC, Y_VECS + block + 1, block,
-                       gain[first], Y_VECS);
-        for (int other = 0; other < block; other++) {
-            vec transposed[LANES];
-            transpose_block(gain[first] + N_VECS + NQ_VECS + other, Y_VECS, transposed);
-            for (int r = 0; r < LANES; r++) gain[other * LANES + r][N_VECS + NQ_VECS + block] = transposed[r];
-        }
-    }
-    memcpy(to, gain, sizeof *to);
-    memset(P, 0, sizeof *P);
     for (int block = 0; block < N_VECS; block++) {
         int first = block * LANES;
         for (int r = 0; r < LANES && first + r < N; r++) {
-            memcpy(P->vv[first + r] + block, G[Y_V_COLUMN + first + r] + Y_V_VEC + block,
-                   (N_VECS - block) * sizeof(vec));
-            memcpy(P->vq[first + r], G[Y_V_COLUMN + first + r] + Y_Q_VEC, NQ_VECS * sizeof(vec));
+            for (int v = block; v < N_VECS; v++) P->vv[first + r][v] = G[Y_V_COLUMN + first + r][Y_V_VEC + v];
+            for (int v = 0; v < NQ_VECS; v++) P->vq[first + r][v] = G[Y_V_COLUMN + first + r][Y_Q_VEC + v];
         }
         gemm_block_row(T[0], DENSE_TABLEAU_VECS, 0, N, Y_V_COLUMN + first, Y_V_VEC + block, Y_Q_VEC, block,
                        P->vv[first] + block, N_VECS);
@@ -194,8 +231,7 @@ static int eliminate_dense(const vec G[Y_PADDED][Y_VECS], vec T[N][DENSE_TABLEAU
     for (int block = 0; block < NQ_VECS; block++) {
         int first = block * LANES;
         for (int r = 0; r < LANES; r++)
-            memcpy(P->qq[first + r] + block, G[Y_Q_COLUMN + first + r] + Y_Q_VEC + block,
-                   (NQ_VECS - block) * sizeof(vec));
+            for (int v = block; v < NQ_VECS; v++) P->qq[first + r][v] = G[Y_Q_COLUMN + first + r][Y_Q_VEC + v];
         gemm_panel(T[0], DENSE_TABLEAU_VECS, 0, N, Y_Q_COLUMN + first, Y_Q_VEC + block, Y_VECS, LANES,
                    P->qq[first] + block, NQ_VECS);
         for (int other = block + 1; other < NQ_VECS; other++) {
@@ -207,94 +243,100 @@ static int eliminate_dense(const vec G[Y_PADDED][Y_VECS], vec T[N][DENSE_TABLEAU
     return 1;
 }
 
-/* Factorize the Newton equations from the last interval to the first, as `riccati_factorize` does. `rows` has room for
- * the rows of one interval. */
-NOINLINE int dense_factorize(const RiccatiData *data, const IntervalRows *interval_rows, vec (*rows)[Y_VECS],
-                             DenseGains *intervals, double *schur) {
+/* Factorize the Newton equations from the last interval to the first, as `riccati_factorize` does. */
+NOINLINE int dense_factorize(const RiccatiData *data, const IntervalRows *rows, DenseTableau *tableaux, double *schur) {
     const int64_t S = data->S;
     ValueFunction P;
     vec G[Y_PADDED][Y_VECS];
-    vec T[N][DENSE_TABLEAU_VECS];
     int64_t node_rows_left = data->node_row_count;
-    int64_t last = interval_rows->count;
+    int64_t last = rows->count;
     memset(&P, 0, sizeof P);
     for (int c = 0; c < S; c++)
         for (int e = 0; e < S; e++) scalars(P.qq[N + c])[N + e] = data->H_tau_tau[c * S + e];
     for (int64_t k = data->K - 1; k >= 0; k--) {
         double a = -data->gap_velocity[2 * k];
         double b = -data->gap_velocity[2 * k + 1];
-        const double *gap_tau = data->gap_tau + k * N * S;
         int64_t first = last;
         add_node_cost(data, k, &node_rows_left, &P);
-        substitute_durations(S, gap_tau, &P);
+        substitute_durations(S, data->gap_tau + k * N * S, &P);
         form_interval_hessian(S, &P, a, b, data->R + k * N, G);
-        while (first > 0 && interval_rows->interval[first - 1] == k) first--;
-        for (int64_t i = first; i < last; i++)
-            reduce_interval_row(S, interval_rows->jacobian + i * INTERVAL_ROW, interval_rows->by_tau + i * S, a, b, gap_tau,
-                                rows[i - first]);
-        add_interval_rows(rows, interval_rows->weights + first, (int)(last - first), G);
+        while (first > 0 && rows->interval[first - 1] == k) first--;
+        add_interval_rows(rows, first, last, G);
         last = first;
-        if (!eliminate_dense(G, T, &P, intervals + k)) return 0;
+        if (!eliminate_dense(G, tableaux + k, &P)) return 0;
     }
     for (int c = 0; c < S; c++)
         for (int e = 0; e < S; e++) schur[c * S + e] = const_scalars(P.qq[N + c])[N + e];
     return 1;
 }
 
-/* Compute the gradient of the value function from the last interval to the first, as `riccati_backward` does:
+/* Compute the gradient of the value function from the last interval to the first, as `riccati_backward` does, with the
+ * tableau T = L^-1 [. G_wv G_wq 1]:
  *
- *     p += g_k+1,   r = b p_Q + p_v,   p_tau += Gamma' p_Q,
- *     p_q <- p_q - G_qw G_ww^-1 r,     p_v <- a p_Q + p_z - G_vw G_ww^-1 r,   with 0 for p_z after that in p_q. */
-static void dense_backward(const RiccatiData *data, const DenseGains *intervals, const double *gradient,
+ *     p += g_k+1,   r = b p_Q + p_v,   p_tau += Gamma' p_Q,   s = L^-1 r,
+ *     p_q <- p_q - T_q's,   p_v <- a p_Q + p_z - T_v's,   with 0 for p_z after that in p_q.
+ *
+ * Out: control_gradients, s of each interval, (K, N), padded. */
+static void dense_backward(const RiccatiData *data, const DenseTableau *tableaux, const double *gradient,
                            double *gradient_tau, double *control_gradients) {
     const int64_t S = data->S;
     vec p[N_VECS + NQ_VECS];
+    vec r[N_VECS];
     double *p_v = scalars(p);
     double *p_q = p_v + N_PADDED;
     memset(p, 0, sizeof p);
+    memset(r, 0, sizeof r);
     for (int c = 0; c < S; c++) p_q[N + c] = gradient_tau[c];
     for (int64_t k = data->K - 1; k >= 0; k--) {
         double a = -data->gap_velocity[2 * k];
-        double *r = control_gradients + k * N_PADDED;
-        compute_control_gradient(data, k, gradient, p_v, p_q, r);
+        double *s = control_gradients + k * N_PADDED;
+        compute_control_gradient(data, k, gradient, p_v, p_q, scalars(r));
         for (int i = 0; i < N; i++) p_v[i] = a * p_q[i];
         for (int i = 0; i < HISTORY; i++) {
             p_v[i] += p_q[HISTORY_COLUMN + i];
             p_q[HISTORY_COLUMN + i] = 0.0;
         }
-        for (int i = 0; i < N; i++)
-            for (int j = 0; j < N_VECS + NQ_VECS; j++) p[j] += r[i] * intervals[k].gain[i][j];
+        for (int i = 0; i < N; i++) {
+            const vec *T = tableaux[k].row[i];
+            vec sum = T[Y_VECS] * r[0];
+            for (int j = 1; j < N_VECS; j++) sum += T[Y_VECS + j] * r[j];
+            s[i] = sum_of_lanes(sum);
+            for (int j = 0; j < N_VECS + NQ_VECS; j++) p[j] -= s[i] * T[Y_V_VEC + j];
+        }
     }
     for (int c = 0; c < S; c++) gradient_tau[c] = p_q[N + c];
 }
 
-/* Compute the steps of the states from the first interval to the last, as `riccati_forward` does, with the gains of v:
+/* Compute the steps of the states from the first interval to the last, as `riccati_forward` does:
  *
- *     w = -G_ww^-1 (G_wv v + G_wq q + r). */
-static void dense_forward(const RiccatiData *data, const DenseGains *intervals, const double *tau,
+ *     w = -L^-T (T_v v + T_q q + s). */
+static void dense_forward(const RiccatiData *data, const DenseTableau *tableaux, const double *tau,
                           const double *control_gradients, double *X) {
     const int64_t S = data->S;
-    vec x[Y_VECS]; /* [v; q; r], which the gains multiply */
+    vec x[N_VECS + NQ_VECS]; /* [v; q] */
     double *v = scalars(x);
     double *q = v + N_PADDED;
-    double *r = q + NQ_PADDED;
     memset(x, 0, sizeof x);
     for (int c = 0; c < S; c++) q[N + c] = tau[c];
     for (int64_t k = 0; k < data->K; k++) {
         double a = -data->gap_velocity[2 * k];
         double b = -data->gap_velocity[2 * k + 1];
-        double w[N];
-        memcpy(r, control_gradients + k * N_PADDED, N * sizeof(double));
+        const double *s = control_gradients + k * N_PADDED;
+        vec w[N_VECS];
+        memset(w, 0, sizeof w);
         for (int i = 0; i < N; i++) {
-            vec sum = intervals[k].gain[i][0] * x[0];
-            for (int j = 1; j < Y_VECS; j++) sum += intervals[k].gain[i][j] * x[j];
-            w[i] = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+            const vec *T = tableaux[k].row[i];
+            vec sum = T[Y_V_VEC] * x[0];
+            for (int j = 1; j < N_VECS + NQ_VECS; j++) sum += T[Y_V_VEC + j] * x[j];
+            double factor = sum_of_lanes(sum) + s[i];
+            for (int j = 0; j < N_VECS; j++) w[j] -= factor * T[Y_VECS + j];
         }
         for (int i = 0; i < N; i++) {
-            q[i] += a * v[i] + b * w[i];
+            double w_i = scalars(w)[i];
+            q[i] += a * v[i] + b * w_i;
             for (int c = 0; c < S; c++) q[i] -= data->gap_tau[(k * N + i) * S + c] * tau[c];
             if (HISTORY) q[HISTORY_COLUMN + i] = v[i];
-            v[i] = w[i];
+            v[i] = w_i;
         }
         memcpy(X + k * NX, q, N * sizeof(double));
         memcpy(X + k * NX + N, v, N * sizeof(double));

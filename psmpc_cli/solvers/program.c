@@ -118,11 +118,12 @@ typedef struct {
     Equations equations;
     RiccatiData riccati;
     IntervalGains *intervals;  /* (K,); of a program with constraints on intervals the next five instead */
-    DenseGains *dense;         /* (K,) */
+    DenseTableau *dense;       /* (K,) */
     IntervalRows dense_rows;
     double *dense_weights;     /* of `dense_rows`, (I,) */
-    double *dense_by_tau;      /* (I, S) */
-    vec (*reduced_rows)[Y_VECS]; /* room for the rows of one interval, (I, Y_VECS) */
+    vec (*dense_y)[Y_VECS];    /* of the same, (I, Y_VECS) */
+    Pattern *dense_patterns;   /* of the same, (I,) */
+    double *tau_by_gaps;       /* what the gaps add to their derivatives by tau, Gamma' c_Q+, (I, S) */
     double *row_weights;       /* W of all rows; those of [Q; v] come first, as in the next two */
     double *row_multipliers;   /* of all rows */
     double *row_steps;         /* C dx */
@@ -161,16 +162,22 @@ static double length_step(const QuadraticProgram *program, int64_t k, const doub
     return h;
 }
 
+/* Return the product of two vectors. */
+INLINE double dot(const double *one, const double *other, int count) {
+    double sum = 0.0;
+#pragma omp simd reduction(+ : sum)
+    for (int i = 0; i < count; i++) sum += one[i] * other[i];
+    return sum;
+}
+
 /* Compute c x of a constraint or residual on an interval at x = (X, tau). */
 static double interval_value(const QuadraticProgram *program, int64_t i, const double *X, const double *tau) {
     const int64_t S = program->S;
     int64_t k = program->interval_row[i];
     const double *c = program->interval_jacobian + i * INTERVAL_ROW;
-    double value = 0.0;
-    for (int j = 0; j < NX && k; j++) value += c[j] * X[(k - 1) * NX + j];
-    for (int j = 0; j < NX; j++) value += c[NX + j] * X[k * NX + j];
+    double value = k ? dot(c, X + (k - 1) * NX, 2 * NX) : dot(c + NX, X, NX);
     for (int e = 0; e < S; e++) value += c[2 * NX + e] * tau[e];
-    for (int j = 0; j < HISTORY && k > 1; j++) value += c[2 * NX + S + j] * X[(k - 2) * NX + N + j];
+    if (HISTORY && k > 1) value += dot(c + 2 * NX + S, X + (k - 2) * NX + N, HISTORY);
     return value;
 }
 
@@ -199,9 +206,7 @@ static void apply_rows(const QuadraticProgram *program, const double *tau, doubl
     }
     out += 2 * S;
     for (int64_t e = 0; e < program->node_row_count; e++) {
-        double value = 0.0;
-        for (int i = 0; i < NX; i++) value += program->row_jacobian[e * NX + i] * X[program->row_node[e] * NX + i];
-        out[e] = value;
+        out[e] = dot(program->row_jacobian + e * NX, X + program->row_node[e] * NX, NX);
     }
     out += program->node_row_count;
     for (int64_t i = 0; i < program->interval_row_count; i++) {

@@ -90,6 +90,9 @@ typedef struct {
 static inline double *scalars(vec *row) { return (double *)row; }
 static inline const double *const_scalars(const vec *row) { return (const double *)row; }
 
+/* The sum of the entries of a vector. */
+INLINE double sum_of_lanes(vec entries) { return (entries[0] + entries[1]) + (entries[2] + entries[3]); }
+
 /* Subtract a product of two parts of a tableau T, few enough rows and vectors to stay in registers:
  *
  *     C[r] -= sum over first_row <= l < last_row of  T[l][left_column + r] T[l][right_vec ..],
@@ -184,7 +187,7 @@ static void substitute_durations(int64_t S, const double *gap_tau, ValueFunction
         for (int i = 0; i < N; i++) {
             vec sum = P->vq[i][0] * gamma[0];
             for (int v = 1; v < N_VECS; v++) sum += P->vq[i][v] * gamma[v];
-            scalars(P->vq[i])[N + c] += (sum[0] + sum[1]) + (sum[2] + sum[3]);
+            scalars(P->vq[i])[N + c] += sum_of_lanes(sum);
         }
     }
     for (int c = 0; c < S; c++)
@@ -395,7 +398,7 @@ static void riccati_forward(const RiccatiData *data, const IntervalGains *interv
         for (int i = 0; i < N; i++) {
             vec sum = intervals[k].gain[i][0] * x[0];
             for (int j = 1; j < NQ_VECS + N_VECS; j++) sum += intervals[k].gain[i][j] * x[j];
-            v[i] = (sum[0] + sum[1]) + (sum[2] + sum[3]);
+            v[i] = sum_of_lanes(sum);
         }
         for (int i = 0; i < N; i++) {
             q[i] += b * v[i];

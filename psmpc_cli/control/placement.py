@@ -104,7 +104,8 @@ class Placer:
         model = self._problem.model
         if sequence.first in self._problem.held_stages:
             stages = self._with_held_object(stages, time, x, chart, target_object)
-        stages = tuple(stage.with_load(load) for stage in stages)
+        if len(load):
+            stages = tuple(stage.with_load(load) for stage in stages)
         posture = model.space.posture(x[model.space.joint_rates])
         charted = tuple(stage.in_chart(chart.anchor, posture, all_signs[stage.index]) for stage in stages)
         return Placement(chart, charted, all_signs)

@@ -193,7 +193,6 @@ class SqpSolver(Solver):
         parameters = window_numbers(window, guess.switch_times)
         sqp_window = SqpWindow(form, window_bounds(form, shared, window, guess, tau, within), parameters)
         is_warm = previous is not None
-        base_is_actuated = all(stage.moved_by.actuated for stage in window.stages)
         solve = _Solve(
             spec=self._spec,
             window=sqp_window,
@@ -203,7 +202,7 @@ class SqpSolver(Solver):
             stop_at_cpu_time=time.process_time() + LONGEST_CALL,
             most_iterations=self._most_iterations or self._spec.max_iterations,
             is_warm=is_warm,
-            restores=not (is_warm or base_is_actuated),
+            restores=not is_warm and not all(stage.moved_by.actuated for stage in window.stages),
         )
         multipliers = np.zeros(0)  # of the rows at nodes: they weigh the curvature of these in the first program
         if previous is not None and form.curved and len(previous.duals) == len(form.row_node):

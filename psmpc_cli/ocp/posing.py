@@ -129,9 +129,9 @@ def _posing(
     held = switch.forecast(switch.hold)
     posed = switch.forecast(_with_joints(model, switch.hold, needed, switch.is_held))
     saved = held.time - posed.time
-    if not (np.isfinite(saved) and saved > LEAST_GAIN):
-        return
     late = switch.is_held & (switch.arrivals(held.begin, needed) > posed.arrival)
+    if not (np.isfinite(saved) and saved > LEAST_GAIN and late.any()):
+        return
     arms = tuple(arm for arm in task.robot.arms if late[model.parts[arm]].any())
     is_posed = np.zeros(model.n, bool)
     for arm in arms:

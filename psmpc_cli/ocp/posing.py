@@ -129,9 +129,9 @@ def _posing(
     held = switch.forecast(switch.hold)
     posed = switch.forecast(_with_joints(model, switch.hold, needed, switch.is_held))
     saved = held.time - posed.time
-    if not (np.isfinite(saved) and saved > LEAST_GAIN):
-        return
     late = switch.is_held & (switch.arrivals(held.begin, needed) > posed.arrival)
+    if not (np.isfinite(saved) and saved > LEAST_GAIN and late.any()):
+        return
     arms = tuple(arm for arm in task.robot.arms if late[model.parts[arm]].any())
     is_posed = np.zeros(model.n, bool)
     for arm in arms:
@@ -234,18 +234,19 @@ class _Switch:
         is_idle = np.isin(np.arange(self.model.n), self.stage.end.rows, invert=True)
         is_idle[space.base] = False
         motion = _motion_of(self.model, self.stage)
-        reach = motion.distances(np.full(self.model.n, self.duration - self.lead))
-        reach = np.where(self.stage.weights[: self.model.n] > 0, reach, 0.0)[space.joint_rates]
-        is_idle_joint = is_idle[space.joint_rates]
+        has_weight = self.stage.weights[space.joint_rates] > 0
+        reach = motion.distances(np.full(self.model.n, self.duration - self.lead))[space.joint_rates]
+        reach = np.where(has_weight, reach, 0.0)
         first = self.begin[joints]
+        moved = first + np.clip(hold[joints] - first, -reach, reach)
         start = hold.copy()
-        start[joints] = np.where(is_idle_joint, first + np.clip(hold[joints] - first, -reach, reach), hold[joints])
+        start[joints] = np.where(is_idle[space.joint_rates], moved, hold[joints])
         ahead = np.where(is_idle, self.lead, 0.0)
         ahead[space.base] = -self.settling
         stopped = Begin(start, ahead)
         posture = min(self.postures, key=lambda posture: float(self.arrivals(stopped, posture).max()))
 
-        goes_on = (hold[joints] - start[joints]) * (posture[joints] - start[joints]) > 0
+        goes_on = has_weight & ((hold[joints] - start[joints]) * (posture[joints] - start[joints]) > 0)
         Q = start.copy()
         Q[joints] = np.where(goes_on, first, start[joints])
         earlier = ahead.copy()

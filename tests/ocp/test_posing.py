@@ -124,6 +124,7 @@ def test_a_joint_has_to_gain_its_speed_and_to_lose_it() -> None:
     [
         {"skills__move__weights__arm_1": [0, 0, 0], "skills__move__weights__arm_2": [0, 0, 0]},
         {"skills__move__weights__arm_2": [0, 0, 0]},
+        {"skills__move__weights__arm_2": [0, 0, 0], "stages__approach__target__arm_2": 3 * ["-10 deg"]},
         {"stages__approach__ends_when__coordinates": ["base", "arm_1", "arm_2"]},
         {"stages__capture__ends_when__coordinates": ["base"]},
         {"stages__capture__dwell": 8.0},
@@ -136,6 +137,7 @@ def test_a_joint_has_to_gain_its_speed_and_to_lose_it() -> None:
     ids=[
         "not held",
         "an arm that is not held takes as long",
+        "and so it does wherever its target is",
         "asked for",
         "not waited for",
         "the next stage is long anyway",

@@ -124,6 +124,11 @@ class VelocityForm:
     """
 
     def __init__(self, model: RobotModel, shape: WindowShape) -> None:
+        """Collect what costs and constrains the windows of a shape, and in which order its rows stand.
+
+        Rows at nodes are constraints at single states. Rows over intervals depend on the states at both ends; some are
+        no constraints but residuals, whose squares cost (forces, changes of acceleration).
+        """
         self.grid = Grid(model.n, shape.nodes)
         self.costs = [stage_functions(model, cost_shape(stage)) for stage in shape.stages]
         self.node_rows = node_rows(model, shape)
@@ -138,7 +143,7 @@ class VelocityForm:
             for rows in self.node_rows
             if rows.functions.solved_for is not None and rows.functions.by_solved_for is not None
         ]
-        # Rows that say that something does not change from one node to the next.
+        # Rows that say that something (a momentum) does not change from one node to the next.
         self._change_rows = [
             (rows.functions, rows) for rows in self.interval_rows if isinstance(rows.functions, ChangeFunctions)
         ]
@@ -155,6 +160,7 @@ class VelocityForm:
         each other. So each row knows its constraint, at which of its nodes and as which of its rows there it stands.
         """
         constraints = self.node_rows
+        # Node of each row; and where the rows of each constraint stand in that order.
         self._nodes_of_rows = [np.array(rows.nodes) for rows in constraints]
         self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in constraints])
         self._node_order = np.argsort(np.concatenate([np.zeros(0, int), *self._places]))
@@ -247,6 +253,7 @@ class VelocityForm:
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             target_at_nodes, _ = reference(p, s, tau[s])
             X = point.X[self.intervals(s)]
+            # Control and force are left out of the cost here (0.0): they are added apart.
             squared_error = stage.cost(X, 0.0, target_at_nodes[:N], p.weights[s], 0.0, 0.0, rows=N)[0]
             _, control_effort = self.control(s, point, p, tau[s])
             costs[s] += _cost(s, p, N, tau[s], squared_error, control_effort)
@@ -557,6 +564,7 @@ class VelocityForm:
             by_unknowns = (self.hessian_weights(p) * interval_values)[permanent, None] * permanent_by
             gradient_tau += self._add_interval_gradient(cost.gradient, permanent, by_unknowns)
         costs = cost.costs + self.interval_row_costs(interval_values, p)
+        # A gap is Q+ - Q - h times the mean velocity, h = tau_s / N_s.
         gaps_by_stage = -self._mean_velocities(point) / self.nodes[stage_of_interval, None]
         return Linearization(
             residuals=self._residuals(point, p, costs, cost.terminal, row_values, interval_values),

@@ -133,7 +133,7 @@ class LoadKind:
         def build() -> ca.Function:
             space = model.space
             x = ca.SX.sym("x", 2 * model.n)
-            anchor = ca.SX.sym("anchor", space.n_anchor)
+            anchor = ca.SX.sym("anchor", space.n_anchor)  # attitude about which the coordinates in x are a chart
             numbers = ca.SX.sym("numbers", self.count(model))
             of_wheels = numbers[numbers.numel() - n_stored(model.spec) :]  # the last: h_w, or L
             stored = of_wheels
@@ -189,24 +189,24 @@ class LoadKind:
         Returns:
             x (2n,) in a chart, anchor of the chart, numbers of the load -> momentum (n_twist,) [N s, N m s].
         """
+        return model.cached((LoadKind.momentum, self), lambda: self._momentum(model))
 
-        def build() -> ca.Function:
-            x = ca.SX.sym("x", 2 * model.n)
-            anchor = ca.SX.sym("anchor", model.space.n_anchor)
-            numbers = ca.SX.sym("numbers", self.count(model))
-            stored_count = n_stored(model.spec)
-            stored = ca.SX.zeros(stored_count)
-            if self.stores == STAYS:
-                stored = numbers[numbers.numel() - stored_count :]
-            w, grasps, body = self._split(model, numbers, stored)
-            Q = model.space.charted_coordinates(x[: model.n], anchor)
-            v = model.space.charted_velocity(x[: model.n], x[model.n :])
-            momentum = model.dynamics.momentum(Q, v, w)
-            if self.grippers:
-                momentum += held_momentum(model, self.grippers)(Q, v, grasps, body)
-            return ca.Function("momentum", [x, anchor, numbers], ca.cse([momentum]))
-
-        return model.cached((LoadKind.momentum, self), build)
+    def _momentum(self, model: RobotModel) -> ca.Function:
+        """Write that function; what wheels store, the last of the load's numbers, counts where it stays in the base."""
+        x = ca.SX.sym("x", 2 * model.n)
+        anchor = ca.SX.sym("anchor", model.space.n_anchor)  # attitude about which the coordinates in x are a chart
+        numbers = ca.SX.sym("numbers", self.count(model))
+        stored_count = n_stored(model.spec)
+        stored = ca.SX.zeros(stored_count)
+        if self.stores == STAYS:
+            stored = numbers[numbers.numel() - stored_count :]
+        inertial_parameters, grasps, body = self._split(model, numbers, stored)
+        Q = model.space.charted_coordinates(x[: model.n], anchor)
+        v = model.space.charted_velocity(x[: model.n], x[model.n :])
+        momentum = model.dynamics.momentum(Q, v, inertial_parameters)
+        if self.grippers:
+            momentum += held_momentum(model, self.grippers)(Q, v, grasps, body)
+        return ca.Function("momentum", [x, anchor, numbers], ca.cse([momentum]))
 
     def _split(self, model: RobotModel, numbers: ca.SX, stored: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return inertial parameters of the robot with the payload, grasps and object, those of nothing held empty.
@@ -360,7 +360,7 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     payload = task.uncertainty.carried
     nothing = (0.0,) * len(model.spec.arms)
     moved_by = task.moved_by(stage, model.spec)
-    driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)
+    driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)  # coordinates on which something acts
     stores = _stores(model, moved_by)
     stored = tuple(Wheels.of(model.spec).at_first) if stores else ()
     no_load = Load(nothing, nothing, driven=driven, stores=stores, stored=stored)

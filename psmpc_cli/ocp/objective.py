@@ -683,25 +683,27 @@ def force_residual(model: RobotModel, load: LoadKind) -> IntervalFunctions:
 
     The argument of the rows is the anchor of the chart, then the numbers of the load.
     """
+    return model.cached((force_residual, load), lambda: _force_residual(model, load))
 
-    def build() -> IntervalFunctions:
-        n = model.n
-        x = ca.SX.sym("x", 2 * n)
-        dv = ca.SX.sym("dv", n)
-        h = ca.SX.sym("h")
-        argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model))
-        anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
-        motion = OwnMotion.in_chart(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
-        F = load.own_force(model, motion, numbers)
 
-        def jacobian() -> ca.SX:
-            F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
-            of_scale = ca.jacobian(1 / ca.sqrt(h), ca.vertcat(x, dv, h))
-            return ca.SX(F_by / ca.sqrt(h) + F @ of_scale)
+def _force_residual(model: RobotModel, load: LoadKind) -> IntervalFunctions:
+    """Write those rows, F(Q, sqrt(h) v, dv) / sqrt(h) with dv = Qdot+ - Qdot, and their derivatives by x, dv, h."""
+    n = model.n
+    x = ca.SX.sym("x", 2 * n)
+    dv = ca.SX.sym("dv", n)
+    h = ca.SX.sym("h")
+    argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model))
+    # The anchor is the attitude about which the window's coordinates are a chart; numbers are those of the load.
+    anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
+    motion = OwnMotion.in_chart(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+    F = load.own_force(model, motion, numbers)
 
-        return IntervalFunctions(x, dv, h, argument, F / ca.sqrt(h), ends=(0,), jacobian=jacobian)
+    def jacobian() -> ca.SX:
+        F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
+        scale_by = ca.jacobian(1 / ca.sqrt(h), ca.vertcat(x, dv, h))
+        return ca.SX(F_by / ca.sqrt(h) + F @ scale_by)
 
-    return model.cached((force_residual, load), build)
+    return IntervalFunctions(x, dv, h, argument, F / ca.sqrt(h), ends=(0,), jacobian=jacobian)
 
 
 def rate_residual(model: RobotModel) -> RateFunctions:

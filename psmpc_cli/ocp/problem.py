@@ -172,6 +172,7 @@ def _end(index: int, task: TaskSpec, robot: RobotSpec, lasts: float) -> End:
     space = task.skills[spec.skill].wanted_in
     condition = spec.ends_when
     dwell = max(spec.dwell, lasts)
+    # Whether windows may end the stage at a planned switch time, and not only what is measured.
     is_planned = task.controller.plans_ends and index < len(task.stages) - 1
     if condition is None:
         return AtTime(dwell, is_planned, at=np.inf if spec.at is None else spec.at)
@@ -356,6 +357,7 @@ def _waypoints(
     else:
         parts = {part: _placed(aim, body) for part, aim in spec.target.items()}
         values = stack(parts, robot, space)[None]
+    # Numbers that the target leaves out are NaN.
     base_values = values[:, : len(base)]  # a view: every target begins with the base's pose
     base_values[...] = np.where(np.isnan(base_values), base, base_values)
     return np.where(np.isnan(values), absent, values)

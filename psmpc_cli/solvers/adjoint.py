@@ -48,6 +48,12 @@ class ShootingNlp(Nlp):
         has_all_rows: bool,
         printed: bool,
     ) -> None:
+        """Turn the multiple-shooting NLP in x into one by single shooting, whose variables z are fewer.
+
+        z has what the states of x do not determine: inputs, durations (which x repeats at each node: here once) and
+        violations of soft limits. The states are simulated from the measured one, which gives x(z); so the rows of x
+        that close the gaps between nodes are left out.
+        """
         super().__init__(model, shape, parameters, has_all_rows)
         self._printed = printed
         K = self.grid.K

@@ -690,13 +690,19 @@ def _hessian_of_rows(arrays: QpArrays, unknowns: _Unknowns) -> csr_array:
 def _gap_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
     """Return the entries of the Jacobian of the gaps, as (rows, columns, values) that broadcast.
 
-    A gap is Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau; the step of x_0 is 0.
+    The equations of the gaps say that positions follow from velocities over interval k, which depends on its length:
+    Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau = -gap. The step of x_0 is 0.
+
+    Args:
+        arrays: The program.
+        unknowns: Where its unknowns stand in PIQP's x.
     """
     Q = unknowns.Q
     v = unknowns.v
     by_velocity = arrays.gap_velocity[:, :, None]
     row = np.arange(Q.size).reshape(Q.shape)
     return [
+        # By the state at the end of each interval, at its beginning but for that of the first, and by durations.
         (row, Q, 1.0),
         (row, v, by_velocity[:, 1]),
         (row[1:], Q[:-1], -1.0),
@@ -768,7 +774,9 @@ def _interval_row_entries(arrays: QpArrays, unknowns: _Unknowns, first: int, bou
 
 
 def _input_row_entries(arrays: QpArrays, unknowns: _Unknowns, first: int, bound: np.ndarray) -> list[Entries]:
-    """Return the entries of the limits of accelerations as rows of velocities, dv - bound h.
+    """Return the entries of the limits of accelerations, as rows of the changes of velocity: dv - bound h.
+
+    h, the length of an interval, depends on the durations tau.
 
     Args:
         arrays: The program.

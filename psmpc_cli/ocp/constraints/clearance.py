@@ -143,9 +143,9 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
         model: The robot.
         stage: Index of the stage.
     """
-    pieces, robot_pairs = model.derived(groups, lambda: _robot(model))
+    pieces, robot_pairs = model.derived(groups, lambda: _robot(model))  # capsules on bodies of the robot
     by_name = {ITSELF: Group(Pairs(robot_pairs))}
-    obstacles = {
+    obstacles = {  # shape of each, and where it is at a sample
         obstacle_spec.name: (_solid(obstacle_spec), partial(state_of_obstacle, obstacle_spec, model))
         for obstacle_spec in task.obstacles
     }
@@ -159,7 +159,7 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     clear_pieces = [piece for piece in pieces if piece.part not in may_touch]
     if not is_held:
         body = Solid(OBJECT, _box(task.body.shape), _NO_OFFSET, "object")
-        by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in clear_pieces)), _of_object)
+        by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in clear_pieces)), _state_of_object)
         return by_name
     # A held object is capsules that cover it: the first solid of a pair has to be one, here against the robot's
     # pieces and against obstacles.
@@ -217,7 +217,7 @@ def _free(model: RobotModel) -> FreeBody:
     return FreeBody(1.0, np.ones(model.space.n_principal))
 
 
-def _of_object(sample: SampleContext) -> PoseState | None:
+def _state_of_object(sample: SampleContext) -> PoseState | None:
     return sample.object_state
 
 
@@ -273,7 +273,7 @@ def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: Sam
     """
     argument = argument_of(group, model, sample)
     if argument is None:
-        return sample.before
+        return sample.argument_before
     pairs = group.pairs
     # The distances now, and along the plan in force.
     since = np.zeros(1)

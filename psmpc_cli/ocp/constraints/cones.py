@@ -158,7 +158,7 @@ def functions(model: RobotModel, cone: Cone) -> ConstraintFunctions:
     space = model.space
     d = space.dimension
     x = ca.SX.sym("x", 2 * model.n)
-    anchor = ca.SX.sym("anchor", space.n_anchor)
+    anchor = ca.SX.sym("anchor", space.n_anchor)  # attitude about which the coordinates in x are a chart
     axis_pose = ca.SX.sym("axis_pose", space.n_pose)
     target = ca.SX.sym("target", d)
     angle = ca.SX.sym("angle")

@@ -28,7 +28,13 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, of_stage, rows_over_intervals, sampled_load
+from psmpc_cli.ocp.constraints.base import (
+    Constraint,
+    IntervalFunctions,
+    named_for_stage,
+    rows_over_intervals,
+    sampled_load,
+)
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
 from psmpc_cli.ocp.loads import Load, LoadKind, OwnMotion, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
@@ -82,9 +88,9 @@ def numbers(
     if row_count == 0:
         return None
     load = known_load(task, model, stage)
-    unloading = np.zeros(model.n)
+    unloading = np.zeros(model.n)  # force that balances what unloads wheels, by coordinate
     if moved_by.is_pushed:
-        unloading[model.space.base] = _of_unloading(model, np.eye(model.space.n_twist))
+        unloading[model.space.base] = _largest_unloading(model, np.eye(model.space.n_twist))
     force_low = np.minimum(limits.force_low + unloading, 0.0) / inertia(model)
     force_high = np.maximum(limits.force_high - unloading, 0.0) / inertia(model)
     low = np.r_[force_low[is_limited], of_actuators.low]
@@ -102,7 +108,7 @@ def numbers(
     )
     if plumes is not None:
         of_forces = _avoiding(plumes, model, load, of_forces)
-    return of_stage(stage, load, of_forces)
+    return named_for_stage(stage, load, of_forces)
 
 
 def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, of_forces: ConstraintNumbers) -> ConstraintNumbers:
@@ -119,7 +125,7 @@ def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, of_forces: C
         of_forces: The limits with all thrusters.
     """
     normals = attainable(model).normals
-    unloading = _of_unloading(model, normals)
+    unloading = _largest_unloading(model, normals)
     rows_at_begin, rows_at_end = np.split(np.arange(len(of_forces.low)), 2)
 
     def at_sample(model: RobotModel, sample: SampleContext) -> np.ndarray | None:
@@ -175,7 +181,7 @@ def attainable_by(model: RobotModel, moved_by: MobilityTraits) -> HalfSpaces:
     """
     if moved_by.is_pushed:
         by_thrusters = attainable(model)
-        unloading = _of_unloading(model, by_thrusters.normals)
+        unloading = _largest_unloading(model, by_thrusters.normals)
         return HalfSpaces(
             by_thrusters.normals,
             low=np.minimum(by_thrusters.low + unloading, 0.0),
@@ -195,7 +201,7 @@ def _scaled(model: RobotModel, wrenches: HalfSpaces) -> HalfSpaces:
     return HalfSpaces(wrenches.normals / length[:, None], wrenches.low / length, wrenches.high / length)
 
 
-def _of_unloading(model: RobotModel, normals: np.ndarray) -> np.ndarray:
+def _largest_unloading(model: RobotModel, normals: np.ndarray) -> np.ndarray:
     """Return by how much the unloading of wheels may change combinations of the force on the base (K,), at most."""
     wheels = Wheels.of(model.spec)
     return np.asarray(np.abs(normals[:, model.space.rotation] @ wheels.axes) @ wheels.unloading)
@@ -218,6 +224,7 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     dv = ca.SX.sym("dv", n)
     h = ca.SX.sym("h")
     argument = ca.SX.sym("argument", model.space.n_anchor + structure.load.count(model))
+    # The anchor is the attitude about which the window's coordinates are a chart; numbers are those of the load.
     anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
     load = structure.load
     coordinates = list(structure.coordinates)

@@ -73,7 +73,7 @@ def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctio
     others = len(grippers) - 1
     x = ca.SX.sym("x", 2 * model.n)
     argument = ca.SX.sym("argument", space.n_anchor + others * space.n_pose)
-    xi = model.charted(x[: model.n], argument[: space.n_anchor])
+    xi = model.charted(x[: model.n], argument[: space.n_anchor])  # poses of all frames
     poses = [space.to_3d(ca.vertsplit(xi[model.pose_rows[gripper]])) for gripper in grippers]
     (p_0, q_0), *_ = poses
     displacements = list[ca.SX]()

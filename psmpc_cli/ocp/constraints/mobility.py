@@ -27,7 +27,7 @@ from psmpc_cli.ocp.constraints.base import (
     ConstraintFunctions,
     IntervalRows,
     NodeRows,
-    of_stage,
+    named_for_stage,
     rows_at_nodes,
     rows_over_intervals,
     sampled_load,
@@ -70,7 +70,7 @@ def numbers(
         high=no_change,
         at_sample=sampled_load(load),
     )
-    return of_stage(stage, load, of_momentum)
+    return named_for_stage(stage, load, of_momentum)
 
 
 def _at_rest(model: RobotModel, structure: str) -> ConstraintFunctions:

@@ -117,9 +117,9 @@ def functions(model: RobotModel, coordinates: tuple[int, ...], is_first: bool) -
     v_next = v + dv[list(coordinates)]
     turns_round = v * v_next < 0
     # CasADi evaluates both branches: the 1 keeps 0 / 0 out of the one that does not count.
-    by_end = ca.if_else(turns_round, v**2 / ca.if_else(turns_round, v - v_next, 1), v + v_next)
-    extreme = Q + h / 2 * by_end
-    if is_first:
+    twice_mean_rate = ca.if_else(turns_round, v**2 / ca.if_else(turns_round, v - v_next, 1), v + v_next)
+    extreme = Q + h / 2 * twice_mean_rate
+    if is_first:  # how far beyond low and high it gets even if it brakes
         extreme += _unavoidable(low - Q, -v, acceleration_high, h) - _unavoidable(Q - high, v, -acceleration_low, h)
     return IntervalFunctions(x, dv, h, argument, extreme / UNIT, ends=(0,))
 

@@ -20,7 +20,7 @@ from psmpc_cli.ocp.constraints.base import (
     Constraint,
     ConstraintFunctions,
     load_at_sample,
-    of_stage,
+    named_for_stage,
     rows_at_nodes,
 )
 from psmpc_cli.ocp.constraints.forces import inertia
@@ -56,7 +56,7 @@ def numbers(
         high=largest,
         at_sample=partial(_argument, load),
     )
-    return of_stage(stage, load, of_wheels)
+    return named_for_stage(stage, load, of_wheels)
 
 
 def _argument(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray | None:

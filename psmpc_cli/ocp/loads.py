@@ -135,10 +135,10 @@ class LoadKind:
             x = ca.SX.sym("x", 2 * model.n)
             anchor = ca.SX.sym("anchor", space.n_anchor)  # attitude about which the coordinates in x are a chart
             numbers = ca.SX.sym("numbers", self.count(model))
-            of_wheels = numbers[numbers.numel() - n_stored(model.spec) :]  # the last: h_w, or L
-            stored = of_wheels
+            wheel_numbers = numbers[numbers.numel() - n_stored(model.spec) :]  # the last: h_w, or L
+            stored = wheel_numbers
             if self.stores == FOLLOWS:
-                rest = of_wheels - self.momentum(model)(x, anchor, numbers)[space.rotation]
+                rest = wheel_numbers - self.momentum(model)(x, anchor, numbers)[space.rotation]
                 R = space.base_rotation(space.charted_coordinates(x[: model.n], anchor))
                 _, rest_3d = space.twist_to_3d([*[0.0] * space.dimension, *ca.vertsplit(rest)])
                 along_base = space.twist([0.0] * 3, matrix_vector(transposed(R), rest_3d))
@@ -361,7 +361,7 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     nothing = (0.0,) * len(model.spec.arms)
     moved_by = task.moved_by(stage, model.spec)
     driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)  # coordinates on which something acts
-    stores = _stores(model, moved_by)
+    stores = _stores(model, moved_by)  # what is known of the momentum in wheels: it stays in the base, or follows
     stored = tuple(Wheels.of(model.spec).at_first) if stores else ()
     no_load = Load(nothing, nothing, driven=driven, stores=stores, stored=stored)
     if stage not in task.held_stages:

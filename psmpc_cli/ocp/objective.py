@@ -544,8 +544,9 @@ class StageFunctions:
     def gauss_newton(self) -> BatchFunction:
         """Q, W, target, slope -> what the Gauss-Newton model of the cost e'We at a node is made of.
 
-        The results are e'We, e'We_tau, e_tau'We_tau, then E'We (n,), E'We_tau (n,) and triu(E'WE), row by row (n n,). E
-        is the derivative of e by Q, and e_tau that by the stage's duration, with which the target moves by `slope`.
+        e is the residual of the stage's skill and W the diagonal of its weights. The results are e'We, e'We_tau,
+        e_tau'We_tau, then E'We (n,), E'We_tau (n,) and triu(E'WE), row by row (n n,). E is the derivative of e by Q,
+        and e_tau that by the stage's duration, with which the target moves by `slope`.
         """
         slope = ca.SX.sym("slope", self.numbers)
         e = self._e
@@ -649,12 +650,12 @@ class StageFunctions:
         sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
         margin = ca.SX.sym("margin")
         end_numbers = ca.SX.sym("numbers", int(sizes[-1]))
-        target, drift, tolerance = ca.vertsplit(end_numbers, sizes.tolist())
-        rows = self.end.value.function(self._x, target) - drift
+        target, centers, half_widths = ca.vertsplit(end_numbers, sizes.tolist())
+        rows = self.end.value.function(self._x, target) - centers
         counts = [1] * (self.end_rows - sum(self._object_rows)) + list(self._object_rows)
         first_rows = np.cumsum([0, *counts]).tolist()
         lengths = [ca.norm_2(error) for error in ca.vertsplit(rows, first_rows)]
-        largest_lengths = [ca.norm_2(bound) for bound in ca.vertsplit(tolerance, first_rows)]
+        largest_lengths = [ca.norm_2(bound) for bound in ca.vertsplit(half_widths, first_rows)]
         allowed = ca.vertcat(*largest_lengths) * margin
         holds = ca.vertcat(*lengths) <= allowed + ca.fmin(SLACK, SLACK_SHARE * allowed)
         return BatchFunction(ca.Function("met", [self._x, end_numbers, margin], [ca.mmin(holds)]))

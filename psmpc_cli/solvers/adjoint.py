@@ -97,7 +97,8 @@ class ShootingNlp(Nlp):
     def derivatives(self) -> Mapping[str, ca.Function]:
         """Gradient, Jacobian and Hessian of the program in z, for IPOPT, by the names CasADi has for them.
 
-        With x(z) the decision variables of the multiple-shooting NLP, states simulated, and L = sigma J + y'g,
+        With x(z) the decision variables of the multiple-shooting NLP, states simulated, L = sigma J + y'g, and
+        subscripts for derivatives,
 
             Jacobian   g_x x_z,      Hessian   x_z' L_xx x_z + sum_i (L_x)_i d2x_i/dz2.
 

@@ -447,6 +447,7 @@ class PiqpQp(QpMethod):
         soft_rows = np.flatnonzero(arrays.penalty)
         violation = _sparse(row_count, size, [(soft_rows, unknowns.violations, 1.0)])
 
+        # Costs of the unknowns, and their bounds.
         cost = np.zeros(size)
         cost[unknowns.X] = arrays.gradient
         cost[unknowns.tau] = arrays.gradient_tau
@@ -457,6 +458,7 @@ class PiqpQp(QpMethod):
         lowest[kinds.boxed_unknowns] = arrays.low[kinds.box]
         highest[kinds.boxed_unknowns] = arrays.high[kinds.box]
 
+        # Inequalities: soft rows at their lower bounds, at their upper bounds, then hard rows.
         low = [arrays.low[kinds.soft_low], np.full(kinds.soft_high.sum(), -np.inf), arrays.low[kinds.hard]]
         high = [np.full(kinds.soft_low.sum(), np.inf), arrays.high[kinds.soft_high], arrays.high[kinds.hard]]
         inequalities = [
@@ -464,7 +466,7 @@ class PiqpQp(QpMethod):
             (rows - violation)[kinds.soft_high],
             rows[kinds.hard],
         ]
-        targets = (arrays.low[kinds.equation] + arrays.high[kinds.equation]) / 2
+        equation_values = (arrays.low[kinds.equation] + arrays.high[kinds.equation]) / 2
 
         solver = piqp.SparseSolver()
         solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
@@ -476,7 +478,7 @@ class PiqpQp(QpMethod):
             P=hessian.tocsc(),
             c=cost,
             A=vstack([gap_rows, rows[kinds.equation]], format="csc"),
-            b=np.concatenate([-arrays.gaps.ravel(), targets]),
+            b=np.concatenate([-arrays.gaps.ravel(), equation_values]),
             G=vstack(inequalities, format="csc"),
             h_l=np.concatenate(low),
             h_u=np.concatenate(high),

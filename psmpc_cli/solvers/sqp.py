@@ -387,10 +387,15 @@ class _Solve:
 
         Three attempts, each where the one before does not say whether there is a step:
 
-        1. With multipliers (E,) from before, the model with the curvature of rows at nodes times these.
+        1. With multipliers from before, the model with the curvature of rows at nodes times these.
         2. Where that is not convex, or there are none: the Gauss-Newton model alone.
         3. Where soft limits would be violated so far that the numbers break down: the same with hard limits, which says
            whether it is infeasible.
+
+        Args:
+            here: The iterate's point.
+            model: The Gauss-Newton model there.
+            multipliers: Of the rows at nodes, (E,), from the program before; (0,) if there are none.
         """
         window = self.window
         if window.form.curved and len(multipliers):

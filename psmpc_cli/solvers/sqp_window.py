@@ -502,6 +502,11 @@ class SqpWindow:
         """Return the values (R,) of all rows that the model at a point predicts after a full step.
 
         Rows that the model does not have, and those of durations and accelerations, keep their values at the point.
+
+        Args:
+            here: The point, with the values of its rows.
+            model: The model there, with derivatives of the rows that it has.
+            step: The step.
         """
         rows = here.rows.copy()
         rows[: self.states] += step.X[1:].ravel()

@@ -221,7 +221,7 @@ def _state_of_object(sample: SampleContext) -> PoseState | None:
     return sample.object_state
 
 
-def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
+def distance_limits(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
     """Return the groups of a stage, by name; none where the task asks for no clearance in it."""
     spec = task.clearance_of(stage)
     if spec is None:
@@ -385,7 +385,7 @@ def _by_limbs(name: str, pairs: tuple[tuple[Solid, Solid], ...]) -> dict[str, tu
     return by_limbs
 
 
-def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
+def distance_rows(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
     """Return x, [anchor; 0; pose of the object; pose of the obstacle] -> the distances of every pair.
 
     The argument has the poses of what is among the solids.
@@ -397,7 +397,7 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
 
 def distances_on_arrays(model: RobotModel, pairs: Pairs) -> BatchFunction:
     """Return the function of the distances on arrays."""
-    return model.cached((functions, pairs), partial(functions, model, pairs)).value
+    return model.cached((distance_rows, pairs), partial(distance_rows, model, pairs)).value
 
 
 def nearest_points(model: RobotModel, pairs: Pairs) -> BatchFunction:
@@ -461,4 +461,4 @@ def _is_soft(pairs: Pairs) -> bool:
     return not pairs.hard
 
 
-CONSTRAINT = Constraint(rows_at_nodes("clearance", functions, _is_soft, ROW_ACTIVATION), numbers)
+CONSTRAINT = Constraint(rows_at_nodes("clearance", distance_rows, _is_soft, ROW_ACTIVATION), distance_limits)

@@ -109,6 +109,11 @@ class Tape:
 
         The code works on memory divided into slots, each with one value for every point of a block. Its structure
         `TapeProgram` has addresses alone, so the arrays behind them are kept as attributes.
+
+        Args:
+            function: The function, of SX, with dense arguments and results.
+            operations: CasADi's numbers of the operations of its instructions, (count,).
+            path: The shared library with the C code.
         """
         self._run, arrange = _load(path)
         # How many numbers each argument and each result has at one point.

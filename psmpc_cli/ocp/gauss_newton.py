@@ -128,6 +128,10 @@ class VelocityForm:
 
         Rows at nodes are constraints at single states. Rows over intervals depend on the states at both ends; some are
         no constraints but residuals, whose squares cost (forces, changes of acceleration).
+
+        Args:
+            model: The robot.
+            shape: The structure of the windows: stages, numbers of intervals, which constraints there are.
         """
         self.grid = Grid(model.n, shape.nodes)
         self.costs = [stage_functions(model, cost_shape(stage)) for stage in shape.stages]
@@ -716,6 +720,11 @@ class _CostModel:
 
         A stage with N intervals of length tau / N weighs the squared error at each of its nodes but the last by
         omega / scale tau / N; the terminal cost weighs that of the last stage at the last node.
+
+        Args:
+            form: The windows of this shape as functions of states and durations.
+            point: States at the nodes and free durations.
+            p: The numbers of the window: targets, weights, priorities omega, normalization.
         """
         K = form.grid.K
         n = form.grid.n

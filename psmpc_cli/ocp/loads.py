@@ -192,7 +192,11 @@ class LoadKind:
         return model.cached((LoadKind.momentum, self), lambda: self._momentum(model))
 
     def _momentum(self, model: RobotModel) -> ca.Function:
-        """Write that function; what wheels store, the last of the load's numbers, counts where it stays in the base."""
+        """Write the momentum of robot and load as a function of state, anchor of the chart and numbers of the load.
+
+        The last of the load's numbers say what reaction wheels store. That counts where it stays in the base, as a
+        momentum that the base carries.
+        """
         x = ca.SX.sym("x", 2 * model.n)
         anchor = ca.SX.sym("anchor", model.space.n_anchor)  # attitude about which the coordinates in x are a chart
         numbers = ca.SX.sym("numbers", self.count(model))

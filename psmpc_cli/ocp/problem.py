@@ -308,6 +308,11 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     Each angle is moved to the equivalent nearest to where the sequence is before (unless the task wants it as given):
     for the first row that is where the stage before leads to, for every other row it is the row before. Of an
     attitude's two quaternions each row has the one nearer to the row before.
+
+    Args:
+        task: The task.
+        robot: The robot as its file describes it.
+        model: The robot as functions.
     """
     Q = stack(task.initial, robot, "joint")
     posture = Posture(Q, np.asarray(model.g(Q)).ravel())

@@ -53,6 +53,13 @@ class ShootingNlp(Nlp):
         z has what the states of x do not determine: inputs, durations (which x repeats at each node: here once) and
         violations of soft limits. The states are simulated from the measured one, which gives x(z); so the rows of x
         that close the gaps between nodes are left out.
+
+        Args:
+            model: The robot.
+            shape: The structure of the windows: stages, numbers of intervals, which constraints there are.
+            parameters: The numbers of one window of this shape, for their sizes.
+            has_all_rows: It has the rows that are rarely active too.
+            printed: Derivatives by switch times are those of eq. (26) as printed, not those of the discrete adjoint.
         """
         super().__init__(model, shape, parameters, has_all_rows)
         self._printed = printed

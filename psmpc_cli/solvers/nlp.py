@@ -139,6 +139,12 @@ class Nlp:
 
         J is the weighted sum of the stages' cost integrals, delta times the time that stages wait for their turn, and
         the terminal cost of the last stage; violations of soft limits cost on top of it. Paper eq. (20).
+
+        Args:
+            model: The robot.
+            shape: The structure of the windows: stages, numbers of intervals, which constraints there are.
+            parameters: The numbers of one window of this shape, for their sizes.
+            has_all_rows: It has the rows that are rarely active too.
         """
         self.shape = shape
         self.has_all_rows = has_all_rows
@@ -535,6 +541,13 @@ class NlpSolver(Solver):
         """Choose the settings of IPOPT or fatrop for a problem; programs are built when a window needs them.
 
         They are compiled and solved in a copy of this process, since neither solver can be interrupted from outside.
+
+        Args:
+            problem: The problem.
+            spec: Which of both, tolerance, deadline and the like.
+            report: Takes the lines of the table of iterations, if there is one.
+            options: Replace the options of the solver itself.
+            has_duals: Solutions have their multipliers, and solves start from those of the sample before; IPOPT alone.
         """
         self._problem = problem
         self._spec = spec
@@ -572,6 +585,11 @@ class NlpSolver(Solver):
 
         The NLP is transcribed when a window has its shape for the first time. Soft limits that the plan violates get as
         much violation as they need, so that the start meets their rows.
+
+        Args:
+            window: The window.
+            plan: The plan, on the window's mesh.
+            has_all_rows: The NLP has the rows that are rarely active too.
         """
         shape = window_shape(window)
         parameters = window_numbers(window, plan.switch_times)

@@ -337,6 +337,12 @@ class _Solve:
 
         A cold guess may leave a stage too little time for its end condition, so that its program has no solution, or
         one far beyond soft limits.
+
+        Args:
+            iterate: The iterate at the guess.
+            program: The solved program there.
+            guess: The guess: states at nodes and durations.
+            multipliers: Of the rows at nodes, (E,), or (0,).
         """
         if self._keeps_limits(program):
             return iterate, program

@@ -29,7 +29,7 @@ from performance_table import floating
 
 import psmpc_cli as psmpc
 from psmpc_cli.ocp.constraints import soft_row_violations
-from psmpc_cli.ocp.constraints.clearance import argument_of, functions, groups, poses_at
+from psmpc_cli.ocp.constraints.clearance import argument_of, distance_rows, groups, poses_at
 from psmpc_cli.ocp.postures import configurations
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import SampleContext
@@ -174,7 +174,7 @@ def nearest(problem: Problem, Q: np.ndarray) -> float:
             argument = argument_of(group, model, sample)
             if argument is not None:
                 taken = np.concatenate([chart.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
-                rows = model.cached((functions, group.pairs), partial(functions, model, group.pairs))
+                rows = model.cached((distance_rows, group.pairs), partial(distance_rows, model, group.pairs))
                 found.append(rows.value(x, taken)[0].min())
     return float(np.min(found))
 

@@ -36,7 +36,7 @@ import psmpc_cli as psmpc
 from psmpc_cli.control import Command
 from psmpc_cli.logs import write as log
 from psmpc_cli.native.functions import BatchFunction, tape_library
-from psmpc_cli.ocp.constraints.forces import ForceStructure, functions
+from psmpc_cli.ocp.constraints.forces import ForceStructure, force_rows
 from psmpc_cli.ocp.loads import LoadKind
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.model import RobotModel
@@ -309,7 +309,7 @@ def derivatives(repeat: str = "50") -> Iterator[str]:
         counts = dict[str, int]()
         derived = dict[str, int]()
         for name, kind in (("free", LoadKind(False, ())), ("held", LoadKind(False, hands))):
-            rows_of_force = functions(model, ForceStructure(tuple(range(model.n)), kind))
+            rows_of_force = force_rows(model, ForceStructure(tuple(range(model.n)), kind))
             value, jacobian = rows_of_force.prepare()
             jacobian.prepare()
             counts[name] = jacobian.function.n_instructions()

@@ -157,7 +157,7 @@ class Placer:
                 at_stage = replace(
                     view,
                     is_current=stage.index == sequence.first,
-                    before=before.get(name),
+                    argument_before=before.get(name),
                     stored=stored.get(stage.index),
                 )
                 argument = _argument(constraints[name], self._problem.model, at_stage)

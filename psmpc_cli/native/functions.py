@@ -105,13 +105,23 @@ class Tape:
     """
 
     def __init__(self, function: ca.Function, operations: np.ndarray, path: str) -> None:
+        """Make a list of instructions of a CasADi function that compiled C code evaluates at a batch of points.
+
+        The code works on memory divided into slots, each with one value for every point of a block. Its structure
+        `TapeProgram` has addresses alone, so the arrays behind them are kept as attributes.
+
+        Args:
+            function: The function, of SX, with dense arguments and results.
+            operations: CasADi's numbers of the operations of its instructions, (count,).
+            path: The shared library with the C code.
+        """
         self._run, arrange = _load(path)
-        # One number an entry: what a point of a batch gives, and what it gets.
+        # How many numbers each argument and each result has at one point.
         self._argument_sizes = np.array([function.numel_in(i) for i in range(function.n_in())], dtype=np.int64)
         self._result_sizes = np.array([function.numel_out(i) for i in range(function.n_out())], dtype=np.int64)
         instructions, constants = self._instructions(function, operations)
         slot_count = self._arrange(arrange, instructions, len(constants), function)
-        # A slot holds one value at each point of a block: first those of arguments, then constants, then results.
+        # Slots of the arguments come first, then those of constants, which never change, then those of results.
         entry_count = int(self._argument_sizes.sum())
         memory = np.zeros(slot_count * BLOCK + ALIGNMENT // DOUBLE_SIZE)
         self._slots = memory[-memory.ctypes.data % ALIGNMENT // DOUBLE_SIZE :]

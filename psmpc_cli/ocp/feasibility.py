@@ -106,6 +106,10 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
 
     Grippers close while position, angle and velocities relative to the grasp are within the grasp's envelope. The stage
     before the capture has to guarantee that: by its target, and by the tolerances of its end condition.
+
+    Args:
+        task: The task.
+        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
     """
     target_object = task.spec.body
     stage = forecasts[task.spec.held_stages.start - 1].stage
@@ -317,6 +321,10 @@ def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
 
     A stage cannot end before the one before it; how early that ends at best follows from velocity limits, dwell times
     and fixed times (`StageForecast.earliest_end`).
+
+    Args:
+        task: The task.
+        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
     """
     earliest_start = 0.0
     for forecast in forecasts:
@@ -352,6 +360,10 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
     It is about poses that were not found to be in reach, trajectories and time limits that no run keeps, tolerances
     below the noise, loads that outweigh the robot, what is kept clear, weights without effect, and more of the like: a
     function each.
+
+    Args:
+        task: The task.
+        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
     """
     stages = [forecast.stage for forecast in forecasts]
     model = forecasts[0].model
@@ -458,6 +470,10 @@ def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fa
 
     Where the object has rho times the inertia of the robot in a motion, the robot does 1 / (1 + rho) of an acceleration
     that is commanded there. The largest rho at the start and at the targets of all stages counts.
+
+    Args:
+        task: The task.
+        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
     """
     target_object = task.spec.body
     if target_object.grasp.known:
@@ -529,6 +545,10 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
 
     The noise is that of the measurements that the controller counts with. Its effect on each row of an end condition is
     evaluated at the stage's target.
+
+    Args:
+        task: The task.
+        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
     """
     noise = task.spec.measurement_noise
     if not noise.of_state:

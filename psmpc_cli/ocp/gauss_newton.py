@@ -124,6 +124,15 @@ class VelocityForm:
     """
 
     def __init__(self, model: RobotModel, shape: WindowShape) -> None:
+        """Collect what costs and constrains the windows of a shape, and in which order its rows stand.
+
+        Rows at nodes are constraints at single states. Rows over intervals depend on the states at both ends; some are
+        no constraints but residuals, whose squares cost (forces, changes of acceleration).
+
+        Args:
+            model: The robot.
+            shape: The structure of the windows: stages, numbers of intervals, which constraints there are.
+        """
         self.grid = Grid(model.n, shape.nodes)
         self.costs = [stage_functions(model, cost_shape(stage)) for stage in shape.stages]
         self.node_rows = node_rows(model, shape)
@@ -138,7 +147,7 @@ class VelocityForm:
             for rows in self.node_rows
             if rows.functions.solved_for is not None and rows.functions.by_solved_for is not None
         ]
-        # Rows that say that something does not change from one node to the next.
+        # Rows that say that something (a momentum) does not change from one node to the next.
         self._change_rows = [
             (rows.functions, rows) for rows in self.interval_rows if isinstance(rows.functions, ChangeFunctions)
         ]
@@ -155,6 +164,7 @@ class VelocityForm:
         each other. So each row knows its constraint, at which of its nodes and as which of its rows there it stands.
         """
         constraints = self.node_rows
+        # Node of each row; and where the rows of each constraint stand in that order.
         self._nodes_of_rows = [np.array(rows.nodes) for rows in constraints]
         self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in constraints])
         self._node_order = np.argsort(np.concatenate([np.zeros(0, int), *self._places]))
@@ -247,6 +257,7 @@ class VelocityForm:
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             target_at_nodes, _ = reference(p, s, tau[s])
             X = point.X[self.intervals(s)]
+            # Control and force are left out of the cost here (0.0): they are added apart.
             squared_error = stage.cost(X, 0.0, target_at_nodes[:N], p.weights[s], 0.0, 0.0, rows=N)[0]
             _, control_effort = self.control(s, point, p, tau[s])
             costs[s] += _cost(s, p, N, tau[s], squared_error, control_effort)
@@ -313,6 +324,10 @@ class VelocityForm:
         Rows that are in programs only near their bounds (distances, many and long) get their derivatives later, for the
         few that need them: see `with_node_rows`.
 
+        Args:
+            point: States at the nodes and free durations.
+            p: The numbers of the window.
+
         Returns:
             Values of all rows, (E,); derivatives of `permanent_rows` by the state at their node, (F, 2n).
         """
@@ -349,14 +364,14 @@ class VelocityForm:
         constraint_of_new = self._row_constraint[new_rows]
         rows_by_x = np.empty((len(new_rows), 2 * self.grid.n))
         for i, rows in enumerate(self.node_rows):
-            of_this = np.flatnonzero(constraint_of_new == i)
-            if len(of_this):
-                row = new_rows[of_this]
+            chosen = np.flatnonzero(constraint_of_new == i)
+            if len(chosen):
+                row = new_rows[chosen]
                 argument = rows.argument(p)
                 if argument.ndim > 1:  # a constraint that moves has an argument for each of its nodes
                     argument = argument[self._row_place[row]]
                 X = point.X[self.row_node[row]]
-                rows_by_x[of_this] = rows.functions.gradients(X, argument, self._row_number[row])
+                rows_by_x[chosen] = rows.functions.gradients(X, argument, self._row_number[row])
         if not len(model.node_rows):
             return replace(model, node_rows=new_rows, rows_by_x=rows_by_x)
         node_rows = np.concatenate([model.node_rows, new_rows])
@@ -369,6 +384,10 @@ class VelocityForm:
         An example are the velocities of a base without thrusters, which follow from those of the arms. Rows g that are
         linear in such rates y, g = G y + ..., are solved by y - G^-1 g. So they hold at every iterate, as if y had been
         eliminated. Of rows over intervals those are solved that say that something does not change (a momentum).
+
+        Args:
+            point: States at the nodes and free durations.
+            p: The numbers of the window, which the rows take.
         """
         if not (self._rows_with_dependent_rates or self._change_rows):
             return point
@@ -543,6 +562,10 @@ class VelocityForm:
         Of the rows at nodes and over intervals it has those that every program has. Derivatives by the durations of all
         S + 1 stages become those by the S free ones through D = `stage_durations`, (S + 1, S): the last stage takes
         what the others leave of the horizon.
+
+        Args:
+            point: States at the nodes and free durations.
+            p: The numbers of the window.
         """
         D = self.stage_durations
         stage_of_interval = self.grid.stage_of
@@ -557,6 +580,7 @@ class VelocityForm:
             by_unknowns = (self.hessian_weights(p) * interval_values)[permanent, None] * permanent_by
             gradient_tau += self._add_interval_gradient(cost.gradient, permanent, by_unknowns)
         costs = cost.costs + self.interval_row_costs(interval_values, p)
+        # A gap is Q+ - Q - h times the mean velocity, h = tau_s / N_s.
         gaps_by_stage = -self._mean_velocities(point) / self.nodes[stage_of_interval, None]
         return Linearization(
             residuals=self._residuals(point, p, costs, cost.terminal, row_values, interval_values),
@@ -696,6 +720,11 @@ class _CostModel:
 
         A stage with N intervals of length tau / N weighs the squared error at each of its nodes but the last by
         omega / scale tau / N; the terminal cost weighs that of the last stage at the last node.
+
+        Args:
+            form: The windows of this shape as functions of states and durations.
+            point: States at the nodes and free durations.
+            p: The numbers of the window: targets, weights, priorities omega, normalization.
         """
         K = form.grid.K
         n = form.grid.n
@@ -747,17 +776,18 @@ class _CostModel:
         n = self._form.grid.n
         target, target_by_tau = reference(p, s, self._tau[s])  # one row where the target stands still
         Q = self._point.X[nodes, :n]
-        # e'We, e'We_tau, e_tau'We_tau, E'We, E'We_tau, E'WE
-        squares, with_tau, of_tau, by_Q, by_Q_tau, by_Q_Q = self._form.costs[s].gauss_newton(
+        # e' W e, e' W e_tau, e_tau' W e_tau, E' W e, E' W e_tau, E' W E
+        eWe, eWe_tau, e_tauWe_tau, EWe, EWe_tau, EWE = self._form.costs[s].gauss_newton(
             Q, p.weights[s], target[nodes_of_stage], target_by_tau[nodes_of_stage], rows=len(Q)
         )
-        curvature = weight_by_tau**2 / (2 * weight) * squares
-        self.gradient[nodes, :n] += 2 * weight * by_Q
-        self.H_QQ[nodes] += 2 * weight * by_Q_Q.reshape(-1, n, n)
-        self.H_x_tau[nodes, :n, s] += 2 * weight * by_Q_tau + weight_by_tau * by_Q
-        self.H_tau_tau[s] += (2 * weight * of_tau + 2 * weight_by_tau * with_tau + curvature).sum()
-        self.gradient_tau[s] += (weight_by_tau * (squares - p.offset[s]) + 2 * weight * with_tau).sum()
-        return np.asarray(squares)
+        self.gradient[nodes, :n] += 2 * weight * EWe
+        self.H_QQ[nodes] += 2 * weight * EWE.reshape(-1, n, n)
+        self.H_x_tau[nodes, :n, s] += 2 * weight * EWe_tau + weight_by_tau * EWe
+        curvature = weight_by_tau**2 / (2 * weight) * eWe
+        self.H_tau_tau[s] += (2 * weight * e_tauWe_tau + 2 * weight_by_tau * eWe_tau + curvature).sum()
+        # The cost that is integrated is e' W e less the offset of the normalization.
+        self.gradient_tau[s] += (weight_by_tau * (eWe - p.offset[s]) + 2 * weight * eWe_tau).sum()
+        return np.asarray(eWe)
 
     def _add_control(self, s: int) -> float:
         """Add what the accelerations of a stage cost to gradient and Hessian, and return it without weight, E.

@@ -133,12 +133,12 @@ class LoadKind:
         def build() -> ca.Function:
             space = model.space
             x = ca.SX.sym("x", 2 * model.n)
-            anchor = ca.SX.sym("anchor", space.n_anchor)
+            anchor = ca.SX.sym("anchor", space.n_anchor)  # attitude about which the coordinates in x are a chart
             numbers = ca.SX.sym("numbers", self.count(model))
-            of_wheels = numbers[numbers.numel() - n_stored(model.spec) :]  # the last: h_w, or L
-            stored = of_wheels
+            wheel_numbers = numbers[numbers.numel() - n_stored(model.spec) :]  # the last: h_w, or L
+            stored = wheel_numbers
             if self.stores == FOLLOWS:
-                rest = of_wheels - self.momentum(model)(x, anchor, numbers)[space.rotation]
+                rest = wheel_numbers - self.momentum(model)(x, anchor, numbers)[space.rotation]
                 R = space.base_rotation(space.charted_coordinates(x[: model.n], anchor))
                 _, rest_3d = space.twist_to_3d([*[0.0] * space.dimension, *ca.vertsplit(rest)])
                 along_base = space.twist([0.0] * 3, matrix_vector(transposed(R), rest_3d))
@@ -189,24 +189,28 @@ class LoadKind:
         Returns:
             x (2n,) in a chart, anchor of the chart, numbers of the load -> momentum (n_twist,) [N s, N m s].
         """
+        return model.cached((LoadKind.momentum, self), lambda: self._momentum(model))
 
-        def build() -> ca.Function:
-            x = ca.SX.sym("x", 2 * model.n)
-            anchor = ca.SX.sym("anchor", model.space.n_anchor)
-            numbers = ca.SX.sym("numbers", self.count(model))
-            stored_count = n_stored(model.spec)
-            stored = ca.SX.zeros(stored_count)
-            if self.stores == STAYS:
-                stored = numbers[numbers.numel() - stored_count :]
-            w, grasps, body = self._split(model, numbers, stored)
-            Q = model.space.charted_coordinates(x[: model.n], anchor)
-            v = model.space.charted_velocity(x[: model.n], x[model.n :])
-            momentum = model.dynamics.momentum(Q, v, w)
-            if self.grippers:
-                momentum += held_momentum(model, self.grippers)(Q, v, grasps, body)
-            return ca.Function("momentum", [x, anchor, numbers], ca.cse([momentum]))
+    def _momentum(self, model: RobotModel) -> ca.Function:
+        """Write the momentum of robot and load as a function of state, anchor of the chart and numbers of the load.
 
-        return model.cached((LoadKind.momentum, self), build)
+        The last of the load's numbers say what reaction wheels store. That counts where it stays in the base, as a
+        momentum that the base carries.
+        """
+        x = ca.SX.sym("x", 2 * model.n)
+        anchor = ca.SX.sym("anchor", model.space.n_anchor)  # attitude about which the coordinates in x are a chart
+        numbers = ca.SX.sym("numbers", self.count(model))
+        stored_count = n_stored(model.spec)
+        stored = ca.SX.zeros(stored_count)
+        if self.stores == STAYS:
+            stored = numbers[numbers.numel() - stored_count :]
+        inertial_parameters, grasps, body = self._split(model, numbers, stored)
+        Q = model.space.charted_coordinates(x[: model.n], anchor)
+        v = model.space.charted_velocity(x[: model.n], x[model.n :])
+        momentum = model.dynamics.momentum(Q, v, inertial_parameters)
+        if self.grippers:
+            momentum += held_momentum(model, self.grippers)(Q, v, grasps, body)
+        return ca.Function("momentum", [x, anchor, numbers], ca.cse([momentum]))
 
     def momentum_about_centre(self, model: RobotModel) -> ca.Function:
         """Return x (2n,) in a chart, its anchor, numbers -> linear momentum, and angular about the centre of mass.
@@ -420,8 +424,8 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     payload = task.uncertainty.carried
     nothing = (0.0,) * len(model.spec.arms)
     moved_by = task.moved_by(stage, model.spec)
-    driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)
-    stores = _stores(model, moved_by)
+    driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)  # coordinates on which something acts
+    stores = _stores(model, moved_by)  # what is known of the momentum in wheels: it stays in the base, or follows
     stored = tuple(Wheels.of(model.spec).at_first) if stores else ()
     no_load = Load(nothing, nothing, driven=driven, stores=stores, stored=stored)
     if stage not in task.held_stages:

@@ -78,6 +78,15 @@ class ConstraintFunctions:
         Rows that are linear in rates which they determine are solved for these (`solved_for`), and convex ones need no
         curvature in a quadratic program. Rows at many nodes are evaluated as a tape; those at the end of a stage, one
         node, are not.
+
+        Args:
+            x: The state [Q; Qdot], a symbol (2n,).
+            argument: a, a symbol.
+            rows: The rows as an expression of both.
+            solved_for: Entries of Qdot that the rows are solved for; None if there are none.
+            is_convex: They are bounded below and convex.
+            at_nodes: They stand at many nodes.
+            has_curvature: Their second derivatives count.
         """
         self.solved_for = solved_for
         self._is_convex = is_convex
@@ -258,11 +267,21 @@ class IntervalFunctions:
         ends: Sequence[int],
         jacobian: Callable[[], ca.SX] | None = None,
     ) -> None:
-        """Take the rows r(x, dv, h, a) as an expression, and at which ends of an interval they stand (0, 1)."""
+        """Take rows over an interval, r(x, dv, h, a), as an expression of the state x at one of its ends.
+
+        Args:
+            x: The state [Q; Qdot] at an end, a symbol (2n,).
+            dv: The change of Qdot over the interval, a symbol (n,).
+            h: The length of the interval, a symbol.
+            argument: a, a symbol.
+            rows: The rows.
+            ends: At which ends they stand: at the beginning, 0, the end, 1, or one after the other at both.
+            jacobian: Writes the derivatives of the rows by [x; dv; h] when they are needed; by default CasADi does.
+        """
         self._arguments = [x, dv, h, argument]
         self._rows = ca.densify(rows)
         self._ends = ends
-        self._derive = jacobian or (lambda: ca.jacobian(self._rows, ca.vertcat(x, dv, h)))  # when first needed
+        self._derive = jacobian or (lambda: ca.jacobian(self._rows, ca.vertcat(x, dv, h)))
         self.count = int(rows.numel()) * len(ends)
 
     @cached_property
@@ -388,6 +407,10 @@ class RateFunctions:
 
             r_v+ = r_u / h,   r_v = r_u- / h- - r_u / h,   r_v- = -r_u- / h-,   dr/dh = r_h - u r_u / h,   h- alike.
 
+        Args:
+            intervals: The intervals.
+            argument: Not used: these rows take no numbers.
+
         Returns:
             (J, rows, 5n + 2): by the states at both ends, the length, the velocity where the interval before begins
             and the length of that interval, columns [Q, v, Q+, v+, h, v-, h-].
@@ -493,7 +516,13 @@ class StageFunctions:
     """
 
     def __init__(self, model: RobotModel, shape: StageShape) -> None:
-        """Write the residual e of the stage's skill and its weighted square as expressions of symbols."""
+        """Write the residual e of the stage's skill and its weighted square e' W e as expressions of symbols.
+
+        Args:
+            model: The robot.
+            shape: What decides the expressions: the skill's space, what is controlled, the end condition, and the kind
+                of load where force costs. All numbers are symbols.
+        """
         skill = skill_in(shape.space)
         n = model.n
         self.model = model
@@ -544,8 +573,9 @@ class StageFunctions:
     def gauss_newton(self) -> BatchFunction:
         """Q, W, target, slope -> what the Gauss-Newton model of the cost e'We at a node is made of.
 
-        The results are e'We, e'We_tau, e_tau'We_tau, then E'We (n,), E'We_tau (n,) and triu(E'WE), row by row (n n,). E
-        is the derivative of e by Q, and e_tau that by the stage's duration, with which the target moves by `slope`.
+        e is the residual of the stage's skill and W the diagonal of its weights. The results are e'We, e'We_tau,
+        e_tau'We_tau, then E'We (n,), E'We_tau (n,) and triu(E'WE), row by row (n n,). E is the derivative of e by Q,
+        and e_tau that by the stage's duration, with which the target moves by `slope`.
         """
         slope = ca.SX.sym("slope", self.numbers)
         e = self._e
@@ -671,12 +701,12 @@ class StageFunctions:
         sizes = np.cumsum([0, self.numbers, self.end_rows, self.end_rows])
         margin = ca.SX.sym("margin")
         end_numbers = ca.SX.sym("numbers", int(sizes[-1]))
-        target, drift, tolerance = ca.vertsplit(end_numbers, sizes.tolist())
-        rows = self.end.value.function(self._x, target) - drift
+        target, centers, half_widths = ca.vertsplit(end_numbers, sizes.tolist())
+        rows = self.end.value.function(self._x, target) - centers
         counts = [1] * (self.end_rows - sum(self._component_counts)) + list(self._component_counts)
         first_rows = np.cumsum([0, *counts]).tolist()
         lengths = [ca.norm_2(error) for error in ca.vertsplit(rows, first_rows)]
-        largest_lengths = [ca.norm_2(bound) for bound in ca.vertsplit(tolerance, first_rows)]
+        largest_lengths = [ca.norm_2(bound) for bound in ca.vertsplit(half_widths, first_rows)]
         allowed = ca.vertcat(*largest_lengths) * margin
         holds = ca.vertcat(*lengths) <= allowed + ca.fmin(SLACK, SLACK_SHARE * allowed)
         return BatchFunction(ca.Function("met", [self._x, end_numbers, margin], [ca.mmin(holds)]))
@@ -705,25 +735,35 @@ def force_residual(model: RobotModel, load: LoadKind) -> IntervalFunctions:
 
     The argument of the rows is the anchor of the chart, then the numbers of the load.
     """
+    return model.cached((force_residual, load), lambda: _force_residual(model, load))
 
-    def build() -> IntervalFunctions:
-        n = model.n
-        x = ca.SX.sym("x", 2 * n)
-        dv = ca.SX.sym("dv", n)
-        h = ca.SX.sym("h")
-        argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model))
-        anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
-        motion = OwnMotion.in_chart(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
-        F = load.own_force(model, motion, numbers)
 
-        def jacobian() -> ca.SX:
-            F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
-            of_scale = ca.jacobian(1 / ca.sqrt(h), ca.vertcat(x, dv, h))
-            return ca.SX(F_by / ca.sqrt(h) + F @ of_scale)
+def _force_residual(model: RobotModel, load: LoadKind) -> IntervalFunctions:
+    """Write the residual of what force costs as an expression, F(Q, sqrt(h) v, dv) / sqrt(h) where an interval begins.
 
-        return IntervalFunctions(x, dv, h, argument, F / ca.sqrt(h), ends=(0,), jacobian=jacobian)
+    F is the force of the low-level law; with dv = Qdot+ - Qdot and h the length of the interval this is sqrt(h) F of
+    the motion itself, see `force_residual`.
 
-    return model.cached((force_residual, load), build)
+    Args:
+        model: The robot.
+        load: The kind of load that the grippers hold, which decides the expression of F.
+    """
+    n = model.n
+    x = ca.SX.sym("x", 2 * n)
+    dv = ca.SX.sym("dv", n)
+    h = ca.SX.sym("h")
+    argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model))
+    # The anchor is the attitude about which the window's coordinates are a chart; numbers are those of the load.
+    anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
+    motion = OwnMotion.in_chart(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor)
+    F = load.own_force(model, motion, numbers)
+
+    def jacobian() -> ca.SX:
+        F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
+        scale_by = ca.jacobian(1 / ca.sqrt(h), ca.vertcat(x, dv, h))
+        return ca.SX(F_by / ca.sqrt(h) + F @ scale_by)
+
+    return IntervalFunctions(x, dv, h, argument, F / ca.sqrt(h), ends=(0,), jacobian=jacobian)
 
 
 def rate_residual(model: RobotModel) -> RateFunctions:

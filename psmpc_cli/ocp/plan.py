@@ -142,11 +142,11 @@ class Plan:
         return np.where(ramped, rates + ramps, rates)
 
     def averaged_rates(self, edges: np.ndarray, before: np.ndarray, width: float) -> np.ndarray:
-        """Return what is commanded over ticks to follow the plan without jumps: rates of v, averaged about each tick.
+        """Return accelerations to command over ticks to follow the plan without jumps, averaged about each tick.
 
-        The time of the average is shorter near a switch, beyond which accelerations are those of another stage.
-        Averages are made of accelerations in the chart; by how much they differ from the plan's is added to its rates
-        of v, since the chart hardly turns over a sample.
+        They are rates of the robot's velocities v; the plan has accelerations of coordinates in a chart, which are
+        averaged. By how much that changes these is added to the plan's rates of v, since the chart hardly turns over a
+        sample. The time of the average is shorter near a switch, beyond which accelerations are those of another stage.
 
         Args:
             edges: Ends of the ticks, (M + 1,) [s].

@@ -182,6 +182,7 @@ def _end(index: int, task: TaskSpec, model: RobotModel, lasts: float) -> End:
     space = task.skills[spec.skill].wanted_in
     condition = spec.ends_when
     dwell = max(spec.dwell, lasts)
+    # Whether windows may end the stage at a planned switch time, and not only what is measured.
     is_planned = task.controller.plans_ends and index < len(task.stages) - 1
     if condition is None:
         return AtTime(dwell, is_planned, at=np.inf if spec.at is None else spec.at)
@@ -315,6 +316,11 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
     Each angle is moved to the equivalent nearest to where the sequence is before (unless the task wants it as given):
     for the first row that is where the stage before leads to, for every other row it is the row before. Of an
     attitude's two quaternions each row has the one nearer to the row before.
+
+    Args:
+        task: The task.
+        robot: The robot as its file describes it.
+        model: The robot as functions.
     """
     Q = stack(task.initial, robot, "joint")
     posture = Posture(Q, np.asarray(model.g(Q)).ravel())
@@ -364,6 +370,7 @@ def _waypoints(
     else:
         parts = {part: _placed(aim, body) for part, aim in spec.target.items()}
         values = stack(parts, robot, space)[None]
+    # Numbers that the target leaves out are NaN.
     base_values = values[:, : len(base)]  # a view: every target begins with the base's pose
     base_values[...] = np.where(np.isnan(base_values), base, base_values)
     return np.where(np.isnan(values), absent, values)

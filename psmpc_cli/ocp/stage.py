@@ -39,7 +39,7 @@ class SampleContext:
         stored: What is known of wheels in the stage, as `LoadKind.stores` says; None of a robot without any.
         unseen: The part of the momenta of wheels that adds up to nothing (W,); None without any.
         is_current: The stage has begun.
-        before: The argument at the sample before, or None.
+        argument_before: The constraint's argument at the sample before, or None.
         plan: The plan in force; None before the first.
     """
 
@@ -52,7 +52,7 @@ class SampleContext:
     stored: np.ndarray | None = None
     unseen: np.ndarray | None = None
     is_current: bool = True
-    before: np.ndarray | None = None
+    argument_before: np.ndarray | None = None
     plan: Plan | None = None
 
 

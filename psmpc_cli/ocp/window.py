@@ -262,7 +262,8 @@ def window_numbers(window: Window, switch_times: np.ndarray) -> Parameters[np.nd
         window: The window.
         switch_times: The guessed switch times, (S,) [s], about which trajectories and moving obstacles are linear.
     """
-    stages = (*window.stages, *(each.stage for each in window.kept))
+    # Kept stages, earlier ones whose costs HTMPC bounds, are numbered behind the stages of the window.
+    stages = (*window.stages, *(kept.stage for kept in window.kept))
     no_offsets = np.zeros(len(window.kept))
     return Parameters(
         x0=window.x0,
@@ -272,7 +273,7 @@ def window_numbers(window: Window, switch_times: np.ndarray) -> Parameters[np.nd
         terminal=np.array(window.terminal_cost),
         omega=window.omega / float(np.max(window.omega)),
         offset=np.append(window.offset, no_offsets),
-        scale=np.append(window.scale, [each.scale for each in window.kept]),
+        scale=np.append(window.scale, [kept.scale for kept in window.kept]),
         weights=tuple(stage.weights for stage in stages),
         control_weights=tuple(stage.control_weights for stage in stages),
         rate_weights=tuple(stage.rate_weights for stage in stages),

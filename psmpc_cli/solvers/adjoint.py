@@ -48,6 +48,19 @@ class ShootingNlp(Nlp):
         has_all_rows: bool,
         printed: bool,
     ) -> None:
+        """Turn the multiple-shooting NLP in x into one by single shooting, whose variables z are fewer.
+
+        z has what the states of x do not determine: inputs, durations (which x repeats at each node: here once) and
+        violations of soft limits. The states are simulated from the measured one, which gives x(z); so the rows of x
+        that close the gaps between nodes are left out.
+
+        Args:
+            model: The robot.
+            shape: The structure of the windows: stages, numbers of intervals, which constraints there are.
+            parameters: The numbers of one window of this shape, for their sizes.
+            has_all_rows: It has the rows that are rarely active too.
+            printed: Derivatives by switch times are those of eq. (26) as printed, not those of the discrete adjoint.
+        """
         super().__init__(model, shape, parameters, has_all_rows)
         self._printed = printed
         K = self.grid.K
@@ -91,7 +104,8 @@ class ShootingNlp(Nlp):
     def derivatives(self) -> Mapping[str, ca.Function]:
         """Gradient, Jacobian and Hessian of the program in z, for IPOPT, by the names CasADi has for them.
 
-        With x(z) the decision variables of the multiple-shooting NLP, states simulated, and L = sigma J + y'g,
+        With x(z) the decision variables of the multiple-shooting NLP, states simulated, L = sigma J + y'g, and
+        subscripts for derivatives,
 
             Jacobian   g_x x_z,      Hessian   x_z' L_xx x_z + sum_i (L_x)_i d2x_i/dz2.
 

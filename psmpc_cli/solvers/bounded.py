@@ -157,9 +157,12 @@ class _Copy:
         return self._read(length, until, wait)
 
     def _read(self, count: int, until: float, wait: Callable[[], None]) -> bytes:
-        """Read `count` bytes of an answer from the copy of this process, however long they take to come.
+        """Read `count` bytes of an answer from the copy of this process; raises as `ask` does.
 
-        `wait` is called each time that nothing has come for `POLL` seconds; raises as `ask` does.
+        Args:
+            count: How many bytes.
+            until: When waiting stops, an instant of `time.monotonic` [s].
+            wait: Called each time that nothing has come for `POLL` seconds.
         """
         content = bytearray()
         while len(content) < count:

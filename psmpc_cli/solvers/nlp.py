@@ -135,6 +135,17 @@ class Nlp:
     def __init__(
         self, model: RobotModel, shape: WindowShape, parameters: Parameters[np.ndarray], has_all_rows: bool = False
     ) -> None:
+        """Write the NLP as expressions of symbols: variables, then objective, then rows with their bounds.
+
+        J is the weighted sum of the stages' cost integrals, delta times the time that stages wait for their turn, and
+        the terminal cost of the last stage; violations of soft limits cost on top of it. Paper eq. (20).
+
+        Args:
+            model: The robot.
+            shape: The structure of the windows: stages, numbers of intervals, which constraints there are.
+            parameters: The numbers of one window of this shape, for their sizes.
+            has_all_rows: It has the rows that are rarely active too.
+        """
         self.shape = shape
         self.has_all_rows = has_all_rows
         self.grid = Grid(model.n, shape.nodes)
@@ -147,6 +158,7 @@ class Nlp:
         x = self._define_variables(model)
         stage_costs, terminal = self._stage_costs()
         interval_costs_of_kept = self._interval_costs_of_kept()
+        # A stage waits for all stages before it: the sum of their durations.
         waited = sum((ca.sum1(self._tau[:s, 0]) for s in range(1, self.grid.switches + 1)), ca.SX(0))
         p = self._p
         J = ca.dot(p.omega, ca.vertcat(*stage_costs)) + p.pending * waited + p.omega[-1] * terminal
@@ -158,6 +170,9 @@ class Nlp:
     def _define_variables(self, model: RobotModel) -> ca.SX:
         """Define the decision variables as symbols, each by its meaning, and the functions `pack` and `unpack`.
 
+        Variables that a shape does not need have no rows. Durations, and others that are the same at all nodes, are
+        repeated at each of them, which solvers that use the structure of stages ask for.
+
         Returns:
             The decision vector x, node by node: state, input, violations of soft limits and of constraints' soft rows.
         """
@@ -165,10 +180,12 @@ class Nlp:
         K = self.grid.K
         self._X = ca.SX.sym("X", 2 * model.n, K + 1)
         self._tau = ca.SX.sym("tau", self.grid.switches, K + 1)
+        # Costs up to a node of kept stages (earlier ones whose costs HTMPC bounds), and the acceleration before it.
         self._sums = ca.SX.sym("sum", 0 if shape.kept_errors else len(shape.kept), K + 1)
         self._u_before = ca.SX.sym("u_before", model.n if shape.has_rates else 0, K + 1)
         before = self._p.before
         self._applied, self._tick = ca.vertsplit(before, [0, self._u_before.shape[0], before.numel()])
+        # rho times the violations of soft limits of states, and of soft rows of constraints.
         self._e = ca.SX.sym("e", 2 * model.n if shape.soft else 0, K + 1)
         self._row_e = [ca.SX.sym("row_e", sum(map(_soft_count, self._rows_at(k)))) for k in range(K + 1)]
         stage_inputs = [ca.SX.sym("u", self._functions[s].inputs, N) for s, N in enumerate(shape.nodes)]
@@ -192,8 +209,9 @@ class Nlp:
         last = self.grid.switches
         costs = [ca.SX(0) for _ in shape.nodes]
         rate_costs = [ca.SX(0) for _ in shape.nodes]
-        for k, s in enumerate(self.grid.stage_of):
-            costs[s] += self._cost(int(s), k - int(self.grid.first_node[s]), k)
+        for k, s in enumerate(self.grid.stage_of):  # interval k is of stage s
+            node_of_stage = k - int(self.grid.first_node[s])
+            costs[s] += self._cost(int(s), node_of_stage, k)
             if shape.stages[s].weighs_rate:
                 rate_costs[s] += self._rate_cost(int(s), k)
         self._rate_cost_of_all = ca.dot(p.omega, ca.vertcat(*rate_costs))
@@ -213,8 +231,11 @@ class Nlp:
     def _define_rows(self, interval_costs_of_kept: list[list[ca.SX]], last_cost: ca.SX) -> ca.SX:
         """Return the rows g, node by node: the gap to the next node, then the path rows; store bounds and sizes.
 
+        A gap is by how much the state at the next node differs from where the interval leads, and is 0 in a solution.
+        Path rows are all others. A structure-exploiting solver needs the sizes of both at each node.
+
         Args:
-            interval_costs_of_kept: What each interval adds to the cost of each kept stage.
+            interval_costs_of_kept: What each interval adds to the cost of each kept stage, whose cost HTMPC bounds.
             last_cost: Cost of the last stage with the terminal cost, which is bounded where the shape says so.
         """
         K = self.grid.K
@@ -517,6 +538,17 @@ class NlpSolver(Solver):
         options: Mapping[str, Any] | None = None,
         has_duals: bool = False,
     ) -> None:
+        """Choose the settings of IPOPT or fatrop for a problem; programs are built when a window needs them.
+
+        They are compiled and solved in a copy of this process, since neither solver can be interrupted from outside.
+
+        Args:
+            problem: The problem.
+            spec: Which of both, tolerance, deadline and the like.
+            report: Takes the lines of the table of iterations, if there is one.
+            options: Replace the options of the solver itself.
+            has_duals: Solutions have their multipliers, and solves start from those of the sample before; IPOPT alone.
+        """
         self._problem = problem
         self._spec = spec
         self._has_duals = has_duals and spec.kind == "ipopt"
@@ -553,15 +585,19 @@ class NlpSolver(Solver):
 
         The NLP is transcribed when a window has its shape for the first time. Soft limits that the plan violates get as
         much violation as they need, so that the start meets their rows.
+
+        Args:
+            window: The window.
+            plan: The plan, on the window's mesh.
+            has_all_rows: The NLP has the rows that are rarely active too.
         """
         shape = window_shape(window)
         parameters = window_numbers(window, plan.switch_times)
         nlp = self._nlp((shape, has_all_rows), parameters)
-        inputs = list[np.ndarray]()
-        for stage, first, last in zip(window.stages, nlp.grid.first_node, nlp.grid.first_node[1:], strict=False):
-            X = plan.X[first:last]
-            u = plan.u[first:last]
-            inputs.append(self._problem.costs.inputs(stage, X, u).T)
+        inputs = list[np.ndarray]()  # of each stage over its intervals: accelerations of Q, or of poses
+        first_nodes = nlp.grid.first_node
+        for stage, first, end in zip(window.stages, first_nodes, first_nodes[1:], strict=False):
+            inputs.append(self._problem.costs.inputs(stage, plan.X[first:end], plan.u[first:end]).T)
         violations = scaled_violations(plan.X, *nlp.limits(window, plan)).T if shape.soft else 0.0
         tau = np.tile(np.diff(plan.switch_times, prepend=window.start)[:, None], nlp.grid.K + 1)
         row_violations = nlp.row_violations(window, plan, parameters)
@@ -602,7 +638,7 @@ class NlpSolver(Solver):
         nlp = self._nlp(program, parameters)
         options: dict[str, Any] = {"print_time": False, "error_on_fail": False, "show_eval_warnings": False}
         settings = {**self._settings, **(WARM_START if is_warm else {})}
-        if self._plugin == "fatrop":
+        if self._plugin == "fatrop":  # it has to be told which variables and rows are of which node
             options |= {"structure_detection": "manual", **nlp.sizes}
             if nlp.is_nearly_redundant:  # a smaller tolerance would not be reached
                 settings = {**settings, "tol": max(settings.get("tol", 0.0), INTERVAL_TOLERANCE)}

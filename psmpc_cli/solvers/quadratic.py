@@ -447,6 +447,7 @@ class PiqpQp(QpMethod):
         soft_rows = np.flatnonzero(arrays.penalty)
         violation = _sparse(row_count, size, [(soft_rows, unknowns.violations, 1.0)])
 
+        # Costs of the unknowns, and their bounds.
         cost = np.zeros(size)
         cost[unknowns.X] = arrays.gradient
         cost[unknowns.tau] = arrays.gradient_tau
@@ -457,6 +458,7 @@ class PiqpQp(QpMethod):
         lowest[kinds.boxed_unknowns] = arrays.low[kinds.box]
         highest[kinds.boxed_unknowns] = arrays.high[kinds.box]
 
+        # Inequalities: soft rows at their lower bounds, at their upper bounds, then hard rows.
         low = [arrays.low[kinds.soft_low], np.full(kinds.soft_high.sum(), -np.inf), arrays.low[kinds.hard]]
         high = [np.full(kinds.soft_low.sum(), np.inf), arrays.high[kinds.soft_high], arrays.high[kinds.hard]]
         inequalities = [
@@ -464,7 +466,7 @@ class PiqpQp(QpMethod):
             (rows - violation)[kinds.soft_high],
             rows[kinds.hard],
         ]
-        targets = (arrays.low[kinds.equation] + arrays.high[kinds.equation]) / 2
+        equation_values = (arrays.low[kinds.equation] + arrays.high[kinds.equation]) / 2
 
         solver = piqp.SparseSolver()
         solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
@@ -476,7 +478,7 @@ class PiqpQp(QpMethod):
             P=hessian.tocsc(),
             c=cost,
             A=vstack([gap_rows, rows[kinds.equation]], format="csc"),
-            b=np.concatenate([-arrays.gaps.ravel(), targets]),
+            b=np.concatenate([-arrays.gaps.ravel(), equation_values]),
             G=vstack(inequalities, format="csc"),
             h_l=np.concatenate(low),
             h_u=np.concatenate(high),
@@ -690,13 +692,19 @@ def _hessian_of_rows(arrays: QpArrays, unknowns: _Unknowns) -> csr_array:
 def _gap_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
     """Return the entries of the Jacobian of the gaps, as (rows, columns, values) that broadcast.
 
-    A gap is Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau; the step of x_0 is 0.
+    The equations of the gaps say that positions follow from velocities over interval k, which depends on its length:
+    Q_k+1 - Q_k + gap_velocity_k [v_k; v_k+1] + gap_tau_k tau = -gap. The step of x_0 is 0.
+
+    Args:
+        arrays: The program.
+        unknowns: Where its unknowns stand in PIQP's x.
     """
     Q = unknowns.Q
     v = unknowns.v
     by_velocity = arrays.gap_velocity[:, :, None]
     row = np.arange(Q.size).reshape(Q.shape)
     return [
+        # By the state at the end of each interval, at its beginning but for that of the first, and by durations.
         (row, Q, 1.0),
         (row, v, by_velocity[:, 1]),
         (row[1:], Q[:-1], -1.0),
@@ -768,7 +776,9 @@ def _interval_row_entries(arrays: QpArrays, unknowns: _Unknowns, first: int, bou
 
 
 def _input_row_entries(arrays: QpArrays, unknowns: _Unknowns, first: int, bound: np.ndarray) -> list[Entries]:
-    """Return the entries of the limits of accelerations as rows of velocities, dv - bound h.
+    """Return the entries of the limits of accelerations, as rows of the changes of velocity: dv - bound h.
+
+    h, the length of an interval, depends on the durations tau.
 
     Args:
         arrays: The program.

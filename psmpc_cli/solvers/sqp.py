@@ -185,7 +185,11 @@ class SqpSolver(Solver):
     def _solve(self, window: Window, guess: Plan, previous: Solution | None, within: float) -> Solution:
         """Solve a window by SQP: set up the iterations from what its shape shares, run them, return the last as a plan.
 
-        With a solution before that can start it (`previous`), the guess is that one shifted: the solve is warm.
+        Args:
+            window: The window.
+            guess: The guessed plan on its mesh.
+            previous: The solution before, of which the guess is the shifted plan: the solve is warm then. None: cold.
+            within: Durations stay within so many seconds of the guessed ones.
         """
         began = time.perf_counter()
         tau = durations(guess.switch_times, window.start, window.horizon)[:-1]
@@ -311,7 +315,7 @@ class _Solve:
             if program.qp.status is QpStatus.SOLVED:
                 iterate = self._step(iterate, program, filter_)
             self._tell(count, iterate, program)
-            outcome = self._outcome(count, iterate, before, program)
+            outcome = self._outcome(count, iterate, before, program)  # None: go on
             if self._is_applicable(iterate):
                 last_feasible = iterate
             if outcome is not None:
@@ -332,6 +336,12 @@ class _Solve:
 
         A cold guess may leave a stage too little time for its end condition, so that its program has no solution, or
         one far beyond soft limits.
+
+        Args:
+            iterate: The iterate at the guess.
+            program: The solved program there.
+            guess: The guess: states at nodes and durations.
+            multipliers: Of the rows at nodes, (E,), or (0,).
         """
         if self._keeps_limits(program):
             return iterate, program
@@ -382,10 +392,15 @@ class _Solve:
 
         Three attempts, each where the one before does not say whether there is a step:
 
-        1. With multipliers (E,) from before, the model with the curvature of rows at nodes times these.
+        1. With multipliers from before, the model with the curvature of rows at nodes times these.
         2. Where that is not convex, or there are none: the Gauss-Newton model alone.
         3. Where soft limits would be violated so far that the numbers break down: the same with hard limits, which says
            whether it is infeasible.
+
+        Args:
+            here: The iterate's point.
+            model: The Gauss-Newton model there.
+            multipliers: Of the rows at nodes, (E,), from the program before; (0,) if there are none.
         """
         window = self.window
         if window.form.curved and len(multipliers):
@@ -445,6 +460,7 @@ class _Solve:
             return self._unfinished(iterate, Outcome.INFEASIBLE)
         if program.qp.status in BROKEN_DOWN:
             return self._unfinished(iterate, Outcome.FAILED)
+        # About an optimum the objective is quadratic in the step: its error is of the order of the step squared.
         if iterate.step <= np.sqrt(self.spec.tolerance) and is_feasible:
             return Outcome.OPTIMAL
         if has_not_moved:
@@ -495,14 +511,15 @@ class _Solve:
         qp = program.qp
         here = iterate.reached
         step_size = _largest(qp.step)
+        # The change of objective and penalties that the model predicts for a full step, to first order.
         slope = float((model.gradient * qp.step.X).sum() + model.gradient_tau @ qp.step.tau)
         predicted_rows = self.window.predicted_rows(here, model, qp.step)
         slope += self.window.change_of_penalty(here, predicted_rows)
         step_length = min(self._longest_step(here.point, qp.step), aitken_factor(iterate, qp.step))
         reached = program.reached if step_length == 1 else self._after(here, qp.step, step_length)
         violates_soft_rows = reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE
-        is_near = reached.violation > FEASIBLE and here.violation <= NEARLY_FEASIBLE
-        if is_near and not violates_soft_rows and not program.is_elastic:
+        leaves_constraints = reached.violation > FEASIBLE and here.violation <= NEARLY_FEASIBLE
+        if leaves_constraints and not violates_soft_rows and not program.is_elastic:
             corrected = self._corrected(iterate, program)
             is_nearer = corrected is not None and corrected.reached.violation < reached.violation
             if corrected is not None and is_nearer and filter_.accepts(corrected, iterate, slope, is_elastic=False):
@@ -669,6 +686,7 @@ def later_switch(window: SqpWindow, point: Unknowns) -> Unknowns | None:
     later_tau[last] += LATE_SWITCH_FRACTION * (longest - tau[last])
     edges = np.r_[0.0, np.cumsum(tau), window.horizon]  # start, switch times and end
     later_edges = np.r_[0.0, np.cumsum(later_tau), window.horizon]
+    # The states of the guess at the times of the later mesh.
     motion = Plan(mesh(edges, form.grid.nodes), point.X, form.inputs(point, window.horizon), edges[1:-1])
     X = motion.states_at(mesh(later_edges, form.grid.nodes))
     return Unknowns(np.vstack([point.X[:1], X[1:]]), later_tau)

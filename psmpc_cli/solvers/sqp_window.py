@@ -62,9 +62,9 @@ class WindowBounds:
 def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     """Return the bounds that all windows of one shape with the same limits share, made once and completed per window.
 
-    The rows stand in the order of this module's docstring: states, durations, their sums, rows at nodes, rows over
-    intervals less low h, then less high h, accelerations alike. Bounds of durations, sums and rows at nodes are left
-    open here (infinite): `window_bounds` sets them.
+    The rows stand in this order: states, durations, their sums, rows at nodes, rows over intervals less low h, then
+    less high h, accelerations alike. Bounds of durations, sums and rows at nodes are left open here (infinite):
+    `window_bounds` sets them.
 
     Args:
         form: The velocity form of the windows of this shape.
@@ -75,7 +75,7 @@ def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
     S = form.grid.switches
     state_count = 2 * grid.n * grid.K
     node_low, node_high = node_limits(grid, stages)
-    first = np.array([[-np.inf], [np.inf]]) * np.ones(2 * grid.n)
+    first = np.array([[-np.inf], [np.inf]]) * np.ones(2 * grid.n)  # of x_0, which is measured
     state_low = node_low[1:]
     state_high = node_high[1:]
     if window.soft:
@@ -502,6 +502,11 @@ class SqpWindow:
         """Return the values (R,) of all rows that the model at a point predicts after a full step.
 
         Rows that the model does not have, and those of durations and accelerations, keep their values at the point.
+
+        Args:
+            here: The point, with the values of its rows.
+            model: The model there, with derivatives of the rows that it has.
+            step: The step.
         """
         rows = here.rows.copy()
         rows[: self.states] += step.X[1:].ravel()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.constraints.clearance import functions, groups
+from psmpc_cli.ocp.constraints.clearance import distance_rows, groups
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.simulation.clearance import ClearanceMeter, clearance_header
 from psmpc_cli.simulation.run import simulate
@@ -34,7 +34,7 @@ def test_the_smallest_distance_of_a_sample_is_that_of_its_ticks(run: Run) -> Non
     X = np.hstack([run["ticks/Q"], run["ticks/Qdot"]])
     poses = np.array(POST["pose"]) + np.outer(time, [0.05, 0, 0])
     argument = np.hstack([np.zeros((len(time), 1)), poses])
-    apart = functions(run.problem.model, pairs).value(X, argument, rows=len(X))[0]
+    apart = distance_rows(run.problem.model, pairs).value(X, argument, rows=len(X))[0]
     columns = [str(pair) for pair in run["clearance/pair"]]
     sample_of = np.searchsorted(run.time, time + 1e-9, side="right") - 1
     for name in {f"{first} - {second}" for first, second in pairs.names}:

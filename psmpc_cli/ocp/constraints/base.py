@@ -33,7 +33,7 @@ __all__ = [
     "entries",
     "is_of",
     "load_at_sample",
-    "of_stage",
+    "named_for_stage",
     "rows_at_nodes",
     "rows_over_intervals",
     "sampled_load",
@@ -293,7 +293,7 @@ def load_at_sample(load: Load, model: RobotModel, sample: SampleContext) -> np.n
     return numbers
 
 
-def of_stage(
+def named_for_stage(
     stage: int, load: Load, constraint: ConstraintNumbers
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers]:
     """Return what a constraint has of a stage, by a name of its own where samples set it for this stage alone.

@@ -143,9 +143,9 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
         model: The robot.
         stage: Index of the stage.
     """
-    pieces, robot_pairs = model.derived(groups, lambda: _robot(model))
+    pieces, robot_pairs = model.derived(groups, lambda: _robot(model))  # capsules on bodies of the robot
     by_name = {ITSELF: Group(Pairs(robot_pairs))}
-    obstacles = {
+    obstacles = {  # shape of each, and where it is at a sample
         obstacle_spec.name: (_solid(obstacle_spec), partial(state_of_obstacle, obstacle_spec, model))
         for obstacle_spec in task.obstacles
     }
@@ -159,7 +159,7 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     clear_pieces = [piece for piece in pieces if piece.part not in may_touch]
     if not is_held:
         body = Solid(OBJECT, _box(task.body.shape), _NO_OFFSET, "object")
-        by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in clear_pieces)), _of_object)
+        by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in clear_pieces)), _state_of_object)
         return by_name
     # A held object is capsules that cover it: the first solid of a pair has to be one, here against the robot's
     # pieces and against obstacles.
@@ -217,11 +217,11 @@ def _free(model: RobotModel) -> FreeBody:
     return FreeBody(1.0, np.ones(model.space.n_principal))
 
 
-def _of_object(sample: SampleContext) -> PoseState | None:
+def _state_of_object(sample: SampleContext) -> PoseState | None:
     return sample.object_state
 
 
-def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
+def distance_limits(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
     """Return the groups of a stage, by name; none where the task asks for no clearance in it."""
     spec = task.clearance_of(stage)
     if spec is None:
@@ -273,7 +273,7 @@ def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: Sam
     """
     argument = argument_of(group, model, sample)
     if argument is None:
-        return sample.before
+        return sample.argument_before
     pairs = group.pairs
     # The distances now, and along the plan in force.
     since = np.zeros(1)
@@ -385,7 +385,7 @@ def _by_limbs(name: str, pairs: tuple[tuple[Solid, Solid], ...]) -> dict[str, tu
     return by_limbs
 
 
-def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
+def distance_rows(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
     """Return x, [anchor; 0; pose of the object; pose of the obstacle] -> the distances of every pair.
 
     The argument has the poses of what is among the solids.
@@ -397,7 +397,7 @@ def functions(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
 
 def distances_on_arrays(model: RobotModel, pairs: Pairs) -> BatchFunction:
     """Return the function of the distances on arrays."""
-    return model.cached((functions, pairs), partial(functions, model, pairs)).value
+    return model.cached((distance_rows, pairs), partial(distance_rows, model, pairs)).value
 
 
 def nearest_points(model: RobotModel, pairs: Pairs) -> BatchFunction:
@@ -461,4 +461,4 @@ def _is_soft(pairs: Pairs) -> bool:
     return not pairs.hard
 
 
-CONSTRAINT = Constraint(rows_at_nodes("clearance", functions, _is_soft, ROW_ACTIVATION), numbers)
+CONSTRAINT = Constraint(rows_at_nodes("clearance", distance_rows, _is_soft, ROW_ACTIVATION), distance_limits)

@@ -88,7 +88,7 @@ class Cone:
         return [np.cos(normal) * rotation[0] + np.sin(normal) * rotation[1] for normal in normal_angles]
 
 
-def numbers(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
+def cone_limits(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, ConstraintNumbers]:
     """Return the cones of a stage by their numbers: the pose of the axis, what it is about, and the angle of each."""
     by_name = dict[str, ConstraintNumbers]()
     for number, spec in enumerate(task.stages[stage].cones):
@@ -144,7 +144,7 @@ def _target(spec: ConeSpec) -> np.ndarray:
     return np.asarray(direction / np.linalg.norm(direction))
 
 
-def functions(model: RobotModel, cone: Cone) -> ConstraintFunctions:
+def cone_rows(model: RobotModel, cone: Cone) -> ConstraintFunctions:
     """Return the rows of a cone constraint as functions of x and of [anchor; pose of the axis; target; angle].
 
     The axis of the cone, that of a camera for example, is the x-axis of a pose that is fixed to a frame of the robot.
@@ -158,7 +158,7 @@ def functions(model: RobotModel, cone: Cone) -> ConstraintFunctions:
     space = model.space
     d = space.dimension
     x = ca.SX.sym("x", 2 * model.n)
-    anchor = ca.SX.sym("anchor", space.n_anchor)
+    anchor = ca.SX.sym("anchor", space.n_anchor)  # attitude about which the coordinates in x are a chart
     axis_pose = ca.SX.sym("axis_pose", space.n_pose)
     target = ca.SX.sym("target", d)
     angle = ca.SX.sym("angle")
@@ -188,4 +188,4 @@ def _is_soft(cone: Cone) -> bool:
     return cone.soft
 
 
-CONSTRAINT = Constraint(rows_at_nodes("cones", functions, _is_soft), numbers)
+CONSTRAINT = Constraint(rows_at_nodes("cones", cone_rows, _is_soft), cone_limits)

@@ -14,7 +14,7 @@ from psmpc_cli.ocp.window import Parameters, Window, WindowShape
 from psmpc_cli.robot.model import RobotModel
 
 
-def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
+def end_condition_rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
     """Yield the end conditions of a window as rows at nodes: where a stage ends, its errors are within tolerances.
 
     They hold at the last node of each stage that ends in the window. A kept stage, an earlier one of HTMPC whose cost
@@ -49,4 +49,4 @@ def _bounds(s: int, window: Window) -> tuple[np.ndarray, np.ndarray]:
     return end.centers - end.half_widths, end.centers + end.half_widths
 
 
-CONSTRAINT = Constraint(rows)
+CONSTRAINT = Constraint(end_condition_rows)

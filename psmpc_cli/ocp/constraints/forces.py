@@ -28,7 +28,13 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from psmpc_cli.ocp.constraints.base import Constraint, IntervalFunctions, of_stage, rows_over_intervals, sampled_load
+from psmpc_cli.ocp.constraints.base import (
+    Constraint,
+    IntervalFunctions,
+    named_for_stage,
+    rows_over_intervals,
+    sampled_load,
+)
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
 from psmpc_cli.ocp.loads import Load, LoadKind, OwnMotion, known_load
 from psmpc_cli.ocp.stage import ConstraintNumbers, SampleContext
@@ -55,7 +61,7 @@ class ForceStructure:
     combinations: tuple[tuple[float, ...], ...] = ()
 
 
-def numbers(
+def force_limits(
     task: TaskSpec, model: RobotModel, stage: int
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
     """Return the limits of what thrusters, wheels and motors give in a stage as a constraint; None if there are none.
@@ -76,24 +82,24 @@ def numbers(
     moved_by = task.moved_by(stage, model.spec)
     limits = resolve_limits(model.spec, task.limits, skill.limits, moved_by=moved_by)
     is_limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
-    of_actuators = attainable_by(model, moved_by)
+    actuator_bounds = attainable_by(model, moved_by)
     plumes = PlumeForecast.of(task, model, stage) if task.avoids_plumes(stage, model.spec) else None
-    row_count = int(is_limited.sum()) + len(of_actuators.normals)
+    row_count = int(is_limited.sum()) + len(actuator_bounds.normals)
     if row_count == 0:
         return None
     load = known_load(task, model, stage)
-    unloading = np.zeros(model.n)
+    unloading = np.zeros(model.n)  # force that balances what unloads wheels, by coordinate
     if moved_by.is_pushed:
-        unloading[model.space.base] = _of_unloading(model, np.eye(model.space.n_twist))
+        unloading[model.space.base] = _largest_unloading(model, np.eye(model.space.n_twist))
     force_low = np.minimum(limits.force_low + unloading, 0.0) / inertia(model)
     force_high = np.maximum(limits.force_high - unloading, 0.0) / inertia(model)
-    low = np.r_[force_low[is_limited], of_actuators.low]
-    high = np.r_[force_high[is_limited], of_actuators.high]
-    of_forces = ConstraintNumbers(
+    low = np.r_[force_low[is_limited], actuator_bounds.low]
+    high = np.r_[force_high[is_limited], actuator_bounds.high]
+    constraint = ConstraintNumbers(
         structure=ForceStructure(
             coordinates=tuple(np.flatnonzero(is_limited).tolist()),
             load=load.kind,
-            combinations=tuple(map(tuple, of_actuators.normals.tolist())),
+            combinations=tuple(map(tuple, actuator_bounds.normals.tolist())),
         ),
         argument=load.numbers,
         at_sample=sampled_load(load),
@@ -101,11 +107,11 @@ def numbers(
         high=np.tile(high, 2),
     )
     if plumes is not None:
-        of_forces = _avoiding(plumes, model, load, of_forces)
-    return of_stage(stage, load, of_forces)
+        constraint = _avoiding(plumes, model, load, constraint)
+    return named_for_stage(stage, load, constraint)
 
 
-def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, of_forces: ConstraintNumbers) -> ConstraintNumbers:
+def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, constraint: ConstraintNumbers) -> ConstraintNumbers:
     """Return the limits of forces of a stage, tighter where thrusters are shut because their plumes would reach a body.
 
     Which thrusters are shut is forecast at every sample along the plan in force, and appended to the argument of the
@@ -116,20 +122,20 @@ def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, of_forces: C
         plumes: The forecast.
         model: The robot.
         load: What the grippers are known to hold.
-        of_forces: The limits with all thrusters.
+        constraint: The limits with all thrusters.
     """
     normals = attainable(model).normals
-    unloading = _of_unloading(model, normals)
-    rows_at_begin, rows_at_end = np.split(np.arange(len(of_forces.low)), 2)
+    unloading = _largest_unloading(model, normals)
+    rows_at_begin, rows_at_end = np.split(np.arange(len(constraint.low)), 2)
 
     def at_sample(model: RobotModel, sample: SampleContext) -> np.ndarray | None:
-        numbers = load.numbers if of_forces.at_sample is None else of_forces.at_sample(model, sample)
+        numbers = load.numbers if constraint.at_sample is None else constraint.at_sample(model, sample)
         return None if numbers is None else np.concatenate([numbers, plumes.numbers(model, sample)])
 
     def over_intervals(numbers: np.ndarray, since: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         interval_count = len(since) - 1
-        low = np.tile(of_forces.low, (interval_count, 1))
-        high = np.tile(of_forces.high, (interval_count, 1))
+        low = np.tile(constraint.low, (interval_count, 1))
+        high = np.tile(constraint.high, (interval_count, 1))
         low_of_thrusters, high_of_thrusters = plumes.bounds(normals, unloading, numbers, since)
         for rows in (rows_at_begin, rows_at_end):
             rows_of_thrusters = rows[len(rows) - len(normals) :]  # the last at either end
@@ -138,7 +144,7 @@ def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, of_forces: C
         return low, high
 
     return replace(
-        of_forces,
+        constraint,
         argument=np.full(len(load.numbers) + plumes.size, np.nan),
         at_sample=at_sample,
         for_bounds=plumes.size,
@@ -175,7 +181,7 @@ def attainable_by(model: RobotModel, moved_by: MobilityTraits) -> HalfSpaces:
     """
     if moved_by.is_pushed:
         by_thrusters = attainable(model)
-        unloading = _of_unloading(model, by_thrusters.normals)
+        unloading = _largest_unloading(model, by_thrusters.normals)
         return HalfSpaces(
             by_thrusters.normals,
             low=np.minimum(by_thrusters.low + unloading, 0.0),
@@ -195,13 +201,13 @@ def _scaled(model: RobotModel, wrenches: HalfSpaces) -> HalfSpaces:
     return HalfSpaces(wrenches.normals / length[:, None], wrenches.low / length, wrenches.high / length)
 
 
-def _of_unloading(model: RobotModel, normals: np.ndarray) -> np.ndarray:
+def _largest_unloading(model: RobotModel, normals: np.ndarray) -> np.ndarray:
     """Return by how much the unloading of wheels may change combinations of the force on the base (K,), at most."""
     wheels = Wheels.of(model.spec)
     return np.asarray(np.abs(normals[:, model.space.rotation] @ wheels.axes) @ wheels.unloading)
 
 
-def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions:
+def force_rows(model: RobotModel, structure: ForceStructure) -> IntervalFunctions:
     """Return the rows of limited forces, at the beginning and at the end of an interval.
 
     They are h F / H_ii of the limited coordinates, then h N F_base of the combinations N that thrusters or wheels
@@ -218,6 +224,7 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     dv = ca.SX.sym("dv", n)
     h = ca.SX.sym("h")
     argument = ca.SX.sym("argument", model.space.n_anchor + structure.load.count(model))
+    # The anchor is the attitude about which the window's coordinates are a chart; numbers are those of the load.
     anchor, numbers = ca.vertsplit(argument, [0, model.space.n_anchor, argument.numel()])
     load = structure.load
     coordinates = list(structure.coordinates)
@@ -237,4 +244,4 @@ def functions(model: RobotModel, structure: ForceStructure) -> IntervalFunctions
     return IntervalFunctions(x, dv, h, argument, rows, ends=(0, 1), jacobian=jacobian)
 
 
-CONSTRAINT = Constraint(rows_over_intervals("forces", functions), numbers)
+CONSTRAINT = Constraint(rows_over_intervals("forces", force_rows), force_limits)

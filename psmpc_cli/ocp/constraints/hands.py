@@ -18,7 +18,7 @@ from psmpc_cli.robot.rotations import add, conjugate, product, rotate, scaled
 from psmpc_cli.specs.task import TaskSpec
 
 
-def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
+def hand_limits(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
     """Return the constraint that hands which hold one object keep their relative pose; None if less than two hold it.
 
     Its rows are relative velocities, of each other hand against the first. Their bounds let the hands move against each
@@ -58,7 +58,7 @@ def _relative_poses(grippers: tuple[str, ...], model: RobotModel, sample: Sample
     return np.concatenate([model.space.relative(other, first) for other in others])
 
 
-def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctions:
+def hand_rates(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctions:
     """Return x, [anchor; relative poses at the sample] -> the velocities of the other hands relative to the first.
 
     With the poses (p_0, q_0) of the first gripper, (p, q) of another one, and (r, q_r) of that in the frame of the
@@ -73,7 +73,7 @@ def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctio
     others = len(grippers) - 1
     x = ca.SX.sym("x", 2 * model.n)
     argument = ca.SX.sym("argument", space.n_anchor + others * space.n_pose)
-    xi = model.charted(x[: model.n], argument[: space.n_anchor])
+    xi = model.charted(x[: model.n], argument[: space.n_anchor])  # poses of all frames
     poses = [space.to_3d(ca.vertsplit(xi[model.pose_rows[gripper]])) for gripper in grippers]
     (p_0, q_0), *_ = poses
     displacements = list[ca.SX]()
@@ -87,4 +87,4 @@ def functions(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctio
     return ConstraintFunctions(x, argument, rates, has_curvature=False)
 
 
-CONSTRAINT = Constraint(rows_at_nodes("hands", functions, soft=lambda grippers: True), numbers)
+CONSTRAINT = Constraint(rows_at_nodes("hands", hand_rates, soft=lambda grippers: True), hand_limits)

@@ -21,7 +21,7 @@ from psmpc_cli.specs.robot import resolve_limits
 from psmpc_cli.specs.task import TaskSpec
 
 
-def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
+def jerk_limits(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
     """Return which coordinates have a limited jerk in a stage, and their limits; None where none has."""
     limits = resolve_limits(model.spec, task.limits, task.skills[task.stages[stage].skill].limits)
     limited = np.isfinite(limits.jerk_low) | np.isfinite(limits.jerk_high)
@@ -35,7 +35,7 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     )
 
 
-def functions(model: RobotModel, coordinates: tuple[int, ...]) -> RateFunctions:
+def jerk_rows(model: RobotModel, coordinates: tuple[int, ...]) -> RateFunctions:
     """Return the rows h (u - u-) / d [m/s^2, rad/s^2] of some coordinates."""
     return RateFunctions(coordinates, _row)
 
@@ -44,4 +44,4 @@ def _row(u_before: ca.SX, u: ca.SX, h_before: ca.SX, h: ca.SX) -> ca.SX:
     return h * (u - u_before) / ((h_before + h) / 2)
 
 
-CONSTRAINT = Constraint(rows_over_intervals(JERK, functions, permanent=True), numbers)
+CONSTRAINT = Constraint(rows_over_intervals(JERK, jerk_rows, permanent=True), jerk_limits)

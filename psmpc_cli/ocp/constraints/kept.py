@@ -12,7 +12,7 @@ from psmpc_cli.ocp.window import Parameters, Window, WindowShape, reference_at
 from psmpc_cli.robot.model import RobotModel
 
 
-def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
+def kept_error_rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
     """Yield the errors of every kept stage at every node after the first, where they are bounded node by node."""
     if not shape.kept_errors:
         return
@@ -38,4 +38,4 @@ def _bounds(number: int, node: int, window: Window) -> tuple[np.ndarray, np.ndar
     return -largest, largest
 
 
-CONSTRAINT = Constraint(rows)
+CONSTRAINT = Constraint(kept_error_rows)

@@ -27,7 +27,7 @@ from psmpc_cli.ocp.constraints.base import (
     ConstraintFunctions,
     IntervalRows,
     NodeRows,
-    of_stage,
+    named_for_stage,
     rows_at_nodes,
     rows_over_intervals,
     sampled_load,
@@ -40,7 +40,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
 
 
-def numbers(
+def base_equations(
     task: TaskSpec, model: RobotModel, stage: int
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
     """Return the equations for the velocities of a base that is not moved at will; None for one that thrusters move.
@@ -63,14 +63,14 @@ def numbers(
     if moved_by.is_turned:
         load = load.without_wheels  # what they store has no part in the linear momentum
     no_change = np.zeros(len(_conserved(model, load.kind)))
-    of_momentum = ConstraintNumbers(
+    constraint = ConstraintNumbers(
         structure=load.kind,
         argument=load.numbers,
         low=no_change,
         high=no_change,
         at_sample=sampled_load(load),
     )
-    return of_stage(stage, load, of_momentum)
+    return named_for_stage(stage, load, constraint)
 
 
 def _at_rest(model: RobotModel, structure: str) -> ConstraintFunctions:
@@ -86,7 +86,7 @@ def _conserved(model: RobotModel, load: LoadKind) -> list[int]:
     return np.flatnonzero(np.equal(load.driven or model.driven(), 0)).tolist()
 
 
-def functions(model: RobotModel, load: LoadKind) -> ChangeFunctions:
+def momentum_changes(model: RobotModel, load: LoadKind) -> ChangeFunctions:
     """Return by how much the momentum of robot and load changes over an interval.
 
     A payload is at rest when it is taken and when it is let go, so the momentum of robot and payload stays throughout.
@@ -101,11 +101,11 @@ def functions(model: RobotModel, load: LoadKind) -> ChangeFunctions:
 
 
 _rows_of_mount = rows_at_nodes("mobility", _at_rest)
-_rows_of_momentum = rows_over_intervals("mobility", functions, permanent=True, over_time=False)
+_rows_of_momentum = rows_over_intervals("mobility", momentum_changes, permanent=True, over_time=False)
 
 
 def _rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows | IntervalRows]:
     yield from (_rows_of_momentum if model.spec.moved_by.moves else _rows_of_mount)(model, shape)
 
 
-CONSTRAINT = Constraint(_rows, numbers)
+CONSTRAINT = Constraint(_rows, base_equations)

@@ -35,7 +35,7 @@ NO_LIMIT = 1e12
 """Stands for an infinite limit among the arguments of functions [m, rad, m/s^2, rad/s^2]."""
 
 
-def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
+def position_limits(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
     """Return the limits of positions between nodes in a stage as a constraint; None where no position is limited.
 
     Limits hold at nodes by themselves; these rows keep a coordinate that turns round within an interval inside as well.
@@ -64,7 +64,7 @@ def numbers(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers 
     )
 
 
-def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
+def extreme_position_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
     """Yield the rows that keep limited positions inside between nodes, over the intervals of every stage of a window.
 
     The very first interval has functions of its own: it begins at the measured state, which no plan can change, so that
@@ -79,15 +79,15 @@ def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
         return
     first_node = Grid(model.n, shape.nodes).first_node
     for s, name, coordinates in entries("turns", shape):
-        of_stage = range(int(first_node[s]), int(first_node[s + 1]))
+        stage_intervals = range(int(first_node[s]), int(first_node[s + 1]))
         first_count = 1 if s == 0 else 0
-        for intervals, is_first in ((of_stage[:first_count], True), (of_stage[first_count:], False)):
+        for intervals, is_first in ((stage_intervals[:first_count], True), (stage_intervals[first_count:], False)):
             if len(intervals):
-                key = (functions, coordinates, is_first)
+                key = (extreme_positions, coordinates, is_first)
                 yield IntervalRows(
                     name=name,
                     intervals=intervals,
-                    functions=model.cached(key, partial(functions, model, coordinates, is_first)),
+                    functions=model.cached(key, partial(extreme_positions, model, coordinates, is_first)),
                     argument=argument_of(name, s),
                     bounds=bounds_of(name, s),
                     over_time=False,
@@ -95,7 +95,7 @@ def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
                 )
 
 
-def functions(model: RobotModel, coordinates: tuple[int, ...], is_first: bool) -> IntervalFunctions:
+def extreme_positions(model: RobotModel, coordinates: tuple[int, ...], is_first: bool) -> IntervalFunctions:
     """Return the extreme position E of some coordinates over an interval, where a coordinate may turn round inside it.
 
     With rates v and v+ at its ends, E = Q + h / 2 v^2 / (v - v+) where they have different signs (at rest in between),
@@ -117,9 +117,9 @@ def functions(model: RobotModel, coordinates: tuple[int, ...], is_first: bool) -
     v_next = v + dv[list(coordinates)]
     turns_round = v * v_next < 0
     # CasADi evaluates both branches: the 1 keeps 0 / 0 out of the one that does not count.
-    by_end = ca.if_else(turns_round, v**2 / ca.if_else(turns_round, v - v_next, 1), v + v_next)
-    extreme = Q + h / 2 * by_end
-    if is_first:
+    twice_mean_rate = ca.if_else(turns_round, v**2 / ca.if_else(turns_round, v - v_next, 1), v + v_next)
+    extreme = Q + h / 2 * twice_mean_rate
+    if is_first:  # how far beyond low and high it gets even if it brakes
         extreme += _unavoidable(low - Q, -v, acceleration_high, h) - _unavoidable(Q - high, v, -acceleration_low, h)
     return IntervalFunctions(x, dv, h, argument, extreme / UNIT, ends=(0,))
 
@@ -139,4 +139,4 @@ def _unavoidable(beyond: ca.SX, v: ca.SX, strongest: ca.SX, h: ca.SX) -> ca.SX:
     return ca.SX(ca.fmax(beyond + braking, 0))
 
 
-CONSTRAINT = Constraint(rows, numbers)
+CONSTRAINT = Constraint(extreme_position_rows, position_limits)

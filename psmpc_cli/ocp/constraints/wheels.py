@@ -20,7 +20,7 @@ from psmpc_cli.ocp.constraints.base import (
     Constraint,
     ConstraintFunctions,
     load_at_sample,
-    of_stage,
+    named_for_stage,
     rows_at_nodes,
 )
 from psmpc_cli.ocp.constraints.forces import inertia
@@ -31,7 +31,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
 
 
-def numbers(
+def wheel_limits(
     task: TaskSpec, model: RobotModel, stage: int
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
     """Return the limits of what reaction wheels store in a stage as a constraint; None if they do not turn the base.
@@ -49,14 +49,14 @@ def numbers(
         return None
     wheels = Wheels.of(model.spec)
     largest = wheels.momentum * _scale(model, wheels)
-    of_wheels = ConstraintNumbers(
+    constraint = ConstraintNumbers(
         structure=load.kind,
         argument=np.concatenate([load.numbers, wheels.unseen @ wheels.initial]),
         low=-largest,
         high=largest,
         at_sample=partial(_argument, load),
     )
-    return of_stage(stage, load, of_wheels)
+    return named_for_stage(stage, load, constraint)
 
 
 def _argument(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
@@ -72,7 +72,7 @@ def _scale(model: RobotModel, wheels: Wheels) -> np.ndarray:
     return np.asarray(1 / (about_base @ wheels.axes**2))
 
 
-def functions(model: RobotModel, load: LoadKind) -> ConstraintFunctions:
+def wheel_momenta(model: RobotModel, load: LoadKind) -> ConstraintFunctions:
     """Return the scaled momenta of wheels (W,)."""
     wheels = Wheels.of(model.spec)
     x = ca.SX.sym("x", 2 * model.n)
@@ -84,4 +84,4 @@ def functions(model: RobotModel, load: LoadKind) -> ConstraintFunctions:
     return ConstraintFunctions(x, argument, ca.DM(_scale(model, wheels)) * momenta, at_nodes=True)
 
 
-CONSTRAINT = Constraint(rows_at_nodes("wheels", functions), numbers)
+CONSTRAINT = Constraint(rows_at_nodes("wheels", wheel_momenta), wheel_limits)

@@ -179,8 +179,8 @@ class Skill:
             (frames, dimension) [m]; NaN for arms that the target leaves free, and for points that it leaves out.
         """
         parts = self.parts(model)
-        still = Posture(np.zeros(model.nq), np.zeros(model.m))
-        Q = self.after(model, still, target).Q
+        zero = Posture(np.zeros(model.nq), np.zeros(model.m))
+        Q = self.after(model, zero, target).Q  # 0 where the target says nothing
         positions = np.full((len(model.pose_rows), model.dimension), np.nan)
         for position, name in zip(positions, model.pose_rows, strict=True):
             if name in parts:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.constraints.clearance import GROUP_ACTIVATION, Pairs, functions, groups, nearest_points
+from psmpc_cli.ocp.constraints.clearance import GROUP_ACTIVATION, Pairs, distance_rows, groups, nearest_points
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.ocp.window import window_numbers
 from psmpc_cli.simulation.replay import replay
@@ -30,7 +30,7 @@ def test_a_run_keeps_clear_where_a_free_one_would_hit(flown: Run) -> None:
     assert np.nanmin(flown["clearance/distance"][:, of_post]) == pytest.approx(0.02, abs=1e-3)
     pairs = groups(flown.problem.spec, flown.problem.model, 0)["post"].pairs
     X = np.hstack([free["state/Q"], free["state/Qdot"]])
-    apart = functions(flown.problem.model, pairs).value(X, np.r_[0, POST["pose"]], rows=len(X))[0]
+    apart = distance_rows(flown.problem.model, pairs).value(X, np.r_[0, POST["pose"]], rows=len(X))[0]
     assert apart.min() < -0.01
 
 
@@ -64,7 +64,7 @@ def test_jacobian_agrees_with_differences(task: str) -> None:
     h = 1e-6
     for group in groups(problem.spec, model, 2).values():
         pairs = Pairs(group.pairs.pairs[:12], group.pairs.gripper)
-        rows = functions(model, pairs)
+        rows = distance_rows(model, pairs)
         x = np.r_[rng.uniform(-0.5, 0.5, model.n), np.zeros(model.n)]
         anchor = model.space.chart_at(model.neutral).anchor
         poses = [model.space.from_3d(rng.uniform(-1, 1, 3) * model.shape.reach, np.array([1.0, 0, 0, 0]))] * 2

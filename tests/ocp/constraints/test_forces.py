@@ -10,7 +10,7 @@ import yaml
 from hypothesis import given
 
 from psmpc_cli.control import Controller, State
-from psmpc_cli.ocp.constraints.forces import ForceStructure, functions, inertia, numbers
+from psmpc_cli.ocp.constraints.forces import ForceStructure, force_limits, force_rows, inertia
 from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.loads import Load, known_load
 from psmpc_cli.ocp.objective import Intervals, force_residual
@@ -57,7 +57,7 @@ def over_one(x: np.ndarray, x_next: np.ndarray, h: np.ndarray) -> Intervals:
 
 def assert_rows(model: RobotModel, load: Load, Q: np.ndarray, x: np.ndarray, x_next: np.ndarray) -> np.ndarray:
     """Compare derivatives with differences; return the forces of the rows, at the beginning and at the end, (2, n)."""
-    rows = functions(model, ForceStructure(tuple(range(model.n)), load.kind))
+    rows = force_rows(model, ForceStructure(tuple(range(model.n)), load.kind))
     argument = np.r_[Q[model.space.attitude], load.numbers]
     z = np.r_[x, x_next, 0.04]
 
@@ -222,7 +222,7 @@ def test_what_force_costs_with_a_load(name: str, hands: int) -> None:
 
     (jacobian,) = rows.jacobian(over_one(x, x_next, z[-1:]), argument)
     assert_close_to_differences(jacobian, jacobian_by_differences(value, z))
-    limits = functions(model, ForceStructure(tuple(range(model.n)), load.kind))
+    limits = force_rows(model, ForceStructure(tuple(range(model.n)), load.kind))
     hF = limits.values(over_one(x, x_next, z[-1:]), argument)[0, : model.n] * inertia(model)
     np.testing.assert_allclose(value(z) * np.sqrt(0.2), hF, rtol=1e-10, atol=1e-10 * np.abs(hF).max())
 
@@ -335,10 +335,10 @@ def test_limits_and_thrusters_both_count(fast_arms: Path, tmp_path: Path) -> Non
     limits = {"limits": {"base": {"force": [1.0, 50, 50]}, "arms": {"force": [3.0] * 3}}}
     problem = build_problem(planar_task(weak_thrusters(fast_arms, tmp_path), {**THRUST, **limits}))
     model = problem.model
-    found = numbers(problem.spec, model, 0)
+    found = force_limits(problem.spec, model, 0)
     assert found is not None
     assert len(found.low) == 2 * (9 + len(found.structure.combinations))
-    rows = functions(model, found.structure)
+    rows = force_rows(model, found.structure)
     rng = np.random.default_rng(8)
     x = np.r_[rng.standard_normal(model.n), 0.1 * rng.standard_normal(model.n)]
     x_next = x + np.r_[np.zeros(model.n), 0.01 * rng.standard_normal(model.n)]

@@ -126,7 +126,7 @@ def test_the_band_is_about_the_pose_that_the_hands_have_at_each_sample(problem: 
     x = np.asarray(chart.to_chart(Q[None], np.zeros((1, problem.model.n)))[0])
     relative = relative_pose(problem, Q)
     earlier = None if before is None else np.full(len(relative), before)
-    view = SampleContext(0.0, x, chart.anchor, before=earlier)
+    view = SampleContext(0.0, x, chart.anchor, argument_before=earlier)
     found = at_sample(problem.model, view)
     np.testing.assert_allclose(found, relative, atol=1e-12)
     assert at_sample(problem.model, replace(view, is_current=False)) is None

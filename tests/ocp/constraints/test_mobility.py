@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control import Controller, State
-from psmpc_cli.ocp.constraints.mobility import functions
+from psmpc_cli.ocp.constraints.mobility import momentum_changes
 from psmpc_cli.ocp.gauss_newton import Unknowns, VelocityForm
 from psmpc_cli.ocp.loads import LoadKind
 from psmpc_cli.ocp.objective import Intervals
@@ -114,7 +114,7 @@ def test_momentum_is_that_of_robot_and_payload(fast_arms: Path, payload: float) 
     X = 0.3 * rng.standard_normal((2, 2 * model.n))
     masses, inertias = np.array([[payload, 2.0], [0.5, 0.1]])
     intervals = Intervals(X, np.ones((1, 1)), np.zeros(0), np.array([0]))
-    (found,) = functions(model, kind).values(intervals, np.r_[masses, inertias])
+    (found,) = momentum_changes(model, kind).values(intervals, np.r_[masses, inertias])
     parameters = model.nominal.holding(masses, inertias)
     begin, end = (model.momentum(*np.split(x, 2), parameters) for x in X)
     np.testing.assert_allclose(found, end - begin, atol=1e-12)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from psmpc_cli.control import Command, Controller, State
-from psmpc_cli.ocp.constraints.turns import UNIT, functions, numbers
+from psmpc_cli.ocp.constraints.turns import UNIT, extreme_positions, position_limits
 from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.model import RobotModel, load_robot
@@ -26,7 +26,7 @@ FREE = 1e12
 
 def extreme(model: RobotModel, limits: list[float], is_first: bool, q: float, v: float, v_next: float, h: float) -> Any:
     """Value (1,) and derivatives (1, 4n + 1) of the row of the joint, in rad."""
-    rows = functions(model, (JOINT,), is_first)
+    rows = extreme_positions(model, (JOINT,), is_first)
     x = np.zeros((2, 2 * model.n))
     x[0, JOINT] = q
     x[:, model.n + JOINT] = v, v_next
@@ -118,7 +118,7 @@ def test_soft_limits_and_straight_lines_have_no_rows() -> None:
 @pytest.mark.slow
 def test_the_attitude_of_a_spatial_base_has_no_row() -> None:
     task = load_task("servicing")
-    found = numbers(task.spec, build_problem(task).model, 0)
+    found = position_limits(task.spec, build_problem(task).model, 0)
     assert found is not None
     assert found.structure == tuple(range(6, 20))
-    assert numbers(load_task("fly_and_point").spec, load_robot("free_flyer_arm"), 0) is not None
+    assert position_limits(load_task("fly_and_point").spec, load_robot("free_flyer_arm"), 0) is not None

@@ -9,7 +9,7 @@ import pytest
 from psmpc_cli.control import State
 from psmpc_cli.ocp.constraints import interval_rows, node_rows
 from psmpc_cli.ocp.constraints.base import is_of
-from psmpc_cli.ocp.constraints.wheels import functions
+from psmpc_cli.ocp.constraints.wheels import wheel_momenta
 from psmpc_cli.ocp.loads import FOLLOWS, NOTHING, STAYS, LoadKind, known_load
 from psmpc_cli.ocp.objective import Intervals
 from psmpc_cli.ocp.plan import Plan
@@ -69,7 +69,7 @@ def test_what_follows_from_the_state_is_what_plants_store(tmp_path: Path, build:
     ticks = experiment.plant.advance(0.0, x, Setpoints(u))
     assert ticks.wheels is not None
     X = model.space.chart_at(x[: model.nq]).entered(ticks.states)
-    rows = functions(model, load.kind)
+    rows = wheel_momenta(model, load.kind)
     most = build_problem(task).stages[0].constraints["wheels 1"].high
     (stored,) = rows.value(X, argument, rows=len(X))
     np.testing.assert_allclose(stored / most * wheels.momentum, ticks.wheels.momentum, rtol=0, atol=1e-12)

@@ -38,7 +38,7 @@ def plot_heat_map(cells: SweepCells) -> Figure:
     figure, (axes,) = style.stack([""], [2.4], "")
     starts, scale, label = _starts_of_threshold(cells)
     x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
-    start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.floor))
+    start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.earliest_start))
     axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
     _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
     if cells.waiting.any():
@@ -133,11 +133,11 @@ def _starts_of_threshold(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]
 
     They are NaN where no cell has ended (cells,) [s]; the scale is from the earliest t_s - T_h to the latest t_s.
     """
-    starts = np.where(cells.ended, cells.of("actual_start")[:, cells.chosen], np.nan)
+    starts = np.where(cells.ended, cells.quantity("actual_start")[:, cells.chosen], np.nan)
     label = f"Actual start of {style.readable(cells.names[1])}, ε = {cells.epsilons[cells.chosen]:g} (s)"
     if not cells.ended.any():
         return starts, Normalize(0.0, 1.0), label
-    return starts, Normalize(cells.floor[cells.ended].min(), cells.instant[cells.ended].max()), label
+    return starts, Normalize(cells.earliest_start[cells.ended].min(), cells.first_switch[cells.ended].max()), label
 
 
 def _tick_decades(axes: Axes, most: int) -> None:
@@ -164,8 +164,8 @@ def plot_starts(cells: SweepCells) -> Figure:
         cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3, cells.failed
     )
     if cells.ended.any():
-        instant = AlongRatio(cells, cells.instant)
-        floor = AlongRatio(cells, cells.floor)
+        instant = AlongRatio(cells, cells.first_switch)
+        floor = AlongRatio(cells, cells.earliest_start)
         room = 0.06 * cells.task.spec.controller.horizon
         low = float(floor.lowest.min()) - room
         high = float(instant.highest.max()) + room
@@ -175,7 +175,7 @@ def plot_starts(cells: SweepCells) -> Figure:
         axes.set_ylim(low, high)
         if (best := recommend(cells).ratio) is not None:
             axes.axvline(best, color="black", linewidth=0.9, label=f"recommended {best:.4g}", zorder=1.8)
-        starts = cells.of("actual_start")
+        starts = cells.quantity("actual_start")
         for i in map(int, np.argsort(cells.epsilons)):
             label = f"ε = {cells.epsilons[i]:g}"
             _plot_along(axes, AlongRatio(cells, starts[:, i]), label=label, **style.line_look(i))
@@ -209,7 +209,7 @@ def _compared(cells: SweepCells) -> list[ComparedQuantity]:
 
     def beside_reference(label: str, less: str, name: str) -> ComparedQuantity:
         """Compare a quantity of the cells, by name, with that of the task's own priorities."""
-        return ComparedQuantity(label, less, cells.of(name), float(cells.reference(name)), "task's own")
+        return ComparedQuantity(label, less, cells.quantity(name), float(cells.reference(name)), "task's own")
 
     mission_end = np.where(cells.succeeded, cells.mission_end, np.nan)
     every = (

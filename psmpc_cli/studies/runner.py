@@ -435,7 +435,7 @@ def compute(
                     if not isinstance(call.exception(), workers.killed):
                         del waiting[key]
                         yield key, workers.result(call)
-            # any of several calls may have killed the process: the first is repeated alone, and lost if it does so again
+            # any of several calls may have killed the process: the first is repeated alone, and lost if it kills again
             without_result = submitted.keys() & waiting.keys()
             for key in without_result if one_at_a_time else ():
                 del waiting[key]

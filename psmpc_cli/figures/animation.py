@@ -155,9 +155,16 @@ def _encode(figure: Figure, draw_frame: Callable[[int], Iterable[Artist]], count
 
 
 def film_model(scene: Scene, extent: np.ndarray) -> str:
-    """Describe robot, object, obstacles, floor and camera, which sees points (., 3), as MJCF.
+    """Describe robot, object, obstacles, floor and camera for MuJoCo's renderer.
 
-    Object and obstacles are mocap bodies, in this order.
+    Object and obstacles are mocap bodies, which the film places at every frame, in this order.
+
+    Args:
+        scene: The run with what stands around the robot.
+        extent: Points that the camera sees (., 3) [m].
+
+    Returns:
+        The model as MJCF.
     """
     import mujoco
 
@@ -192,25 +199,29 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
     colors = {name: _opaque(style.PALETTE[i % len(style.PALETTE)]) for i, name in enumerate(model.spec.arms)}
     grippers = {tool.body: shape.grippers[name] for name, tool in model.spec.tools.items()}
     for number, (body, capsules) in enumerate(zip(model.spec.bodies, shape.capsules, strict=True)):
-        added = robot.body(body.name)
+        body_spec = robot.body(body.name)
         color = colors.get(body.name.rpartition(".")[0], _opaque(style.BODY))
         fingers = grippers.get(number, np.zeros((0, 3)))
-        for size, lines in ((shape.radius, capsules), (0.4 * shape.radius, pairwise(fingers))):
-            for start, end in lines:
-                added.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[size, 0, 0], fromto=[*start, *end], rgba=color)
+        for size, segments in ((shape.radius, capsules), (0.4 * shape.radius, pairwise(fingers))):
+            for start, end in segments:
+                body_spec.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[size, 0, 0], fromto=[*start, *end], rgba=color
+                )
     for body, joint in zip(model.spec.bodies[1:], model.spec.joints, strict=True):
         if not joint.prismatic:
-            along = 1.6 * shape.radius * np.array(joint.axis)
+            half_axis = 1.6 * shape.radius * np.array(joint.axis)
             disc: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [1.4 * shape.radius, 0, 0]}
-            robot.body(body.name).add_geom(fromto=[*-along, *along], rgba=_opaque("white"), **disc)
-    thick = 1.3 * shape.radius
+            robot.body(body.name).add_geom(fromto=[*-half_axis, *half_axis], rgba=_opaque("white"), **disc)
+    half_thickness = 1.3 * shape.radius
     if spec is not None:
-        held = world.worldbody.add_body(name="object", mocap=True)
-        held.add_geom(**_geom(Shape("box", spec.shape), planar, thick), rgba=_opaque(style.OBJECT))
+        object_body = world.worldbody.add_body(name="object", mocap=True)
+        object_body.add_geom(**_geom(Shape("box", spec.shape), planar, half_thickness), rgba=_opaque(style.OBJECT))
     for number, obstacle in enumerate(scene.obstacles):
-        apart = world.worldbody.add_body(name=f"obstacle.{number}", mocap=True)
+        obstacle_body = world.worldbody.add_body(name=f"obstacle.{number}", mocap=True)
         opacity = WALL_OPACITY if obstacle.shape.half_space and not planar else 1.0
-        apart.add_geom(**_geom(obstacle.shape.shape, planar, thick), rgba=[*to_rgb(style.OBSTACLE), opacity])
+        obstacle_body.add_geom(
+            **_geom(obstacle.shape.shape, planar, half_thickness), rgba=[*to_rgb(style.OBSTACLE), opacity]
+        )
     world.attach(robot, prefix="robot.", frame=world.worldbody.add_frame())
     world.compile()
     return str(world.to_xml())

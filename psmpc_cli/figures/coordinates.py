@@ -126,7 +126,8 @@ def plot_forces(run: Run) -> Figure:
     axes_note = ""
     if limits_base_force(run):
         axes_note = ", own axes"
-        F, commanded = (along_base_axes(run.problem.model, Q, each) for each in (F, commanded))
+        F = along_base_axes(run.problem.model, Q, F)
+        commanded = along_base_axes(run.problem.model, Q, commanded)
     is_cut = np.abs(commanded - F) > NOT_CUT * np.abs(commanded).max(axis=0, initial=0.0)
     cut_commands = ("commanded, cut", np.where(is_cut, commanded, np.nan)) if is_cut.any() else None
     heading = _tightest_force(run)

@@ -104,7 +104,7 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
     Failed runs are ringed, or crosses on the lower edge where they have no values.
     """
     panels = measured(runs)
-    figure, all_axes = style.stack([each.label for each in panels], [1.1] * len(panels), "Seed of the run (1)")
+    figure, all_axes = style.stack([panel.label for panel in panels], [1.1] * len(panels), "Seed of the run (1)")
     seed = runs["seed"]
     failed = runs.failed
     for axes, panel in zip(all_axes, panels, strict=True):

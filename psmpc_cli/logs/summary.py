@@ -405,12 +405,12 @@ class Summary:
 
         coordinates = tuple(arrays["coordinate"])
         column_names = {"position": coordinates, "velocity": tuple(f"{name} velocity" for name in coordinates)}
-        units = {quantity: [getattr(each, quantity) for each in problem.model.units] for quantity in column_names}
+        units = {quantity: [getattr(unit, quantity) for unit in problem.model.units] for quantity in column_names}
         deviations = (
             largest(np.abs(arrays["deviation/Q"]), column_names["position"], time, units=units["position"]),
             largest(np.abs(arrays["deviation/Qdot"]), column_names["velocity"], time, units=units["velocity"]),
         )
-        self.off_plan = tuple(each for each in deviations if each is not None)
+        self.off_plan = tuple(deviation for deviation in deviations if deviation is not None)
 
         outside_closing = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
         excess = {quantity: -arrays[f"margin/{quantity}"] for quantity in column_names}
@@ -428,8 +428,12 @@ class Summary:
             )
             for quantity in column_names
         ]
-        self.beyond_limits = tuple(each for each in violations if each is not None and each.value > 0)
-        self.beyond_limits_elsewhere = tuple(each for each in violations_outside if each is not None and each.value > 0)
+        self.beyond_limits = tuple(
+            violation for violation in violations if violation is not None and violation.value > 0
+        )
+        self.beyond_limits_elsewhere = tuple(
+            violation for violation in violations_outside if violation is not None and violation.value > 0
+        )
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
 

@@ -238,7 +238,7 @@ class MujocoStep:
             State of the robot, state of the object, and impulse and work of the external forces over the tick.
         """
         self._robot.set_inertial_parameters(robot)
-        h = self._tick / self._substeps
+        step_length = self._tick / self._substeps
         robot_size = len(state)
         attitudes = self._model.space.attitudes_at(0, robot_size)
         object_size = len(target_object)
@@ -249,7 +249,7 @@ class MujocoStep:
         impulse_and_work = np.zeros(self._model.parts["base"].stop + 1)
         y = np.concatenate([state, target_object, impulse_and_work, h_wheels])
         for _ in range(self._substeps):
-            y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
+            y = runge_kutta(lambda y: self._rate(y, F, parameters), y, step_length)
             for quaternion in attitudes:
                 y[quaternion] /= np.linalg.norm(y[quaternion])
         return (
@@ -290,9 +290,12 @@ class MujocoStep:
         data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self._robot.v] = acting[self._robot.moving_rates]
         data.qfrc_applied[self._robot.wheel_v] = torque
+        is_closed = [bushing[-4] > 0 for bushing in parameters]  # an open gripper has a stiffness of 0
         power_of_bushings = sum(
-            self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4]
-        )  # stiffness is 0 of an open one
+            self._press(site, bushing)
+            for site, bushing, closed in zip(self._sites, parameters, is_closed, strict=True)
+            if closed
+        )
         mujoco.mj_fwdActuation(engine, data)
         mujoco.mj_fwdAcceleration(engine, data)
         vdot = np.zeros(model.n)

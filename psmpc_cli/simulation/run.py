@@ -189,10 +189,12 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         if any(switch.stage == until for switch in command.switches):
             return Ending(False, "stopped at the end of a stage", now, command.state, state, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
+        # commands may arrive late: what acts over this sample may be an earlier command
         line.send(sample_number, command)
         in_force, setpoints = line.over_sample(sample_number)
         previous_stage = stage
         stage = in_force.sequence.first
+        # a payload that is taken up or let go changes velocities at once
         contact = None
         disturbance = None
         if uncertainty is not None:

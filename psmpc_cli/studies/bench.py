@@ -277,8 +277,8 @@ def _time_solves(
     times = np.zeros((len(calls), repeat))
     generator = np.random.default_rng(problem.spec.seed)
     for round_number in range(repeat):
-        for k in generator.permutation(len(calls)):
-            times[k, round_number] = calls[k]().wall_time
+        for call_number in generator.permutation(len(calls)):
+            times[call_number, round_number] = calls[call_number]().wall_time
             check()
     tight_solver = NlpSolver(problem, spec.model_copy(update=TIGHT))
     polishing_solver = NlpSolver(problem, settings["ipopt"], options={**PLAIN, **POLISH})
@@ -292,15 +292,15 @@ def _time_solves(
         # without an optimum there is nothing to compare with: NaN
         one_if_known = 1.0 if optimum.outcome is Outcome.OPTIMAL else np.nan
         # calls are by case and, within a case, by window
-        for k, case in zip(range(window_number, len(calls), len(recorded)), cases, strict=True):
-            solution = solutions[k]
+        for call_number, case in zip(range(window_number, len(calls), len(recorded)), cases, strict=True):
+            solution = solutions[call_number]
             gap = one_if_known * (solution.objective - optimum.objective) / abs(optimum.objective)
             switch_error = one_if_known * np.abs(solution.plan.switch_times - optimum.plan.switch_times).max(
                 initial=0.0
             )
             violation = tight_solver.violation(window, solution.plan)
             counts = len(window.stages), solution.outcome.usable, solution.iterations
-            yield case, TimedSolve(*counts, gap, switch_error, violation, times[k])
+            yield case, TimedSolve(*counts, gap, switch_error, violation, times[call_number])
 
 
 def _call(

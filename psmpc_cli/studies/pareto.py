@@ -305,13 +305,15 @@ def _sweep(
     keeps_weighted_sums = wait is None or settings.method != "epsilon-constraint"
     ratios = settings.ratios if keeps_weighted_sums else settings.ratios[[0, -1]]
     weighted_sums = [weighted_sum(window, ratio) for ratio in ratios]
-    own_ratio = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
+    nearest_ratio = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
+    # outwards from the ratio nearest to the run's own, each from the one before
     solved: dict[int, Solution] = {}
-    for k in (*range(own_ratio, len(weighted_sums)), *range(own_ratio - 1, -1, -1)):
-        solved[k] = trade_off.solve(weighted_sums[k], solved.get(k - 1 if k > own_ratio else k + 1, solve), wait)
+    for k in (*range(nearest_ratio, len(weighted_sums)), *range(nearest_ratio - 1, -1, -1)):
+        solved[k] = trade_off.solve(weighted_sums[k], solved.get(k - 1 if k > nearest_ratio else k + 1, solve), wait)
     points, solved_again = improved(trade_off, weighted_sums, [solved[k] for k in range(len(weighted_sums))], wait)
     if wait is None or settings.method == "weighted-sum":
         return _arrays(FREE if wait is None else WEIGHTED, points), solved_again
+    # bounds on J_2 between those of the smallest and of the largest ratio
     J_2 = point_costs(points)[:, 1]
     limits = [constrained(window, bound) for bound in np.linspace(J_2[0], J_2[-1], settings.points)]
     neighbour = points[int(np.argmax(np.nan_to_num(J_2, nan=-np.inf)))]
@@ -422,14 +424,14 @@ def join_samples(
         if f"{method}_J_1" in by_name
     }
     all_points = np.concatenate(
-        [values.reshape(len(cells), -1, len(criteria_names)) for values in fronts.values()], axis=1
+        [front.reshape(len(cells), -1, len(criteria_names)) for front in fronts.values()], axis=1
     )
     worst = np.nanmax(all_points, axis=(0, 1), initial=0.0)
     extent = extents(all_points.reshape(-1, len(criteria_names)))
     reference = worst + 0.1 * extent
     volumes = [hypervolume(points, reference) for points in all_points]
     units = "s^3" if settings.free else "s^2"
-    ends_of_methods = np.cumsum([values[0, ..., 0].size for values in fronts.values()])[:-1]
+    ends_of_methods = np.cumsum([front[0, ..., 0].size for front in fronts.values()])[:-1]
     flags_by_method = np.split(np.array([dominated(points) for points in all_points], "i1"), ends_of_methods, axis=1)
     for method, flags in zip(fronts, flags_by_method, strict=True):
         J = by_name[f"{method}_J_1"]
@@ -453,5 +455,5 @@ def join_samples(
         Quantity("reference", ("criterion",), reference, "s", "reference point of the hypervolume"),
         Quantity("hypervolume", ("instant",), np.array(volumes), units, "measure of what is dominated"),
     ]
-    quantities = [*by_name.values(), *(each for each in common if dims_in_use.issuperset(each.dims))]
+    quantities = [*by_name.values(), *(quantity for quantity in common if dims_in_use.issuperset(quantity.dims))]
     return new_results(path, PARETO, {**attributes, "free_instant": int(settings.free)}, quantities)

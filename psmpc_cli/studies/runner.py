@@ -125,16 +125,16 @@ class Study:
         Args:
             path: The file that they will be written to.
         """
-        dim_sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
+        dim_sizes = {axis.name: len(axis.values) for axis in self.coordinates if axis.dims == (axis.name,)}
         arrays = [*self.coordinates, Quantity("wall_time", (), np.array(0.0), "s", "wall time spent on the study")]
-        measurable = [each for each in (*CELL_COLUMNS, *self.quantities) if {*each.dims} <= {*dim_sizes}]
-        columns = [replace(each, dims=(*self.dims, *each.dims)) for each in measurable]
-        for each in (*columns, *(of_reference(measurable) if self.reference else ())):
-            is_text = each.dtype == "text"
-            shape = [dim_sizes[name] for name in each.dims]
-            values = np.full(shape, "" if is_text else each.unknown, object if is_text else each.dtype)
-            meanings = self.statuses if each.path.removeprefix(REFERENCE) == "status" else ()
-            arrays.append(Quantity(each.path, each.dims, values, each.units, each.long_name, meanings))
+        measurable = [column for column in (*CELL_COLUMNS, *self.quantities) if {*column.dims} <= {*dim_sizes}]
+        columns = [replace(column, dims=(*self.dims, *column.dims)) for column in measurable]
+        for column in (*columns, *(of_reference(measurable) if self.reference else ())):
+            is_text = column.dtype == "text"
+            shape = [dim_sizes[name] for name in column.dims]
+            values = np.full(shape, "" if is_text else column.unknown, object if is_text else column.dtype)
+            meanings = self.statuses if column.path.removeprefix(REFERENCE) == "status" else ()
+            arrays.append(Quantity(column.path, column.dims, values, column.units, column.long_name, meanings))
         created = datetime.now(UTC).isoformat(timespec="seconds")
         task = self.task
         task_attributes = {"digest": task.digest, "task_name": task.spec.name, "task_yaml": task.task_yaml}
@@ -335,7 +335,7 @@ def _resumed(study: Study, new: Results) -> Results:
         )
     results = read_results(path, study.kind)
     for name in ("psmpc_version", "digest", *study.identity):
-        value_in_file, value_now = (each.attributes.get(name) for each in (results, new))
+        value_in_file, value_now = (either.attributes.get(name) for either in (results, new))
         if value_in_file != value_now:
             difference = f"found {name.replace('_', ' ')} {value_in_file}, this one has {value_now}"
             if name == "digest":

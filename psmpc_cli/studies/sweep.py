@@ -68,8 +68,15 @@ def parse_stages(text: str, task: Task) -> tuple[int, int]:
     names = [stage.name for stage in task.spec.stages]
     if task.spec.controller.kind != "psmpc":
         raise InputError(f"found controller.kind {task.spec.controller.kind}, which has no priorities; expected psmpc")
-    given = [part.strip() for part in text.split(",")]
-    indices = [names.index(part) if part in names else int(part) - 1 if part.isdigit() else -1 for part in given]
+    named_stages = [number_or_name.strip() for number_or_name in text.split(",")]
+    indices = [
+        names.index(number_or_name)
+        if number_or_name in names
+        else int(number_or_name) - 1
+        if number_or_name.isdigit()
+        else -1
+        for number_or_name in named_stages
+    ]
     in_a_row = [[first, first + 1] for first in range(len(names) - 1)]
     if indices not in in_a_row:
         listed = ", ".join(f"{i + 1} {name}" for i, name in enumerate(names))
@@ -165,6 +172,7 @@ class SweepCells:
             raise LogError(
                 f"{results.path}: /stage: found {', '.join(results['stage'])}, expected {', '.join(stage_names)}"
             )
+
         self.results = results
         self.names = self.task.spec.stages[first].name, self.task.spec.stages[second].name
         self.omega = self.sampling.omega_in(results)
@@ -179,10 +187,12 @@ class SweepCells:
         self.succeeded = self.quantity("succeeded") == 1
         self.mission_end = self.quantity("switch_time")[:, -1]
         self.end_error = largest_end_errors(self.quantity("end_error"), self.quantity("final_error"))
+        # a cell whose priorities are in the same ratios as those of an earlier one shares its run (`origin`)
         self.with_own_run = np.flatnonzero(~self.waiting & (self.quantity("origin") == np.arange(len(self.ratio))))
         by_rising_ratio = np.argsort(np.round(np.log10(self.ratio[self.with_own_run]), RATIO_DECIMALS), kind="stable")
         self.run_by_ratio = self.with_own_run[by_rising_ratio]
         self.ended_by_ratio = self.run_by_ratio[self.ended[self.run_by_ratio]]
+        # the second stage enters a window at most a horizon before the first one ends
         self.first_switch = self.quantity("switch_time")[:, first]
         self.earliest_start = self.first_switch - self.task.spec.controller.horizon
 
@@ -265,21 +275,23 @@ def recommend(cells: SweepCells) -> Recommendation:
     """
     if cells.reference("status") == WAITING:
         return Recommendation(None, NONE, "the task's own priorities have not been run yet")
-    others = cells.with_own_run[cells.with_own_run != cells.reference("origin")]
+    other_cells = cells.with_own_run[cells.with_own_run != cells.reference("origin")]
 
     def of_reference_and_others(name: str) -> Array:
         """Return a quantity of the reference, then of the other runs (1 + others, ...)."""
-        return np.concatenate([cells.reference(name)[None], cells.quantity(name)[others]])
+        return np.concatenate([cells.reference(name)[None], cells.quantity(name)[other_cells]])
 
     succeeded = of_reference_and_others("succeeded") == 1
     end = of_reference_and_others("switch_time")[:, -1]
     effort = of_reference_and_others("control_effort")
     force = of_reference_and_others("peak_base_force")
     error = largest_end_errors(of_reference_and_others("end_error"), of_reference_and_others("final_error"))
-    ratio = np.append(cells.own_ratio, cells.ratio[others])
+    ratio = np.append(cells.own_ratio, cells.ratio[other_cells])
     # index 0 is the reference, the run with the task's own priorities
     if not succeeded[0]:
-        return Recommendation(None, NONE, _why_without_reference(cells, ratio[succeeded], end[succeeded], len(others)))
+        return Recommendation(
+            None, NONE, _why_without_reference(cells, ratio[succeeded], end[succeeded], len(other_cells))
+        )
     runs_with_fault = {
         "failed": ~succeeded,
         "took more control effort": succeeded & (effort > effort[0]),
@@ -300,10 +312,10 @@ def recommend(cells: SweepCells) -> Recommendation:
         return Recommendation(None, f"{NONE}{so_far}", reason)
     if best == 0:
         headline = f"recommended omega_2/omega_1{so_far}: {ratio[0]:.4g}, the task's own"
-        why = f"; of the {len(others)} other runs {counts}" if counts else ""
+        why = f"; of the {len(other_cells)} other runs {counts}" if counts else ""
         reason = f"the mission {of_own}, and no other run is faster at no more effort and force{why}"
         return Recommendation(float(ratio[0]), headline, reason, _pair(cells.own_omega))
-    omegas = [cells.omega[others[best - 1]], cells.own_omega]
+    omegas = [cells.omega[other_cells[best - 1]], cells.own_omega]
     pairs = [f"{omega[1] / omega[0]:.4g} (omega_1 = {omega[0]:.4g}, omega_2 = {omega[1]:.4g})" for omega in omegas]
     return Recommendation(
         float(ratio[best]),

@@ -397,7 +397,7 @@ class TickedPlant(ABC):
         commanded = np.empty((M, n))
         F = np.empty((M, n))
         external_force = np.empty((M, n))
-        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)  # impulse and work
+        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
         for k in range(M):
             grasps = self.begin_tick(float(time[k]), states[k], bool(grippers_close[k]))
             tick_law = self._tick_law(law, k, states[k], grasps, setpoints, disturbance)

@@ -70,7 +70,7 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
 
     for panel in panels:
         if panel.equal:
-            panel.axes.set_aspect("auto")  # a panel narrower than its cell seems to need less room for its labels
+            panel.axes.set_aspect("auto")  # while it is measured: one narrower than its cell seems to need less room
     _place_to_measure(figure, panels, heights, shares)
     margins = [_margins(figure, panel.axes) for panel in panels]
     offsets = {panel.axes: _label_offsets(figure, panel.axes) for panel in panels}
@@ -82,6 +82,7 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
         margin[0] = max(margin[0], label_offset[panel.axes] + _label_width(figure, panel.axes))
     left, right, bottom, top = _largest(panels, margins, len(heights), len(shares))
 
+    # widths of the columns are what labels leave of the figure's width, by their shares
     widths = shares * (figure_width - (left + right).sum())
     column_starts = np.cumsum(left + np.r_[0.0, (widths + right)[:-1]])
     column_ends = column_starts + widths
@@ -89,6 +90,7 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
         if panel.equal:
             panel_width = column_ends[panel.columns[-1]] - column_starts[panel.columns[0]]
             heights[panel.rows[0]] = panel_width * panel.axes.get_data_ratio()
+    # from above
     row_tops = above + np.cumsum(top + np.r_[0.0, (heights + bottom)[:-1]])
     figure_height = float(row_tops[-1] + heights[-1] + bottom[-1] + below)
 

@@ -155,6 +155,7 @@ class CaptureSummary:
         destination = task.body.destination
         # how far the object was from its destination when it was let go, or at the end
         error = np.full(len(v), np.nan) if destination is None else space.pose_error(pose, destination.pose)
+        # when the last gripper closed, and the largest errors and loads of any
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
         self.loads = largest_loads(arrays)

@@ -338,12 +338,12 @@ def _thrusters(run: Run) -> Json:
     samples = _evenly_chosen(len(run.time), MAX_FRAMES)
     thrusters = run.problem.model.spec.thrusters
     plumes = Plumes.of(thrusters)
-    largest = run.task.spec.controller.sample_time * np.array([thruster.force for thruster in thrusters])
+    largest_impulse = run.task.spec.controller.sample_time * np.array([thruster.force for thruster in thrusters])
     return {
         "nozzles": plumes.nozzles.tolist(),
         "axes": plumes.axes.tolist(),
         "time": _pack(run.time[samples], "f8"),
-        "share": _pack(run["thrusters/impulse"][samples] / largest),
+        "share": _pack(run["thrusters/impulse"][samples] / largest_impulse),
         "shut": _pack(run["thrusters/shut"][samples]) if "thrusters/shut" in run else None,
     }
 

@@ -68,20 +68,19 @@ def parse_stages(text: str, task: Task) -> tuple[int, int]:
     names = [stage.name for stage in task.spec.stages]
     if task.spec.controller.kind != "psmpc":
         raise InputError(f"found controller.kind {task.spec.controller.kind}, which has no priorities; expected psmpc")
-    named_stages = [number_or_name.strip() for number_or_name in text.split(",")]
-    indices = [
-        names.index(number_or_name)
-        if number_or_name in names
-        else int(number_or_name) - 1
-        if number_or_name.isdigit()
-        else -1
-        for number_or_name in named_stages
-    ]
+    indices = [_stage_index(number_or_name.strip(), names) for number_or_name in text.split(",")]
     in_a_row = [[first, first + 1] for first in range(len(names) - 1)]
     if indices not in in_a_row:
         listed = ", ".join(f"{i + 1} {name}" for i, name in enumerate(names))
         raise InputError(f"--stages: found '{text}', expected two in a row such as 1,2 of the task's stages: {listed}")
     return indices[0], indices[1]
+
+
+def _stage_index(number_or_name: str, names: Sequence[str]) -> int:
+    """Return the index of a stage that is given by its name or its number, from 1; -1 if it is neither."""
+    if number_or_name in names:
+        return names.index(number_or_name)
+    return int(number_or_name) - 1 if number_or_name.isdigit() else -1
 
 
 def origins(task: Task, stages: tuple[int, int], omega: Array) -> Array:

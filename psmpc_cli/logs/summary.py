@@ -388,8 +388,8 @@ class Summary:
     def _read_deviations(self, arrays: Arrays, problem: Problem) -> None:
         """Read how far the motion was from plans, limits, end conditions and the balances of physics.
 
-        Grippers that close pull robot and object together with a jerk. So violations of limits are also read without
-        the samples in which one closes.
+        Grippers that close stop against the object at once, which no plan contains. So violations of limits are also
+        read without the samples in which one closes.
 
         Args:
             arrays: Datasets of the log by path.

@@ -443,7 +443,7 @@ def warnings_of(summary: Summary) -> Iterator[str]:
             yield f"monitor {verdict.name}: {describe_verdict(verdict)}"
     if summary.clearance is not None and summary.clearance.tightest.margin < 0:
         yield f"a margin of clearance was not kept: {_nearest(summary.clearance.tightest)}"
-    # plans keep limits at their nodes: small violations between them need no warning
+    # samples and ticks leave small violations, which need no warning
     exceeded = {limit.kind for limit in summary.limits if limit.relative < -WARNED_OF}
     for violation, text in zip(summary.beyond_limits, _limit_violations(summary), strict=True):
         quantity = "velocity" if violation.where.endswith(" velocity") else "position"

@@ -146,17 +146,17 @@ def figure6(grid: str = "25x25", nodes: str = "25") -> Iterator[str]:
 def _along_ratio(cells: SweepCells, epsilon: float) -> dict[str, str]:
     """Return what the table says of the starts of a sweep for one threshold."""
     at = int(np.argmin(np.abs(cells.epsilons / epsilon - 1)))
-    runs = cells.runs
-    start = cells.of("actual_start")[runs, at]
+    runs = cells.ended_by_ratio
+    start = cells.quantity("actual_start")[runs, at]
     ratio = cells.ratio[runs]
     away = np.flatnonzero(np.abs(start - start[-1]) > SAMPLE + 1e-9)
     settled = int(away[-1]) + 1 if len(away) else 0
     return {
-        "ratios, ended": f"{len(runs)} of {len(cells.rows)}",
+        "ratios, ended": f"{len(runs)} of {len(cells.run_by_ratio)}",
         **{f"start at {wanted:g} [s]": _at(ratio, start, wanted) for wanted in (1e-6, 1e-2, 1.0, 1e2, 1e6)},
         "stays within a sample from": f"{ratio[settled]:.2g}",
-        "`t_s` there [s]": f"{cells.instant[runs][settled]:.2f}",
-        "`t_s - T_h` there [s]": f"{cells.floor[runs][settled]:.2f}",
+        "`t_s` there [s]": f"{cells.first_switch[runs][settled]:.2f}",
+        "`t_s - T_h` there [s]": f"{cells.earliest_start[runs][settled]:.2f}",
     }
 
 

@@ -226,12 +226,12 @@ def print_sweep(cells: SweepCells, verbose: bool) -> None:
     recommended = recommend(cells)
     echo(recommended.headline, colour=WARNING if recommended.ratio is None else GOOD)
     echo(recommended.reason)
-    if len(cells.rows):
+    if len(cells.run_by_ratio):
         _print_runs(cells, verbose)
     solves = cells.count("solves")
     failed = cells.count("solves_failed")
     echo(f"{len(cells.ratio)} cells: {_by_status(cells.results)}; {solves} solves, {failed} of them failed")
-    for reason, times in Counter(cells.of("reason")[cells.failed]).most_common():
+    for reason, times in Counter(cells.quantity("reason")[cells.failed]).most_common():
         echo(f"  {times} failed: {reason}")
     echo(f"sweep: {cells.results.path}{'' if verbose else ALL_WITH_VERBOSE}")
 
@@ -272,22 +272,22 @@ def _by_status(results: Results) -> str:
 def _print_runs(cells: SweepCells, verbose: bool) -> None:
     """Print a row for each run of a sweep, failed or not, or for some of many."""
     first, second = cells.names
-    runs = cells.rows
+    runs = cells.run_by_ratio
     most = MOST_ROWS if verbose else MOST_SHORT
     apart = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), most)).round().astype(int))]
-    ends = [cells.instant, cells.of("completion_time")]
+    ends = [cells.first_switch, cells.quantity("completion_time")]
     thresholds = range(len(cells.epsilons)) if verbose else [cells.chosen]
     rows = [
         (
             *(f"{each:.4g}" for each in (cells.omega[run] if apart else cells.ratio[run : run + 1])),
             *(
-                number(start, 0.1 if start < cells.instant[run] else TIME)
-                for start in cells.of("actual_start")[run][thresholds]
+                number(start, 0.1 if start < cells.first_switch[run] else TIME)
+                for start in cells.quantity("actual_start")[run][thresholds]
             ),
             *(number(float(values[run]), TIME) for values in ends),
             number(float(cells.mission_end[run]), TIME) if cells.succeeded[run] else "failed",
-            *(number(float(cells.of(name)[run])) for name in ("control_effort", "peak_base_force")),
+            *(number(float(cells.quantity(name)[run])) for name in ("control_effort", "peak_base_force")),
             *((number(float(cells.end_error[run]), 0.01), cells.why(run)) if verbose else ()),
         )
         for run in kept

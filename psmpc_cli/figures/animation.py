@@ -72,7 +72,11 @@ def mp4_possible() -> bool:
 
 
 def write_animation(run: Run, paths: Iterable[Path]) -> None:
-    """Write the robot's motion as animations, GIF or MP4 by the files' endings.
+    """Write the robot's motion as animations of line drawings, GIF or MP4 by the files' endings.
+
+    Args:
+        run: The run.
+        paths: The files.
 
     Raises:
         RunError: One could not be encoded or written.
@@ -83,7 +87,7 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
 
     def draw_frame(number: int) -> list[Artist]:
         for artist in (*axes.lines, *axes.patches, *axes.collections, *axes.texts):
-            artist.remove()  # not by clear(), after which the labels of the axes are out of view
+            artist.remove()  # clear() would put the labels of the axes out of view
         draw_scene(axes, scene, times[number], max(times[number] - 3.0, times[0]), extent)
         show(axes, scene.camera, scene.camera.view(extent))
         return [axes.set_title(_title(scene, times[number]))]
@@ -95,7 +99,13 @@ def write_animation(run: Run, paths: Iterable[Path]) -> None:
 
 
 def write_film(run: Run, paths: Iterable[Path]) -> None:
-    """Write the robot's motion in three dimensions as films, GIF or MP4 by the files' endings.
+    """Render the robot's motion in three dimensions by MuJoCo, and write it as films, GIF or MP4 by the files' endings.
+
+    Rendering is done in a process of its own, because a graphics driver that fails may kill it.
+
+    Args:
+        run: The run.
+        paths: The files.
 
     Raises:
         InputError: There is no offscreen renderer here.
@@ -104,16 +114,18 @@ def write_film(run: Run, paths: Iterable[Path]) -> None:
     scene, times, extent = _frames_of(run)
     Q = [run.motion.coordinates_at(time) for time in times]
     joints = [body.name for body in run.problem.model.spec.bodies[1:]]
-    placed = [_mocap_frames(scene, time) for time in times]
-    frames = _in_process(offscreen_driver(), render, film_model(scene, extent), Q, placed, joints)
-    tall = frames.shape[1] / DPI
-    figure = Figure(figsize=(WIDTH, tall + TITLE_HEIGHT))
-    shown = figure.add_axes((0, 0, 1, tall / (tall + TITLE_HEIGHT))).imshow(frames[0], aspect="auto")
-    shown.axes.set_axis_off()
+    mocap_frames = [_mocap_frames(scene, time) for time in times]
+    frames = _in_process(offscreen_driver(), render, film_model(scene, extent), Q, mocap_frames, joints)
+    picture_height = frames.shape[1] / DPI
+    figure = Figure(figsize=(WIDTH, picture_height + TITLE_HEIGHT))
+    picture = figure.add_axes((0, 0, 1, picture_height / (picture_height + TITLE_HEIGHT))).imshow(
+        frames[0], aspect="auto"
+    )
+    picture.axes.set_axis_off()
 
     def draw_frame(number: int) -> list[Artist]:
-        shown.set_data(frames[number])
-        return [shown.axes.set_title(_title(scene, times[number]), x=0.02)]
+        picture.set_data(frames[number])
+        return [picture.axes.set_title(_title(scene, times[number]), x=0.02)]
 
     _encode(figure, draw_frame, len(times), paths)
 
@@ -143,9 +155,16 @@ def _encode(figure: Figure, draw_frame: Callable[[int], Iterable[Artist]], count
 
 
 def film_model(scene: Scene, extent: np.ndarray) -> str:
-    """Describe robot, object, obstacles, floor and camera, which sees points (., 3), as MJCF.
+    """Describe robot, object, obstacles, floor and camera for MuJoCo's renderer.
 
-    Object and obstacles are mocap bodies, in this order.
+    Object and obstacles are mocap bodies, which the film places at every frame, in this order.
+
+    Args:
+        scene: The run with what stands around the robot.
+        extent: Points that the camera sees (., 3) [m].
+
+    Returns:
+        The model as MJCF.
     """
     import mujoco
 
@@ -180,51 +199,55 @@ def film_model(scene: Scene, extent: np.ndarray) -> str:
     colors = {name: _opaque(style.PALETTE[i % len(style.PALETTE)]) for i, name in enumerate(model.spec.arms)}
     grippers = {tool.body: shape.grippers[name] for name, tool in model.spec.tools.items()}
     for number, (body, capsules) in enumerate(zip(model.spec.bodies, shape.capsules, strict=True)):
-        added = robot.body(body.name)
+        body_spec = robot.body(body.name)
         color = colors.get(body.name.rpartition(".")[0], _opaque(style.BODY))
         fingers = grippers.get(number, np.zeros((0, 3)))
-        for size, lines in ((shape.radius, capsules), (0.4 * shape.radius, pairwise(fingers))):
-            for start, end in lines:
-                added.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[size, 0, 0], fromto=[*start, *end], rgba=color)
+        for size, segments in ((shape.radius, capsules), (0.4 * shape.radius, pairwise(fingers))):
+            for start, end in segments:
+                body_spec.add_geom(
+                    type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[size, 0, 0], fromto=[*start, *end], rgba=color
+                )
     for body, joint in zip(model.spec.bodies[1:], model.spec.joints, strict=True):
         if not joint.prismatic:
-            along = 1.6 * shape.radius * np.array(joint.axis)
+            half_axis = 1.6 * shape.radius * np.array(joint.axis)
             disc: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [1.4 * shape.radius, 0, 0]}
-            robot.body(body.name).add_geom(fromto=[*-along, *along], rgba=_opaque("white"), **disc)
-    thick = 1.3 * shape.radius
+            robot.body(body.name).add_geom(fromto=[*-half_axis, *half_axis], rgba=_opaque("white"), **disc)
+    half_thickness = 1.3 * shape.radius
     if spec is not None:
-        held = world.worldbody.add_body(name="object", mocap=True)
-        held.add_geom(**_geom(Shape("box", spec.shape), planar, thick), rgba=_opaque(style.OBJECT))
+        object_body = world.worldbody.add_body(name="object", mocap=True)
+        object_body.add_geom(**_geom(Shape("box", spec.shape), planar, half_thickness), rgba=_opaque(style.OBJECT))
     for number, obstacle in enumerate(scene.obstacles):
-        apart = world.worldbody.add_body(name=f"obstacle.{number}", mocap=True)
+        obstacle_body = world.worldbody.add_body(name=f"obstacle.{number}", mocap=True)
         opacity = WALL_OPACITY if obstacle.shape.half_space and not planar else 1.0
-        apart.add_geom(**_geom(obstacle.shape.shape, planar, thick), rgba=[*to_rgb(style.OBSTACLE), opacity])
+        obstacle_body.add_geom(
+            **_geom(obstacle.shape.shape, planar, half_thickness), rgba=[*to_rgb(style.OBSTACLE), opacity]
+        )
     world.attach(robot, prefix="robot.", frame=world.worldbody.add_frame())
     world.compile()
     return str(world.to_xml())
 
 
-def _geom(shape: Shape, planar: bool, thick: float) -> dict[str, Any]:
-    """Return the keys of the MuJoCo geom that shows a shape.
+def _geom(shape: Shape, planar: bool, half_thickness: float) -> dict[str, Any]:
+    """Describe a shape as a geom of MuJoCo, by its keys.
 
     Args:
-        shape: The shape.
+        shape: The shape: a box, a half-space, or a capsule, which is a sphere where it has no length.
         planar: Whether the robot is planar: the film then looks down on the plane, in which a half-space is a wall.
-        thick: How far boxes and walls reach above and below the plane, at least [m].
+        half_thickness: How far boxes and walls reach above and below the plane, at least [m].
     """
     import mujoco
 
     if shape.kind == "box":
-        return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": np.maximum(half_edges(shape.edges), [0, 0, thick])}
-    if shape.kind == "half_space" and planar:  # seen from above, where a plane would be seen edge-on
-        turned, _ = Rotation.align_vectors([shape.size], [[1, 0, 0]])
+        return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": np.maximum(half_edges(shape.edges), [0, 0, half_thickness])}
+    if shape.kind == "half_space" and planar:  # a box, since a plane would be seen edge-on
+        rotation, _ = Rotation.align_vectors([shape.size], [[1, 0, 0]])
         pos = -WALL_DEPTH * np.array(shape.size)
-        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [WALL_DEPTH, WALL_DEPTH, thick]}
-        return {**box, "pos": pos, "quat": turned.as_quat(scalar_first=True)}
+        box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [WALL_DEPTH, WALL_DEPTH, half_thickness]}
+        return {**box, "pos": pos, "quat": rotation.as_quat(scalar_first=True)}
     if shape.kind == "half_space":
-        turned, _ = Rotation.align_vectors([shape.size], [[0, 0, 1]])
-        size = [0, 0, 1]  # without end
-        return {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": size, "quat": turned.as_quat(scalar_first=True)}
+        rotation, _ = Rotation.align_vectors([shape.size], [[0, 0, 1]])
+        size = [0, 0, 1]  # 0: infinitely large; then the distance of grid lines
+        return {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": size, "quat": rotation.as_quat(scalar_first=True)}
     radius, length = shape.size
     if not length:
         return {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [radius, 0, 0]}
@@ -243,11 +266,18 @@ def _opaque(color: str) -> list[float]:
 
 
 def render(
-    description: str, Q: Sequence[np.ndarray], placed: Sequence[np.ndarray], joints: Sequence[str] = ()
+    description: str, Q: Sequence[np.ndarray], mocap_frames: Sequence[np.ndarray], joints: Sequence[str] = ()
 ) -> np.ndarray:
-    """Render the frames (K, height, width, 3) of a model at K coordinates, with its mocap bodies in frames (., 4, 4).
+    """Render frames of a MuJoCo model at K configurations, off screen.
 
-    `joints` are the names of the last coordinates; MuJoCo orders them by depth.
+    Args:
+        description: The model as MJCF.
+        Q: Its coordinates (K, nq).
+        mocap_frames: For each frame the poses of its mocap bodies (object and obstacles), (bodies, 4, 4).
+        joints: Names of the last coordinates of Q.
+
+    Returns:
+        The pictures (K, height, width, 3), 8 bits a colour.
     """
     import mujoco
 
@@ -255,10 +285,11 @@ def render(
     data = mujoco.MjData(model)
     frames = []
     with mujoco.Renderer(model, model.vis.global_.offheight, model.vis.global_.offwidth) as renderer:
-        first = len(Q[0]) - len(joints)
-        places = [*range(first), *(int(model.joint(f"robot.{name}").qposadr[0]) for name in joints)]
-        for coordinates, bodies in zip(Q, placed, strict=True):
-            data.qpos[places] = coordinates
+        first_joint = len(Q[0]) - len(joints)
+        # MuJoCo orders joints by their depth in the tree
+        qpos_indices = [*range(first_joint), *(int(model.joint(f"robot.{name}").qposadr[0]) for name in joints)]
+        for coordinates, bodies in zip(Q, mocap_frames, strict=True):
+            data.qpos[qpos_indices] = coordinates
             for number, frame in enumerate(bodies):
                 data.mocap_pos[number] = frame[:3, 3]
                 data.mocap_quat[number] = Rotation.from_matrix(frame[:3, :3]).as_quat(scalar_first=True)
@@ -270,7 +301,9 @@ def render(
 
 @cache
 def offscreen_driver() -> str:
-    """Return the driver with which MuJoCo draws off screen here: what MUJOCO_GL names, by default EGL on Linux.
+    """Find the graphics driver with which MuJoCo draws off screen here, by rendering an empty model once.
+
+    It is the one that MUJOCO_GL names, by default EGL on Linux.
 
     Raises:
         InputError: It does not draw, or there is no MuJoCo.

@@ -113,25 +113,29 @@ def plot_controls(run: Run) -> Figure:
 
 
 def plot_forces(run: Run) -> Figure:
-    """Plot base force [N], base torque and joint torques [N m] at every tick if logged, else at every sample.
+    """Plot base force [N], base torque and joint torques [N m] of a run, with the limits in force.
 
-    The limits in force are drawn, and with ticks what was commanded where a force was cut at its limit. A force on the
-    base that has limits is along the base's own axes, as they are.
+    They are those of every tick if ticks were logged, else of every sample. With ticks, what was commanded is drawn
+    where a force was cut at its limit. A force on the base that has limits is along the base's own axes, as its limits
+    are.
     """
     ticks = run.ticks
     has_ticks = len(ticks.get("time", ())) > 0
     time, Q, F = (ticks["time"], ticks["Q"], ticks["F"]) if has_ticks else (run.time, run.Q, run["force/F"])
     commanded = ticks.get("commanded", F) if has_ticks else F
-    note = ""
+    axes_note = ""
     if limits_base_force(run):
-        note = ", own axes"
-        F, commanded = (along_base_axes(run.problem.model, Q, each) for each in (F, commanded))
+        axes_note = ", own axes"
+        F = along_base_axes(run.problem.model, Q, F)
+        commanded = along_base_axes(run.problem.model, Q, commanded)
     is_cut = np.abs(commanded - F) > NOT_CUT * np.abs(commanded).max(axis=0, initial=0.0)
-    beside = ("commanded, cut", np.where(is_cut, commanded, np.nan)) if is_cut.any() else None
+    cut_commands = ("commanded, cut", np.where(is_cut, commanded, np.nan)) if is_cut.any() else None
     heading = _tightest_force(run)
     force = ("force", "N")
     torque = ("torque", "N m")
-    return _plot_quantity(run, force, torque, [(time, F)], beside, "force", heading=heading, of_base_position=note)
+    return _plot_quantity(
+        run, force, torque, [(time, F)], cut_commands, "force", heading=heading, of_base_position=axes_note
+    )
 
 
 def _tightest_force(run: Run) -> str:
@@ -167,45 +171,53 @@ def _in_vectors(run: Run, Q: np.ndarray) -> np.ndarray:
 
 
 def attitude_error(run: Run) -> np.ndarray:
-    """Compute the angle (N,) [rad] from the base's attitude to the one that the current stage aims at, in space.
+    """Compute the angle from the base's attitude to the one that the current stage aims at, of a spatial robot.
 
-    NaN where the stage asks for none.
+    Returns:
+        An angle (N,) [rad] for each state of the run's motion; NaN where the stage asks for no attitude.
     """
+    attitude = slice(3, 6)  # rows of the errors of a spatial robot: position, then attitude of the base
     motion = run.motion
     angle = np.full(len(motion.time), np.nan)
     for span in run.spans:
         stage = run.followed(span)
-        during = (motion.time >= span.start) & (motion.time <= span.end)
-        if during.any() and stage.relevant_rows[3:6].any():
-            errors = _errors(run.problem, stage, motion.Q[during], motion.time[during] - span.start)
-            angle[during] = np.linalg.norm(errors[:, 3:6], axis=1)
+        in_span = (motion.time >= span.start) & (motion.time <= span.end)
+        if in_span.any() and stage.relevant_rows[attitude].any():
+            errors = _errors(run.problem, stage, motion.Q[in_span], motion.time[in_span] - span.start)
+            angle[in_span] = np.linalg.norm(errors[:, attitude], axis=1)
             if span.index > 0:
-                angle[np.flatnonzero(during)[0]] = np.nan  # a gap in the curve where the target changes
+                angle[np.flatnonzero(in_span)[0]] = np.nan  # a gap in the curve where the target changes
     return angle
 
 
 def plot_overlay(runs: Mapping[str, Run]) -> Figure:
-    """Plot every coordinate [m, rad] of several runs on the same axes, with the ends of their stages."""
+    """Plot every coordinate [m, rad] of several runs on the same axes, to compare their motions.
+
+    Dots are the ends of stages.
+
+    Args:
+        runs: The runs by controller.
+    """
     model = next(iter(runs.values())).problem.model
     labelled_rows: list[tuple[str, int]] = []
     states = [(run.motion.time, _in_vectors(run, run.motion.Q)) for run in runs.values()]
     for panel in panels_that_vary(model, coordinate_panels(model, POSITION, ANGLE), [Q for _, Q in states]):
-        kind = "attitude " if panel.quantity == "attitude" else ""
+        quantity = "attitude " if panel.quantity == "attitude" else ""
         for row, label in zip(panel.rows, panel.labels, strict=True):
-            labelled_rows.append((f"{panel.part} {kind}{label}\n({panel.unit})", row))
+            labelled_rows.append((f"{panel.part} {quantity}{label}\n({panel.unit})", row))
 
     figure = style.new_figure(style.PAGE)
-    across = 3
-    down = -(-len(labelled_rows) // across)
-    grid = figure.subplots(down, across, sharex=True, squeeze=False, height_ratios=[1.3] * down)
+    columns = 3
+    rows = -(-len(labelled_rows) // columns)
+    grid = figure.subplots(rows, columns, sharex=True, squeeze=False, height_ratios=[1.3] * rows)
     for axes, (label, row) in zip(grid.flat, labelled_rows, strict=False):
         for number, ((name, run), (time, Q)) in enumerate(zip(runs.items(), states, strict=True)):
             look = style.line_look(number)
             values = Q[:, row]
             axes.plot(time, values, linewidth=1.2, label=f"_{style.literal(style.title_of(name))}", **look)
             switches = run.stages["switch_time"][np.isfinite(run.stages["switch_time"])]
-            at = np.interp(switches, time, values)
-            axes.plot(switches, at, "o", markersize=3, color=look["color"])
+            values_at_switches = np.interp(switches, time, values)
+            axes.plot(switches, values_at_switches, "o", markersize=3, color=look["color"])
         axes.set_ylabel(label)
     for axes in grid.flat[len(labelled_rows) :]:
         axes.set_visible(False)
@@ -226,7 +238,7 @@ def _plot_quantity(
     heading: str = "",
     of_base_position: str = "",
 ) -> Figure:
-    """Plot a quantity with a value for each generalized coordinate over time.
+    """Plot a quantity of all generalized coordinates over time: positions, velocities, controls or forces.
 
     There is a row of panels for base position, base angles and each arm, and a column for each run.
 
@@ -235,9 +247,9 @@ def _plot_quantity(
         linear: Name and unit of the quantity for linear coordinates.
         angular: Name and unit for angular coordinates.
         curves: Times (K,) [s] and values (K, n) of each run.
-        beside: Other values of it (K, n), drawn where they differ, after their look.
-        limits: Which limits of the stages bound it.
-        drawstyle: How values are joined.
+        beside: A second curve: the name of its look, and values (K, n), drawn where they differ from the first.
+        limits: Which limits of the stages bound it; None where none do.
+        drawstyle: How values are joined: by lines, or as steps.
         heading: What is written above the figure.
         of_base_position: What is added to the unit of the base's linear coordinates.
     """
@@ -279,9 +291,10 @@ def _label_of(panel: CoordinatePanel) -> str:
 def coordinate_panels(
     model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], of_base_position: str = ""
 ) -> list[CoordinatePanel]:
-    """List the panels of v: base position, base angles, and of each arm the joints that turn and those that slide.
+    """Choose the panels of a figure of generalized coordinates: base position, base angles, and the joints of each arm.
 
-    More joints than a reader can tell apart in one panel are in several, of about as many each.
+    Joints that turn and joints that slide have panels of their own, since their units differ. More joints than a reader
+    can tell apart in one panel are in several, of about as many each.
 
     Args:
         model: The robot.
@@ -290,7 +303,7 @@ def coordinate_panels(
         of_base_position: What is added to the unit of the base's linear coordinates.
     """
     panels = _panels_of_parts(model, linear, angular, of_base_position)
-    return [part for panel in panels for part in _divided(panel)]
+    return [divided_panel for panel in panels for divided_panel in _divided(panel)]
 
 
 def _divided(panel: CoordinatePanel) -> Iterator[CoordinatePanel]:
@@ -314,25 +327,32 @@ def panels_that_vary(
 def _panels_of_parts(
     model: RobotModel, linear: tuple[str, str], angular: tuple[str, str], of_base_position: str
 ) -> Iterator[CoordinatePanel]:
-    """Yield the panels of `coordinate_panels`, each with all coordinates of its unit."""
+    """Yield one panel for each part of the robot and unit of its coordinates, however many joints are in it.
+
+    Args:
+        model: The robot.
+        linear: The quantity's name and SI unit for linear coordinates.
+        angular: The same for angular coordinates.
+        of_base_position: What is added to the unit of the base's linear coordinates.
+    """
     base = model.parts["base"]
     d = model.dimension
-    names = {} if d == 2 else {"angle": "attitude"}
+    other_names = {} if d == 2 else {"angle": "attitude"}
     if not model.spec.moved_by.actuated:
-        names["control"] = "acceleration"  # nobody controls it
+        other_names["control"] = "acceleration"  # nothing moves the base, so its acceleration is no control
     quantity, unit = linear
     positions = range(base.start, base.start + d)
-    yield CoordinatePanel("Base", names.get(quantity, quantity), unit + of_base_position, positions, "xyz"[:d])
+    yield CoordinatePanel("Base", other_names.get(quantity, quantity), unit + of_base_position, positions, "xyz"[:d])
 
     quantity, unit = angular
     angles = range(base.start + d, base.stop)
-    yield CoordinatePanel("Base", names.get(quantity, quantity), unit, angles, ("θ",) if d == 2 else "xyz")
+    yield CoordinatePanel("Base", other_names.get(quantity, quantity), unit, angles, ("θ",) if d == 2 else "xyz")
 
     for name, rows in list(model.parts.items())[1:]:
-        for own, (quantity, unit) in ((ANGLE_UNITS, angular), (LENGTH, linear)):
-            rows_in_unit = [row for row in range(rows.start, rows.stop) if model.units[row] == own]
+        for unit_of_panel, (quantity, unit) in ((ANGLE_UNITS, angular), (LENGTH, linear)):
+            rows_in_unit = [row for row in range(rows.start, rows.stop) if model.units[row] == unit_of_panel]
             numbers = [row - rows.start + 1 for row in rows_in_unit]
-            labels = [f"joint {i}" for i in numbers]
+            labels = [f"joint {number}" for number in numbers]
             if rows_in_unit:
                 yield CoordinatePanel(style.readable(name).capitalize(), quantity, unit, rows_in_unit, labels)
 
@@ -346,51 +366,57 @@ def _plot_limits(axes: Axes, run: Run, kind: str, rows: Sequence[int], values: n
         style.draw_limit(axes, time, limit, [style.line_look(place)["color"] for place in places], "limit")
 
 
-def limits_in_view(sides: Sequence[np.ndarray], values: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
-    """List the limits (T,) that are not far off the values of a panel, each with the places of all lines it bounds.
+def limits_in_view(limits: Sequence[np.ndarray], values: np.ndarray) -> list[tuple[np.ndarray, list[int]]]:
+    """Choose the limits that are drawn in a panel, each once with all the lines that it bounds.
 
-    They are NaN where they are far off.
+    A limit far off the values would squeeze the curves, so it is left out there.
 
     Args:
-        sides: Lower and upper limits of each coordinate of the panel (T, coordinates).
+        limits: Lower and upper limits of each coordinate of the panel over time, two arrays (T, coordinates).
         values: The values of its coordinates.
+
+    Returns:
+        Limits (T,), NaN where they are far off; with each the numbers of the coordinates that have it.
     """
     largest_drawn = LIMIT_DISTANCE * float(np.nanmax(np.abs(values), initial=0.0)) or np.inf
-    bounded: dict[bytes, tuple[np.ndarray, list[int]]] = {}
-    for side in sides:
-        near = np.where(np.abs(side) < largest_drawn, side, np.nan)
-        for place in np.flatnonzero(np.isfinite(near).any(axis=0)).tolist():
-            _, places = bounded.setdefault(near[:, place].tobytes(), (near[:, place], []))
-            places.append(place)
-    return list(bounded.values())
+    lines_of_limit: dict[bytes, tuple[np.ndarray, list[int]]] = {}
+    for side in limits:
+        drawn_limit = np.where(np.abs(side) < largest_drawn, side, np.nan)
+        # coordinates with the same limit share one line: their bytes are the key
+        for line in np.flatnonzero(np.isfinite(drawn_limit).any(axis=0)).tolist():
+            _, lines = lines_of_limit.setdefault(drawn_limit[:, line].tobytes(), (drawn_limit[:, line], []))
+            lines.append(line)
+    return list(lines_of_limit.values())
 
 
 def plot_errors(run: Run) -> Figure:
-    """Plot how far base and arms are from the current stage's target, in the coordinates the stage controls.
+    """Plot how far base and arms are from the current stage's target, in the coordinates that it controls.
 
-    A curve is the largest error of a group of coordinates: base position [m], base angle [rad], and of each arm the
-    joints that turn [rad] and those that slide [m], or the position [m] and angle [rad] of its end-effector, by what
-    the stage controls. If the end condition asks for some coordinates of a group, only those count, and a line shows
-    their tolerance. What neither weights nor the end condition ask for has no curve. Where the target is a trajectory,
-    the error is against its present value. The axes are logarithmic.
+    A curve is the largest error of a group of coordinates: base position [m], base angle [rad], and of each arm its
+    joints [rad or m], or position [m] and angle [rad] of its end-effector. If the end condition asks for some
+    coordinates of a group, only those count, and a line shows their tolerance. What neither weights nor the end
+    condition ask for has no curve. Where the target is a trajectory, the error is against its present value. The axes
+    are logarithmic.
     """
     curves = list(error_curves(run))
-    kinds = sorted({curve.angular for curve in curves})
-    drawn = {curve.part for curve in curves}
-    looks = {part: _part_look(index) for index, part in enumerate(error_parts(run)) if part in drawn}
-    figure, grid = timeline(run, len(kinds), 1.35, beside=map(style.readable, looks))
-    panels = dict(zip(kinds, grid[:, 0], strict=True))
-    named: set[tuple[bool, str]] = set()
+    units_shown = sorted({curve.angular for curve in curves})
+    parts_shown = {curve.part for curve in curves}
+    looks = {part: _part_look(index) for index, part in enumerate(error_parts(run)) if part in parts_shown}
+    figure, grid = timeline(run, len(units_shown), 1.35, beside=map(style.readable, looks))
+    panels = dict(zip(units_shown, grid[:, 0], strict=True))
+    in_legend: set[tuple[bool, str]] = set()
     for curve in curves:
         axes = panels[curve.angular]
         look = looks[curve.part]
-        label = "_" if (curve.angular, curve.part) in named else style.readable(curve.part)
-        named.add((curve.angular, curve.part))
+        label = "_" if (curve.angular, curve.part) in in_legend else style.readable(curve.part)
+        in_legend.add((curve.angular, curve.part))
         axes.plot(curve.time, np.where(curve.error > 0, curve.error, np.nan), label=label, **look)
     for span, angular, tolerance in dict.fromkeys((curve.span, curve.angular, curve.tolerance) for curve in curves):
         if np.isfinite(tolerance):
             parts = [
-                each.part for each in curves if (each.span, each.angular, each.tolerance) == (span, angular, tolerance)
+                curve_of_part.part
+                for curve_of_part in curves
+                if (curve_of_part.span, curve_of_part.angular, curve_of_part.tolerance) == (span, angular, tolerance)
             ]
             colors = [looks[part]["color"] for part in parts]
             style.draw_limit(panels[angular], [span.start, span.end], [tolerance] * 2, colors, "tolerance")
@@ -413,26 +439,32 @@ def error_parts(run: Run) -> list[str]:
 
 
 def error_curves(run: Run) -> Iterator[ErrorCurve]:
-    """Yield the errors against the current stage's target that it asks for, stage by stage, for `plot_errors`."""
+    """Yield the curves of `plot_errors`: for each stage and group of coordinates the largest error against the target.
+
+    A group is what a part (base or arm) has in one unit. Coordinates in the end condition go before those with a
+    weight.
+    """
     motion = run.motion
-    parts = run.problem.model.spec.parts
+    parts_of_robot = run.problem.model.spec.parts
     sliding = run.problem.model.spec.sliding
     for span in run.spans:
-        inside = (motion.time > span.start) & (motion.time < span.end)
-        time = np.r_[span.start, motion.time[inside], span.end]
+        in_span = (motion.time > span.start) & (motion.time < span.end)
+        time = np.r_[span.start, motion.time[in_span], span.end]
         stage = run.followed(span)
         Q = np.array([motion.coordinates_at(t) for t in time])
         errors = np.abs(_errors(run.problem, stage, Q, time - span.start))
         tolerances = dict(zip(stage.end.rows, stage.end.tolerance, strict=True))
 
         first_row = 0
-        for part, axes in axes_of(parts, stage.space).items():
+        for part, axes in axes_of(parts_of_robot, stage.space).items():
             for angular in (False, True):
                 is_angle = [units_of(part, axis, sliding) != LENGTH for axis in axes]
-                rows = [row for row, each in enumerate(is_angle, start=first_row) if each == angular]
+                rows = [
+                    row for row, is_angle_of_axis in enumerate(is_angle, start=first_row) if is_angle_of_axis == angular
+                ]
                 rows_in_end = [row for row in rows if row in tolerances]
-                if asked := rows_in_end or [row for row in rows if stage.relevant_rows[row]]:
-                    largest = errors[:, asked].max(axis=1)
+                if rows_shown := rows_in_end or [row for row in rows if stage.relevant_rows[row]]:
+                    largest = errors[:, rows_shown].max(axis=1)
                     tightest = min((tolerances[row] for row in rows_in_end), default=np.nan)
                     yield ErrorCurve(span, part, angular, time, largest, tightest)
             first_row += len(axes)

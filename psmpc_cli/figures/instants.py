@@ -51,23 +51,27 @@ def plans_switches(run: Run) -> bool:
 
 
 def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
-    """Plot the planned switch time that ends each stage [s], and how far it is from the actual one [ms or s].
+    """Plot how planned switch times change from sample to sample, to show whether plans foresee the actual switches.
 
-    A switch happens when its planned time meets the line of the present time; the horizon ends T_h above that line.
-    Each sample is a point, because a plan may jump between its own time and the end of the horizon. The second row has
-    a panel of each run in which a planned switch happened.
+    First row: the planned switch time that ends each stage [s] over the present time. A switch happens when it meets
+    the line of the present time; the horizon ends T_h above that line. Each sample is a point, because a plan may jump
+    between its own time and the end of the horizon. Second row: planned minus actual time [ms or s], of runs in which a
+    planned switch happened.
+
+    Args:
+        runs: A run, or several by controller.
     """
     deviations = [run["window/instants"] - run.stages["switch_time"] for run in runs_of(runs)]
-    happened = [bool(np.isfinite(deviation).any()) for deviation in deviations]
-    rows = 2 if any(happened) else 1
-    unit, per_second = _unit_of(deviations)
+    has_switch = [bool(np.isfinite(deviation).any()) for deviation in deviations]
+    rows = 2 if any(has_switch) else 1
+    unit, in_unit = _unit_of(deviations)
     figure, grid = timeline(runs, rows, 1.5, beside=LEVELS_OF_SWITCHES, stage_look=_color_of_stage)
     for column, run, deviation in zip(grid.T, runs_of(runs), deviations, strict=True):
-        above = column[0]
+        main_panel = column[0]
         ends = run.motion.time[[0, -1]]
         horizon = run.task.spec.controller.horizon
-        above.plot(ends, ends, label=LEVELS_OF_SWITCHES[0], **style.LEVEL)
-        above.plot(ends, ends + horizon, label=LEVELS_OF_SWITCHES[1], linestyle=style.DASHED, **style.LEVEL)
+        main_panel.plot(ends, ends, label=LEVELS_OF_SWITCHES[0], **style.LEVEL)
+        main_panel.plot(ends, ends + horizon, label=LEVELS_OF_SWITCHES[1], linestyle=style.DASHED, **style.LEVEL)
 
         instants = run["window/instants"]
         switch_time = run.stages["switch_time"]
@@ -77,20 +81,20 @@ def plot_instants(runs: Run | Mapping[str, Run]) -> Figure:
             look: dict[str, Any] = {"linestyle": "none", "markeredgecolor": "none", **style.mark_look(stage)}
             look["markersize"] = 2.0
             if samples.any():
-                above.plot(time, instants[samples, stage], gid=name, label="_", **look)
+                main_panel.plot(time, instants[samples, stage], gid=name, label="_", **look)
             if np.isfinite(deviation[:, stage]).any():
-                column[1].plot(time, per_second * deviation[samples, stage], label="_", **look)
+                column[1].plot(time, in_unit * deviation[samples, stage], label="_", **look)
 
         look = {"color": "black", "markerfacecolor": "white", "markersize": 3.5, "zorder": 3}
-        above.plot(switch_time, switch_time, "o", label="_actual switch", **look)
+        main_panel.plot(switch_time, switch_time, "o", label="_actual switch", **look)
         for axes in column[1:]:
             axes.axhline(0.0, **style.LEVEL)
     grid[0, 0].set_ylim(bottom=min(run.motion.time[0] for run in runs_of(runs)))  # runs share it: once all are drawn
     label_row(grid[0], "Planned switch\ntime (s)", "" if any(map(plans_switches, runs_of(runs))) else NOTHING_PLANNED)
     if rows == 2:
-        note = style.show_beside_peaks(grid[1, 0], per_second * np.vstack(deviations))
+        note = style.show_beside_peaks(grid[1, 0], in_unit * np.vstack(deviations))
         label_row(grid[1], f"Planned minus\nactual ({unit})", note)
-        leave_out(grid, 1, [column for column, is_there in enumerate(happened) if not is_there])
+        leave_out(grid, 1, [column for column, is_there in enumerate(has_switch) if not is_there])
     return style.finish(figure)
 
 
@@ -106,12 +110,14 @@ def _color_of_stage(stage: int) -> dict[str, Any]:
 
 
 def plot_shares(runs: Run | Mapping[str, Run]) -> Figure:
-    """Plot each stage's share [%] in the window's weighted cost and in the applied control, of one or several runs.
+    """Plot each stage's share [%] in the window's weighted cost and in the applied control, over time.
 
-    The cost is omega_s J_s of the window's stages; the pending cost, which belongs to no stage, is left out. All stages
-    in the window would apply controls on their own; of the convex combinations of these the one nearest to the applied
-    control is taken, and a stage's share in the control is its weight in it. The panel of these shares is there only if
-    they were logged; where `log.shares` is off, the figure says so.
+    The cost is omega_s J_s of the window's stages; the pending cost, which belongs to no stage, is left out. The share
+    in the control is a weight: each stage alone would apply a control of its own; of the convex combinations of these
+    the one nearest to the applied control is taken. Its panel is there only if shares were logged (`log.shares`).
+
+    Args:
+        runs: A run, or several by controller.
     """
     shares = {"weighted cost": [cost_shares(run) for run in runs_of(runs)]}
     logged = [run["window/share"] for run in runs_of(runs)]
@@ -139,9 +145,15 @@ def cost_shares(run: Run) -> np.ndarray:
 
 
 def _stack_shares(axes: Axes, run: Run, shares: np.ndarray) -> None:
-    """Stack the shares (K, S), a step a sample, and mark when stages end and when the next one starts early."""
-    last = run.time[-1]
-    end = run.motion.end if run.motion.end > last else last + run.task.spec.controller.sample_time
+    """Stack the shares of stages above each other, a step for each sample, and mark when stages end and start early.
+
+    Args:
+        axes: The panel.
+        run: The run.
+        shares: Shares (K, S) of S stages at K samples [0, 1]; NaN where a stage has none.
+    """
+    last_sample = run.time[-1]
+    end = run.motion.end if run.motion.end > last_sample else last_sample + run.task.spec.controller.sample_time
     edges = np.r_[run.time, end]
     top = np.zeros(len(run.time))
     for stage in np.flatnonzero(np.isfinite(shares).any(axis=0)).tolist():
@@ -165,21 +177,29 @@ def _pattern_of_stage(stage: int) -> dict[str, Any]:
 
 
 def plot_solve_time(run: Run) -> Figure:
-    """Plot the wall time [ms] and the iterations of each solve over time, by how many stages were in the window."""
+    """Plot wall time [ms] and iterations of each solve over time, coloured by how many stages were in the window.
+
+    A line shows the sample time, within which a solve has to end in real time; failed solves are crosses.
+    """
     figure, grid = timeline(run, 2, 1.25)
     above, below = grid[:, 0]
     time = run.time
-    wall = run["solver/wall_time"] * 1e3
+    wall_time = run["solver/wall_time"] * 1e3
     iterations = run["solver/iterations"]
-    count = run["window/count"]
-    solved = np.isfinite(wall) & (wall > 0)
-    counts = np.unique(count[solved])
-    for i, stages in enumerate(counts):
-        samples = solved & (count == stages)
-        label = f"{stages} stage{'s' if stages > 1 else ''}{' in the window' if stages == counts[-1] else ''}"
-        for axes, values in ((above, wall), (below, iterations)):
+    stages_in_window = run["window/count"]
+    solved = np.isfinite(wall_time) & (wall_time > 0)
+    stage_counts = np.unique(stages_in_window[solved])
+    for color_number, stages in enumerate(stage_counts):
+        samples = solved & (stages_in_window == stages)
+        label = f"{stages} stage{'s' if stages > 1 else ''}{' in the window' if stages == stage_counts[-1] else ''}"
+        for axes, values in ((above, wall_time), (below, iterations)):
             axes.plot(
-                time[samples], values[samples], label=label, linestyle="none", markersize=1.8, **style.mark_look(i)
+                time[samples],
+                values[samples],
+                label=label,
+                linestyle="none",
+                markersize=1.8,
+                **style.mark_look(color_number),
             )
     limit = run.task.spec.controller.sample_time * 1e3
     above.axhline(limit, label=f"_sample time, {limit:g} ms", **style.LEVEL)
@@ -194,50 +214,57 @@ def plot_solve_time(run: Run) -> Figure:
     label_row(grid[0], "Solve time\n(ms)", style.better("down", "sooner"))
     failed = run["events/solve_failed"].astype(bool)
     if np.any(failed):
-        for axes, values in ((above, np.where(solved, wall, limit)), (below, iterations)):
+        for axes, values in ((above, np.where(solved, wall_time, limit)), (below, iterations)):
             axes.plot(time[failed], values[failed], **style.look("failed", label="_failed solve"))
     return style.finish(figure)
 
 
 def plot_grasps(run: Run) -> Figure:
-    """Plot the filtered loads [N, N, N m] on each grasp while it is closed, what it holds, and where one was lost."""
+    """Plot the filtered loads on each grasp while it is closed: pull [N], shear [N] and moment [N m].
+
+    With them is the strength beyond which a grasp is lost, if it is near; a cross is where one was.
+    """
     grippers = [style.readable(str(gripper)) for gripper in run["gripper"]]
     figure, grid = timeline(run, len(GRASP_LOADS), 1.2, beside=grippers)
     strengths = run.task.spec.body.grasp.largest_loads
     for (axes,), (load, unit), strength in zip(grid, GRASP_LOADS.items(), strengths, strict=True):
         loads = np.where(run["grasp/closed"] == 1, run[f"grasp/{load}"], np.nan)
-        for i, (gripper, held) in enumerate(zip(grippers, loads.T, strict=True)):
-            axes.plot(run.time, held, label=gripper, **style.line_look(i))
-            if run["grasp/lost"][i] == 1:
-                axes.plot(run["grasp/opened_at"][i], np.nanmax(held), **style.look("failed", label="_lost"))
+        for number, (gripper, load_of_gripper) in enumerate(zip(grippers, loads.T, strict=True)):
+            axes.plot(run.time, load_of_gripper, label=gripper, **style.line_look(number))
+            if run["grasp/lost"][number] == 1:
+                axes.plot(
+                    run["grasp/opened_at"][number], np.nanmax(load_of_gripper), **style.look("failed", label="_lost")
+                )
         is_near = strength < LIMIT_DISTANCE * np.nanmax(np.abs(loads), initial=0.0)
         if is_near:
             axes.axhline(strength, label=f"_strength, {strength:g} {unit}", **style.LEVEL)
-        far = f"strength {strength:g} {unit}, out of view" if np.isfinite(strength) and not is_near else ""
-        label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})", style.notes(far, style.better("down")))
+        strength_note = f"strength {strength:g} {unit}, out of view" if np.isfinite(strength) and not is_near else ""
+        label_row([axes], f"{load.capitalize()} on a\ngrasp ({unit})", style.notes(strength_note, style.better("down")))
     return style.finish(figure)
 
 
 def plot_thrusters(run: Run) -> Figure:
-    """Plot when thrusters fire: a row for each, a bar for each sample, as high as its impulse over the largest.
+    """Plot when thrusters fire: a row for each thruster, and in it a bar for each sample.
 
-    Where a thruster is shut because of its plume its row is grey.
+    The height of a bar is the impulse over the largest that the thruster can give in a sample. Where a thruster is shut
+    because of its plume its row is grey.
     """
     robot = run.problem.model.spec
     sample_time = run.task.spec.controller.sample_time
-    share = run["thrusters/impulse"] / (sample_time * np.array([thruster.force for thruster in robot.thrusters]))
-    count = share.shape[1]
+    # impulse over what the thruster gives if it fires throughout the sample
+    duty = run["thrusters/impulse"] / (sample_time * np.array([thruster.force for thruster in robot.thrusters]))
+    n_thrusters = duty.shape[1]
     color = style.line_look(0)["color"]
-    figure, grid = timeline(run, 1, 0.3 + 0.2 * count)
+    figure, grid = timeline(run, 1, 0.3 + 0.2 * n_thrusters)
     axes = grid[0, 0]
-    for i in range(count):
-        foot = i + 1 + BAR_HEIGHT / 2  # rows count downwards
+    for thruster_row in range(n_thrusters):
+        foot = thruster_row + 1 + BAR_HEIGHT / 2  # rows count downwards
         if "thrusters/shut" in run:
-            shut = run["thrusters/shut"][:, i] > 0
-            axes.bar(run.time[shut], -1.0, sample_time, bottom=i + 1.5, align="edge", color=SHUT)
-        axes.bar(run.time, -BAR_HEIGHT * share[:, i], sample_time, bottom=foot, align="edge", color=color)
-    axes.set_ylim(count + 0.7, 0.3)
-    axes.set_yticks(range(1, count + 1))
+            shut = run["thrusters/shut"][:, thruster_row] > 0
+            axes.bar(run.time[shut], -1.0, sample_time, bottom=thruster_row + 1.5, align="edge", color=SHUT)
+        axes.bar(run.time, -BAR_HEIGHT * duty[:, thruster_row], sample_time, bottom=foot, align="edge", color=color)
+    axes.set_ylim(n_thrusters + 0.7, 0.3)
+    axes.set_yticks(range(1, n_thrusters + 1))
     axes.set_ylabel("Thruster")
     note = "\ngrey: shut because of its plume" if "thrusters/shut" in run else ""
     axes.set_title(f"full bar: it fires throughout the sample{note}")
@@ -245,25 +272,28 @@ def plot_thrusters(run: Run) -> Figure:
 
 
 def plot_wheels(run: Run) -> Figure:
-    """Plot what each wheel stores [N m s], and the torque of its motor [N m], with their limits."""
+    """Plot the angular momentum of each reaction wheel [N m s] and the torque of its motor [N m] over time.
+
+    Limits are drawn, or named where they are too far off to be in view.
+    """
     wheels = Wheels.of(run.problem.model.spec)
     figure, grid = timeline(run, 2, 1.4, beside=[str(name) for name in run["wheel"]])
-    rows = (
+    panels = (
         ("momentum", "Angular momentum", "N m s", wheels.momentum),
         ("torque", "Motor torque", "N m", wheels.torque),
     )
-    for (axes,), (quantity, label, unit, limits) in zip(grid, rows, strict=True):
+    for (axes,), (quantity, label, unit, limits) in zip(grid, panels, strict=True):
         values = run[f"wheels/{quantity}"]
-        far = []
+        notes = []
         for i, name in enumerate(run["wheel"]):
             axes.plot(run.time, values[:, i], label=str(name), **style.line_look(i))
         for limit in np.unique(limits):
             if limit > LIMIT_DISTANCE * np.nanmax(np.abs(values), initial=0.0):
-                far.append(f"limit {limit:g} {unit}, out of view")
+                notes.append(f"limit {limit:g} {unit}, out of view")
                 continue
             for bound in (-limit, limit):
                 axes.axhline(bound, label=f"_limits, {limit:g} {unit} both ways", **style.LEVEL)
-        label_row([axes], f"{label}\n({unit})", style.notes(*far))
+        label_row([axes], f"{label}\n({unit})", style.notes(*notes))
     return style.finish(figure)
 
 
@@ -298,18 +328,24 @@ def has_distances(run: Run) -> bool:
 
 
 def nearest_pairs(run: Run) -> NearestPairs:
-    """Find the pairs of parts of a run that keeps clear which come nearest to each other.
+    """Find the pairs of parts that come nearest to each other in a run, for a figure that has no room for all.
 
-    Pairs that never keep clear are left out. A held object comes first in the log's pairs, a free one last: here they
-    are one pair.
+    Pairs that never keep clear are left out. The log names the object first in a pair while it is held, and last while
+    it is free: here these are one pair.
     """
-    columns = dict[frozenset[str], list[int]]()
-    logged = [tuple(name.split(" - ")) for name in run["clearance/pair"].tolist()]
+    columns_by_pair = dict[frozenset[str], list[int]]()
+    logged_pairs = [tuple(name.split(" - ")) for name in run["clearance/pair"].tolist()]
     for column in np.flatnonzero(np.isfinite(run["clearance/distance"]).any(axis=0)).tolist():
-        columns.setdefault(frozenset(logged[column]), []).append(column)
-    names = [(first, second) for first, second in (logged[of_pair[0]] for of_pair in columns.values())]
-    of_pairs = [np.fmin.reduce(run["clearance/distance"][:, of_pair], axis=1) for of_pair in columns.values()]
-    distances = np.column_stack(of_pairs)
+        columns_by_pair.setdefault(frozenset(logged_pairs[column]), []).append(column)
+    names = [
+        (first, second)
+        for first, second in (logged_pairs[columns_of_pair[0]] for columns_of_pair in columns_by_pair.values())
+    ]
+    distances_of_pairs = [
+        np.fmin.reduce(run["clearance/distance"][:, columns_of_pair], axis=1)
+        for columns_of_pair in columns_by_pair.values()
+    ]
+    distances = np.column_stack(distances_of_pairs)
 
     order = np.argsort(np.nanmin(distances, axis=0), kind="stable")
     nearest, others = np.split(order, [NEAREST_PAIRS])
@@ -319,7 +355,7 @@ def nearest_pairs(run: Run) -> NearestPairs:
         distances=distances[:, nearest],
         others=np.fmin.reduce(distances[:, others], axis=1, initial=np.nan),
         n_others=len(others),
-        margin=np.array([np.nan if each is None else each.margin for each in keeping]),
+        margin=np.array([np.nan if clearance is None else clearance.margin for clearance in keeping]),
     )
 
 
@@ -347,20 +383,21 @@ def plot_clearance(run: Run) -> Figure:
     edges = np.r_[run.time, run.motion.end]
 
     def draw(values: np.ndarray, **look: Any) -> None:
+        """Draw values (K,) as steps, each over its sample."""
         axes.plot(edges, np.r_[values, values[-1]], drawstyle="steps-post", **look)
 
-    for place, names in enumerate(pairs.names):
-        draw(distances[:, place], label=f"_{style.literal(name_of_pair(names))}", **style.line_look(place))
+    for pair, names in enumerate(pairs.names):
+        draw(distances[:, pair], label=f"_{style.literal(name_of_pair(names))}", **style.line_look(pair))
     if smallest_other < top:
         draw(others, **style.look("other pairs", label=f"_nearest of {pairs.n_others} others"))
-    kept = ", ".join(f"{each:g} mm" for each in np.unique(margin[np.isfinite(margin)]))
-    draw(margin, **style.look("bound", label=f"_margin, {kept}"))
+    margins = ", ".join(f"{value:g} mm" for value in np.unique(margin[np.isfinite(margin)]))
+    draw(margin, **style.look("bound", label=f"_margin, {margins}"))
     axes.axhline(0.0, **style.LEVEL)
-    for place in np.flatnonzero(smallest < 0).tolist():
-        deepest = np.nanargmin(distances[:, place])
-        axes.plot(run.time[deepest], smallest[place], **style.look("failed", label="_touch", zorder=3))
-    low = min(0.0, float(smallest[0]))
-    axes.set_ylim(low - 0.04 * (top - low), top)
+    for pair in np.flatnonzero(smallest < 0).tolist():
+        deepest = np.nanargmin(distances[:, pair])
+        axes.plot(run.time[deepest], smallest[pair], **style.look("failed", label="_touch", zorder=3))
+    bottom = min(0.0, float(smallest[0]))
+    axes.set_ylim(bottom - 0.04 * (top - bottom), top)
     count = len(pairs.names)
     note = f"{count} of {count + pairs.n_others} pairs; the others stay above {np.floor(smallest_other):.0f} mm"
     label_row(

@@ -48,10 +48,11 @@ def new_canvas(width: float) -> Figure:
 
 
 def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
-    """Place the panels of a figure and their labels, and make the figure as tall as they need it.
+    """Place the panels of a figure so that their labels fit, and make the figure as tall as that needs.
 
-    The rows of the grid are as high as its height ratios say [in], those of panels with equal scales as their widths
-    want it. Columns share what the labels leave of the width. The labels of a column are in line.
+    Matplotlib's own layouts change the sizes of panels. Here the rows are as high as the grid's height ratios say [in],
+    those of panels with equal scales as their widths want it. Columns share what the labels leave of the width. The
+    labels of a column are in line.
 
     Args:
         figure: Its panels are in one grid, or all placed already.
@@ -69,37 +70,39 @@ def arrange(figure: Figure, below: float = 0.0, above: float = 0.0) -> None:
 
     for panel in panels:
         if panel.equal:
-            panel.axes.set_aspect("auto")  # a panel narrower than its cell seems to need less room for its labels
+            panel.axes.set_aspect("auto")  # while it is measured: one narrower than its cell seems to need less room
     _place_to_measure(figure, panels, heights, shares)
     margins = [_margins(figure, panel.axes) for panel in panels]
     offsets = {panel.axes: _label_offsets(figure, panel.axes) for panel in panels}
-    in_line = {
-        panel.axes: max(offsets[each.axes][0] for each in panels if each.columns[0] == panel.columns[0])
+    label_offset = {
+        panel.axes: max(offsets[other.axes][0] for other in panels if other.columns[0] == panel.columns[0])
         for panel in panels
     }
     for panel, margin in zip(panels, margins, strict=True):
-        margin[0] = max(margin[0], in_line[panel.axes] + _label_width(figure, panel.axes))
+        margin[0] = max(margin[0], label_offset[panel.axes] + _label_width(figure, panel.axes))
     left, right, bottom, top = _largest(panels, margins, len(heights), len(shares))
 
+    # widths of the columns are what labels leave of the figure's width, by their shares
     widths = shares * (figure_width - (left + right).sum())
-    starts = np.cumsum(left + np.r_[0.0, (widths + right)[:-1]])
-    ends = starts + widths
+    column_starts = np.cumsum(left + np.r_[0.0, (widths + right)[:-1]])
+    column_ends = column_starts + widths
     for panel in panels:
         if panel.equal:
-            wide = ends[panel.columns[-1]] - starts[panel.columns[0]]
-            heights[panel.rows[0]] = wide * panel.axes.get_data_ratio()
-    tops = above + np.cumsum(top + np.r_[0.0, (heights + bottom)[:-1]])
-    figure_height = float(tops[-1] + heights[-1] + bottom[-1] + below)
+            panel_width = column_ends[panel.columns[-1]] - column_starts[panel.columns[0]]
+            heights[panel.rows[0]] = panel_width * panel.axes.get_data_ratio()
+    # from above
+    row_tops = above + np.cumsum(top + np.r_[0.0, (heights + bottom)[:-1]])
+    figure_height = float(row_tops[-1] + heights[-1] + bottom[-1] + below)
 
     figure.set_figheight(figure_height)
     for panel in panels:
-        x0 = starts[panel.columns[0]]
-        x1 = ends[panel.columns[-1]]
-        y1 = figure_height - tops[panel.rows[0]]
-        y0 = figure_height - tops[panel.rows[-1]] - heights[panel.rows[-1]]
+        x0 = column_starts[panel.columns[0]]
+        x1 = column_ends[panel.columns[-1]]
+        y1 = figure_height - row_tops[panel.rows[0]]
+        y0 = figure_height - row_tops[panel.rows[-1]] - heights[panel.rows[-1]]
         size = np.array([figure_width, figure_height])
         panel.axes.set_position(Bbox(np.array([[x0, y0], [x1, y1]]) / size))
-        _fix_labels(panel.axes, in_line[panel.axes], offsets[panel.axes][1], x1 - x0, y1 - y0)
+        _fix_labels(panel.axes, label_offset[panel.axes], offsets[panel.axes][1], x1 - x0, y1 - y0)
         if panel.equal:
             panel.axes.set_aspect("equal")
 
@@ -144,7 +147,19 @@ def _margins(figure: Figure, axes: Axes) -> np.ndarray:
 def _largest(
     panels: Sequence[Panel], margins: Sequence[np.ndarray], rows: int, columns: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the room left and right of each column, below and above each row [in], for the panels that end there."""
+    """Compute the room that labels need around the columns and rows of a grid of panels [in].
+
+    A panel may span several columns or rows; it needs room at the outer ones.
+
+    Args:
+        panels: The panels, with their columns and rows.
+        margins: What each needs left, right, below and above of its axes [in].
+        rows: Number of rows of the grid.
+        columns: Number of its columns.
+
+    Returns:
+        Room left and right of each column, below and above each row, with `PAD` around.
+    """
     left = np.full(columns, PAD)
     right = np.full(columns, PAD)
     bottom = np.full(rows, PAD)

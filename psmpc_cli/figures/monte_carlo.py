@@ -15,7 +15,7 @@ INTERVAL = "95 % interval of the fraction"
 
 
 def plot_success(runs: MonteCarloRuns) -> Figure:
-    """Plot the fraction of the runs whose stages have ended over time [s], below a line with the success rate.
+    """Plot the fraction of random runs whose stages have ended over time [s], with the success rate above.
 
     The times of a stage are relative to their median, which the legend names; those of the last one are the ends of the
     mission. A curve that ends below 1 belongs to a stage that not every run has ended. Bands are Wilson's 95 % score
@@ -24,23 +24,23 @@ def plot_success(runs: MonteCarloRuns) -> Figure:
     xlabel = "Switch time that ends the stage, less its median (s)"
     figure, (axes,) = style.stack(["Fraction of runs (1)"], [2.2], xlabel)
     times = runs["switch_time"]
-    made = int(runs.made.sum())
+    n_runs = int(runs.made.sum())
     for number, stage in enumerate(runs.stages):
         ended = np.sort(times[np.isfinite(times[:, number]), number])
         if len(ended):
             median = float(np.median(ended))
-            fraction = np.arange(len(ended) + 1) / made
+            fraction = np.arange(len(ended) + 1) / n_runs
             label = f"{style.readable(stage)}, {median:.1f} s"
-            later = np.r_[ended[0], ended] - median
-            axes.step(later, fraction, where="post", label=label, **style.line_look(number))
-            low, high = np.array([wilson_interval(count, made) for count in range(len(ended) + 1)]).T
+            time_after_median = np.r_[ended[0], ended] - median
+            axes.step(time_after_median, fraction, where="post", label=label, **style.line_look(number))
+            low, high = np.array([wilson_interval(count, n_runs) for count in range(len(ended) + 1)]).T
             band = {"color": style.line_look(number)["color"], "alpha": 0.15, "linewidth": 0}
-            axes.fill_between(later, low, high, step="post", label=f"_{INTERVAL}", **band)
+            axes.fill_between(time_after_median, low, high, step="post", label=f"_{INTERVAL}", **band)
     axes.locator_params(axis="x", nbins=5)
     axes.set_ylim(-0.04, 1.04)
     style.panel_legend(axes, style.better("left", "sooner"), title="Stage, median of its end")
     low, high = (100 * bound for bound in runs.interval)
-    rate = f"{runs.succeeded.sum()} of {made} runs succeeded; 95 % interval of the rate: {low:.0f} to {high:.0f} %"
+    rate = f"{runs.succeeded.sum()} of {n_runs} runs succeeded; 95 % interval of the rate: {low:.0f} to {high:.0f} %"
     figure.suptitle(rate)
     return style.finish(figure)
 
@@ -70,20 +70,27 @@ class MeasuredQuantity:
 
 
 def measured(runs: MonteCarloRuns) -> list[MeasuredQuantity]:
-    """List what is known of any run: final error [tolerances], margins [%] and those of monitors by unit."""
+    """List the quantities of random runs that have a panel: those of which some run has a value.
+
+    These are the final error [tolerances], the margins to limits [%], and the margins of monitors, by unit.
+    """
     margins = {kind: 100 * runs[f"relative_{kind}_margin"] for kind in ("position", "velocity")}
     safer = style.better("up", "safer")
-    every = [
+    quantities = [
         MeasuredQuantity(
             "Final error\n(tolerances)", {"": runs["final_error"]}, 1.0, "tolerance", style.better("down", "closer")
         ),
         MeasuredQuantity("Tightest margin\n(% of the limit)", margins, 0.0, "limit", safer),
     ]
-    of_monitors = dict(zip(runs.monitors, runs["monitor_margin"].T, strict=True)) if runs.monitors else {}
+    margin_of_monitor = dict(zip(runs.monitors, runs["monitor_margin"].T, strict=True)) if runs.monitors else {}
     for unit in dict.fromkeys(runs.monitors.values()):
-        monitored = {style.readable(name): of_monitors[name] for name, its in runs.monitors.items() if its == unit}
-        every.append(MeasuredQuantity(f"Margin of monitor\n({unit})", monitored, 0.0, "bound", safer))
-    return [each for each in every if np.isfinite(each.every).any()]
+        monitored = {
+            style.readable(name): margin_of_monitor[name]
+            for name, unit_of_monitor in runs.monitors.items()
+            if unit_of_monitor == unit
+        }
+        quantities.append(MeasuredQuantity(f"Margin of monitor\n({unit})", monitored, 0.0, "bound", safer))
+    return [quantity for quantity in quantities if np.isfinite(quantity.every).any()]
 
 
 def has_measured(runs: MonteCarloRuns) -> bool:
@@ -92,15 +99,15 @@ def has_measured(runs: MonteCarloRuns) -> bool:
 
 
 def plot_runs(runs: MonteCarloRuns) -> Figure:
-    """Plot final error [tolerances], tightest margins [%] and those of the monitors, by unit, of every run.
+    """Plot errors and margins of every random run over its seed, a panel for each quantity and unit.
 
     Failed runs are ringed, or crosses on the lower edge where they have no values.
     """
     panels = measured(runs)
-    figure, rows = style.stack([each.label for each in panels], [1.1] * len(panels), "Seed of the run (1)")
+    figure, all_axes = style.stack([panel.label for panel in panels], [1.1] * len(panels), "Seed of the run (1)")
     seed = runs["seed"]
     failed = runs.failed
-    for axes, panel in zip(rows, panels, strict=True):
+    for axes, panel in zip(all_axes, panels, strict=True):
         for number, (name, value) in enumerate(panel.values.items()):
             look = {"linestyle": "none", "markersize": 3.0, "markeredgewidth": 0, **style.mark_look(number)}
             axes.plot(seed, value, label=name or "_", **look)
@@ -110,13 +117,13 @@ def plot_runs(runs: MonteCarloRuns) -> Figure:
         note = style.show_beside_peaks(axes, panel.every)
         if not note and (panel.every >= 0).all():
             axes.set_ylim(bottom=0.0)
-        known = np.isfinite(panel.every).any(axis=0)
-        if (failed & known).any():
+        has_value = np.isfinite(panel.every).any(axis=0)
+        if (failed & has_value).any():
             axes.plot([], [], **style.look("ring around a failed run", label="failed"))
-        if (lost := seed[failed & ~known]).size:  # along the lower edge
+        if (without_value := seed[failed & ~has_value]).size:  # along the lower edge
             look = style.look("failed", label="failed, no value", transform=axes.get_xaxis_transform(), clip_on=False)
-            axes.plot(lost, np.zeros(len(lost)), **look)
+            axes.plot(without_value, np.zeros(len(without_value)), **look)
         axes.plot([], [], label=panel.of_level, **style.LEVEL)
         style.panel_legend(axes, style.notes(panel.better, note))
-    rows[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+    all_axes[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     return style.finish(figure)

@@ -40,16 +40,16 @@ def has_instant_criterion(results: Results) -> bool:
 
 
 def plot_fronts(results: Results) -> Figure:
-    """Plot the fronts in the plane of both costs [s], J_2 to the right and J_1 upwards, a curve for each sample.
+    """Plot the Pareto fronts in the plane of both costs [s], J_2 to the right and J_1 upwards, a curve for each sample.
 
     A second panel is there if the costs differ so much that a linear one cannot show them all. Its axes are
-    logarithmic. Where some costs are not positive, as those of the printed (12), they are linear, and the panel leaves
-    out the large fronts.
+    logarithmic. Where some costs are not positive, which the cost as printed in (12) may be, they are linear, and the
+    panel leaves out the large fronts.
     """
     samples = fronts_by_sample(results)
-    every = np.concatenate([J for points in samples for J, _ in points])
-    smallest = np.nanmin(every, axis=0)
-    largest = np.nanmax(every, axis=0)
+    all_costs = np.concatenate([J for points in samples for J, _ in points])
+    smallest = np.nanmin(all_costs, axis=0)
+    largest = np.nanmax(all_costs, axis=0)
     is_positive = bool(np.all(smallest > 0))
     is_large = np.zeros(len(samples), bool) if is_positive else _large_fronts(samples)
     panels = 2 if is_large.any() or (is_positive and np.any(largest > WIDE * smallest)) else 1
@@ -58,14 +58,14 @@ def plot_fronts(results: Results) -> Figure:
     three_criteria = has_instant_criterion(results)
     rows[0].xaxis.set_major_locator(MaxNLocator(nbins=6))
     if panels > 1 and is_positive:
-        for along, wide in zip("yx", largest > 100.0 * smallest, strict=True):
-            style.make_logarithmic(rows[1], along, subs=(1.0,) if wide else (1.0, 2.0, 5.0))
+        for axis, has_many_decades in zip("yx", largest > 100.0 * smallest, strict=True):
+            style.make_logarithmic(rows[1], axis, subs=(1.0,) if has_many_decades else (1.0, 2.0, 5.0))
     for axes in rows:
         shown = np.flatnonzero(~is_large) if axes is not rows[0] else np.arange(len(samples))
-        for i in shown.tolist():
-            label = f"{results['instant'][i]:.1f} s"
-            label += "" if three_criteria else f": {results['hypervolume'][i]:.3g} s$^2$"
-            _plot_sample(axes, samples[i], i, label)
+        for sample in shown.tolist():
+            label = f"{results['instant'][sample]:.1f} s"
+            label += "" if three_criteria else f": {results['hypervolume'][sample]:.3g} s$^2$"
+            _plot_sample(axes, samples[sample], sample, label)
         axes.plot(results["chosen_J_2"][shown], results["chosen_J_1"][shown], **_look_of_run_weights(results))
         axes.set(xlabel=f"Cost of {second}, $J_2$ (s)", ylabel=f"Cost of {first}, $J_1$ (s)")
         axes.margins(0.04)
@@ -76,10 +76,10 @@ def plot_fronts(results: Results) -> Figure:
     better = style.better("down and left")
     left_out = ", ".join(f"{instant:.1f} s" for instant in results["instant"][is_large])
     second_note = f"  without {left_out}" if left_out else ""
-    letters = (f"(a)  {better}", f"(b)  {better}{second_note}") if panels > 1 else (better,)
-    style.panel_legend(rows[0], letters[0], title)
-    for axes, letter in zip(rows[1:], letters[1:], strict=True):
-        axes.set_title(letter)  # the same legend
+    titles = (f"(a)  {better}", f"(b)  {better}{second_note}") if panels > 1 else (better,)
+    style.panel_legend(rows[0], titles[0], title)
+    for axes, panel_title in zip(rows[1:], titles[1:], strict=True):
+        axes.set_title(panel_title)  # the same legend
     return style.finish(figure)
 
 
@@ -91,24 +91,38 @@ def _large_fronts(samples: Sequence[Sequence[tuple[np.ndarray, np.ndarray]]]) ->
     return np.zeros_like(is_large) if is_large.all() else np.asarray(is_large)
 
 
-def _plot_sample(axes: Axes, found: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str) -> None:
-    """Plot a sample's points, of the first method joined, with arrows to larger ratios, dominated ones crossed."""
+def _plot_sample(axes: Axes, points_by_method: Sequence[tuple[np.ndarray, np.ndarray]], index: int, label: str) -> None:
+    """Plot the points of one sample: those of the first method joined, with arrows towards larger ratios of weights.
+
+    Points of a second method are crosses without a line, dominated points are crossed out.
+
+    Args:
+        axes: The panel.
+        points_by_method: For each method the costs J_1, J_2 of its points (P, 2), and which of them are dominated (P,).
+        index: Number of the sample, for its colour.
+        label: Its name in the legend.
+    """
     look = style.mark_look(index)
-    for order, (J, dominated) in enumerate(found):
-        kept = J[~dominated].T[::-1]
-        if order == 0:
-            axes.plot(*kept, label=label, **FRONT_LOOK, **look)
+    for method, (J, dominated) in enumerate(points_by_method):
+        efficient = J[~dominated].T[::-1]
+        if method == 0:
+            axes.plot(*efficient, label=label, **FRONT_LOOK, **look)
         else:
-            axes.plot(*kept, "+", color=look["color"], markersize=3.5, markeredgewidth=0.6)
+            axes.plot(*efficient, "+", color=look["color"], markersize=3.5, markeredgewidth=0.6)
         if dominated.any():
             axes.plot(*J[dominated].T[::-1], **style.look("dominated", markersize=4.5, markeredgewidth=0.9))
-    curve = found[0][0][np.isfinite(found[0][0]).all(axis=1)][:, ::-1]
+    curve = points_by_method[0][0][np.isfinite(points_by_method[0][0]).all(axis=1)][:, ::-1]
     if len(curve) < 2:
         return
-    length = np.cumsum(np.linalg.norm(np.diff(curve, axis=0) / np.maximum(np.ptp(curve, axis=0), 1e-12), axis=1))
-    for k in np.searchsorted(length, [0.3 * length[-1], 0.75 * length[-1]]):
+    # arrows at 30 % and 75 % of the curve's length as it is drawn
+    arc_length = np.cumsum(np.linalg.norm(np.diff(curve, axis=0) / np.maximum(np.ptp(curve, axis=0), 1e-12), axis=1))
+    for segment in np.searchsorted(arc_length, [0.3 * arc_length[-1], 0.75 * arc_length[-1]]):
         axes.annotate(
-            "", xy=curve[k + 1], xytext=curve[k], arrowprops={**style.ARROW, "facecolor": look["color"]}, zorder=4
+            "",
+            xy=curve[segment + 1],
+            xytext=curve[segment],
+            arrowprops={**style.ARROW, "facecolor": look["color"]},
+            zorder=4,
         )
 
 
@@ -124,12 +138,13 @@ def _look_of_run_weights(results: Results) -> dict[str, Any]:
 
 
 def plot_fronts_over_instant(results: Results) -> Figure:
-    """Plot for each sample the fronts with the instant held ever later, over the plane of both costs [s].
+    """Plot for each sample the fronts with the switching instant held ever later, in three dimensions.
 
-    On the floor is their projection: fronts of later instants cross those of earlier ones.
+    The axes are both costs [s] and the instant. On the floor is the projection: fronts of later instants cross those of
+    earlier ones, which shows what there is to choose.
     """
     samples = len(results["instant"])
-    rows = -(-samples // 3)
+    rows = -(-samples // 3)  # rounded up
     figure = style.new_figure(style.PAGE)
     grid: Any = figure.subplots(rows, 3, subplot_kw={"projection": "3d"}, squeeze=False, height_ratios=[2.1] * rows)
     for i, axes in enumerate(grid.flat):
@@ -140,35 +155,45 @@ def plot_fronts_over_instant(results: Results) -> Figure:
     return style.finish(figure)
 
 
-def _plot_sample_over_instant(axes: Any, results: Results, i: int) -> None:
-    """Plot the fronts of one sample; `axes` are three-dimensional ones, for which Matplotlib has no types."""
+def _plot_sample_over_instant(axes: Any, results: Results, sample: int) -> None:
+    """Plot the fronts of one sample in three dimensions: instants held, the instant free, and the point of the run.
+
+    Args:
+        axes: Three-dimensional axes, for which Matplotlib has no types.
+        results: The Pareto study.
+        sample: Number of the sample.
+    """
     method = WEIGHTED if f"{WEIGHTED}_J_1" in results.quantities else CONSTRAINED
-    J, marks = front_points(results, method)
-    waits = results[f"{method}_wait"][i]
+    J, is_dominated = front_points(results, method)
+    waits = results[f"{method}_wait"][sample]
     floor = float(np.nanmin(waits))
     span = float(np.nanmax(waits)) - floor
     floor -= 0.15 * span
-    for later, found in enumerate(waits):
-        if not np.isfinite(found).any():
+    for held, waits_of_front in enumerate(waits):
+        if not np.isfinite(waits_of_front).any():
             continue
-        wait = float(np.nanmax(found))
-        y, x = J[i, later].T
-        dominated = marks[i, later]
-        kept = np.flatnonzero(~dominated).tolist()
-        axes.plot(x, y, wait, markevery=kept, label="_switch time held", **FRONT_LOOK, **style.mark_look(0))
+        wait = float(np.nanmax(waits_of_front))
+        y, x = J[sample, held].T
+        dominated = is_dominated[sample, held]
+        efficient = np.flatnonzero(~dominated).tolist()
+        axes.plot(x, y, wait, markevery=efficient, label="_switch time held", **FRONT_LOOK, **style.mark_look(0))
         axes.plot(x, y, floor, color="#D5D5D5", linewidth=0.9, label="_in the plane of $J_1$ and $J_2$")
         if dominated.any():
             axes.plot(x[dominated], y[dominated], wait, **style.look("dominated", markersize=3.5, markeredgewidth=0.8))
-    free = [results[f"free_{name}"][i] for name in ("J_2", "J_1", "wait")]
-    axes.plot(*free, label="_switch time free", **FRONT_LOOK, **style.mark_look(1))
-    chosen = (results["chosen_J_2"][i], results["chosen_J_1"][i], results["t_s"][i] - results["instant"][i])
-    axes.plot(*([value] for value in chosen), **_look_of_run_weights(results))
+    free_front = [results[f"free_{name}"][sample] for name in ("J_2", "J_1", "wait")]
+    axes.plot(*free_front, label="_switch time free", **FRONT_LOOK, **style.mark_look(1))
+    point_of_run = (
+        results["chosen_J_2"][sample],
+        results["chosen_J_1"][sample],
+        results["t_s"][sample] - results["instant"][sample],
+    )
+    axes.plot(*([value] for value in point_of_run), **_look_of_run_weights(results))
     first, second = map(style.readable, results["stage"].tolist())
     axes.set_xlabel(f"{second}, $J_2$ (s)", labelpad=-3)
     axes.set_ylabel(f"{first}, $J_1$ (s)", labelpad=-4)
     axes.set_zlabel("$t_s - T_0$ (s)", labelpad=-2)
     axes.set_zlim(floor, floor + 1.2 * span)
-    axes.set_title(f"$T_0$ = {results['instant'][i]:.1f} s", loc="center", y=0.95)
+    axes.set_title(f"$T_0$ = {results['instant'][sample]:.1f} s", loc="center", y=0.95)
     axes.tick_params(pad=-3)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_locator(MaxNLocator(nbins=4))

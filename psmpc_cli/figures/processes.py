@@ -18,11 +18,11 @@ MOST_PROCESSES = 4
 
 
 def make_calls(calls: Sequence[Callable[[], object]]) -> None:
-    """Make calls whose results are files, each once, in this process and in others that are forked for them.
+    """Make calls whose results are files, such as drawing figures, each once, in several processes at a time.
 
-    All take the next call from one queue until it is empty. A call that failed elsewhere, or whose process was killed,
-    is repeated here, where its error appears as if nothing had been forked. After an error or a signal no process
-    begins another call.
+    This process and others that are forked for it take the next call from one queue until it is empty. A call that
+    failed elsewhere, or whose process was killed, is repeated here, where its error appears as if nothing had been
+    forked. After an error or a signal no process begins another call.
 
     Raises:
         Exception: What a call raises.
@@ -49,7 +49,17 @@ def _usable_processes() -> int:
 def _make_shared_calls(
     calls: Sequence[Callable[[], object]], helpers: int, interruption: Interruption, work: Work
 ) -> None:
-    """Make calls in this process and in so many forked ones. Their numbers go through pipes, a byte each."""
+    """Make calls in this process and in forked ones, which share a queue of the calls' numbers.
+
+    The queue is a pipe with one byte for each call, so that reading a byte takes a call; a second pipe reports which
+    were made.
+
+    Args:
+        calls: The calls, at most 256.
+        helpers: Number of processes to fork.
+        interruption: Tells whether a signal came; then no further call begins.
+        work: Counts the calls that were made.
+    """
     queue, queue_end = os.pipe()
     os.write(queue_end, bytes(range(len(calls))))
     os.close(queue_end)
@@ -57,34 +67,40 @@ def _make_shared_calls(
     children = [_fork(calls, queue, report) for _ in range(helpers)]
     os.close(report)
 
-    waiting = set(range(len(calls)))
+    not_made = set(range(len(calls)))
     try:
         while not interruption.number and (number := os.read(queue, 1)):
             with uncollected():
                 calls[number[0]]()
-            waiting.remove(number[0])
+            not_made.remove(number[0])
             work.advance()
             while select.select([made_elsewhere], [], [], 0)[0] and (number := os.read(made_elsewhere, 1)):
-                waiting.discard(number[0])
+                not_made.discard(number[0])
                 work.advance()
     finally:
-        os.read(queue, len(calls))  # empty for the others too
+        os.read(queue, len(calls))  # emptied, after an error too: the others then end
         os.close(queue)
         while numbers := os.read(made_elsewhere, len(calls)):
-            waiting.difference_update(numbers)
+            not_made.difference_update(numbers)
         os.close(made_elsewhere)
         for child in children:
             os.waitpid(child, 0)
-    for left in sorted(waiting):
+    for number_left in sorted(not_made):
         if interruption.number:
             return
-        calls[left]()
+        calls[number_left]()
 
 
 def _fork(calls: Sequence[Callable[[], object]], queue: int, report: int) -> int:
-    """Start a process that makes calls whose numbers it reads from a pipe and reports to another; return its id.
+    """Start a process that takes calls from a queue until it is empty; return its id.
 
-    It leaves signals to its parent, which empties the queue, and ends at the first error without a word.
+    It ignores signals, since its parent empties the queue then, and ends at the first error without a word: the parent
+    makes the call again.
+
+    Args:
+        calls: The calls.
+        queue: Pipe from which it reads the numbers of calls.
+        report: Pipe to which it writes the numbers of those it has made.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads of NumPy's libraries, which expect forks
@@ -92,8 +108,8 @@ def _fork(calls: Sequence[Callable[[], object]], queue: int, report: int) -> int
     if child:
         return child
     try:
-        for each in SIGNALS:
-            signal.signal(each, signal.SIG_IGN)
+        for signal_number in SIGNALS:
+            signal.signal(signal_number, signal.SIG_IGN)
         gc.disable()
         while number := os.read(queue, 1):
             calls[number[0]]()

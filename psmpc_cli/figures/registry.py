@@ -206,11 +206,11 @@ def draw(
     force: bool = False,
     films: Collection[str] = (),
 ) -> list[Path]:
-    """Draw figures of a subject, each into a file for each format, and return the files.
+    """Draw figures of a run or study, each into a file for each format, in several processes; return the files.
 
     Args:
-        kind: What the subject is, as in the table.
-        subject: What is drawn.
+        kind: What the subject is, as in the table of figures.
+        subject: What is drawn: a run, several runs, or the results of a study.
         directory: Where the files go; made if necessary.
         formats: Of png, pdf, svg.
         only: Names of the figures to draw; None for all.
@@ -223,15 +223,16 @@ def draw(
         LogError: There is nothing to draw.
         RunError: A film could not be rendered or encoded.
     """
-    content, is_there = REQUIRED_CONTENT.get(kind, ("", lambda subject: True))
-    if not is_there(subject):
+    content, has_content = REQUIRED_CONTENT.get(kind, ("", lambda subject: True))
+    if not has_content(subject):
         path = getattr(subject, "results", subject).path
         raise LogError(f"{path}: found no {content}, expected one at least to draw")
-    known = figures_of(kind, subject)
-    names = _select("figure", known if only is None else only, known)
+    known_figures = figures_of(kind, subject)
+    names = _select("figure", known_figures if only is None else only, known_figures)
     endings = _select("format", formats, FORMATS)
 
     figures = figure_files(directory, names, endings)
+    # with films asked for, figures that are there already need not be drawn again
     if films and only is None and not force and any(path.exists() for paths in figures.values() for path in paths):
         figures = {}
     film_files = figure_files(directory, [name for name in FILMS if name in films], _film_endings())
@@ -240,7 +241,7 @@ def draw(
         offscreen_driver()
     _prepare_files(files, force)
     with in_style():
-        make_calls([partial(_make_and_save, known[name], subject, paths) for name, paths in figures.items()])
+        make_calls([partial(_make_and_save, known_figures[name], subject, paths) for name, paths in figures.items()])
         for name, paths in film_files.items():
             FILMS[name](subject, paths)
     return files

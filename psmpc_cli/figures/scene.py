@@ -125,19 +125,24 @@ class Scene:
         return [span.index for span in begun if time < span.end] or [begun[-1].index]
 
     def target_frames(self, stage: int, time: float) -> np.ndarray:
-        """Return the frames (1 + arms, 4, 4) [m] a stage aims at, at a time [s].
+        """Compute the frames of base and end-effectors that a stage aims at, to draw them as targets.
 
-        NaN where the stage asks for no position, or for no attitude.
+        Args:
+            stage: Index of the stage.
+            time: When [s]; targets of trajectories and moving objects change.
+
+        Returns:
+            Frames (1 + arms, 4, 4) [m]; NaN where the stage asks for no position, or for no attitude.
         """
         model = self.run.problem.model
         span = self._span_of(stage, time)
-        followed = self.run.problem_at(time).stages[stage] if span is None else self.run.followed(span)
-        skill = skill_in(followed.space)
-        aim = followed.wanted(0.0 if span is None else time - span.start)
-        before = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
-        frames = pose_frames(skill.after(model, before, aim).xi.reshape(len(model.pose_rows), -1))
+        placed_stage = self.run.problem_at(time).stages[stage] if span is None else self.run.followed(span)
+        skill = skill_in(placed_stage.space)
+        aim = placed_stage.wanted(0.0 if span is None else time - span.start)
+        posture_now = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
+        frames = pose_frames(skill.after(model, posture_now, aim).xi.reshape(len(model.pose_rows), -1))
         frames[:, : model.dimension, 3] = skill.aims(model, aim)
-        positions, attitudes = asked_frames(model, followed)
+        positions, attitudes = asked_frames(model, placed_stage)
         frames[~positions, :3, 3] = np.nan
         frames[~attitudes, :3, :3] = np.nan
         return frames
@@ -183,22 +188,25 @@ class Scene:
         return [(time, f"{readable(names[index])} ends") for index, time in self.run.switches]
 
     def key_instants(self) -> list[tuple[float, str]]:
-        """Return start, early starts, switches, loss of the object and end of the run [s] with their names, by time.
+        """List the instants at which a picture of the run is worth drawing, with their names, by time.
 
-        Those within one sample are one.
+        They are its start and end, early starts, switches, and the loss of the object. Those within one sample are one.
+
+        Returns:
+            Times [s] and names.
         """
         start = float(self.run.motion.time[0])
         end = self.run.motion.end
         early = [(span.early, f"{readable(span.name)} starts") for span in self.run.spans if span.early is not None]
         instants = [(start, "start"), *early, *self.switches(), *[(self.left, "object lost")] * self.lost]
         instants += [(end, "end of the run")] * all(abs(time - end) > 1e-6 for time, _ in instants)
-        kept: list[tuple[float, str]] = []
+        merged: list[tuple[float, str]] = []
         for time, event in sorted(instants, key=lambda instant: instant[0]):
-            if kept and time <= kept[-1][0] + self.run.task.spec.controller.sample_time:
-                kept[-1] = kept[-1][0], f"{kept[-1][1]}, {event}"
+            if merged and time <= merged[-1][0] + self.run.task.spec.controller.sample_time:
+                merged[-1] = merged[-1][0], f"{merged[-1][1]}, {event}"
             else:
-                kept.append((time, event))
-        return kept
+                merged.append((time, event))
+        return merged
 
 
 def points_with_shadows(
@@ -207,21 +215,38 @@ def points_with_shadows(
     obstacles: Sequence[ObstacleSpec] = (),
     times: Sequence[float] = (0.0,),
 ) -> np.ndarray:
-    """Return all finite points (., 3) [m], with those of the bodies again where the lowest of all is.
+    """Collect the points that a view of a scene has to contain, with the shadows of bodies on the floor.
 
-    With them are those of obstacles at times [s] that are near.
+    The floor is at the lowest of all points. Obstacles count as far as they are near.
+
+    Args:
+        bodies: Points of bodies that cast shadows, arrays (., 3) [m].
+        others: Points of what casts none, such as paths; NaN is left out.
+        obstacles: Obstacles.
+        times: When obstacles are seen [s].
+
+    Returns:
+        The points (., 3) [m].
     """
-    of_bodies = _finite(np.vstack(bodies))
-    points = np.vstack([of_bodies, _finite(np.vstack([*others, np.zeros((0, 3))]))])
+    body_points = _finite(np.vstack(bodies))
+    points = np.vstack([body_points, _finite(np.vstack([*others, np.zeros((0, 3))]))])
     points = np.vstack([points, *(points_near(obstacle, time, points) for obstacle in obstacles for time in times)])
     lowest = points[:, 2].min(initial=np.inf)
-    return np.vstack([points, np.c_[of_bodies[:, :2], np.full(len(of_bodies), lowest)]])
+    return np.vstack([points, np.c_[body_points[:, :2], np.full(len(body_points), lowest)]])
 
 
 def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.ndarray:
-    """Return points (., 3) that show an obstacle at a time [s] as far as it is near others (., 3); none if it is not.
+    """Return points that show an obstacle as far as it is near others; none if it is not.
 
-    One that is large or far away would leave no room for the robot.
+    One that is large or far away would leave no room for the robot in a view.
+
+    Args:
+        obstacle: The obstacle.
+        time: When it is seen [s].
+        points: The other points (., 3) [m].
+
+    Returns:
+        Points (., 3) [m].
     """
     low = points.min(axis=0)
     high = points.max(axis=0)
@@ -229,16 +254,16 @@ def points_near(obstacle: ObstacleSpec, time: float, points: np.ndarray) -> np.n
     shape = obstacle.shape.shape
     frame = obstacle_frame(obstacle, time)
     if shape.kind == "box":
-        of_obstacle = corners(frame, half_edges(shape.edges))
+        obstacle_points = corners(frame, half_edges(shape.edges))
     elif shape.kind == "capsule":
         around = shape.size[0] * np.vstack([np.eye(3), -np.eye(3)])
-        of_obstacle = (in_inertial_frame(frame, capsule_ends(shape))[:, None] + around).reshape(-1, 3)
-    else:
+        obstacle_points = (in_inertial_frame(frame, capsule_ends(shape))[:, None] + around).reshape(-1, 3)
+    else:  # of a half-space, the point of its face nearest to the middle of the others
         normal = frame[:3, :3] @ shape.size
         middle = (low + high) / 2
-        of_obstacle = (middle - (middle - frame[:3, 3]) @ normal * normal)[None]
-    is_near = (of_obstacle.min(axis=0) <= high + room).all() and (of_obstacle.max(axis=0) >= low - room).all()
-    return np.clip(of_obstacle, low - room, high + room) if is_near else np.zeros((0, 3))
+        obstacle_points = (middle - (middle - frame[:3, 3]) @ normal * normal)[None]
+    is_near = (obstacle_points.min(axis=0) <= high + room).all() and (obstacle_points.max(axis=0) >= low - room).all()
+    return np.clip(obstacle_points, low - room, high + room) if is_near else np.zeros((0, 3))
 
 
 def obstacle_frame(obstacle: ObstacleSpec, time: float) -> np.ndarray:
@@ -265,23 +290,30 @@ def _finite(points: np.ndarray) -> np.ndarray:
 
 
 def asked_frames(model: RobotModel, stage: Stage) -> tuple[np.ndarray, np.ndarray]:
-    """Return of which frames a stage asks for the position, and of which for the attitude, (1 + arms,) each.
+    """Tell of which frames of a robot a stage asks for the position, and of which for the attitude, to draw them.
 
-    Joints have their end-effector at one place and attitude only with the base at its own. An arm that points at a
+    Targets of joints fix the pose of their end-effector only if the base has a target too. An arm that points at a
     point has no attitude to take.
+
+    Args:
+        model: The robot.
+        stage: The stage.
+
+    Returns:
+        Whether it asks for the position, and whether for the attitude, of base and end-effectors (1 + arms,) each.
     """
     asks_for_base = stage.relevant_rows[stage.parts[BASE].rows].all()
     positions = dict.fromkeys(model.pose_rows, False)
     attitudes = dict.fromkeys(model.pose_rows, False)
     for name in positions.keys() & stage.parts.keys():
-        kind = stage.parts[name].kind
-        asked = stage.relevant_rows[stage.parts[name].rows]
-        if kind.is_pose:
-            positions[name] = bool(asked[: model.dimension].any())
-            attitudes[name] = bool(asked[model.dimension :].any())
+        part_kind = stage.parts[name].kind
+        relevant = stage.relevant_rows[stage.parts[name].rows]
+        if part_kind.is_pose:
+            positions[name] = bool(relevant[: model.dimension].any())
+            attitudes[name] = bool(relevant[model.dimension :].any())
         else:
-            positions[name] = bool(asked.any() and (kind.is_point or asks_for_base))
-            attitudes[name] = positions[name] and not kind.is_point
+            positions[name] = bool(relevant.any() and (part_kind.is_point or asks_for_base))
+            attitudes[name] = positions[name] and not part_kind.is_point
     return np.array(list(positions.values())), np.array(list(attitudes.values()))
 
 

@@ -112,20 +112,23 @@ TRIAD_COLORS = {"x": "#000000", "y": "#808080", "z": "#C0C0C0"}
 
 
 def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
-    """Plot the robot at each key instant of a run, or of several where their stages end; all to the same scale [m].
+    """Plot the robot at the key instants of a run, or of several runs where their stages end, to one scale [m].
 
-    Several runs have a row, or several, for each controller. A panel shows the targets of the stages that act, the path
-    of the base, and the paths of the end-effectors since the panel before.
+    Several runs have a row of panels, or several, for each controller. A panel shows the targets of the stages that
+    act, the path of the base, and the paths of the end-effectors since the panel before.
+
+    Args:
+        runs: A run, or several by controller.
     """
-    one = isinstance(runs, Run)
+    is_one_run = isinstance(runs, Run)
     names = [""] if isinstance(runs, Run) else [f"{style.literal(style.title_of(name))}\n" for name in runs]
     scenes = [scene_of(run) for run in runs_of(runs)]
-    instants = [scene.key_instants() if one else scene.switches() for scene in scenes]
-    most = max(1, *map(len, instants))
-    in_one_column = one and most <= 10
+    instants = [scene.key_instants() if is_one_run else scene.switches() for scene in scenes]
+    most_panels = max(1, *map(len, instants))
+    in_one_column = is_one_run and most_panels <= 10
     width = style.COLUMN if in_one_column else style.PAGE
-    across = min(2 if in_one_column else PANELS_ACROSS, most)
-    panels_of_a_run = -(-most // across) * across
+    columns = min(2 if in_one_column else PANELS_ACROSS, most_panels)
+    panels_of_a_run = -(-most_panels // columns) * columns  # whole rows
 
     titles: list[str] = []
     for instants_of_run in instants:
@@ -135,12 +138,12 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
     camera = scenes[0].camera
     extent = np.vstack([scene.extent(times_of_run) for scene, times_of_run in zip(scenes, times, strict=True)])
 
-    figure, grid = _panels(camera, extent, titles, across, width)
+    figure, grid = _panels(camera, extent, titles, columns, width)
     blocks = grid.reshape(len(scenes), -1)
     for block, scene, times_of_run, name in zip(blocks, scenes, times, names, strict=True):
         for axes, since, time in zip(block, times_of_run, times_of_run[1:], strict=False):
             draw_scene(axes, scene, time, since, extent)
-        for axes in block[::across]:
+        for axes in block[::columns]:
             axes.set_ylabel(f"{name}{axes.get_ylabel()}")
     return style.finish(figure, describe(camera, extent, width))
 
@@ -148,23 +151,33 @@ def plot_snapshots(runs: Run | Mapping[str, Run]) -> Figure:
 def _panels(
     camera: Camera, extent: np.ndarray, titles: Sequence[str], columns: int, width: float
 ) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its panels, all to one scale, one below each title; those without a title are empty.
+    """Make a figure with a grid of panels of the same view and scale, one for each title.
 
-    They show points (., 3) [m]. Titles are broken between words to the width of a panel.
+    Titles are broken between words to the width of a panel; a panel without a title stays empty.
+
+    Args:
+        camera: From where the scene is seen.
+        extent: Points that the view contains (., 3) [m].
+        titles: Titles of the panels, row by row.
+        columns: Number of columns.
+        width: Width of the figure [in].
+
+    Returns:
+        The figure and its panels.
     """
     titles = [*titles, *[""] * (-len(titles) % columns)]
     figure = style.new_figure(width)
     characters = int((width - AXIS_ROOM) / columns / style.CHARACTER)
     grid = figure.subplots(len(titles) // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for i, (axes, title) in enumerate(zip(grid, titles, strict=True)):
+    for number, (axes, title) in enumerate(zip(grid, titles, strict=True)):
         if not title:
             axes.set_axis_off()
             continue
         show(axes, camera, camera.view(extent))
         axes.set_title("\n".join(fill(line, characters) for line in title.split("\n")))
-        if i % columns:
+        if number % columns:
             axes.set_ylabel("")
-        if any(titles[i + columns :: columns]):
+        if any(titles[number + columns :: columns]):
             axes.set_xlabel("")
         else:
             axes.tick_params(labelbottom=True)
@@ -185,12 +198,20 @@ def describe(camera: Camera, extent: np.ndarray | None = None, width: float = st
 
 
 def _draw_directions(axes: Axes, camera: Camera, extent: np.ndarray) -> None:
-    """Draw the directions of x, y and z in the corner of a view that is farthest from all points (., 3) in it."""
+    """Draw arrows of the directions x, y and z in the corner of a view in which there is most room.
+
+    Args:
+        axes: The panel.
+        camera: From where the scene is seen.
+        extent: Points in the view (., 3) [m], which the arrows keep away from.
+    """
     view = camera.view(extent)
-    seen = camera.project(extent)
+    points_in_view = camera.project(extent)
     length = 0.08 * view.width
-    inner = view.get_points() + 1.7 * length * np.array([[1], [-1]])
-    corner = max(Bbox(inner).corners(), key=lambda corner: float(np.linalg.norm(seen - corner, axis=1).min()))
+    corners_inside = view.get_points() + 1.7 * length * np.array([[1], [-1]])
+    corner = max(
+        Bbox(corners_inside).corners(), key=lambda corner: float(np.linalg.norm(points_in_view - corner, axis=1).min())
+    )
     for name, direction in zip("xyz", camera.project(length * np.eye(3)), strict=True):
         axes.annotate(
             "",
@@ -222,11 +243,11 @@ def _step_of_two(low: float, high: float, step: float) -> float:
 
 
 def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.ndarray) -> None:
-    """Draw object, obstacles, paths, robot and the targets of the stages that act.
+    """Draw a run at a time: object, obstacles, robot, the paths so far, and the targets of the stages that act.
 
     Args:
-        axes: A panel.
-        scene: What is drawn.
+        axes: The panel.
+        scene: The run with what stands around the robot.
         time: The time [s].
         since: From when on the paths of the end-effectors are drawn [s].
         extent: Points (., 3) in the view [m]; below them are the squares of a spatial scene.
@@ -262,9 +283,16 @@ def draw_scene(axes: Axes, scene: Scene, time: float, since: float, extent: np.n
 def _draw_obstacles(
     axes: Axes, camera: Camera, obstacles: Sequence[ObstacleSpec], time: float | None, extent: np.ndarray
 ) -> None:
-    """Draw obstacles where they are at a time [s], and the ways of their middles to there; without a time at the start.
+    """Draw obstacles, and the ways that moving ones have come.
 
-    Walls are last: the legend has the first one, and walls in space are pale.
+    Walls are drawn last, so that the legend has an obstacle with edges if there is one; in space they are pale.
+
+    Args:
+        axes: The panel.
+        camera: From where the scene is seen.
+        obstacles: The obstacles.
+        time: When [s]; None before a run, where they are as at its start.
+        extent: Points (., 3) in the view [m].
     """
     for obstacle in sorted(obstacles, key=lambda each: each.shape.half_space is not None):
         shape = obstacle.shape.shape
@@ -282,27 +310,36 @@ def _draw_obstacles(
 def draw_robot(
     axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, base: str = "base", alpha: float = 1.0
 ) -> None:
-    """Draw base, arms and grippers at Q (nq,); `base` is what the legend calls the base."""
+    """Draw a robot as lines: the box of its base, the middle lines of its links, its grippers and joints.
+
+    Args:
+        axes: The panel.
+        camera: From where it is seen; parts nearer to it cover others.
+        model: The robot.
+        Q: Its position (nq,).
+        base: What the legend calls the base.
+        alpha: Opacity; arms of a faint robot have no entry in the legend.
+    """
     shape = model.shape
     frames = model.body_frames(Q)
     arms = list(model.spec.arms)
-    look = style.look("base", label=f"_{base}", alpha=alpha)
-    draw_box(axes, camera, frames[0] @ shape.box_frame, base_half(model), look, 2.0)
+    base_look = style.look("base", label=f"_{base}", alpha=alpha)
+    draw_box(axes, camera, frames[0] @ shape.box_frame, base_half(model), base_look, 2.0)
     grippers = {tool.body: [shape.grippers[name]] for name, tool in model.spec.tools.items()}
     for number, (body, frame) in enumerate(zip(model.spec.bodies, frames, strict=True)):
         arm = body.name.rpartition(".")[0]
-        line: dict[str, Any] = {"color": _arm_color(arms.index(arm)) if arm else style.EDGE, "alpha": alpha}
+        arm_look: dict[str, Any] = {"color": _arm_color(arms.index(arm)) if arm else style.EDGE, "alpha": alpha}
         name = f"_{style.readable(arm)}" if arm and alpha == 1.0 else "_"
         lines = [(1.5, in_inertial_frame(frame, ends)) for ends in shape.capsules[number]]
         lines += [(1.0, in_inertial_frame(frame, points)) for points in grippers.get(number, ())]
-        for thick, points in lines:
-            thick_line = {"linewidth": thick, "solid_capstyle": "round", "label": name, **line}
+        for line_width, points in lines:
+            thick_line = {"linewidth": line_width, "solid_capstyle": "round", "label": name, **arm_look}
             axes.plot(*camera.project(points).T, zorder=3.0 + DEPTH_ORDER * camera.depth(points), **thick_line)
         if arm:
             order = 3.1 + DEPTH_ORDER * max(
-                camera.depth(points) for points in (frame[:3, 3], *(line[1] for line in lines))
+                camera.depth(points) for points in (frame[:3, 3], *(arm_look[1] for arm_look in lines))
             )
-            joint = {"marker": "s" if model.spec.joints[number - 1].prismatic else "o", "markersize": 2.2, **line}
+            joint = {"marker": "s" if model.spec.joints[number - 1].prismatic else "o", "markersize": 2.2, **arm_look}
             axes.plot(
                 *camera.project(frame[:3, 3]), markeredgewidth=0.7, markerfacecolor="white", zorder=order, **joint
             )
@@ -317,30 +354,41 @@ def _draw_triad(axes: Axes, camera: Camera, frame: np.ndarray, length: float, of
 
 
 def _draw_floor(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray, extent: np.ndarray) -> None:
-    """Draw squares of 1 m below a scene, and on them the shadow of the robot from straight above."""
+    """Draw squares of 1 m below a scene, and on them the shadow of the robot from straight above, to show depth.
+
+    Args:
+        axes: The panel.
+        camera: From where the scene is seen.
+        model: The robot.
+        Q: Its position (nq,).
+        extent: Points (., 3) in the view [m]; the floor is at the lowest.
+    """
     low = np.floor(extent.min(axis=0))
     high = np.ceil(extent.max(axis=0))
     floor = extent[:, 2].min()
     for axis in (0, 1):
-        for at in np.arange(low[axis], high[axis] + 0.5):
-            ends = np.insert([[low[1 - axis]], [high[1 - axis]]], axis, at, axis=1)
+        for line_position in np.arange(low[axis], high[axis] + 0.5):
+            ends = np.insert([[low[1 - axis]], [high[1 - axis]]], axis, line_position, axis=1)
             axes.plot(
                 *camera.project(np.column_stack([ends, [floor] * 2])).T,
                 color=FLOOR_COLOR,
                 linewidth=0.5,
                 zorder=2 * BELOW_ALL,
             )
-    below = camera.project([0, 0, 1]) * floor
-    flat = np.diag([1.0, 1.0, 0.0])
+    floor_shift = camera.project([0, 0, 1]) * floor
+    onto_floor = np.diag([1.0, 1.0, 0.0])
     shape = model.shape
     frames = model.body_frames(Q)
-    hull = corners(frames[0] @ shape.box_frame, shape.box) @ flat
+    hull = corners(frames[0] @ shape.box_frame, shape.box) @ onto_floor
     shadow = ConvexHull(hull[:, :2]).vertices
-    axes.add_patch(Polygon(camera.project(hull[shadow]) + below, facecolor=SHADOW_COLOR, zorder=1.5 * BELOW_ALL))
+    axes.add_patch(Polygon(camera.project(hull[shadow]) + floor_shift, facecolor=SHADOW_COLOR, zorder=1.5 * BELOW_ALL))
     for frame, segments in zip(frames, shape.capsules, strict=True):
         for ends in in_inertial_frame(frame, segments):
             axes.plot(
-                *(camera.project(ends @ flat) + below).T, color=SHADOW_COLOR, linewidth=2.0, zorder=1.5 * BELOW_ALL
+                *(camera.project(ends @ onto_floor) + floor_shift).T,
+                color=SHADOW_COLOR,
+                linewidth=2.0,
+                zorder=1.5 * BELOW_ALL,
             )
 
 
@@ -349,33 +397,33 @@ def _arm_color(index: int) -> str:
 
 
 def plot_robot(spec: RobotSpec) -> Figure:
-    """Plot a robot at rest at joint coordinates 0, or the nearest within its limits [m].
+    """Plot a robot with its frames, joint numbers and joint axes, as a drawing for whoever writes a task for it.
 
-    Joints have their numbers and axes, base and end-effectors their frames. A spatial robot is seen from four sides.
-    Capsules are those of the geometry in the robot's file.
+    Joints are at 0, or at the nearest position within their limits. A spatial robot is seen from four sides. Capsules
+    are those of the geometry in the robot's file.
     """
     model = RobotModel(spec)
     limits = resolve_limits(spec)
-    rest = np.clip(0.0, limits.position_low, limits.position_high)[model.parts["base"].stop :]
-    Q = np.r_[model.neutral[: model.nq - len(rest)], rest]
-    size = 0.2 * model.shape.reach
+    joints_at_rest = np.clip(0.0, limits.position_low, limits.position_high)[model.parts["base"].stop :]
+    Q = np.r_[model.neutral[: model.nq - len(joints_at_rest)], joints_at_rest]
+    frame_size = 0.2 * model.shape.reach
     frames = pose_frames(model.poses(Q))
     points = np.vstack(
-        [outline(model, Q), *(in_inertial_frame(frame, size * np.eye(3)[: model.dimension]) for frame in frames)]
+        [outline(model, Q), *(in_inertial_frame(frame, frame_size * np.eye(3)[: model.dimension]) for frame in frames)]
     )
     pieces = pieces_of(spec) if spec.geometry else ()
     for ends, radius in capsules(model, pieces, Q):
         points = np.vstack([points, *(ends + radius * side for side in np.vstack([np.eye(3), -np.eye(3)]))])
     box = np.array([points.min(axis=0), points.max(axis=0)]) + 0.04 * np.ptp(points) * np.array([[-1], [1]])
     figure = style.new_figure()
-    wide = np.ptp(box, axis=0)[: model.dimension - 1]
-    panels: dict[Any, Axes] = figure.subplot_mosaic(SCENE_LOOKS[model.dimension].views, width_ratios=wide)
+    panel_widths = np.ptp(box, axis=0)[: model.dimension - 1]
+    panels: dict[Any, Axes] = figure.subplot_mosaic(SCENE_LOOKS[model.dimension].views, width_ratios=panel_widths)
     for camera, axes in panels.items():
-        show(axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.project(box)), wide.sum())
+        show(axes, camera, camera.view(points) if camera == OBLIQUE else Bbox(camera.project(box)), panel_widths.sum())
         draw_robot(axes, camera, model, Q)
         _draw_capsules(axes, camera, model, pieces, Q)
         for frame in frames:
-            _draw_triad(axes, camera, frame, size, "frame")
+            _draw_triad(axes, camera, frame, frame_size, "frame")
     camera, axes = next(iter(panels.items()))
     _number_joints(axes, camera, model, Q)
     mass = sum(body.mass for body in spec.bodies)
@@ -384,23 +432,32 @@ def plot_robot(spec: RobotSpec) -> Figure:
 
 
 def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray) -> None:
-    """Write numbers beside the joints of each arm, one text for those in one place, and draw their axes.
+    """Write numbers beside the joints of each arm, one text for those in one place, and draw the joints' axes.
 
-    Numbers are where they cover nothing of the robot, and apart from each other.
+    Numbers are where they cover nothing of the robot, and apart from each other: of some offsets from the joint, the
+    first at which no point that is covered so far is under the text.
+
+    Args:
+        axes: The panel.
+        camera: From where the robot is seen.
+        model: The robot.
+        Q: Its position (nq,).
     """
-    near = 0.06 * float(np.ptp(axes.get_xlim()))
-    point = float(np.ptp(axes.get_xlim())) / (72 * style.AXIS_WIDTH)  # [m], as about as wide as the axis will be
+    same_place_distance = 0.06 * float(np.ptp(axes.get_xlim()))
+    metres_per_point = float(np.ptp(axes.get_xlim())) / (
+        72 * style.AXIS_WIDTH
+    )  # [m], as about as wide as the axis will be
     frames = model.body_frames(Q)
-    covered = camera.project(_points_inside(model, Q))
+    covered_points = camera.project(_points_inside(model, Q))
     for index, arm in enumerate(model.spec.arms):
         places: list[tuple[np.ndarray, list[str]]] = []
         for body, joint, frame in zip(model.spec.bodies[1:], model.spec.joints, frames[1:], strict=True):
-            of, _, number = body.name.rpartition(".")
-            if of != arm:
+            arm_of_joint, _, number = body.name.rpartition(".")
+            if arm_of_joint != arm:
                 continue
-            at = camera.project(frame[:3, 3])
-            if not places or np.linalg.norm(at - places[-1][0]) > near:
-                places.append((at, []))
+            joint_in_view = camera.project(frame[:3, 3])
+            if not places or np.linalg.norm(joint_in_view - places[-1][0]) > same_place_distance:
+                places.append((joint_in_view, []))
             places[-1][1].append(number)
             ends = in_inertial_frame(frame, 1.5 * model.shape.radius * np.multiply.outer([-1, 1], joint.axis))
             axes.plot(*camera.project(ends).T, color="black", linewidth=0.6, zorder=3.3 - BELOW_ALL)
@@ -412,34 +469,50 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
                 "zorder": 3.6 - BELOW_ALL,
             }
             text = ", ".join(names)
-            half = np.array([36 * style.text_width(text) + 1, 0.6 * style.TEXT])
-            seen = (covered - (x, y)) / point
+            half_text = np.array([36 * style.text_width(text) + 1, 0.6 * style.TEXT])
+            covered_from_here = (covered_points - (x, y)) / metres_per_point
             offsets = NUMBER_OFFSETS if index % 2 else -NUMBER_OFFSETS
-            free = (offset for offset in offsets if not (np.abs(seen - offset) < half).all(axis=1).any())
-            chosen = next(free, offsets[0])
-            axes.annotate(text, (x, y), tuple(chosen), textcoords="offset points", **look)
-            wide = half + np.array([0.3 * style.TEXT, 0.0])
-            of_text = chosen + wide * np.array(list(product((-1, 0, 1), repeat=2)))
-            covered = np.vstack([covered, (x, y) + point * of_text])
+            free_offsets = (
+                offset for offset in offsets if not (np.abs(covered_from_here - offset) < half_text).all(axis=1).any()
+            )
+            offset_of_text = next(free_offsets, offsets[0])
+            axes.annotate(text, (x, y), tuple(offset_of_text), textcoords="offset points", **look)
+            text_corner = half_text + np.array([0.3 * style.TEXT, 0.0])
+            text_points = offset_of_text + text_corner * np.array(list(product((-1, 0, 1), repeat=2)))
+            covered_points = np.vstack([covered_points, (x, y) + metres_per_point * text_points])
     axes.plot([], [], "ko-", linewidth=0.6, markersize=2.2, markerfacecolor="white", label="_joint, its axis")
 
 
 def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
-    """Return points (., 3) [m] all over the base's box and along the links and grippers of a robot at Q (nq,)."""
+    """Sample points all over the base's box and along links and grippers, to know what of a view the robot covers.
+
+    The box is sampled by lines between the corners of boxes that shrink from its full size to its centre.
+
+    Args:
+        model: The robot.
+        Q: Its position (nq,).
+
+    Returns:
+        Points (., 3) [m].
+    """
     shape = model.shape
     frames = model.body_frames(Q)
-    along = np.linspace(0.0, 1.0, 25)
-    shrunk = [corners(frames[0] @ shape.box_frame, part * base_half(model)) for part in along]
+    fractions = np.linspace(0.0, 1.0, 25)
+    shrunk_boxes = [corners(frames[0] @ shape.box_frame, part * base_half(model)) for part in fractions]
     faces = [
-        first + share * (second - first) for box in shrunk for first in box for second in box for share in along[::4]
+        first + share * (second - first)
+        for box in shrunk_boxes
+        for first in box
+        for second in box
+        for share in fractions[::4]
     ]
     links = [
-        in_inertial_frame(frame, ends[0] + along[:, None] * (ends[1] - ends[0]))
+        in_inertial_frame(frame, ends[0] + fractions[:, None] * (ends[1] - ends[0]))
         for frame, segments in zip(frames, shape.capsules, strict=True)
         for ends in segments
     ]
     grippers = [
-        in_inertial_frame(frames[tool.body], first + along[:, None] * (second - first))
+        in_inertial_frame(frames[tool.body], first + fractions[:, None] * (second - first))
         for arm, tool in model.spec.tools.items()
         for first, second in pairwise(shape.grippers[arm])
     ]
@@ -449,9 +522,9 @@ def _points_inside(model: RobotModel, Q: np.ndarray) -> np.ndarray:
 def plot_scenario(task: Task) -> Figure:
     """Plot a task before anything has run: a panel for each stage with the robot at its target, and the object.
 
-    The robot is faint where the stage begins. A base that the stage wants nowhere is drawn where it was. Obstacles are
-    where they are at the start. Where the task keeps clear the robot at its target has the capsules that cover it. Thin
-    arms are where `psmpc check` advises to pose them for the next stage.
+    The robot is faint where the stage begins. A base for which the stage has no target is drawn where it was. Obstacles
+    are where they are at the start. Where the task keeps clear, the robot at its target has the capsules that cover it.
+    Thin arms are where `psmpc check` advises to hold them for the next stage.
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)

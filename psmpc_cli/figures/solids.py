@@ -86,24 +86,33 @@ def draw_shadow(axes: Axes, camera: Camera, shape: Shape, frame: np.ndarray, flo
 def _draw_half_space(
     axes: Axes, camera: Camera, normal: np.ndarray, origin: np.ndarray, extent: np.ndarray, look: Mapping[str, Any]
 ) -> None:
-    """Draw what the view of points (., 3) has of a half-space: its face in space, its area where it is seen edge-on.
+    """Draw as much of a half-space (a wall) as is in a view: its face, or its area where it is seen edge-on.
 
     A face that is turned to the viewer is behind all that is outside of the half-space, another one before it.
+
+    Args:
+        axes: The panel.
+        camera: From where the scene is seen.
+        normal: Outward unit normal of the face (3,).
+        origin: A point of the face (3,) [m].
+        extent: Points (., 3) in the view [m].
+        look: Colours and label of the patch.
     """
     if abs(normal @ camera.axes[2]) < 1e-6:
         (x0, y0), (x1, y1) = camera.view(extent).get_points()
-        seen = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-        area = _cut(seen @ camera.axes[:2], normal, origin)
+        view_corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+        area = _cut(view_corners @ camera.axes[:2], normal, origin)
         order = 0.5
         alpha = 1.0
     else:
         low = extent.min(axis=0)
         high = extent.max(axis=0)
-        _, _, along = np.linalg.svd(normal[None])
-        middle = (low + high) / 2
-        middle = middle - ((middle - origin) @ normal) * normal
+        # the last two right singular vectors span the face; a square in it is cut to the box of all points
+        _, _, in_face = np.linalg.svd(normal[None])
+        middle_of_face = (low + high) / 2
+        middle_of_face = middle_of_face - ((middle_of_face - origin) @ normal) * normal
         reach = 2 * float(np.linalg.norm(high - low))
-        area = middle + reach * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ along[1:]
+        area = middle_of_face + reach * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) @ in_face[1:]
         for axis in np.eye(3):
             area = _cut(area, axis, high)
             area = _cut(area, -axis, low)

@@ -241,14 +241,24 @@ def title_of(controller: str) -> str:
 
 
 def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:
-    """Write the common legend below or above all panels, make the figure as tall as these need it, and return it.
+    """Finish a figure: write the common legend, place the panels, and make the figure as tall as these need it.
 
-    Its entries are what the panels name after an underscore, which is in no legend of theirs. Panels get the heights of
-    their grid's rows [in], those with equal scales the height that goes with their width.
+    Entries of the common legend are artists whose labels begin with an underscore, which Matplotlib leaves out of the
+    panels' own legends. Panels get the heights of their grid's rows [in], those with equal scales the height that goes
+    with their width.
+
+    Args:
+        figure: The figure with all its panels drawn.
+        title: Title of the legend.
+        above: Whether the legend is above the panels instead of below.
+
+    Returns:
+        The figure.
     """
     artists = [artist for axes in figure.axes for artist in axes.get_children()]
     entries: dict[str, Artist] = {}
     for artist in artists:
+        # Matplotlib itself gives labels _child... and _nolegend_
         if re.match("_(?!child|nolegend).", label := str(artist.get_label())):
             entries.setdefault(label[1:], artist)
     room = {"upper": 0.0, "lower": 0.0}
@@ -260,8 +270,8 @@ def finish(figure: Figure, title: str = "", above: bool = False) -> Figure:
             patch.set(edgecolor=EDGE, linewidth=0.4)
         room[side] = figure.legends[0].get_window_extent().height / figure.dpi + 2 * PAD
     if heading := figure.get_suptitle():
-        written = figure.suptitle(heading, va="top")
-        room["upper"] = written.get_window_extent().height / figure.dpi + 2 * PAD
+        heading_text = figure.suptitle(heading, va="top")
+        room["upper"] = heading_text.get_window_extent().height / figure.dpi + 2 * PAD
     arrange(figure, below=room["lower"], above=room["upper"])
     if heading:
         figure.suptitle(heading, y=1.0 - PAD / figure.get_figheight(), va="top")
@@ -284,27 +294,28 @@ def width_beside(labels: Iterable[str]) -> float:
 
 
 def label_ends(axes: Axes) -> None:
-    """Write the names of a panel's lines right of it, beside their ends, apart from each other.
+    """Write the names of a panel's lines right of it, beside their ends, instead of in a legend.
 
-    A piece of each line leads to its name. Of several lines of one look the one that ends last counts.
+    Names are moved apart so that none overlap, and a piece of each line leads to its name. Of several lines of one look
+    the one that ends last counts.
     """
     axes.autoscale_view()  # before heights are measured
     ends: list[tuple[float, Line2D]] = []
     for line in axes.get_legend_handles_labels()[0]:
-        if isinstance(line, Line2D) and np.isfinite(end := _height_of_end(axes, line)):
-            ends.append((end, line))
-    ends.sort(key=lambda end: end[0])
+        if isinstance(line, Line2D) and np.isfinite(end_height := _height_of_end(axes, line)):
+            ends.append((end_height, line))
+    ends.sort(key=lambda end_height: end_height[0])
     height = _panel_height(axes)
-    places = _spread([end for end, _ in ends], LINE_HEIGHT / height)
+    text_heights = _spread([end_height for end_height, _ in ends], LINE_HEIGHT / height)
     figure: Any = axes.get_figure()
     width = axes.get_window_extent().width / figure.dpi
-    for place, (end, line) in zip(places, ends, strict=True):
+    for text_height, (end_height, line) in zip(text_heights, ends, strict=True):
         color = line.get_color()
         leader = {"arrowstyle": "-", "color": color, "linestyle": line.get_linestyle(), "shrinkA": 0, "shrinkB": 0}
         axes.annotate(
             str(line.get_label()),
-            xy=(1.0, end),
-            xytext=(1.0 + LEADER / width, place),
+            xy=(1.0, end_height),
+            xytext=(1.0 + LEADER / width, text_height),
             xycoords="axes fraction",
             textcoords="axes fraction",
             arrowprops={**leader, "linewidth": line.get_linewidth(), "relpos": (0.0, 0.5)},
@@ -316,23 +327,26 @@ def label_ends(axes: Axes) -> None:
 
 
 def _height_of_end(axes: Axes, line: Line2D) -> float:
-    """Return at which fraction of a panel's height the last point of a line, or of those of its look, is drawn.
+    """Find at which height of a panel a line ends, where its name is then written.
 
-    NaN where none is.
+    A curve may consist of several lines of one look (colour, style, width): the point that is last in x counts.
+
+    Returns:
+        The height as a fraction of the panel's [0, 1]; NaN where no such line has a point.
     """
     look = (line.get_color(), line.get_linestyle(), line.get_linewidth())
-    last = (-np.inf, np.nan)
+    last_point = (-np.inf, np.nan)
     for other in axes.lines:
         points = np.asarray(other.get_xydata(), dtype=float)
         points = points[np.isfinite(points).all(axis=1)]
-        same = (other.get_color(), other.get_linestyle(), other.get_linewidth()) == look
-        if same and len(points) and points[-1, 0] > last[0]:
-            last = (float(points[-1, 0]), float(points[-1, 1]))
-    if np.isnan(last[1]):
+        has_same_look = (other.get_color(), other.get_linestyle(), other.get_linewidth()) == look
+        if has_same_look and len(points) and points[-1, 0] > last_point[0]:
+            last_point = (float(points[-1, 0]), float(points[-1, 1]))
+    if np.isnan(last_point[1]):
         return np.nan
-    _, pixel = axes.transData.transform(last)
-    box = axes.get_window_extent()
-    return float(np.clip((pixel - box.y0) / box.height, 0.0, 1.0))
+    _, pixel = axes.transData.transform(last_point)
+    panel_box = axes.get_window_extent()
+    return float(np.clip((pixel - panel_box.y0) / panel_box.height, 0.0, 1.0))
 
 
 def _spread(places: Sequence[float], gap: float) -> np.ndarray:

@@ -30,17 +30,17 @@ FAILED_MISSION: Mapping[str, Any] = {
 
 
 def plot_heat_map(cells: SweepCells) -> Figure:
-    """Plot the actual start [s] over omega_1 and omega_2 as colours of the cells of a grid.
+    """Plot the actual start of the second stage [s] over both priorities, as colours of the cells of a grid.
 
-    A contour parts the cells in which the start is t_s - T_h. Starts are known to one sample: within the contour the
-    start is the first sample after t_s - T_h.
+    A contour parts the cells in which the start is t_s - T_h, the earliest possible: then the stage acts as soon as it
+    is in the window. Starts are known to one sample: within the contour the start is the first sample after t_s - T_h.
     """
     figure, (axes,) = style.stack([""], [2.4], "")
     starts, scale, label = _starts_of_threshold(cells)
     x, y = (np.log10(cells.results[name]) for name in ("omega_1", "omega_2"))
-    start, floor = (values.reshape(len(y), len(x)) for values in (starts, cells.floor))
+    start, earliest = (values.reshape(len(y), len(x)) for values in (starts, cells.earliest_start))
     axes.pcolormesh(x, y, np.ma.masked_invalid(start), norm=scale, shading="nearest")
-    _plot_contour(axes, x, y, start - floor, cells.task.spec.controller.sample_time)
+    _plot_contour(axes, x, y, start - earliest, cells.task.spec.controller.sample_time)
     if cells.waiting.any():
         axes.bar(x[0], 0, color="white", label=["_waiting"])
     _mark_cells(axes, cells, {"failed": cells.failed})
@@ -86,7 +86,11 @@ def _finish_plane(figure: Figure, axes: Axes, cells: SweepCells, scale: Normaliz
 
 
 def plot_surface(cells: SweepCells) -> Figure:
-    """Plot the actual start [s] over omega_1 and omega_2 as a surface, between frames at t_s and at t_s - T_h."""
+    """Plot the actual start of the second stage [s] over both priorities, as a surface.
+
+    It lies between frames at the switch time t_s and at t_s - T_h, the earliest possible start, since the stage is in
+    no window before. Failed cells and the recommended one are marked.
+    """
     figure = style.new_figure()
     figure.set_figheight(3.0)
     axes: Any = figure.add_axes((0.09, 0.0, 0.91, 1.0), projection="3d", proj_type="ortho", computed_zorder=False)
@@ -103,13 +107,20 @@ def plot_surface(cells: SweepCells) -> Figure:
         look = {"rstride": 1, "cstride": 1, "shade": False, "edgecolor": style.EDGE, "linewidth": 0.2}
         axes.plot_surface(x, y, starts.reshape(shape), facecolors=colors, **look)
         axes.plot(*corners, [scale.vmax] * 5, label="_$t_s$", **style.LEVEL)
-    if (lost := cells.ended & ~cells.succeeded).any():
-        axes.plot(x.flat[lost], y.flat[lost], starts[lost], **style.look(**FAILED_MISSION))
+    if (mission_failed := cells.ended & ~cells.succeeded).any():
+        axes.plot(
+            x.flat[mission_failed], y.flat[mission_failed], starts[mission_failed], **style.look(**FAILED_MISSION)
+        )
     best = recommend(cells).omega
-    chosen = cells.ended & (best is not None) & np.isclose(cells.omega, best or np.nan).all(axis=1)
-    if chosen.any():
-        name = f"_recommended, ω₂/ω₁ = {cells.ratio[chosen][0]:.4g}"
-        axes.plot(x.flat[chosen], y.flat[chosen], starts[chosen], **style.look("recommended", label=name))
+    is_recommended = cells.ended & (best is not None) & np.isclose(cells.omega, best or np.nan).all(axis=1)
+    if is_recommended.any():
+        name = f"_recommended, ω₂/ω₁ = {cells.ratio[is_recommended][0]:.4g}"
+        axes.plot(
+            x.flat[is_recommended],
+            y.flat[is_recommended],
+            starts[is_recommended],
+            **style.look("recommended", label=name),
+        )
     if cells.waiting.any():
         axes.plot([], [], linestyle="none", label="_blank: waiting")
     axes.view_init(24.0, -128.0)
@@ -133,11 +144,11 @@ def _starts_of_threshold(cells: SweepCells) -> tuple[np.ndarray, Normalize, str]
 
     They are NaN where no cell has ended (cells,) [s]; the scale is from the earliest t_s - T_h to the latest t_s.
     """
-    starts = np.where(cells.ended, cells.of("actual_start")[:, cells.chosen], np.nan)
+    starts = np.where(cells.ended, cells.quantity("actual_start")[:, cells.chosen], np.nan)
     label = f"Actual start of {style.readable(cells.names[1])}, ε = {cells.epsilons[cells.chosen]:g} (s)"
     if not cells.ended.any():
         return starts, Normalize(0.0, 1.0), label
-    return starts, Normalize(cells.floor[cells.ended].min(), cells.instant[cells.ended].max()), label
+    return starts, Normalize(cells.earliest_start[cells.ended].min(), cells.first_switch[cells.ended].max()), label
 
 
 def _tick_decades(axes: Axes, most: int) -> None:
@@ -159,26 +170,29 @@ def _plot_contour(axes: Axes, x: np.ndarray, y: np.ndarray, above: np.ndarray, s
 
 
 def plot_starts(cells: SweepCells) -> Figure:
-    """Plot the actual start [s] over omega_2 / omega_1, a line a threshold, between t_s and t_s - T_h."""
+    """Plot the actual start of the second stage [s] over the ratio of priorities, a line for each threshold.
+
+    It lies between the switch time t_s and t_s - T_h, the earliest possible start; what is below that is shaded.
+    """
     figure, (axes,) = _panels_over_ratio(
         cells, [f"Actual start of {style.readable(cells.names[1])} (s)"], 2.3, cells.failed
     )
     if cells.ended.any():
-        instant = AlongRatio(cells, cells.instant)
-        floor = AlongRatio(cells, cells.floor)
+        switch = AlongRatio(cells, cells.first_switch)
+        earliest = AlongRatio(cells, cells.earliest_start)
         room = 0.06 * cells.task.spec.controller.horizon
-        low = float(floor.lowest.min()) - room
-        high = float(instant.highest.max()) + room
-        axes.plot(instant.ratio, instant.middle, label="$t_s$", **style.LEVEL)
-        axes.plot(floor.ratio, floor.middle, linestyle=style.DOTTED, label=EARLIEST_START, **style.LEVEL)
-        axes.fill_between(floor.ratio, low, floor.middle, color=style.STAGE, linewidth=0, zorder=0.5)  # in no window
+        low = float(earliest.lowest.min()) - room
+        high = float(switch.highest.max()) + room
+        axes.plot(switch.ratio, switch.middle, label="$t_s$", **style.LEVEL)
+        axes.plot(earliest.ratio, earliest.middle, linestyle=style.DOTTED, label=EARLIEST_START, **style.LEVEL)
+        axes.fill_between(earliest.ratio, low, earliest.middle, color=style.STAGE, linewidth=0, zorder=0.5)
         axes.set_ylim(low, high)
         if (best := recommend(cells).ratio) is not None:
             axes.axvline(best, color="black", linewidth=0.9, label=f"recommended {best:.4g}", zorder=1.8)
-        starts = cells.of("actual_start")
-        for i in map(int, np.argsort(cells.epsilons)):
-            label = f"ε = {cells.epsilons[i]:g}"
-            _plot_along(axes, AlongRatio(cells, starts[:, i]), label=label, **style.line_look(i))
+        starts = cells.quantity("actual_start")
+        for threshold in map(int, np.argsort(cells.epsilons)):
+            label = f"ε = {cells.epsilons[threshold]:g}"
+            _plot_along(axes, AlongRatio(cells, starts[:, threshold]), label=label, **style.line_look(threshold))
     style.panel_legend(axes, style.better("down", "sooner"))
     return style.finish(figure)
 
@@ -205,14 +219,17 @@ class ComparedQuantity:
 
 
 def _compared(cells: SweepCells) -> list[ComparedQuantity]:
-    """List the quantities that a recommendation compares, those that are known of a cell that has ended."""
+    """List the quantities by which a ratio of priorities is recommended, of those that some ended cell has.
+
+    Each comes with the level that it is compared with: the value with the task's own priorities, or what is allowed.
+    """
 
     def beside_reference(label: str, less: str, name: str) -> ComparedQuantity:
         """Compare a quantity of the cells, by name, with that of the task's own priorities."""
-        return ComparedQuantity(label, less, cells.of(name), float(cells.reference(name)), "task's own")
+        return ComparedQuantity(label, less, cells.quantity(name), float(cells.reference(name)), "task's own")
 
     mission_end = np.where(cells.succeeded, cells.mission_end, np.nan)
-    every = (
+    quantities = (
         ComparedQuantity("Mission ends\n(s)", "sooner", mission_end),
         beside_reference("Control effort\n(m²/s³, rad²/s³)", "less effort", "control_effort"),
         beside_reference("Peak base force\n(N)", "gentler", "peak_base_force"),
@@ -220,7 +237,7 @@ def _compared(cells: SweepCells) -> list[ComparedQuantity]:
             "End error\n(tolerances)", "closer", cells.end_error, ALLOWED_ERROR, "allowed", from_zero=True
         ),
     )
-    return [each for each in every if np.isfinite(each.values[cells.ended]).any()]
+    return [quantity for quantity in quantities if np.isfinite(quantity.values[cells.ended]).any()]
 
 
 def has_compared(cells: SweepCells) -> bool:
@@ -229,22 +246,22 @@ def has_compared(cells: SweepCells) -> bool:
 
 
 def plot_sensitivity(cells: SweepCells) -> Figure:
-    """Plot what a recommendation compares over omega_2 / omega_1, and the recommended ratio.
+    """Plot what a recommended ratio of priorities is chosen by, over the ratio, with the recommended one.
 
-    That is the end of the mission [s], the control effort [m^2/s^3, rad^2/s^3] and the peak force on the base [N], both
+    Panels: the end of the mission [s], the control effort [m^2/s^3, rad^2/s^3] and the peak force on the base [N], both
     with the level of the task's own priorities, and the largest end error [tolerances]. Runs whose mission failed are
     marked at the lower edge, and their end is left out.
     """
-    shown = _compared(cells)
-    labels = [each.label for each in shown]
-    figure, rows = _panels_over_ratio(cells, labels, 0.95, cells.failed | (cells.ended & ~cells.succeeded))
+    quantities = _compared(cells)
+    labels = [quantity.label for quantity in quantities]
+    figure, all_axes = _panels_over_ratio(cells, labels, 0.95, cells.failed | (cells.ended & ~cells.succeeded))
     best = recommend(cells).ratio
-    for axes, compared in zip(rows, shown, strict=True):
+    for axes, compared in zip(all_axes, quantities, strict=True):
         if cells.ratio.min() <= cells.own_ratio <= cells.ratio.max():
-            label = f"task's {cells.own_ratio:.4g}" if axes is rows[0] else "_"
+            label = f"task's {cells.own_ratio:.4g}" if axes is all_axes[0] else "_"
             axes.axvline(cells.own_ratio, linestyle=style.DOTTED, label=label, **style.LEVEL)
         if best is not None:
-            label = f"recommended {best:.4g}" if axes is rows[0] else "_"
+            label = f"recommended {best:.4g}" if axes is all_axes[0] else "_"
             axes.axvline(best, color=style.PALETTE[1], linewidth=1.1, label=label, zorder=1.8)
         if np.isfinite(compared.level):
             axes.axhline(compared.level, linestyle=style.DASHED, label=compared.of_level, **style.LEVEL)
@@ -270,12 +287,22 @@ def _choose_scale(axes: Axes, values: np.ndarray) -> None:
 def _panels_over_ratio(
     cells: SweepCells, labels: Sequence[str], height: float, failed: np.ndarray
 ) -> tuple[Figure, list[Axes]]:
-    """Return panels over all ratios of a sweep, run or not, with failed cells (cells,) along the first one's edge."""
+    """Make a figure of panels over the ratio of priorities, with failed cells along the first one's lower edge.
+
+    Args:
+        cells: The sweep, whose ratios give the range, run or not.
+        labels: Labels of the panels.
+        height: Height of each panel [in].
+        failed: Which cells are marked as failed (cells,).
+
+    Returns:
+        The figure and its panels.
+    """
     figure, rows = style.stack(labels, [height] * len(labels), "Ratio of the priorities, ω₂/ω₁ (1)")
     low = float(cells.ratio.min())
     high = float(cells.ratio.max())
-    room = (high / low) ** 0.02 if high > low else 2.0
-    rows[0].set(xscale="log", xlim=(low / room, high * room))
+    margin_factor = (high / low) ** 0.02 if high > low else 2.0
+    rows[0].set(xscale="log", xlim=(low / margin_factor, high * margin_factor))
     rows[0].xaxis.set_major_locator(LogLocator(numticks=8))
     rows[0].xaxis.set_minor_locator(NullLocator())
     if failed.any():

@@ -34,15 +34,18 @@ def timeline(
     beside: Iterable[str] = (),
     stage_look: Callable[[int], Mapping[str, Any]] | None = None,
 ) -> tuple[Figure, np.ndarray]:
-    """Make a figure of panels (rows, runs) along time, in columns that share their axes, below a strip of the stages.
+    """Make a figure of panels along time, a column for each run, below a strip that shows the stages as bars.
 
     Args:
         runs: A run, or several by controller, whose names then stand above their columns.
         rows: Number of panels below each other.
-        height: Of one panel [in].
+        height: Height of one panel [in].
         shaded: Whether the panels are shaded by stage.
-        beside: What is written beside the ends of lines.
-        stage_look: The look of a stage's patch under its bar, where panels tell stages apart by it.
+        beside: Names that will stand beside the ends of lines; room is left for the widest.
+        stage_look: Look of a stage's patch under its bar, where panels tell stages apart by it; None without patches.
+
+    Returns:
+        The figure, and its panels (rows, runs).
     """
     several = not isinstance(runs, Run)
     all_runs = runs_of(runs)
@@ -52,22 +55,22 @@ def timeline(
 
     page = style.PAGE if several else style.COLUMN
     width = (style.PAGE - 1.3) / len(all_runs) if several else style.AXIS_WIDTH - style.width_beside(beside)
-    room = 0.012 * (end - start) or 0.55 * all_runs[0].task.spec.controller.sample_time
-    view = (start - room, end + room)
-    bars = place_bars([run.spans for run in all_runs], view, width)
-    strip_rows = max(2, *(1 + bar.row for placed in bars for bar in placed))
+    side_margin = 0.012 * (end - start) or 0.55 * all_runs[0].task.spec.controller.sample_time
+    time_range = (start - side_margin, end + side_margin)
+    bars = place_bars([run.spans for run in all_runs], time_range, width)
+    strip_rows = max(2, *(1 + bar.row for bars_of_run in bars for bar in bars_of_run))
 
     figure = style.new_figure(page)
     strip_row = STRIP_ROW if stage_look is None else STRIP_ROW_WITH_KEY
     heights = [strip_row * strip_rows] + [height] * rows
     axes = figure.subplots(rows + 1, len(all_runs), sharex=True, sharey="row", squeeze=False, height_ratios=heights)
-    axes[0, 0].set_xlim(*view)
+    axes[0, 0].set_xlim(*time_range)
     axes[0, 0].xaxis.set_major_locator(MaxNLocator(nbins=4 if several else 7, steps=[1, 2, 5, 10]))
     axes[0, 0].set_ylim(strip_rows, 0)
 
-    for column, placed, run in zip(axes.T, bars, all_runs, strict=True):
+    for column, bars_of_run, run in zip(axes.T, bars, all_runs, strict=True):
         column[0].set_axis_off()
-        draw_stages(column[0], placed, stage_look=stage_look)
+        draw_stages(column[0], bars_of_run, stage_look=stage_look)
         for panel in column[1:] if shaded else ():
             _shade(panel, run.spans)
         column[-1].set_xlabel("Time (s)")
@@ -134,21 +137,21 @@ class StageBar:
 
 
 def place_bars(schedules: Sequence[Sequence[Span]], view: tuple[float, float], width: float) -> list[list[StageBar]]:
-    """Place the bars of stages in rows, so that no two bars or names overlap and no name leaves its bar or the axis.
+    """Place the bars of stages in as few rows as needed, so that no bars or names overlap.
 
     Stages take the rows in turn, in every schedule the same, so that a stage is in one row wherever it is drawn. There
-    are as few rows as that needs, two at least. A name that is wider than its bar stands behind the bar, or before it
-    where there is no room behind it; where there is none at all it is shortened.
+    are two rows at least. A name that is wider than its bar stands behind the bar, or before it where there is no room
+    behind it; where there is none at all it is shortened.
 
     Args:
         schedules: The stages of each run, in order.
         view: First and last time on the axis [s].
-        width: Of the axis [in].
+        width: Width of the axis [in].
     """
     bars = [[_place_bar(span, view, width) for span in spans] for spans in schedules]
     stages = [span.index for spans in schedules for span in spans]
     rows = next(rows for rows in count(2) if rows > max(stages, default=0) or _are_apart(bars, rows))
-    return [[replace(bar, row=bar.span.index % rows) for bar in placed] for placed in bars]
+    return [[replace(bar, row=bar.span.index % rows) for bar in bars_of_run] for bars_of_run in bars]
 
 
 def _place_bar(span: Span, view: tuple[float, float], width: float) -> StageBar:
@@ -180,21 +183,28 @@ def draw_stages(
     first_row: float = 0.0,
     stage_look: Callable[[int], Mapping[str, Any]] | None = None,
 ) -> None:
-    """Draw stages as bars with their names, from a row on, with a patch of each stage's own look under its bar."""
+    """Draw stages as bars with their names; an early start is an additional piece before the bar.
+
+    Args:
+        axes: The strip above the panels.
+        bars: The bars, placed in rows.
+        first_row: Row at which they begin.
+        stage_look: Look of the patch under each bar, by stage, as in a legend; None without patches.
+    """
     outline: dict[str, Any] = {"fill": False, "edgecolor": style.EDGE, "linewidth": 0.5, "clip_on": False}
     stroke = withStroke(linewidth=1.5, foreground="white")
     for bar in bars:
         span = bar.span
         middle = first_row + bar.row + 0.5
         if span.early is not None:
-            acts = ["_next stage already acts"]  # a list labels the patch instead of its container
-            axes.barh(middle, span.start - bar.left, 0.86, bar.left, facecolor=style.EARLY, label=acts)
+            early_label = ["_next stage already acts"]  # as a list, so that the patch has the label, not its container
+            axes.barh(middle, span.start - bar.left, 0.86, bar.left, facecolor=style.EARLY, label=early_label)
         face = style.STAGE if span.index % 2 else "white"
         axes.barh(middle, span.end - span.start, 0.86, span.start, facecolor=face)
         text_at = middle
         if stage_look is not None:
-            key = {"height": KEY_HEIGHT, "linewidth": 0, **stage_look(span.index)}
-            axes.barh(middle + (0.86 - KEY_HEIGHT) / 2, span.end - bar.left, left=bar.left, **key)
+            patch_look = {"height": KEY_HEIGHT, "linewidth": 0, **stage_look(span.index)}
+            axes.barh(middle + (0.86 - KEY_HEIGHT) / 2, span.end - bar.left, left=bar.left, **patch_look)
             text_at -= KEY_HEIGHT / 2
         axes.barh(middle, span.end - bar.left, 0.86, bar.left, **outline)
         axes.text(bar.name_at, text_at, bar.name, ha=bar.align, va="center_baseline", path_effects=[stroke])

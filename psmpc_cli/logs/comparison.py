@@ -92,7 +92,7 @@ def _difference(column: Column, log: Run, new_run: Run) -> Difference | None:
     if log.interrupted:
         new_values = new_values[tuple(map(slice, log_values.shape))]
     if log_values.shape != new_values.shape:
-        description = "shapes " + " and ".join("x".join(map(str, each.shape)) for each in (log_values, new_values))
+        description = "shapes " + " and ".join("x".join(map(str, values.shape)) for values in (log_values, new_values))
         common_rows = tuple(map(slice, np.minimum(log_values.shape, new_values.shape)))
         log_values = log_values[common_rows]
         new_values = new_values[common_rows]

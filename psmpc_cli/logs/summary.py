@@ -155,6 +155,7 @@ class CaptureSummary:
         destination = task.body.destination
         # how far the object was from its destination when it was let go, or at the end
         error = np.full(len(v), np.nan) if destination is None else space.pose_error(pose, destination.pose)
+        # when the last gripper closed, and the largest errors and loads of any
         self.closed_at = float(np.max(arrays["grasp/closed_at"]))
         self.missed_by: tuple[float, ...] = tuple(arrays["grasp/missed_by"].max(axis=0).tolist())
         self.loads = largest_loads(arrays)
@@ -387,8 +388,8 @@ class Summary:
     def _read_deviations(self, arrays: Arrays, problem: Problem) -> None:
         """Read how far the motion was from plans, limits, end conditions and the balances of physics.
 
-        Grippers that close pull robot and object together with a jerk. So violations of limits are also read without
-        the samples in which one closes.
+        Grippers that close stop against the object at once, which no plan contains. So violations of limits are also
+        read without the samples in which one closes.
 
         Args:
             arrays: Datasets of the log by path.
@@ -405,12 +406,12 @@ class Summary:
 
         coordinates = tuple(arrays["coordinate"])
         column_names = {"position": coordinates, "velocity": tuple(f"{name} velocity" for name in coordinates)}
-        units = {quantity: [getattr(each, quantity) for each in problem.model.units] for quantity in column_names}
+        units = {quantity: [getattr(unit, quantity) for unit in problem.model.units] for quantity in column_names}
         deviations = (
             largest(np.abs(arrays["deviation/Q"]), column_names["position"], time, units=units["position"]),
             largest(np.abs(arrays["deviation/Qdot"]), column_names["velocity"], time, units=units["velocity"]),
         )
-        self.off_plan = tuple(each for each in deviations if each is not None)
+        self.off_plan = tuple(deviation for deviation in deviations if deviation is not None)
 
         outside_closing = ~np.isin(np.arange(len(time)), self.closing_samples)[:, None]
         excess = {quantity: -arrays[f"margin/{quantity}"] for quantity in column_names}
@@ -428,8 +429,12 @@ class Summary:
             )
             for quantity in column_names
         ]
-        self.beyond_limits = tuple(each for each in violations if each is not None and each.value > 0)
-        self.beyond_limits_elsewhere = tuple(each for each in violations_outside if each is not None and each.value > 0)
+        self.beyond_limits = tuple(
+            violation for violation in violations if violation is not None and violation.value > 0
+        )
+        self.beyond_limits_elsewhere = tuple(
+            violation for violation in violations_outside if violation is not None and violation.value > 0
+        )
         self.end_condition = largest(arrays["deviation/end"], tuple(arrays["stages/name"]), time)
         self.end_errors = _end_errors(arrays, problem)
 

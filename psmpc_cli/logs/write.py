@@ -82,13 +82,14 @@ class LogWriter:
             InputError: The path is taken (with `force`, by a file that psmpc did not write), or cannot be written.
         """
         self.path = path
-        self.place = path if path is None else path.absolute()  # also when somebody changes the working folder
-        chosen = [column for column in layout(SPATIAL in header.has) if column.only in header.has]
+        self.absolute_path = path if path is None else path.absolute()  # the working folder may change
+        # datasets that the run has: some are only in logs of spatial robots, or of robots with wheels, ...
+        columns_of_log = [column for column in layout(SPATIAL in header.has) if column.only in header.has]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
-        open_end = {"finished": False, "end_reason": "", "stuck": False}
-        attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **open_end, **header.attributes}
-        self._datasets = create_log(self._file, chosen, attributes, header.values)
-        self._growing_columns = [column for column in chosen if column.value is not None]
+        unfinished = {"finished": False, "end_reason": "", "stuck": False}
+        attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **unfinished, **header.attributes}
+        self._datasets = create_log(self._file, columns_of_log, attributes, header.values)
+        self._growing_columns = [column for column in columns_of_log if column.value is not None]
         self._waiting_rows: list[Sample | Row] = []
         self._rows_in_log = 0
         self._has_unwritten_changes = False
@@ -161,19 +162,19 @@ class LogWriter:
             RunError: The file cannot be written.
         """
         self._move_rows()
-        began = monotonic()
-        if self.place is not None:
+        began_at = monotonic()
+        if self.absolute_path is not None:
             try:
-                replace_file(self.place, image_of(self._file))
+                replace_file(self.absolute_path, image_of(self._file))
             except OSError as error:
                 reason = error.strerror or error
                 raise RunError(
                     f"{self.path} cannot be written any further, it holds the run as last written: {reason}"
                 ) from None
-        ended = monotonic()
+        ended_at = monotonic()
         self._has_unwritten_changes = False
         # the slower the write, the later the next one: writing takes at most LARGEST_SHARE of a run's time
-        self._next_write = ended + max(BETWEEN_WRITES, (ended - began) / LARGEST_SHARE)
+        self._next_write = ended_at + max(BETWEEN_WRITES, (ended_at - began_at) / LARGEST_SHARE)
 
     def _move_rows(self) -> None:
         """Move the rows of samples that wait to the datasets of the log in memory, many at once because that is faster.

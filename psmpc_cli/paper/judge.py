@@ -132,7 +132,7 @@ def _setting(claim: Claim, reproduction: Reproduction) -> Finding:
 
 def _reasons(cells: SweepCells) -> list[str]:
     """Return why cells of a sweep failed, each reason once."""
-    return sorted({str(reason) for reason in cells.of("reason")[cells.failed]})
+    return sorted({str(reason) for reason in cells.quantity("reason")[cells.failed]})
 
 
 def _unfinished(cells: SweepCells) -> list[str]:
@@ -144,7 +144,7 @@ def _unfinished(cells: SweepCells) -> list[str]:
 def _weights_floor(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that all cells ended, and no actual start, for any threshold, is more than a sample before t_s - T_h."""
     cells = reproduction.weights
-    slacks = np.where(cells.ended[:, None], cells.of("actual_start") - cells.floor[:, None], np.inf)
+    slacks = np.where(cells.ended[:, None], cells.quantity("actual_start") - cells.earliest_start[:, None], np.inf)
     cell, k = np.unravel_index(np.argmin(slacks), slacks.shape)
     slack = float(slacks[cell, k])
     finding = not_below(claim, slack, cells.task.spec.controller.sample_time)
@@ -194,7 +194,7 @@ def _trend(claim: Claim, reproduction: Reproduction) -> Finding:
     cause = _unfinished(cells)
     rises = []
     shown = []
-    for epsilon, values in zip(cells.epsilons, cells.of("actual_start").T, strict=True):
+    for epsilon, values in zip(cells.epsilons, cells.quantity("actual_start").T, strict=True):
         start = AlongRatio(cells, values)
         rise = float(np.max(start.highest - np.minimum.accumulate(start.lowest)))
         first, last = start.middle[[0, -1]]
@@ -209,12 +209,12 @@ def _settles(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that the actual start at the largest ratio is within the tolerance of published times."""
     cells = reproduction.weights
     tolerance = time_tolerance(claim.number)
-    start = AlongRatio(cells, cells.of("actual_start")[:, cells.chosen])
+    start = AlongRatio(cells, cells.quantity("actual_start")[:, cells.chosen])
     if not _has_ratio(start, cells.ratio.max()):
         return Finding(claim, np.nan, False, np.nan, tolerance, cause=tuple(_unfinished(cells)))
     last = float(start.middle[-1])
     difference = last - claim.number
-    cause = f"t_s - T_h = {float(np.median(cells.floor[cells.ended])):.2f} s, and no start can be before it"
+    cause = f"t_s - T_h = {float(np.median(cells.earliest_start[cells.ended])):.2f} s, and no start can be before it"
     return Finding(claim, last, abs(difference) <= tolerance + ROUNDING, difference, tolerance, cause=(cause,))
 
 
@@ -226,7 +226,7 @@ def _has_ratio(along: AlongRatio, ratio: float) -> bool:
 def _chosen(claim: Claim, reproduction: Reproduction) -> Finding:
     """Check that Capture completes earlier at the ratio than at 1, with less effort than at the largest ratio."""
     cells = reproduction.weights
-    completion, effort = (AlongRatio(cells, cells.of(name.partition(".")[2])) for name in claim.reads)
+    completion, effort = (AlongRatio(cells, cells.quantity(name.partition(".")[2])) for name in claim.reads)
     compared = (claim.ratio, 1.0, float(cells.ratio.max()))
     missing = [f"no cell ended at ratio {ratio:.4g}" for ratio in compared if not _has_ratio(completion, ratio)]
     if missing:

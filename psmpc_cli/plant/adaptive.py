@@ -48,7 +48,7 @@ class AdaptiveDynamics:
         self._model = model
         self._integrators = {lawful: _integrator(model, lawful) for lawful in (False, True)}
 
-    def under(self, acting: str, state: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
+    def integrate(self, acting: str, state: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
         """Integrate the full dynamics over pieces of constant input, to a tolerance far below the accuracy of plans.
 
         Args:
@@ -66,7 +66,7 @@ class AdaptiveDynamics:
         integrator = self._integrators[acting == "law"]
         for piece_input, dt in zip(inputs, np.diff(times), strict=True):
             state = states[-1][:, -1]
-            if acting == "ticks":
+            if acting == "ticks":  # the force of the law where the piece begins is held over it
                 piece_input = self._model.computed_torque(state[: self._model.nq], state[self._model.nq :], piece_input)
             states.append(np.asarray(integrator(x0=state, p=np.r_[piece_input, dt])["xf"]))
         shares_of_piece = np.arange(1, INSIDE + 1) / INSIDE
@@ -93,20 +93,20 @@ def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
     inertial_parameters = model.nominal.vector
     state = ca.SX.sym("x", nq + n)
     anchor_size = model.space.n_anchor if under_law else 0
-    p = ca.SX.sym("p", n + anchor_size + 1)
+    parameters = ca.SX.sym("p", n + anchor_size + 1)
     Q = state[:nq]
     v = state[nq:]
-    u = p[:n]
-    vdot = model.space.acceleration_at(Q, v, u, p[n:-1]) if under_law else u
-    F = model.law()(Q, v, vdot, inertial_parameters) if under_law else p[:n]
+    u = parameters[:n]
+    vdot = model.space.acceleration_at(Q, v, u, parameters[n:-1]) if under_law else u
+    F = model.law()(Q, v, vdot, inertial_parameters) if under_law else parameters[:n]
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    ode = p[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, inertial_parameters))
+    ode = parameters[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, inertial_parameters))
     options: dict[str, Any] = {
         "abstol": TOLERANCE,
         "reltol": TOLERANCE,
         "linear_multistep_method": "adams",
         "nonlinear_solver_iteration": "functional",
     }
-    output_times = [float(part) for part in np.arange(1, INSIDE + 1) / INSIDE]
-    dae: dict[str, ca.SX] = {"x": state, "p": p, "ode": ode}
+    output_times = [float(time) for time in np.arange(1, INSIDE + 1) / INSIDE]
+    dae: dict[str, ca.SX] = {"x": state, "p": parameters, "ode": ode}
     return ca.integrator("piece", "cvodes", dae, 0.0, output_times, options)

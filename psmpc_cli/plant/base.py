@@ -397,7 +397,7 @@ class TickedPlant(ABC):
         commanded = np.empty((M, n))
         F = np.empty((M, n))
         external_force = np.empty((M, n))
-        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)  # impulse and work
+        impulse_and_work = np.zeros(self.model.parts["base"].stop + 1)
         for k in range(M):
             grasps = self.begin_tick(float(time[k]), states[k], bool(grippers_close[k]))
             tick_law = self._tick_law(law, k, states[k], grasps, setpoints, disturbance)
@@ -426,7 +426,7 @@ class TickedPlant(ABC):
     def _tick_law(
         self,
         law: LowLevelLaw,
-        k: int,
+        tick: int,
         state: np.ndarray,
         grasps: np.ndarray | None,
         setpoints: Setpoints,
@@ -436,7 +436,7 @@ class TickedPlant(ABC):
 
         Args:
             law: The law, with the load that the sample's setpoints name.
-            k: Number of the tick in its sample.
+            tick: Number of the tick in its sample.
             state: True state [Q; v] where the tick begins (nq + n,).
             grasps: Parameters of the grasps of an object that all hands hold; None while they do not.
             setpoints: Those of the sample.
@@ -447,20 +447,20 @@ class TickedPlant(ABC):
         v = state[self.model.nq :]
         if disturbance.is_noisy:
             # noise is a step along the coordinates, which for an attitude is a rotation
-            Q = np.array(self.model.space.integrate(Q, disturbance.noise[k, :n]))
-            v = v + disturbance.noise[k, n:]
+            Q = np.array(self.model.space.integrate(Q, disturbance.noise[tick, :n]))
+            v = v + disturbance.noise[tick, n:]
         return _TickLaw(
             law=law,
             Q=Q,
             v=v,
             grasps=grasps,
             parameters=disturbance.law if self.drive is None else disturbance.law.storing(self.drive.stored),
-            driven=law.driven if setpoints.driven is None else tuple(setpoints.driven[k].tolist()),
+            driven=law.driven if setpoints.driven is None else tuple(setpoints.driven[tick].tolist()),
             drive=self.drive,
         )
 
     def _fire(
-        self, k: int, state: np.ndarray, commanded: np.ndarray, law: _TickLaw, setpoints: Setpoints
+        self, tick: int, state: np.ndarray, commanded: np.ndarray, law: _TickLaw, setpoints: Setpoints
     ) -> tuple[np.ndarray, ForceLimits | None]:
         """Replace the force that the law commands on the base by what its thrusters give in a tick.
 
@@ -468,7 +468,7 @@ class TickedPlant(ABC):
         setpoints under the real one. Without thrusters the command stays as it is.
 
         Args:
-            k: Number of the tick in its sample.
+            tick: Number of the tick in its sample.
             state: State [Q; v] where it begins (nq + n,).
             commanded: Force that the law commands (n,).
             law: The law in this tick.
@@ -485,7 +485,7 @@ class TickedPlant(ABC):
         Q = state[None, : self.model.nq]
         space = self.model.space
         firing.count_with_load(law.counts_with_load)
-        span = firing.span(setpoints.driven, k, len(setpoints.u))
+        span = firing.span(setpoints.driven, tick, len(setpoints.u))
         if span.begins:  # a period of pulses: they are to give the mean of what the law wants over it
             mean_wanted = law.force(*setpoints.mean(span.ticks))
             firing.begin(limits.on_base(space, Q, mean_wanted[None])[0])
@@ -493,7 +493,7 @@ class TickedPlant(ABC):
         if span.is_pushed:
             wrench = firing.wrenches(1)
             base_force = np.array([self._on_base(law.Q, wrench[0]), self._on_base(law.Q, firing.mean_wrench)])
-            joint_force = law.joint_force(*setpoints.at(k), base_force)
+            joint_force = law.joint_force(*setpoints.at(tick), base_force)
             commanded = commanded.copy()
             commanded[space.joint_rates] = joint_force[space.joint_rates]
             (limits_as_vector,) = limits.holding_base(wrench)

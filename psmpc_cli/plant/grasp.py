@@ -139,9 +139,9 @@ class GraspLaw:
             "v": self.wrench_size,
         }
         bodies = [ca.SX.sym(name, size) for name, size in argument_sizes.items()]
-        p = ca.SX.sym("p", self.n_parameters)
-        anchor = ca.vertsplit(p)[: self.object_sizes[0]]
-        stiffness, angular_stiffness, damping, angular_damping = ca.vertsplit(p)[self.object_sizes[0] :]
+        parameters = ca.SX.sym("p", self.n_parameters)
+        anchor = ca.vertsplit(parameters)[: self.object_sizes[0]]
+        stiffness, angular_stiffness, damping, angular_damping = ca.vertsplit(parameters)[self.object_sizes[0] :]
         gripper, gripper_rate, object_pose, object_velocity = map(ca.vertsplit, bodies)
         relative = compared(self.space, gripper, gripper_rate, object_pose, object_velocity, anchor)
         force = add(scaled(relative.r, -stiffness), scaled(relative.rdot, -damping))
@@ -150,7 +150,7 @@ class GraspLaw:
         power = dot(force, relative.rdot) + dot(moment, relative.omega)
         wrenches = self.space.twist(force, moment), self.space.twist(scaled(force, -1), moment_on_object)
         return ca.Function(
-            "bushing", [*bodies, p], ca.cse([*(ca.vertcat(*wrench) for wrench in wrenches), ca.SX(power)])
+            "bushing", [*bodies, parameters], ca.cse([*(ca.vertcat(*wrench) for wrench in wrenches), ca.SX(power)])
         )
 
     def _forces(self) -> ca.Function:
@@ -170,21 +170,22 @@ class GraspLaw:
         }
         symbols = [ca.SX.sym(name, size) for name, size in argument_sizes.items()]
         Q, v, object_pose, object_velocity = symbols
-        p = ca.SX.sym("p", self.n_parameters * len(self.grippers))
+        parameters = ca.SX.sym("p", self.n_parameters * len(self.grippers))
         generalized_force = ca.SX.zeros(self.model.n)
         wrench_about_centre = ca.SX.zeros(self.wrench_size)
         power = ca.SX(0)
         wrenches_on_object = []
         loads = []
-        for i in range(len(self.grippers)):
-            gripper_pose, gripper_rate, J = self.gripper(i, Q, v)
-            grasp = p[self.n_parameters * i : self.n_parameters * (i + 1)]
+        for gripper in range(len(self.grippers)):
+            gripper_pose, gripper_rate, J = self.gripper(gripper, Q, v)
+            grasp = parameters[self.n_parameters * gripper : self.n_parameters * (gripper + 1)]
             on_gripper, about_centre, power_of_grasp = self.bushing(
                 gripper_pose, gripper_rate, object_pose, object_velocity, grasp
             )
             generalized_force = generalized_force + J.T @ on_gripper
             wrench_about_centre = wrench_about_centre + about_centre
             power = power + power_of_grasp
+            # loads of the grasp, as the object bears them: along the line from its centre, across it, and about it
             anchor_point, _ = self.space.to_3d(ca.vertsplit(grasp)[: self.object_sizes[0]])
             _, attitude = self.space.to_3d(ca.vertsplit(object_pose))
             centre_to_gripper = rotate(attitude, anchor_point)
@@ -197,7 +198,7 @@ class GraspLaw:
         outputs = ca.cse(
             [generalized_force, wrench_about_centre, power, ca.horzcat(*wrenches_on_object), ca.horzcat(*loads)]
         )
-        return ca.Function("forces", [*symbols, p], outputs)
+        return ca.Function("forces", [*symbols, parameters], outputs)
 
     def approach(
         self, gripper: int, Q: np.ndarray, v: np.ndarray, target_object: np.ndarray, anchor: np.ndarray
@@ -219,7 +220,7 @@ class GraspLaw:
         """
         d = self.model.dimension
         object_pose, object_velocity = np.split(target_object, [self.object_sizes[0]])
-        gripper_pose, gripper_rate, J = (value.full() for value in self.gripper(gripper, Q, v))
+        gripper_pose, gripper_rate, J = (output.full() for output in self.gripper(gripper, Q, v))
         relative = compared(
             self.space, gripper_pose.ravel(), gripper_rate.ravel(), object_pose, object_velocity, anchor
         )
@@ -365,7 +366,7 @@ class Capture:
         pose, _ = self.pose_and_velocity
         return np.array(self.law.space.integrate(pose, step))
 
-    def rates(self, Q: np.ndarray) -> np.ndarray:
+    def eigenvalues_when_held(self, Q: np.ndarray) -> np.ndarray:
         """Compute the eigenvalues [1/s] of robot and object held by all grippers, to choose a step of the integrator.
 
         With displacements r of the grippers, r'' = -W (K r + D r'): W as in `GraspLaw.inverse_mass`, K and D the
@@ -444,7 +445,8 @@ class Capture:
         if ticks_before_loss:
             logged_load = load[:ticks_before_loss].copy()
             self.load = logged_load[-1].copy()
-            logged_load[0] += self._load_at_loss  # the log shows under which load a grasp was lost, at that tick
+            # a tick in which a grasp was lost is simulated again without it; its log shows the load that was too much
+            logged_load[0] += self._load_at_loss
             self._load_at_loss[:] = 0.0
             self._ticks_of_sample.append(
                 (
@@ -528,7 +530,7 @@ def build_capture(task: TaskSpec, model: RobotModel) -> Capture | None:
     if task.body.mass == 0.0:
         return None
     capture = Capture(task, model, task.body)
-    eigenvalues = capture.rates(stack(task.initial, model.spec, "joint"))
+    eigenvalues = capture.eigenvalues_when_held(stack(task.initial, model.spec, "joint"))
     step = task.plant.step or 1 / task.plant.low_level_rate
     if not is_stable(eigenvalues * step * RESERVE):
         allowed_step = step

@@ -58,7 +58,7 @@ class MujocoPlant(TickedPlant):
         self.friction = friction or JointFriction.none(model.n)
         self._target_object = target_object
         mujoco.set_mju_user_warning(logger.warning)  # by default MuJoCo writes a file in the current directory
-        self._set_parameters = np.zeros(0)  # inertial parameters that the engine has; none yet
+        self._parameters_in_engine = np.zeros(0)  # none yet
         self.set_inertial_parameters(model.nominal)
         names = [body.name for body in model.spec.bodies]
         space = model.space
@@ -76,9 +76,9 @@ class MujocoPlant(TickedPlant):
 
     def set_inertial_parameters(self, robot: InertialParameters) -> None:
         """Build the engine for these inertial parameters of the robot and what it holds."""
-        if np.array_equal(robot.vector, self._set_parameters):
+        if np.array_equal(robot.vector, self._parameters_in_engine):
             return
-        self._set_parameters = robot.vector
+        self._parameters_in_engine = robot.vector
         spec = mujoco_spec(self.model.spec, self._target_object, robot)
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
         spec.option.timestep = self.tick / self.substeps
@@ -211,9 +211,9 @@ class MujocoStep:
         self._robot = MujocoPlant(law.model, tick, substeps, friction, target_object=body, drive=drive)
         self._bushing = ArrayFunction(law.bushing)
         engine = self._robot.engine
-        self._sites = [engine.site(gripper).id for gripper in law.grippers]
-        self._body = engine.body(OBJECT).id
-        object_joint = engine.body_jntadr[self._body]
+        self._gripper_sites = [engine.site(gripper).id for gripper in law.grippers]
+        self._object_id = engine.body(OBJECT).id
+        object_joint = engine.body_jntadr[self._object_id]
         self._object_q = slice(engine.jnt_qposadr[object_joint], engine.jnt_qposadr[object_joint] + law.object_sizes[0])
         self._object_v = slice(engine.jnt_dofadr[object_joint], engine.jnt_dofadr[object_joint] + law.object_sizes[1])
 
@@ -238,18 +238,18 @@ class MujocoStep:
             State of the robot, state of the object, and impulse and work of the external forces over the tick.
         """
         self._robot.set_inertial_parameters(robot)
-        h = self._tick / self._substeps
+        step_length = self._tick / self._substeps
         robot_size = len(state)
         attitudes = self._model.space.attitudes_at(0, robot_size)
         object_size = len(target_object)
-        h_wheels = np.zeros(0)
+        wheel_momenta = np.zeros(0)
         if self._drive is not None:
             F = self._drive.of_thrusters(F)
-            h_wheels = self._drive.momentum
+            wheel_momenta = self._drive.momentum
         impulse_and_work = np.zeros(self._model.parts["base"].stop + 1)
-        y = np.concatenate([state, target_object, impulse_and_work, h_wheels])
+        y = np.concatenate([state, target_object, impulse_and_work, wheel_momenta])
         for _ in range(self._substeps):
-            y = runge_kutta(lambda y: self._rate(y, F, parameters), y, h)
+            y = runge_kutta(lambda y: self._rate(y, F, parameters), y, step_length)
             for quaternion in attitudes:
                 y[quaternion] /= np.linalg.norm(y[quaternion])
         return (
@@ -274,13 +274,13 @@ class MujocoStep:
         data = self._robot.data
         law = self._law
         ends = np.cumsum([model.nq, model.n, *law.object_sizes, model.parts["base"].stop + 1])
-        Q, v, object_pose, object_velocity, _, h_wheels = np.split(integrated, ends)
+        Q, v, object_pose, object_velocity, _, wheel_momenta = np.split(integrated, ends)
         self._robot.put(Q, v)
         torque = np.zeros(0)
         power_of_wheels = 0.0
         if self._drive is not None:
             torque = self._drive.torque
-            self._robot.put_wheels(self._drive, h_wheels, v)
+            self._robot.put_wheels(self._drive, wheel_momenta, v)
             power_of_wheels = float(torque @ data.qvel[self._robot.wheel_v])
         data.qpos[self._object_q] = object_pose
         data.qvel[self._object_v] = object_velocity
@@ -290,9 +290,12 @@ class MujocoStep:
         data.qfrc_applied[:] = 0.0
         data.qfrc_applied[self._robot.v] = acting[self._robot.moving_rates]
         data.qfrc_applied[self._robot.wheel_v] = torque
+        is_closed = [bushing[-4] > 0 for bushing in parameters]  # an open gripper has a stiffness of 0
         power_of_bushings = sum(
-            self._press(site, p) for site, p in zip(self._sites, parameters, strict=True) if p[-4]
-        )  # stiffness is 0 of an open one
+            self._press(site, bushing)
+            for site, bushing, closed in zip(self._gripper_sites, parameters, is_closed, strict=True)
+            if closed
+        )
         mujoco.mj_fwdActuation(engine, data)
         mujoco.mj_fwdAcceleration(engine, data)
         vdot = np.zeros(model.n)
@@ -336,7 +339,7 @@ class MujocoStep:
             pose, rate, data.qpos[self._object_q], data.qvel[self._object_v], parameters
         )
         force, moment = (np.array(components, dtype=float) for components in space.twist_to_3d(wrench_on_gripper[0]))
-        for body, sign in ((engine.site_bodyid[site], 1.0), (self._body, -1.0)):
+        for body, sign in ((engine.site_bodyid[site], 1.0), (self._object_id, -1.0)):
             mujoco.mj_applyFT(engine, data, sign * force, sign * moment, gripper_point, body, data.qfrc_applied)
         return float(power[0, 0])
 

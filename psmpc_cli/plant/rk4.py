@@ -134,8 +134,10 @@ class _CompiledPlant(ABC):
         if span.begins:
             # the wrench that the law wants for the mean setpoint over the period; the motion of this tick is discarded
             law_in_one_tick = self._over(1, inputs.kind(self._base_kind, is_pushed=True))
-            _, _, wanted, *_ = law_in_one_tick(z, *inputs.mean(span.ticks), *fixed, _without_thrust(limits, firing))
-            firing.begin(limits.on_base(self.model.space, z[None, : self.model.nq], wanted)[0])
+            _, _, wanted_force, *_ = law_in_one_tick(
+                z, *inputs.mean(span.ticks), *fixed, _without_thrust(limits, firing)
+            )
+            firing.begin(limits.on_base(self.model.space, z[None, : self.model.nq], wanted_force)[0])
         return span.ticks, span.is_pushed
 
     def _integrate(
@@ -211,16 +213,16 @@ class Rk4Plant(_CompiledPlant):
         sums_size = self.model.parts["base"].stop + 1
         z = np.concatenate([state, np.zeros(sums_size), _momenta(self.model, self.drive)])
         spans = []
-        k = 0
-        while k < M:
-            ticks, is_pushed = self._begin_span(k, M, z, inputs, fixed, setpoints)
+        tick = 0
+        while tick < M:
+            ticks, is_pushed = self._begin_span(tick, M, z, inputs, fixed, setpoints)
             results = self._integrate(ticks, is_pushed, z, inputs, fixed)
             Z = results[0]
             if self.force_limits is not None:
                 self._pass_ticks(np.vstack([z, Z[:-1]]), results[2], is_pushed)
             spans.append(results)
             z = Z[-1]
-            k = ticks.stop
+            tick = ticks.stop
         Z, F, *others = (np.concatenate(results) for results in zip(*spans, strict=True))
         robot_states, impulse_and_work, momenta = np.split(Z, np.cumsum([len(state), sums_size]), axis=1)
         return Ticks(
@@ -362,7 +364,7 @@ class Rk4CapturePlant(_CompiledPlant):
         commanded_columns = (setpoints.u, setpoints.twist_rates, setpoints.driven)
         external_force = disturbance.external_force
         inputs = _Inputs(
-            np.hstack([values for values in commanded_columns if values is not None]),
+            np.hstack([column for column in commanded_columns if column is not None]),
             (external_force,) if self.friction is None else (disturbance.noise, external_force),
             in_task_space=setpoints.twist_rates is not None,
             varies=setpoints.driven is not None,

@@ -95,9 +95,8 @@ class ThrusterFiring:
         self.mean_wrench = np.zeros(d)
         self._next_period_ticks = period  # ticks of the period that begins next
         self._planned_thrusts = np.zeros((0, T))  # over the ticks that are left of the period [N]
-        self._unfinished_thrusts = (
-            self._planned_thrusts
-        )  # those of pulses of the period before that go on in this one [N]
+        # thrusts of pulses of the period before that go on in this one, over its first ticks [N]
+        self._unfinished_thrusts = self._planned_thrusts
         self._owed_impulse = np.zeros(d)  # impulse that the law has asked for, and pulses have not given yet
         self._law_has_load = False  # whether the law counts with a load
 
@@ -234,8 +233,8 @@ class ThrusterFiring:
     def end_sample(self) -> ThrusterTicks:
         """Return what was fired over the sample that ends, for its log, and begin the record of the next one.
 
-        A firing begins where a thruster that was off at the tick before is on, so the last tick before the sample
-        counts too.
+        A thruster begins to fire at a tick if it did not at the tick before, which may be the last of the sample
+        before.
         """
         thrusts = np.concatenate(self._thrusts_of_sample)
         is_firing = np.vstack([self._fired_last, thrusts > 0])
@@ -261,13 +260,18 @@ def firing_of(task: TaskSpec, model: RobotModel) -> ThrusterFiring | None:
     The period of pulses is the robot's own, rounded up to whole ticks. By default it is the sample time, since the
     acceleration that the law follows is another at each sample; or as many samples as the longest of the shortest
     pulses takes.
+
+    Args:
+        task: The task, with its rates, and whether thrusters fire in pulses.
+        model: The robot.
     """
     if not (task.fires(model.spec) and task.plant.traits.has_forces):
         return None
     thrusters = Thrusters.of(model.spec.thrusters)
     tick = 1 / task.plant.low_level_rate
     sample_time = task.controller.sample_time
-    period = model.spec.pulse_period
+    period = model.spec.pulse_period  # [s]
+    # 1e-9 and 1e-6 are for the rounding of quotients, which are then not taken for a little more than a whole number
     if period is None:
         period = sample_time * max(1.0, np.ceil(thrusters.shortest_pulse.max() / sample_time - 1e-9))
     return ThrusterFiring(thrusters, int(np.ceil(period / tick - 1e-6)), tick, task.plant.thrusters == "pulsed")

@@ -175,9 +175,9 @@ def _capture_flow(law: GraspLaw) -> ca.Function:
     external_force = (
         F_external if model.spec.moved_by.moves else model.dynamics.inverse(Q, v, vdot, robot) - grasp_force
     )
-    external = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external_force))
+    external_wrench = model.space.external_wrench(ca.vertsplit(Q), ca.vertsplit(external_force))
     power += ca.dot(acting, v) + power_of_wheels
-    zdot = ca.vertcat(*Qdot, vdot, *external, power, torque, *pose_rate, *velocity_rate)
+    zdot = ca.vertcat(*Qdot, vdot, *external_wrench, power, torque, *pose_rate, *velocity_rate)
     return ca.Function("flow", [z, F, bushings, p], [zdot])
 
 
@@ -294,15 +294,16 @@ def _thrust(model: RobotModel, limits: ca.MX) -> list[ca.MX]:
 def tick_function(model: RobotModel, kind: TickKind) -> ca.Function:
     """Return the simulation of one tick as a CasADi function: the law (7) sets F once, then the motion is integrated.
 
-    It maps z, u to z_next, F, torques of wheels, with z = [Q; v; impulse (3,) or (6,); work; momenta of wheels]. What
-    `kind` says adds arguments and results:
+    It maps z, u to z_next, F, torques of wheels, with z = [Q; v; impulse (3,) or (6,); work; momenta of wheels]. Where
+    these hold of `kind`, there are other arguments and results:
 
-    in_task_space: the law is `F = J' F_m`, and u are the rates of the frames' velocities. varies: which coordinates of
-    the base are driven (n_twist,) follows u. disturbed: noise (2n,), external force (n,) and p: the inertial parameters
-    of the robot and of the law, then the vector of a `JointFriction`. limited: the vector of `ForceLimits` is the last
-    argument; the force before it was cut is returned after F. is_pushed: thrusters push the base. The limits are those
-    of `ForceLimits.holding_base`, followed by the mean wrench of the period (n_twist,), which the torques of joints
-    need; see `LowLevelLaw.force`.
+    - in_task_space: the law is `F = J' F_m`, and u are the rates of the frames' velocities.
+    - varies: which coordinates of the base are driven (n_twist,) follows u.
+    - disturbed: noise (2n,), external force (n,) and p: the inertial parameters of the robot and of the law, then the
+      vector of a `JointFriction`.
+    - limited: the vector of `ForceLimits` is the last argument; the force before it was cut is returned after F.
+    - is_pushed: thrusters push the base. The limits are those of `ForceLimits.holding_base`, followed by the mean
+      wrench of the period (n_twist,), which the torques of joints need; see `LowLevelLaw.force`.
 
     The function is derived once for each model and kind.
     """

@@ -75,7 +75,13 @@ def render(template: str, layer: str = "report", **context: Any) -> Page:
 
 @cache
 def _environment(layer: str) -> Environment:
-    """Build the environment that finds templates, styles and scripts in the folders of a layer and of `report`."""
+    """Build the Jinja environment of HTML pages: templates, styles and scripts of a layer, and of `report` for all.
+
+    A variable that a template has and the page does not is an error, and text is escaped.
+
+    Args:
+        layer: Folder of psmpc_cli whose templates come first.
+    """
     loader = ChoiceLoader([PackageLoader("psmpc_cli", folder) for folder in (layer, "report")])
     environment = Environment(
         loader=loader,
@@ -89,6 +95,7 @@ def _environment(layer: str) -> Environment:
         "filled_columns": filled_columns,
         "version": __version__,
     }
+    # no line break between a number and its s of seconds
     environment.filters["unbroken"] = partial(re.sub, r"(?<=\d) (?=s\b)", "\N{NO-BREAK SPACE}")
     environment.filters |= {"title": title_of, "png": _png, "mission": describe_mission}
     environment.filters["shown"] = lambda value: f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -112,14 +119,16 @@ def _png(draw: Draw) -> dict[str, str | int]:
 
 
 def report_run(run: Run) -> Page:
-    """Report a run on one page.
+    """Report a run on one HTML page: verdicts, warnings, stages, measures, and all figures that it has data for.
+
+    Figures are drawn when the page is rendered.
 
     Raises:
         LogError: The run has no samples.
     """
     summary = run.summary()
-    known = figures_of(RUN, run)
-    work = Work("figures", len(known), title="drawing", small_parts=True)
+    makers_by_name = figures_of(RUN, run)
+    work = Work("figures", len(makers_by_name), title="drawing", small_parts=True)
 
     def draw(make: Callable[[Run], Figure]) -> Figure:
         figure = make(run)
@@ -135,6 +144,6 @@ def report_run(run: Run) -> Page:
         warnings=list(warnings_of(summary)),
         measures=list(measure_rows(summary)),
         no_limits=NO_LIMITS,
-        figures={FIGURES[RUN][name].caption: partial(draw, make) for name, make in known.items()},
+        figures={FIGURES[RUN][name].caption: partial(draw, make) for name, make in makers_by_name.items()},
         versions=versions_of(run.attributes),
     )

@@ -71,18 +71,22 @@ def _cause(violation: Largest) -> str:
 
 
 def _limit_violations(summary: Summary) -> list[str]:
-    """Write the largest violations of limits, each with what the closing of grippers has to do with it."""
+    """Write the largest violations of position and velocity limits, and whether the closing of grippers explains them.
+
+    Returns:
+        A text for each; empty where all limits were kept.
+    """
     texts = []
-    for each in summary.beyond_limits:
-        text = _violations(each)
-        is_at_closing = each.sample in summary.closing_samples and each.where.endswith("velocity")
+    for violation in summary.beyond_limits:
+        text = _violations(violation)
+        is_at_closing = violation.sample in summary.closing_samples and violation.where.endswith("velocity")
         if is_at_closing:
             speeds = _of_object(summary, _closing_speeds)
             reason = (
                 f"the grasps stop grippers that move by {speeds} against the object at once, which no plan contains"
             )
-            others = _violations(*summary.beyond_limits_elsewhere) or "none"
-            text = f"{text}; as the grippers close: {reason}; in other samples: {others}"
+            violations_elsewhere = _violations(*summary.beyond_limits_elsewhere) or "none"
+            text = f"{text}; as the grippers close: {reason}; in other samples: {violations_elsewhere}"
         texts.append(text)
     return texts
 
@@ -371,9 +375,15 @@ def filled_columns(headings: Sequence[str], rows: Iterable[Sequence[Any]]) -> tu
 
 
 def stage_rows(summary: Summary) -> tuple[Row, list[Row]]:
-    """Build the table of a run's stages: its headings, and a row for each stage.
+    """Build the table of a run's stages: when each started and ended, beside published times.
 
-    Where stages came again, each row says which try its times are of.
+    Where the sequence returned to an earlier stage, each row says which try its times are of.
+
+    Args:
+        summary: Summary of the run.
+
+    Returns:
+        Headings, and a row for each stage.
     """
     headings = ("stage", "try", "priority", "actual start [s]", "published start [s]", "ends [s]", "published end [s]")
     tried_again = bool(summary.returned_at)
@@ -423,15 +433,21 @@ def describe_mission(summary: Summary) -> str:
 
 
 def warnings_of(summary: Summary) -> Iterator[str]:
-    """Yield what of a run needs attention, whether its mission succeeded or not: a sentence each."""
+    """Yield a sentence for everything in a run that needs attention, whether its mission succeeded or not.
+
+    Args:
+        summary: Summary of the run.
+    """
     for verdict in summary.monitors:
         if verdict.is_judged and not verdict.held:
             yield f"monitor {verdict.name}: {describe_verdict(verdict)}"
     if summary.clearance is not None and summary.clearance.tightest.margin < 0:
         yield f"a margin of clearance was not kept: {_nearest(summary.clearance.tightest)}"
+    # samples and ticks leave small violations, which need no warning
     exceeded = {limit.kind for limit in summary.limits if limit.relative < -WARNED_OF}
     for violation, text in zip(summary.beyond_limits, _limit_violations(summary), strict=True):
-        if ("velocity" if violation.where.endswith(" velocity") else "position") in exceeded:
+        quantity = "velocity" if violation.where.endswith(" velocity") else "position"
+        if quantity in exceeded:
             yield f"a limit was exceeded: {text}"
     if summary.delay_is_cut_off:
         yield "commands are later than the controller finds out: give the delay, controller.delay"

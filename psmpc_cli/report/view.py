@@ -93,15 +93,23 @@ def view(runs: RunOrPath | Mapping[str, RunOrPath]) -> Page:
         {style.title_of(str(resolved.attributes["controller"])): resolved} if isinstance(resolved, Run) else resolved
     )
     tasks = dict.fromkeys(style.words_of(str(run.attributes["task_name"])) for run in by_name.values())
-    shown = [_run_data(style.title_of(name), run) for name, run in by_name.items()]
-    return render("view.html.j2", title=", ".join(tasks), runs=shown)
+    data_of_runs = [_run_data(style.title_of(name), run) for name, run in by_name.items()]
+    return render("view.html.j2", title=", ".join(tasks), runs=data_of_runs)
 
 
 def _run_data(name: str, run: Run) -> Json:
-    """Collect all that the page shows of a run."""
+    """Collect all that the interactive page shows of a run, as data for its script.
+
+    Long runs are thinned out: at most `MAX_FRAMES` states and `MAX_PLANS` plans.
+
+    Args:
+        name: Name of the run on the page.
+        run: The run.
+    """
     scene = scene_of(run)
     model = run.problem.model
     motion = run.motion
+    # indices of the states of the motion, and of the samples with their plans
     frames = _evenly_chosen(len(motion.time), MAX_FRAMES)
     samples = _evenly_chosen(len(run.time), MAX_PLANS)
     time = motion.time[frames]
@@ -147,35 +155,47 @@ def _notes(run: Run) -> Iterator[str]:
 
 
 def _robot(model: RobotModel, pieces: Sequence[Piece]) -> Json:
-    """Describe a robot as bodies, each on the one that carries it; lengths [m], quaternions x, y, z, w.
+    """Describe a robot for the page's script, which draws it: a tree of bodies, each placed on the one that carries it.
 
-    They have the capsules that cover them, where there are some.
+    Args:
+        model: The robot.
+        pieces: Capsules that cover its bodies for clearance; empty where they are not shown.
+
+    Returns:
+        Lengths in m, quaternions x, y, z, w.
     """
     spec = model.spec
     shape = model.shape
-    turn = Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat()
-    parts = list(model.parts)
-    none = (0.0, 0.0, 0.0)
-    joints = [Joint(Attachment(-1, none, none), none), *spec.joints]
+    box_quaternion = Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat()
+    part_names = list(model.parts)
+    zeros = (0.0, 0.0, 0.0)
+    # the base hangs on nothing, as by a joint of body -1
+    joints = [Joint(Attachment(-1, zeros, zeros), zeros), *spec.joints]
     bodies = [
         {
             **_frame(joint.at),
-            "part": parts.index(body.name.rpartition(".")[0] or "base"),
+            "part": part_names.index(body.name.rpartition(".")[0] or "base"),
             "axis": joint.axis,
             "prismatic": joint.prismatic,
-            "capsules": lines.tolist(),
+            "capsules": links.tolist(),
             "covers": [
                 {"ends": piece.ends.tolist(), "radius": piece.shape.size[0]} for piece in pieces if piece.body == number
             ],
         }
-        for number, (body, joint, lines) in enumerate(zip(spec.bodies, joints, shape.capsules, strict=True))
+        for number, (body, joint, links) in enumerate(zip(spec.bodies, joints, shape.capsules, strict=True))
     ]
     return {
         "spatial": model.dimension == 3,
         "bodies": bodies,
-        "tools": [{**_frame(at), "gripper": shape.grippers[arm].tolist()} for arm, at in spec.tools.items()],
-        "box": {"half": shape.box.tolist(), "position": shape.box_frame[:3, 3].tolist(), "quaternion": turn.tolist()},
-        "parts": [style.words_of(part) for part in parts],
+        "tools": [
+            {**_frame(tool_frame), "gripper": shape.grippers[arm].tolist()} for arm, tool_frame in spec.tools.items()
+        ],
+        "box": {
+            "half": shape.box.tolist(),
+            "position": shape.box_frame[:3, 3].tolist(),
+            "quaternion": box_quaternion.tolist(),
+        },
+        "parts": [style.words_of(part) for part in part_names],
         "colors": [style.BODY, *(style.line_look(number)["color"] for number in range(len(spec.arms)))],
         "objectColor": style.OBJECT,
         "baseColor": BASE_COLOR,
@@ -192,9 +212,17 @@ def _frame(at: Attachment) -> Json:
 
 
 def _plans(run: Run, samples: np.ndarray) -> Json:
-    """Collect node times (K, nodes) [s] and coordinates (K, nodes, nq) of the plans at samples.
+    """Collect the plans at samples, which the page draws as paths ahead of the robot.
 
-    Where a solve failed the plan before it is repeated; the last node of a plan is repeated up to equal lengths.
+    Only some nodes of each are kept, those at switches among them. Where a solve failed the plan before it is repeated.
+    Shorter plans repeat their last node, so that all fit in one array.
+
+    Args:
+        run: The run.
+        samples: Numbers of the K samples.
+
+    Returns:
+        Node times (K, nodes) [s] and coordinates Q (K, nodes, nq).
     """
     plans: list[tuple[Plan, np.ndarray]] = []
     for sample in samples:
@@ -206,8 +234,8 @@ def _plans(run: Run, samples: np.ndarray) -> Json:
             nodes = np.union1d(evenly, stage_end_nodes)
         plans.append((solve.plan, nodes))
 
-    most = max((len(nodes) for _, nodes in plans), default=0)
-    padded = [(plan, np.pad(nodes, (0, most - len(nodes)), mode="edge")) for plan, nodes in plans]
+    most_nodes = max((len(nodes) for _, nodes in plans), default=0)
+    padded = [(plan, np.pad(nodes, (0, most_nodes - len(nodes)), mode="edge")) for plan, nodes in plans]
     time = [plan.times[nodes] for plan, nodes in padded]
     Q = [plan.chart.from_chart(plan.X[nodes])[0] for plan, nodes in padded]
     return {"time": _pack(np.array(time)), "Q": _pack(np.array(Q))}
@@ -241,40 +269,48 @@ def _object(scene: Scene, time: np.ndarray) -> Json | None:
 
 
 def _obstacles(scene: Scene, time: np.ndarray) -> Iterator[Json]:
-    """Describe obstacles at the start as boxes and capsules, with velocities [m/s] and points that a view should show.
+    """Describe obstacles for the page's script: boxes and capsules at the start of the run, with velocities [m/s].
 
-    What is seen of a half-space is a box: in space a wall, through which one sees.
+    A half-space is shown as a box as large as the scene: in space a wall, through which one sees.
+
+    Args:
+        scene: The run with what stands around the robot.
+        time: Times that are shown [s].
+
+    Yields:
+        A description of each, with points `around` that a view should contain.
     """
     if not scene.obstacles:
         return
     extent = scene.extent(time[_evenly_chosen(len(time), MAX_VIEWS)].tolist())
     model = scene.run.problem.model
     planar = model.dimension == 2
-    thick = 2.6 * model.shape.radius
+    thickness = 2.6 * model.shape.radius
     for obstacle in scene.obstacles:
         shape = obstacle.shape.shape
         frame = obstacle_frame(obstacle, 0.0)
         opacity = 1.0
         if shape.kind == "half_space":
-            wide = 1.5 * float(np.linalg.norm(np.ptp(extent, axis=0)))
-            depth = wide if planar else 0.01 * wide
+            width = 1.5 * float(np.linalg.norm(np.ptp(extent, axis=0)))
+            depth = width if planar else 0.01 * width
             normal = frame[:3, :3] @ shape.size
             middle = (extent.min(axis=0) + extent.max(axis=0)) / 2
-            beyond = (middle - frame[:3, 3]) @ normal
-            frame[:3, 3] = middle - (beyond + depth / 2) * normal
+            # its face is moved along itself to the middle of the scene
+            distance_from_face = (middle - frame[:3, 3]) @ normal
+            frame[:3, 3] = middle - (distance_from_face + depth / 2) * normal
             frame[:3, :3] = Rotation.align_vectors([normal], [[1, 0, 0]])[0].as_matrix()
-            shape = Shape("box", (depth, wide) if planar else (depth, wide, wide))
+            shape = Shape("box", (depth, width) if planar else (depth, width, width))
             opacity = 1.0 if planar else WALL_OPACITY
         yield {
             "name": style.words_of(obstacle.name),
             "position": frame[:3, 3].tolist(),
             "quaternion": Rotation.from_matrix(frame[:3, :3]).as_quat().tolist(),
             "velocity": [*obstacle.velocity, 0.0, 0.0, 0.0][:3],
-            "box": [*shape.edges, thick][:3] if shape.kind == "box" else None,
+            "box": [*shape.edges, thickness][:3] if shape.kind == "box" else None,
             "ends": capsule_ends(shape).tolist() if shape.kind == "capsule" else None,
             "radius": shape.size[0] if shape.kind == "capsule" else None,
             "opacity": opacity,
-            "around": [points_near(obstacle, float(each), extent).tolist() for each in time[[0, -1]]],
+            "around": [points_near(obstacle, float(instant), extent).tolist() for instant in time[[0, -1]]],
         }
 
 
@@ -294,19 +330,20 @@ def _nearest(run: Run) -> Json:
 
 
 def _thrusters(run: Run) -> Json:
-    """Collect where thrusters are and plumes leave in the base frame, thrusts over samples, and whether they are shut.
+    """Collect what the page shows of thrusters: their plumes, as long as they fire, and which are shut.
 
-    Thrusts are means over the sample, of the largest.
+    Returns:
+        Nozzles and axes of plumes in the base frame; mean thrusts over samples as a share of the largest [0, 1].
     """
     samples = _evenly_chosen(len(run.time), MAX_FRAMES)
     thrusters = run.problem.model.spec.thrusters
     plumes = Plumes.of(thrusters)
-    largest = run.task.spec.controller.sample_time * np.array([thruster.force for thruster in thrusters])
+    largest_impulse = run.task.spec.controller.sample_time * np.array([thruster.force for thruster in thrusters])
     return {
         "nozzles": plumes.nozzles.tolist(),
         "axes": plumes.axes.tolist(),
         "time": _pack(run.time[samples], "f8"),
-        "share": _pack(run["thrusters/impulse"][samples] / largest),
+        "share": _pack(run["thrusters/impulse"][samples] / largest_impulse),
         "shut": _pack(run["thrusters/shut"][samples]) if "thrusters/shut" in run else None,
     }
 
@@ -323,11 +360,11 @@ def _wheels(run: Run) -> Json:
 
 
 def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
-    """Yield the tabs of plots, each with its panels; tabs and panels without curves are left out.
+    """Yield the tabs of plots beside the moving robot, each with its panels; those without curves are left out.
 
     Args:
         run: The run.
-        frames: Indices of the rows of its motion that are shown: samples, and the end of the run. The tabs of stages
+        frames: Indices of the states of its motion that are shown: samples, and the end of the run. The tabs of stages
             and of the grasp do without: their data have no row for the end of the run.
     """
     motion = run.motion
@@ -345,8 +382,8 @@ def _plots(run: Run, frames: np.ndarray) -> Iterator[Json]:
         "Clearance": _clearance_panels(run) if has_distances(run) else (),
     }
     for name, panels in tabs.items():
-        if drawn := [panel for panel in panels if panel["series"]]:
-            yield {"name": name, "panels": drawn}
+        if with_curves := [panel for panel in panels if panel["series"]]:
+            yield {"name": name, "panels": with_curves}
 
 
 def _angles(model: RobotModel, Q: np.ndarray) -> np.ndarray:
@@ -366,32 +403,36 @@ def _panels(
     limits: Sequence[np.ndarray] = (),
     of_base_position: str = "",
 ) -> Iterator[Json]:
-    """Yield a panel for base positions, base angles and each arm of values (T, n) at times (T,) [s].
+    """Yield the panels of a quantity of all generalized coordinates: of base position, base angles, and each arm.
 
     An arm with joints that slide has a panel of these besides.
 
     Args:
         model: The robot.
-        time: The times.
-        values: The values.
+        time: Times (T,) [s].
+        values: Values of the quantity (T, n).
         quantity: What they are, as `CoordinateUnits` names it.
         stepped: Whether a value is held until the next one.
         limits: Lower and upper limits of the values (T, n), infinite where there are none.
         of_base_position: What is added to the unit of the base's linear coordinates.
     """
-    linear, angular = (getattr(each, quantity).replace("^2", "²") for each in (LENGTH, ANGLE))
+    linear, angular = (getattr(kind_of_unit, quantity).replace("^2", "²") for kind_of_unit in (LENGTH, ANGLE))
     of_angles = "angle" if quantity == "position" else quantity
     panels = coordinate_panels(model, (quantity, linear), (of_angles, angular), of_base_position)
     colors = part_colors(model)
     for panel in panels_that_vary(model, panels, [values]):
         rows = list(panel.rows)
-        part = next(name for name, own in model.parts.items() if own.start <= rows[0] < own.stop)
+        part = next(
+            name
+            for name, coordinates_of_part in model.parts.items()
+            if coordinates_of_part.start <= rows[0] < coordinates_of_part.stop
+        )
         labels = ("yaw", "pitch", "roll") if panel.quantity == "attitude" else panel.labels
         shades = shades_of(colors[part], len(rows))
         curves = list(zip(labels, values[:, rows].T, shades, strict=True))
         in_view = limits_in_view([side[:, rows] for side in limits], values[:, rows])
-        of_lines = [(limit, shades[place]) for limit, places in in_view for place in places]
-        bounds = _bounds("limit", of_lines)
+        limits_of_curves = [(limit, shades[curve]) for limit, bounded_curves in in_view for curve in bounded_curves]
+        bounds = _bounds("limit", limits_of_curves)
         yield _panel(f"{style.words_of(part)} ({panel.unit})", time, curves, bounds, stepped=stepped)
 
 
@@ -438,20 +479,28 @@ def _force_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
 
 
 def _error_panels(run: Run, frames: np.ndarray) -> Iterator[Json]:
-    """Yield the largest errors against the current stage's target, with the tolerances of its end condition."""
+    """Yield two panels of how far parts are from the current stage's target: positions and angles, each the largest.
+
+    Tolerances of its end condition are dashed lines. Axes are logarithmic, so errors below `SMALLEST_ERROR` are left
+    out.
+
+    Args:
+        run: The run.
+        frames: Indices of the states of its motion that are shown.
+    """
     time = run.motion.time[frames]
     parts = error_parts(run)
     error = np.full((2, len(parts), len(time)), np.nan)  # of positions, of angles
     tolerance = np.full((2, len(parts), len(time)), np.nan)
     for curve in error_curves(run):
-        inside = (time >= curve.span.start - 1e-9) & (time <= curve.span.end + 1e-9)
-        place = (int(curve.angular), parts.index(curve.part), inside)
-        error[place] = np.interp(time[inside], curve.time, curve.error)
-        tolerance[place] = curve.tolerance
+        in_span = (time >= curve.span.start - 1e-9) & (time <= curve.span.end + 1e-9)
+        index = (int(curve.angular), parts.index(curve.part), in_span)
+        error[index] = np.interp(time[in_span], curve.time, curve.error)
+        tolerance[index] = curve.tolerance
     error = np.where(error > SMALLEST_ERROR, error, np.nan)
     names = [style.words_of(part) for part in parts]
-    known = part_colors(run.problem.model)
-    colors = [known.get(part, OBJECT_COLOR) for part in parts]  # what only a skill has is an object's
+    color_of_part = part_colors(run.problem.model)
+    colors = [color_of_part.get(part, OBJECT_COLOR) for part in parts]  # what only a skill has is an object's
     for angular, label in enumerate(("largest coordinate (m)", "largest angle (rad)")):
         curves = zip(names, error[angular], colors, strict=True)
         yield _panel(label, time, curves, _bounds("tolerance", zip(tolerance[angular], colors, strict=True)), log=True)
@@ -469,7 +518,10 @@ def _stage_panels(run: Run) -> Iterator[Json]:
 
 
 def _grasp_panels(run: Run) -> Iterator[Json]:
-    """Yield the filtered loads on each grasp, with the strength at which it is lost, and the object's velocities."""
+    """Yield the panels of the tab about the grasp: loads on each gripper, and the velocities of the object.
+
+    Loads are filtered as they are judged, and stand beside the strength at which a grasp is lost.
+    """
     samples = _evenly_chosen(len(run.time), MAX_FRAMES)
     names = [style.words_of(name) for name in run["gripper"].tolist()]
     colors = [part_colors(run.problem.model)[name] for name in run["gripper"].tolist()]
@@ -480,10 +532,13 @@ def _grasp_panels(run: Run) -> Iterator[Json]:
         curves = zip(names, run[f"grasp/{load}"][samples].T, colors, strict=True)
         yield _panel(f"{load} on grasp ({unit})", time, curves, limits)
     axes = list(zip(run["object_axis"].tolist(), run["object/velocity"][samples].T, strict=True))
-    linear = len(axes) // 3 + 1
-    for unit, own in (("m/s", axes[:linear]), ("rad/s", axes[linear:])):
-        shades = shades_of(OBJECT_COLOR, len(own))
-        yield _panel(f"object ({unit})", time, [(*axis, shade) for axis, shade in zip(own, shades, strict=True)])
+    # 3 axes in the plane, two of them linear; 6 in space, three of them linear
+    n_linear = len(axes) // 3 + 1
+    for unit, velocity_axes in (("m/s", axes[:n_linear]), ("rad/s", axes[n_linear:])):
+        shades = shades_of(OBJECT_COLOR, len(velocity_axes))
+        yield _panel(
+            f"object ({unit})", time, [(*axis, shade) for axis, shade in zip(velocity_axes, shades, strict=True)]
+        )
 
 
 def _clearance_panels(run: Run) -> Iterator[Json]:
@@ -507,22 +562,30 @@ def _panel(
     log: bool = False,
     stepped: bool = False,
 ) -> Json:
-    """Collect a panel of curves over times (T,) [s], those that have values; limits are dashed.
+    """Describe a panel of curves for the page's script; curves without any value are left out.
 
-    Curves of one colour are told apart by dots, of which each next one has fewer.
+    Curves of one colour are told apart by dots: `repeats` says how many of the same colour come before.
+
+    Args:
+        label: Label of the panel, with its unit.
+        time: Times of all curves (T,) [s].
+        curves: Label, values (T,) and colour of each.
+        limits: The same of limits, which are drawn dashed.
+        log: Whether the axis is logarithmic.
+        stepped: Whether a value is held until the next one.
     """
-    every = [(curve, False) for curve in curves] + [(curve, True) for curve in limits]
-    drawn = [(curve, is_limit) for curve, is_limit in every if np.isfinite(curve[1]).any()]
-    colors = [(color, is_limit) for (_, _, color), is_limit in drawn]
+    all_curves = [(curve, False) for curve in curves] + [(curve, True) for curve in limits]
+    known_curves = [(curve, is_limit) for curve, is_limit in all_curves if np.isfinite(curve[1]).any()]
+    colors = [(color, is_limit) for (_, _, color), is_limit in known_curves]
     series = [
         {
             "label": name,
             "color": color,
             "limit": is_limit,
-            "repeats": colors[:place].count((color, is_limit)),
+            "repeats": colors[:number].count((color, is_limit)),
             "values": _pack(values),
         }
-        for place, ((name, values, color), is_limit) in enumerate(drawn)
+        for number, ((name, values, color), is_limit) in enumerate(known_curves)
     ]
     return {"label": label, "time": _pack(time, "f8"), "series": series, "log": log, "stepped": stepped}
 

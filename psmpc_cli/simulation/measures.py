@@ -73,6 +73,7 @@ class Meter:
         self._counterfactuals = counterfactuals
         self._uncertainty = uncertainty
         self._problem = problem
+        # without noise and delay the state that the controller saw is the true one
         self._sees_the_state = problem.spec.sees_the_state
         self._logs_shares = problem.spec.log.shares
         self._noise = standard_deviations(problem.spec.uncertainty.noise, problem.model.spec)
@@ -84,6 +85,7 @@ class Meter:
         self._sample_number = 0
         self._tick_length = 1 / problem.spec.plant.low_level_rate
         self._wheels = Wheels.of(problem.model.spec)
+        # momentum and energy that there should be, from impulse and work so far
         self._expected_balance = self._momentum_and_energy(0, initial_state[None])[0] + (
             0.0 if capture is None else capture.momentum_and_energy
         )

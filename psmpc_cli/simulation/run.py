@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -174,7 +174,7 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
     stage = 0
     sample_time = experiment.problem.spec.controller.sample_time
     time_after_end = experiment.problem.spec.time_after_end
-    line = _Line(experiment.problem.spec, experiment.problem.model.spec)
+    delayed_commands = _DelayedCommands(experiment.problem.spec, experiment.problem.model.spec)
     while True:
         now = sample_number * sample_time
         measured = state if uncertainty is None else uncertainty.measured(sample_number, state)
@@ -189,10 +189,12 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         if any(switch.stage == until for switch in command.switches):
             return Ending(False, "stopped at the end of a stage", now, command.state, state, command.switches)
         braking_until = command.plan.end if "braking" in command.events else np.inf
-        line.send(sample_number, command)
-        in_force, setpoints = line.over_sample(sample_number)
+        # commands may arrive late: what acts over this sample may be an earlier command
+        delayed_commands.send(sample_number, command)
+        in_force, setpoints = delayed_commands.over_sample(sample_number)
         previous_stage = stage
         stage = in_force.sequence.first
+        # a payload that is taken up or let go changes velocities at once
         contact = None
         disturbance = None
         if uncertainty is not None:
@@ -213,7 +215,14 @@ def _has_diverged(ticks: Ticks) -> bool:
     return bool(np.isnan(squared_norm) or squared_norm >= DIVERGED**2)
 
 
-class _Line:
+class _SentCommand(NamedTuple):
+    """A command on its way: the tick of the run at which it arrives, and the command."""
+
+    arrives_at: int
+    command: Command
+
+
+class _DelayedCommands:
     """The way of commands to the robot, which takes a while. Times are counted in ticks from the start of the run.
 
     A command acts from its first tick on when it arrives, and until the next one does; its last tick holds where that
@@ -222,22 +231,22 @@ class _Line:
 
     def __init__(self, task: TaskSpec, robot: RobotSpec) -> None:
         rate = task.plant.low_level_rate
-        self._ticks = round(task.controller.sample_time * rate)
+        self._ticks_per_sample = round(task.controller.sample_time * rate)
         self._rate = rate
         self._delay = task.uncertainty.delay
         self._jitter = task.uncertainty.jitter
         self._seed = task.seed
         self._changes_mobility = task.changes_mobility(robot)
-        self._arrived: list[tuple[int, Command]] = []
+        self._sent: list[_SentCommand] = []
 
     def send(self, sample: int, command: Command) -> None:
         """Send the command of a sample."""
         delay = self._delay
         if self._jitter:
             delay = max(0.0, delay + self._jitter * float(stream(self._seed, "delay", sample).standard_normal()))
-        arrival = sample * self._ticks + round(delay * self._rate)
-        before = self._arrived[-1][0] if self._arrived else 0
-        self._arrived.append((max(arrival, before), command))
+        arrival = sample * self._ticks_per_sample + round(delay * self._rate)
+        before = self._sent[-1].arrives_at if self._sent else 0
+        self._sent.append(_SentCommand(max(arrival, before), command))
 
     def over_sample(self, sample: int) -> tuple[Command, Setpoints]:
         """Return the command in force when a sample begins, and the setpoints of the low-level law at its ticks.
@@ -248,26 +257,28 @@ class _Line:
         Args:
             sample: Number of the sample.
         """
-        first_tick = sample * self._ticks
-        while len(self._arrived) > 1 and self._arrived[1][0] <= first_tick:
-            self._arrived.pop(0)
-        arrival, command = self._arrived[0]
+        first_tick = sample * self._ticks_per_sample
+        end_tick = first_tick + self._ticks_per_sample
+        while len(self._sent) > 1 and self._sent[1].arrives_at <= first_tick:
+            self._sent.pop(0)
+        arrives_at, command = self._sent[0]
         load = command.law.load
         # mostly one command arrives as the sample begins and no other within it: its setpoints are taken as they are
-        if arrival == first_tick and (len(self._arrived) == 1 or self._arrived[1][0] >= first_tick + self._ticks):
+        is_alone = len(self._sent) == 1 or self._sent[1].arrives_at >= end_tick
+        if arrives_at == first_tick and is_alone:
             driven_axes = command.driven if self._changes_mobility else None
             return command, Setpoints(command.u, command.closed, command.twist_rates, driven_axes, command.shut, load)
-        u = np.zeros((self._ticks, command.law.model.n))
-        closed = np.zeros(self._ticks, bool)
-        driven_axes = np.tile(command.driven[0], (self._ticks, 1))
-        shut_thrusters = np.repeat(command.shut[:1], self._ticks, axis=0)
-        in_task_space = any(arrived.twist_rates is not None for _, arrived in self._arrived)
-        twist_rates = np.zeros((self._ticks, command.law.model.n_twists)) if in_task_space else None
-        run_ticks = np.arange(first_tick, first_tick + self._ticks)
-        for arrives_at, arrived in self._arrived:
+        u = np.zeros((self._ticks_per_sample, command.law.model.n))
+        closed = np.zeros(self._ticks_per_sample, bool)
+        driven_axes = np.tile(command.driven[0], (self._ticks_per_sample, 1))
+        shut_thrusters = np.repeat(command.shut[:1], self._ticks_per_sample, axis=0)
+        in_task_space = any(sent.command.twist_rates is not None for sent in self._sent)
+        twist_rates = np.zeros((self._ticks_per_sample, command.law.model.n_twists)) if in_task_space else None
+        run_ticks = np.arange(first_tick, end_tick)
+        for arrives_at, arrived in self._sent:
             is_in_force = run_ticks >= arrives_at
             # ticks since the arrival; the last setpoint holds where the next command is late
-            own_ticks = np.minimum(run_ticks[is_in_force] - arrives_at, self._ticks - 1)
+            own_ticks = np.minimum(run_ticks[is_in_force] - arrives_at, self._ticks_per_sample - 1)
             u[is_in_force] = arrived.u[own_ticks]
             closed[is_in_force] = arrived.closed[own_ticks]
             driven_axes[is_in_force] = arrived.driven[own_ticks]

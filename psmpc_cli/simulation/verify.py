@@ -129,7 +129,7 @@ class Verification:
             LogError: The numbers are not those of a motion.
         """
         try:
-            return self._physics.under(what, state, times, inputs)
+            return self._physics.integrate(what, state, times, inputs)
         except RuntimeError:
             raise LogError(f"{self._log.path}: the motion from {times[0]:g} s on cannot be integrated") from None
 

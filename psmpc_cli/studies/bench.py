@@ -124,7 +124,15 @@ def _listed(text: str) -> list[str]:
 
 
 def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> dict[str, list[Task]]:
-    """Load the tasks whose runs give the windows, by mesh such as 25 or auto, one for each controller.
+    """Load the tasks whose closed loops give the windows that back-ends are then timed on.
+
+    Args:
+        reference: The task, its file or the name of a built-in one.
+        changes: Keys to change in it, each `path=value`.
+        nodes: Meshes between commas, such as 25 or auto.
+
+    Returns:
+        By mesh a task for each controller.
 
     Raises:
         InputError: A change is of a key that a bench sets itself.
@@ -136,10 +144,12 @@ def load_bench(reference: str, changes: Sequence[str], nodes: str = NODES) -> di
                 f"--set {change}: a bench runs psmpc and smpc with sqp; choose back-ends with --solvers, meshes with "
                 "--nodes"
             )
-    fixed = (*changes, "solver.kind=sqp", "log.shares=false")
+    common_changes = (*changes, "solver.kind=sqp", "log.shares=false")
     tasks = {
         mesh: [
-            load_task(reference, [*fixed, (f"--nodes {mesh}", f"controller.nodes={mesh}"), f"controller.kind={kind}"])
+            load_task(
+                reference, [*common_changes, (f"--nodes {mesh}", f"controller.nodes={mesh}"), f"controller.kind={kind}"]
+            )
             for kind in CONTROLLERS
         ]
         for mesh in _listed(nodes)
@@ -156,71 +166,84 @@ def run_bench(
     watch: Watch = lambda progress: None,
     check: Callable[[], None] = lambda: None,
 ) -> Bench:
-    """Record windows and solve them again, on one mesh after the other.
+    """Record windows in closed loop, solve them again by several back-ends, and time that, on one mesh after the other.
 
     Args:
         tasks: By mesh, as `load_bench` returns them.
         solvers: Names from `SOLVERS` between commas.
         repeat: Timed solves of each window by each back-end and start.
-        appends: Number of appends of each run that give windows; None for all.
+        appends: Number of appends of each run that give windows; None for all. An append is a sample at which a stage
+            enters the window, where solves are hardest.
         watch: Called with the progress over the meshes and, on each of them, over its timed solves.
-        check: Called after every sample and every timed solve.
+        check: Called after every sample and every timed solve; it may raise to end the bench.
 
     Raises:
         InputError: A back-end is unknown.
         RunError: The runs give no windows.
     """
-    names = _listed(solvers)
-    if unknown := [name for name in names if name not in SOLVERS]:
+    solver_names = _listed(solvers)
+    if unknown := [name for name in solver_names if name not in SOLVERS]:
         raise InputError(f"--solvers: found {unknown[0]!r}, expected some of {', '.join(SOLVERS)}")
-    cases = [(name, start) for name in names for start in ("warm", "cold")] + [(REFERENCE, "cold")]
+    cases = [(name, start) for name in solver_names for start in ("warm", "cold")] + [(REFERENCE, "cold")]
     timed: dict[Case, list[TimedSolve]] = {(nodes, *case): [] for nodes in tasks for case in cases}
     compiled = True
-    wall = 0.0
-    busy = 0.0
+    wall_time = 0.0
+    processor_time = 0.0
     meshes = Work("meshes", len(tasks), watch)
-    for nodes, variants in tasks.items():
-        experiments = [build_experiment(task) for task in variants]
-        recorded = [solve for each in experiments for solve in _windows_around_appends(each, appends, check)]
+    for nodes, tasks_of_mesh in tasks.items():
+        experiments = [build_experiment(task) for task in tasks_of_mesh]
+        recorded = [
+            solve for experiment in experiments for solve in _windows_around_appends(experiment, appends, check)
+        ]
         problem = experiments[0].problem
         if not recorded:
             raise RunError(
                 f"{problem.spec.name}: in no sample of its runs a stage entered the window, expected a task of several "
                 "stages whose first one ends"
             )
-        began = time.perf_counter(), time.process_time()
+        began_at = time.perf_counter(), time.process_time()
         solves = Work("solves", len(recorded) * len(cases) * repeat, watch, f"{nodes} nodes a stage", small_parts=True)
 
-        def count(solves: Work = solves) -> None:
+        def count_solve(solves: Work = solves) -> None:
             solves.advance()
             check()
 
-        for case, solve in _time_solves(problem, recorded, cases, repeat, count):
+        for case, solve in _time_solves(problem, recorded, cases, repeat, count_solve):
             timed[nodes, *case].append(solve)
-        wall = wall + time.perf_counter() - began[0]
-        busy = busy + time.process_time() - began[1]
-        compiled &= all(each.compiled for each in experiments)
+        wall_time = wall_time + time.perf_counter() - began_at[0]
+        processor_time = processor_time + time.process_time() - began_at[1]
+        compiled &= all(experiment.compiled for experiment in experiments)
         meshes.advance(f"{nodes} nodes a stage, {len(recorded)} windows")
-    return Bench(timed, compiled, wall / busy)
+    return Bench(timed, compiled, wall_time / processor_time)
 
 
 def _windows_around_appends(experiment: Experiment, appends: int | None, check: Callable[[], None]) -> list[Recorded]:
-    """Run a closed loop; return its solves before, at and after so many appends."""
+    """Run a closed loop and collect its solves before, at and after each sample at which a stage enters the window.
+
+    Args:
+        experiment: The task's experiment.
+        appends: After how many such samples the loop is stopped; None for none.
+        check: Called after every sample.
+
+    Returns:
+        Three for each such sample: the solve, and the one of the sample before, from which it started.
+    """
     solves = list[Recorded]()
-    around = list[Recorded]()
+    recorded = list[Recorded]()
     previous: Solution | None = None
     for sample in closed_loop(experiment):
         check()
         solution = sample.command.solution
         if solution.outcome.usable:
             solves.append((solution, previous))
-            lasts = [solve.window.stages[-1].index for solve, _ in solves[-3:]]
-            if len(lasts) == 3 and lasts[1] > lasts[0]:
-                around += solves[-3:]
+            last_stages = [solve.window.stages[-1].index for solve, _ in solves[-3:]]
+            # the second of the last three solves is the first with a further stage
+            if len(last_stages) == 3 and last_stages[1] > last_stages[0]:
+                recorded += solves[-3:]
         previous = solution
-        if appends is not None and len(around) >= 3 * appends:
+        if appends is not None and len(recorded) >= 3 * appends:
             break
-    return around
+    return recorded
 
 
 def _time_solves(
@@ -230,37 +253,54 @@ def _time_solves(
     repeat: int,
     check: Callable[[], None],
 ) -> Iterator[tuple[tuple[str, str], TimedSolve]]:
-    """Solve windows of one mesh in every case: once untimed, then repeatedly.
+    """Solve recorded windows of one mesh by each back-end, time it, and compare with tightly converged optima.
 
-    The first solves build what is built once. Each round then holds every pair of window and case in a new random
-    order, so that other load on the machine is spread over all of them.
+    The first solve of each, untimed, builds what is built once. Each round then holds every pair of window and case in
+    a new random order, so that other load on the machine is spread over all of them.
+
+    Args:
+        problem: The problem of the mesh.
+        recorded: Solves of a closed loop, each with the one before.
+        cases: Back-ends, each with the kind of start: `warm` from the solve before, or `cold`.
+        repeat: Number of timed solves.
+        check: Called after every timed solve.
+
+    Yields:
+        A case, and a window as it was solved in it.
     """
     spec = problem.spec.solver
     settings = {name: spec.model_copy(update={**changes, "deadline": None}) for name, changes in SOLVERS.items()}
     solvers: dict[str, Solver] = {name: build_solver(problem, settings[name]) for name, _ in cases if name in SOLVERS}
     solvers[REFERENCE] = NlpSolver(problem, settings["ipopt"], options=PLAIN)
-    calls = [_call(solvers[name], *each, start, name == "sqp") for name, start in cases for each in recorded]
+    calls = [_call(solvers[name], *solve, start, name == "sqp") for name, start in cases for solve in recorded]
     solutions = [call() for call in calls]
     times = np.zeros((len(calls), repeat))
     generator = np.random.default_rng(problem.spec.seed)
-    for turn in range(repeat):
-        for k in generator.permutation(len(calls)):
-            times[k, turn] = calls[k]().wall_time
+    for round_number in range(repeat):
+        for call_number in generator.permutation(len(calls)):
+            times[call_number, round_number] = calls[call_number]().wall_time
             check()
-    tight = NlpSolver(problem, spec.model_copy(update=TIGHT))
-    polisher = NlpSolver(problem, settings["ipopt"], options={**PLAIN, **POLISH})
-    for w, (window, guess) in enumerate((solve.window.about(solve.guess), solve.guess) for solve, _ in recorded):
-        optimum = tight.solve(window, guess)
-        polished = polisher.solve(window, optimum.plan)
+    tight_solver = NlpSolver(problem, spec.model_copy(update=TIGHT))
+    polishing_solver = NlpSolver(problem, settings["ipopt"], options={**PLAIN, **POLISH})
+    for window_number, (window, guess) in enumerate(
+        (solve.window.about(solve.guess), solve.guess) for solve, _ in recorded
+    ):
+        optimum = tight_solver.solve(window, guess)
+        # from there to the last digits, where that succeeds
+        polished = polishing_solver.solve(window, optimum.plan)
         optimum = polished if polished.outcome is Outcome.OPTIMAL else optimum
-        known = 1.0 if optimum.outcome is Outcome.OPTIMAL else np.nan
-        for k, case in zip(range(w, len(calls), len(recorded)), cases, strict=True):
-            solution = solutions[k]
-            gap = known * (solution.objective - optimum.objective) / abs(optimum.objective)
-            late = known * np.abs(solution.plan.switch_times - optimum.plan.switch_times).max(initial=0.0)
-            violation = tight.violation(window, solution.plan)
+        # without an optimum there is nothing to compare with: NaN
+        one_if_known = 1.0 if optimum.outcome is Outcome.OPTIMAL else np.nan
+        # calls are by case and, within a case, by window
+        for call_number, case in zip(range(window_number, len(calls), len(recorded)), cases, strict=True):
+            solution = solutions[call_number]
+            gap = one_if_known * (solution.objective - optimum.objective) / abs(optimum.objective)
+            switch_error = one_if_known * np.abs(solution.plan.switch_times - optimum.plan.switch_times).max(
+                initial=0.0
+            )
+            violation = tight_solver.violation(window, solution.plan)
             counts = len(window.stages), solution.outcome.usable, solution.iterations
-            yield case, TimedSolve(*counts, gap, late, violation, times[k])
+            yield case, TimedSolve(*counts, gap, switch_error, violation, times[call_number])
 
 
 def _call(

@@ -47,7 +47,7 @@ def compare(
     force: bool = False,
     own_settings: bool = False,
 ) -> dict[str, Run]:
-    """Run a task under several controllers, on equal terms; see `compared_tasks`.
+    """Run a task under several controllers, to compare them on equal terms; see `compared_tasks`.
 
     Args:
         task: The task, its file or the name of a built-in one.
@@ -78,32 +78,37 @@ def compare(
 def compared_tasks(
     task: Task | str | Path, controllers: Iterable[str], changes: Sequence[str] = (), own_settings: bool = False
 ) -> dict[str, Task]:
-    """Build the task with keys changed under each controller, each once.
+    """Build the tasks of a comparison: one task under each controller, by default on equal terms.
 
-    They are on equal terms: the same weights, tolerances and limits, and windows over one stage have its end, at a free
-    switch time. What the task says of `controller` and `solver`, for all or below `by_controller`, stays.
+    Equal terms are the same weights, tolerances and limits, and windows over one stage have its end condition, at a
+    free switch time. What the task says of `controller` and `solver`, for all or below `by_controller`, stays.
 
     Args:
         task: The task, its file or the name of a built-in one.
         controllers: Their kinds.
         changes: Keys to change, each `path=value`.
-        own_settings: They are not: each is as `psmpc simulate` runs it, with all of the task's `by_controller`.
+        own_settings: Whether each is as `psmpc simulate` runs it, with all of the task's `by_controller`.
+
+    Returns:
+        The tasks by kind of controller.
 
     Raises:
         InputError: A controller is unknown, or there is none; or the changes are of the controller itself.
         SpecError: The task does not hold.
     """
-    known = get_args(ControllerSpec.model_fields["kind"].annotation)
-    wanted = dict.fromkeys(controllers)
-    unknown = ", ".join(name for name in wanted if name not in known)
-    if unknown or not wanted:
-        raise InputError(f"--controllers: found '{unknown}', expected one or more of {', '.join(known)} between commas")
+    all_kinds = get_args(ControllerSpec.model_fields["kind"].annotation)
+    kinds = dict.fromkeys(controllers)
+    unknown = ", ".join(name for name in kinds if name not in all_kinds)
+    if unknown or not kinds:
+        raise InputError(
+            f"--controllers: found '{unknown}', expected one or more of {', '.join(all_kinds)} between commas"
+        )
     if any(change.partition("=")[0].strip() == VARIED for change in changes):
         raise InputError(f"--set {VARIED}: a comparison varies it; choose with --controllers")
     documents = documents_of(with_changes(task, changes))
     if own_settings:
-        return {name: documents.changed({VARIED: name}) for name in wanted}
-    return {name: _on_equal_terms(documents, name) for name in wanted}
+        return {name: documents.changed({VARIED: name}) for name in kinds}
+    return {name: _on_equal_terms(documents, name) for name in kinds}
 
 
 def _on_equal_terms(documents: TaskDocuments, kind: str) -> Task:
@@ -144,10 +149,10 @@ def run_tasks(
     force: bool = False,
     watch: Watch = lambda progress: None,
 ) -> dict[str, Run]:
-    """Run every task in a process of its own, and return the runs by name.
+    """Run every task in a process of its own, many at a time, and return the runs by name.
 
     Args:
-        tasks: By name.
+        tasks: The tasks by name.
         path: File of all logs, written whole or not at all; None for none.
         jobs: Processes; by default one for each core.
         force: Whether an existing file is overwritten.
@@ -179,25 +184,34 @@ class Recommended(NamedTuple):
 
 
 def recommend_controller(summaries: Mapping[str, Summary]) -> Recommended:
-    """Recommend the run whose mission succeeds first; of those within a sample of it, the one with the least effort."""
+    """Recommend the controller whose mission succeeds first, and with the least effort of those as fast.
+
+    Runs that end within a sample of the first one count as equally fast.
+
+    Args:
+        summaries: Summaries of the runs by controller.
+
+    Returns:
+        The recommended one and the reason; none where no mission succeeded.
+    """
     succeeded = {name: summary for name, summary in summaries.items() if summary.ended and summary.succeeded}
     if not succeeded:
         return Recommended(None, f"no controller is recommended: the mission succeeded with none of {len(summaries)}")
     soonest = min(summary.duration for summary in succeeded.values())
-    equal = {
+    as_soon = {
         name: summary
         for name, summary in succeeded.items()
         if summary.duration <= soonest + summary.sample_time * (1 + SAME_SAMPLE)
     }
-    name = min(equal, key=lambda each: equal[each].control_effort)
-    others = [other for other in equal if other != name]
-    chosen = f"recommended: {name}, whose mission succeeds"
-    end = f"{number(equal[name].duration, 0.1)} s"
+    name = min(as_soon, key=lambda kind: as_soon[kind].control_effort)
+    others_as_soon = [other for other in as_soon if other != name]
+    headline = f"recommended: {name}, whose mission succeeds"
+    end = f"{number(as_soon[name].duration, 0.1)} s"
     if len(succeeded) == 1:
         reason = f"in {end}, as the only one of {len(summaries)}" if len(summaries) > 1 else f"in {end}"
-    elif others:
-        reason = f"in {end}, with the least control effort of those within a sample ({', '.join(equal)})"
+    elif others_as_soon:
+        reason = f"in {end}, with the least control effort of those within a sample ({', '.join(as_soon)})"
     else:
         second = min(summary.duration for other, summary in succeeded.items() if other != name)
         reason = f"first, in {end}, {number(second - soonest, 0.1)} s before the next"
-    return Recommended(name, f"{chosen} {reason}")
+    return Recommended(name, f"{headline} {reason}")

@@ -31,7 +31,13 @@ class FrontMovement:
     """
 
     def __init__(self, results: Results) -> None:
-        """Follow the optima of weighted sums in a study's results, over the ratio of weights and over samples."""
+        """Measure in which direction the optima of weighted sums move as the ratio of weights grows and time passes.
+
+        The paper says that both move them to the upper left of the figure: J_1, drawn upwards, rises and J_2 falls.
+
+        Args:
+            results: A Pareto study, with fronts at S + 1 samples.
+        """
         instants = results["instant"]
         J = front_points(results, WEIGHTED)[0][:, 0]  # J_1 and J_2 by sample and ratio (S + 1, ratios, 2)
         first_part = results["t_s"] - instants
@@ -39,20 +45,20 @@ class FrontMovement:
         self.instants: list[float] = instants.tolist()
         self.parts = np.column_stack([first_part, horizon - first_part])
 
-        # as the ratio grows; to the upper left means less J_1 and more J_2
+        # as the ratio grows: positive are steps back, in which J_1 falls or J_2 rises, over the extent of the front
         relative = J / np.array([extents(front) for front in J])[:, None, :]
         fronts = [front[np.isfinite(front).all(axis=1)] for front in relative]
         backward = [np.diff(front, axis=0) * [-1.0, 1.0] for front in fronts]
         self.against = [float(np.max(steps, initial=0.0)) for steps in backward]
         self.moves = [bool(len(front)) and bool(np.all(np.ptp(front, axis=0) > 0)) for front in fronts]
-        by_sample = zip(self.moves, self.against, strict=True)
-        self.moving = sum(moves and step <= LEAST_IMPROVEMENT for moves, step in by_sample)
+        movement_by_sample = zip(self.moves, self.against, strict=True)
+        self.moving = sum(moves and step <= LEAST_IMPROVEMENT for moves, step in movement_by_sample)
 
-        # from sample to sample
+        # from sample to sample: mean step of the points with the same ratio
         lows = np.nanmin(relative, axis=1, keepdims=True, initial=np.inf)
-        followed = {"normalized": J, "per second": J / self.parts[:, None, :], "own extent": relative - lows}
-        changes = {name: np.ma.masked_invalid(np.diff(values, axis=0)) for name, values in followed.items()}
-        self.steps = {name: each.mean(axis=1).filled(np.nan) for name, each in changes.items()}
+        scaled_costs = {"normalized": J, "per second": J / self.parts[:, None, :], "own extent": relative - lows}
+        changes = {name: np.ma.masked_invalid(np.diff(values, axis=0)) for name, values in scaled_costs.items()}
+        self.steps = {name: change.mean(axis=1).filled(np.nan) for name, change in changes.items()}
         self.with_time = all(direction(step) == "upper left" for step in self.steps["normalized"])
 
     def directions(self, measure: str = "normalized") -> str:

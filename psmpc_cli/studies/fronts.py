@@ -50,23 +50,26 @@ NOTE = (
 
 
 def read_fronts(path: Path) -> Results:
-    """Return the results of a Pareto study.
+    """Read the results of a Pareto study, and check that they have all arrays of every method that was used.
+
+    Args:
+        path: The file.
 
     Raises:
         LogError: As for `read_results`; or they are not those of such a study.
     """
     results = read_results(path, PARETO)
-    of_run = ("instant", "t_s", "chosen_ratio", "chosen_J_1", "chosen_J_2", "hypervolume")
-    check_columns(results, [Column(name, "1", name) for name in of_run], ("instant",))
+    names_by_instant = ("instant", "t_s", "chosen_ratio", "chosen_J_1", "chosen_J_2", "hypervolume")
+    check_columns(results, [Column(name, "1", name) for name in names_by_instant], ("instant",))
     check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
-    free = "later" in results.quantities
+    has_free_instant = "later" in results.quantities
     methods = [method for method in (WEIGHTED, CONSTRAINED) if f"{method}_status" in results.quantities]
     missing: list[str] = []
-    for method in (*methods, *((FREE,) if free else ())):
+    for method in (*methods, *((FREE,) if has_free_instant else ())):
         types = {"J_1": "f8", "J_2": "f8", "wait": "f8", "status": "i1", "dominated": "i1"}
-        held = ("later",) if free and method != FREE else ()
-        along = ("instant", *held, "bound" if method == CONSTRAINED else "ratio")
-        check_columns(results, [Column(f"{method}_{name}", "1", name, None, types[name]) for name in types], along)
+        later_dim = ("later",) if has_free_instant and method != FREE else ()
+        dims = ("instant", *later_dim, "bound" if method == CONSTRAINED else "ratio")
+        check_columns(results, [Column(f"{method}_{name}", "1", name, None, types[name]) for name in types], dims)
         missing += [f"{method}_{name}" for name in types if f"{method}_{name}" not in results.quantities]
     horizon = results.attributes.get("horizon")
     if missing:
@@ -106,20 +109,20 @@ def hypervolume(points: Vector, reference: Vector) -> float:
 
 
 def front_rows(results: Results) -> list[dict[str, float | int]]:
-    """Return what was found at every sample, by the names in `COLUMNS`.
+    """Return one row of a table for each sample of a Pareto study, by the names in `COLUMNS`.
 
-    `t_s`, `ratio`, `J_1` and `J_2` are those of the run; `points` are all, `dominated` those that another one
-    dominates, `failed` those without optimum.
+    `t_s`, `ratio`, `J_1` and `J_2` are those of the run itself. `points` counts all points of the fronts, `dominated`
+    those that another one dominates, `failed` those without optimum.
     """
     methods = [method for method in (WEIGHTED, CONSTRAINED, FREE) if f"{method}_status" in results.quantities]
     rows = []
-    for i in range(len(results["instant"])):
-        status = np.concatenate([results[f"{method}_status"][i].ravel() for method in methods])
+    for instant in range(len(results["instant"])):
+        status = np.concatenate([results[f"{method}_status"][instant].ravel() for method in methods])
         names = ("instant", "t_s", "chosen_ratio", "chosen_J_1", "chosen_J_2", "hypervolume")
-        row: dict[str, float | int] = {name.removeprefix("chosen_"): float(results[name][i]) for name in names}
-        marks = sum(int(results[f"{method}_dominated"][i].sum()) for method in methods)
+        row: dict[str, float | int] = {name.removeprefix("chosen_"): float(results[name][instant]) for name in names}
+        dominated_points = sum(int(results[f"{method}_dominated"][instant].sum()) for method in methods)
         failed = int(np.sum(status != STATUS.index("optimal")))
-        rows.append({**row, "points": len(status), "dominated": marks, "failed": failed})
+        rows.append({**row, "points": len(status), "dominated": dominated_points, "failed": failed})
     return rows
 
 

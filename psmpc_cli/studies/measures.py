@@ -17,21 +17,28 @@ from psmpc_cli.ocp.problem import in_own_chart
 
 
 def check_columns(results: Results, columns: Iterable[Column], dims: tuple[str, ...] = ()) -> None:
-    """Make sure that arrays of results, where they are there, are of their types along these dimensions and their own.
+    """Make sure that arrays of results have the types and dimensions that their readers expect.
+
+    Arrays that the results do not have are left out.
+
+    Args:
+        results: The results of a study.
+        columns: The expected arrays.
+        dims: Dimensions of the study that all of them have before their own.
 
     Raises:
-        LogError: One is not.
+        LogError: One has others.
     """
     for column in columns:
-        if (found := results.quantities.get(column.path)) is None:
+        if (quantity := results.quantities.get(column.path)) is None:
             continue
-        along = (*dims, *column.dims)
-        dtype = found.values.dtype
-        kinds = "UO" if column.dtype == "text" else np.dtype(column.dtype).kind
-        if found.dims != along or dtype.kind not in kinds:
+        expected_dims = (*dims, *column.dims)
+        dtype = quantity.values.dtype
+        allowed_kinds = "UO" if column.dtype == "text" else np.dtype(column.dtype).kind
+        if quantity.dims != expected_dims or dtype.kind not in allowed_kinds:
             raise LogError(
-                f"{results.path}: /{column.path}: found {dtype} along ({', '.join(found.dims)}), "
-                f"expected {column.dtype} along ({', '.join(along)})"
+                f"{results.path}: /{column.path}: found {dtype} along ({', '.join(quantity.dims)}), "
+                f"expected {column.dtype} along ({', '.join(expected_dims)})"
             )
 
 
@@ -204,9 +211,13 @@ def why_ended(reason: str, monitors: Iterable[str], margins: Iterable[float]) ->
 
 
 def over_weights(second: int) -> tuple[Column, ...]:
-    """Build the quantities of a run in a sweep over the weights of two stages in a row, the second of this index.
+    """List the quantities that are read from each run of a sweep over the weights of two stages in a row. Paper Fig. 6.
 
-    They are those of a whole run, but the actual start is that of the second stage alone, by threshold. Paper Fig. 6.
+    They are those of a whole run; but the actual start is that of the second stage alone, by threshold. Others tell
+    when the switch between both was first in the window (detection), and where it was planned then.
+
+    Args:
+        second: Index of the second stage.
     """
 
     def at_detection(run: Run, signal: np.ndarray) -> float:

@@ -87,21 +87,26 @@ def monte_carlo(
 
 
 def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[str, ...] = ()) -> Study:
-    """Build the study of a task with keys changed.
+    """Build the study that runs a task many times, each with a seed of its own, and so with other random numbers.
+
+    Args:
+        reference: The task, its file or the name of a built-in one.
+        runs: Number of runs; their seeds follow the task's.
+        changes: Keys to change in the task, each `path=value`.
 
     Raises:
         InputError: Nothing of it is random, or its seed leaves no room for others.
         SpecError: The task does not hold.
     """
     task = with_changes(reference, (*changes, *REDUCED_LOG))
-    named = reference.spec.name if isinstance(reference, Task) else str(reference)
+    task_name = reference.spec.name if isinstance(reference, Task) else str(reference)
     spec = task.spec
     if not spec.uncertainty.is_random:
         raise InputError(
-            f"{named}: found nothing random below uncertainty, all runs would be equal; expected a range of mass, "
+            f"{task_name}: found nothing random below uncertainty, all runs would be equal; expected a range of mass, "
             "inertia or centre_of_mass, or noise, such as --set uncertainty.mass=0.1"
         )
-    settings = [word for change in changes for word in ("--set", change)]
+    options = [word for change in changes for word in ("--set", change)]
     seeds = spec.seed + np.arange(runs)
     return Study(
         kind=MONTE_CARLO,
@@ -115,7 +120,7 @@ def monte_carlo_study(reference: Task | str | Path, runs: int, changes: tuple[st
         ],
         quantities=WHOLE_RUN,
         statuses=STATUS,
-        attributes={"command": printable(shlex.join(["psmpc", "simulate", named, *settings]))},
+        attributes={"command": printable(shlex.join(["psmpc", "simulate", task_name, *options]))},
     )
 
 
@@ -186,29 +191,33 @@ class MonteCarloRuns:
         return limits is not None and bool((limits.values == 0).any())
 
     def spread(self) -> Iterator[tuple[str, Array]]:
-        """Yield every quantity that spreads over the runs: what it is, and its values of the runs that have it."""
-        values = {"mission ends, successful runs [s]": self.end_time}
+        """Yield what to show of the distribution over runs: quantities with labels and units for a reader.
+
+        Yields:
+            Label with unit, and the values of the runs that have one; the others are NaN in the results, and left out.
+        """
+        by_label = {"mission ends, successful runs [s]": self.end_time}
         for number, stage in enumerate(self.stages):
             if number:
-                values[f"{stage} starts [s]"] = self["actual_start"][:, number]
+                by_label[f"{stage} starts [s]"] = self["actual_start"][:, number]
             if number < len(self.stages) - 1:
-                values[f"{stage} ends [s]"] = self["switch_time"][:, number]
-        values["final error [tolerances]"] = self["final_error"]
+                by_label[f"{stage} ends [s]"] = self["switch_time"][:, number]
+        by_label["final error [tolerances]"] = self["final_error"]
         for kind in ("position", "velocity"):
-            values[f"tightest {kind} margin [% of the limit]"] = 100 * self[f"relative_{kind}_margin"]
+            by_label[f"tightest {kind} margin [% of the limit]"] = 100 * self[f"relative_{kind}_margin"]
         for name, meaning in SHARES_OF_FORCES.items():
             if name in self.results.quantities and np.isfinite(self[name]).any():
-                values[meaning] = 100 * self[name]
+                by_label[meaning] = 100 * self[name]
         if self.keeps_clear.any():
-            values["smallest distance of parts [mm]"] = 1e3 * self["smallest_clearance"]
+            by_label["smallest distance of parts [mm]"] = 1e3 * self["smallest_clearance"]
         for number, (monitor, unit) in enumerate(self.monitors.items()):
-            values[f"margin of {monitor} [{unit}]"] = self["monitor_margin"][:, number]
-        values["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]
+            by_label[f"margin of {monitor} [{unit}]"] = self["monitor_margin"][:, number]
+        by_label["control effort [m^2/s^3, rad^2/s^3]"] = self["control_effort"]
         for name, (unit, meaning) in (PEAKS | SLIDING_PEAKS).items():
             if f"peak_{name}" in self.results.quantities and (name in PEAKS or np.isfinite(self[f"peak_{name}"]).any()):
-                values[f"{meaning} [{unit}]"] = self[f"peak_{name}"]
-        for name, each in values.items():
-            yield name, each[np.isfinite(each)]
+                by_label[f"{meaning} [{unit}]"] = self[f"peak_{name}"]
+        for name, values_of_runs in by_label.items():
+            yield name, values_of_runs[np.isfinite(values_of_runs)]
 
     def worst(self, count: int) -> Array:
         """Return the numbers of the worst runs: those that failed first, then the latest, then the largest error."""

@@ -84,12 +84,12 @@ def solve_pareto(
     force: bool = False,
     watch: Watch = lambda progress: None,
 ) -> Results:
-    """Find the fronts at samples of a run and write them into a file, whole or not at all.
+    """Compute Pareto fronts of the costs of two stages at samples of a run, in parallel, and write them into a file.
 
     Args:
         run: A run with its plans.
         settings: What is computed.
-        path: The file.
+        path: The file, written whole or not at all.
         jobs: Processes; by default one for each core.
         force: Overwrite the file.
         watch: Called with the progress, as by `compute_all`.
@@ -103,12 +103,14 @@ def solve_pareto(
         raise LogError(f"{run.path}: holds no plans; expected a log of a task with log: {{plans: true}}")
     check_output(path, force, inputs=[run.path])
     stages = parse_stages(settings.stages, run.task)
-    first = run.task.spec.stages[stages[0]]
-    if settings.free and first.at is not None:
-        raise InputError(f"--free-instant: {first.name} ends at a fixed time, expected a stage with an end condition")
+    first_stage = run.task.spec.stages[stages[0]]
+    if settings.free and first_stage.at is not None:
+        raise InputError(
+            f"--free-instant: {first_stage.name} ends at a fixed time, expected a stage with an end condition"
+        )
     samples = choose_samples(run, stages, settings.at)
     solves = [logged_solve(run, sample) for sample in samples]
-    cells = {f"front at {each.window.start:g} s": (run.task, settings, each) for each in solves}
+    cells = {f"front at {solve.window.start:g} s": (run.task, settings, solve) for solve in solves}
     fronts = compute_all(_solve_sample, cells, jobs, watch, "fronts")
     attributes = {**header(build_experiment(run.task)).attributes, "method": settings.method}
     attributes["stages"] = ",".join(str(stage + 1) for stage in stages)
@@ -125,23 +127,30 @@ def possible_samples(log: Run, stages: tuple[int, int]) -> Vector:
 
 
 def choose_samples(log: Run, stages: tuple[int, int], at: Sequence[float]) -> list[int]:
-    """Return the samples at these times [s]; without any, some evenly from the first to the last possible one.
+    """Choose the samples whose fronts are computed: those at given times, or else some spread evenly over the run.
+
+    Only samples whose window holds exactly the two stages are possible.
+
+    Args:
+        log: The run.
+        stages: Indices of the two stages.
+        at: Times [s]; empty to choose evenly.
 
     Raises:
-        InputError: There is none, or none at a time.
+        InputError: There is no possible sample, or none at a given time.
     """
     possible = possible_samples(log, stages)
     first, second = (log.stage_names[stage] for stage in stages)
     if not len(possible):
         raise InputError(f"{log.path}: found no sample whose window holds {first} and {second} alone, expected some")
     if not at:
-        places = np.linspace(0, len(possible) - 1, min(SAMPLES, len(possible)))
-        return [int(sample) for sample in possible[np.round(places).astype(int)]]
+        evenly = np.linspace(0, len(possible) - 1, min(SAMPLES, len(possible)))
+        return [int(sample) for sample in possible[np.round(evenly).astype(int)]]
     times = log.time[possible]
-    half = float(np.asarray(log.attributes["sample_time"])) / 2
+    half_sample_time = float(np.asarray(log.attributes["sample_time"])) / 2
     nearest = [int(np.argmin(np.abs(times - time))) for time in at]
     for time, place in zip(at, nearest, strict=True):
-        if abs(times[place] - time) > half + 1e-9:
+        if abs(times[place] - time) > half_sample_time + 1e-9:
             raise InputError(
                 f"--at: found {time:g}, where no window holds {first} and {second} alone; expected times from "
                 f"{times[0]:g} to {times[-1]:g} s"
@@ -166,13 +175,19 @@ class TradeOff:
         # IPOPT, whatever the task says: a row that reaches over all nodes breaks the structure others live on
         self._bounded = NlpSolver(problem, spec.model_copy(update={"kind": "ipopt"}))
 
-    def solve(self, problem: Window, near: Solution, wait: float | None) -> Solution:
-        """Return the optimum, started from another point, with the instant so long after T0 [s], or free.
+    def solve(self, problem: Window, neighbour: Solution, wait: float | None) -> Solution:
+        """Solve one trade-off between the two costs, started from the point of another one.
 
-        Where there is none, costs and objective are NaN and the plan is the other point's.
+        Args:
+            problem: The window with weights of both costs, or with a bound on J_2.
+            neighbour: The point of a similar problem.
+            wait: Held instant t_s - T0 [s]; None where it is free.
+
+        Returns:
+            The point. Where there is no optimum, costs and objective are NaN and the plan is the neighbour's.
         """
-        guess = near.plan
-        within = np.inf
+        guess = neighbour.plan
+        within = np.inf  # how far the solver may move the instant [s]
         if wait is not None:
             guess = replace(guess, switch_times=np.array([problem.start + wait]))
             within = 0.0
@@ -181,7 +196,7 @@ class TradeOff:
         if point.outcome.usable:
             return point
         unknown = np.full(2, np.nan)
-        return replace(point, plan=near.plan, costs=unknown, objective=np.nan, bound_multiplier=np.nan)
+        return replace(point, plan=neighbour.plan, costs=unknown, objective=np.nan, bound_multiplier=np.nan)
 
 
 def weighted_sum(window: Window, ratio: float) -> Window:
@@ -216,33 +231,45 @@ def values_of(problem: Window, points: Sequence[Solution]) -> Vector:
 
 
 def _solve_sample(cell: tuple[Task, ParetoSettings, Solution]) -> list[Quantity]:
-    """Find the fronts about a solve of a run."""
+    """Compute the fronts at one sample of a run, in a process of its own.
+
+    The switching instant t_s is held where the run optimized it (T0 + wait) or later, or left free.
+
+    Args:
+        cell: The task, the settings, and the run's solve at the sample.
+
+    Returns:
+        Arrays of the fronts, and what the run itself chose.
+    """
     task, settings, logged = cell
     problem = build_problem(converging(task))
     trade_off = TradeOff(problem)
     solve = logged
-    if problem.model.space.has_quaternion:  # one iteration may leave an instant 1e-3 s before limits of omega allow it
+    if problem.model.space.has_quaternion:
+        # the run makes one iteration a sample, which may leave an instant 1e-3 s before limits of omega allow it
         solve = trade_off.solve(logged.window.about(logged.guess), logged, None)
     window = solve.window
     instant = float(solve.plan.switch_times[0])
     wait = instant - window.start
-    held = wait + settings.delays * max(window.horizon - SHORTEST - wait, 0.0)
-    swept = [_sweep(trade_off, solve, settings, float(at)) for at in held]
-    points = swept[0][0]
+    waits = wait + settings.delays * max(window.horizon - SHORTEST - wait, 0.0)
+    fronts_by_wait = [_sweep(trade_off, solve, settings, float(held_wait)) for held_wait in waits]
+    points = fronts_by_wait[0][0]
     if settings.free:
-        swept.append(_sweep(trade_off, solve, settings, None))
-        *held_points, free = (found for found, _ in swept)
-        points = [*_stacked("later", held_points), *free]
+        fronts_by_wait.append(_sweep(trade_off, solve, settings, None))
+        *points_by_wait, free_points = (quantities for quantities, _ in fronts_by_wait)
+        points = [*_stacked("later", points_by_wait), *free_points]
     J_1, J_2 = trade_off.solver.costs(window, solve.plan)
     ratio = window.omega[1] / window.omega[0]
-    again = sum(more for _, more in swept)
+    solved_again = sum(count for _, count in fronts_by_wait)
     return [
         Quantity("instant", (), np.array(window.start), "s", "sampling instant T0"),
         Quantity("t_s", (), np.array(instant), "s", "switching instant, as the run optimized it"),
         Quantity("chosen_ratio", (), np.array(ratio), "1", "omega_2 / omega_1 of the run"),
         Quantity("chosen_J_1", (), np.array(J_1), "s", "J_1 of the run's optimum"),
         Quantity("chosen_J_2", (), np.array(J_2), "s", "J_2 of the run's optimum"),
-        Quantity("again", (), np.array(again), "1", "points solved again because another one served them better"),
+        Quantity(
+            "again", (), np.array(solved_again), "1", "points solved again because another one served them better"
+        ),
         Quantity("scale", ("stage",), window.scale, "1", "normalization of each stage's cost, for all points"),
         *points,
     ]
@@ -259,77 +286,111 @@ def _stacked(dim: str, cells: Sequence[Sequence[Quantity]]) -> list[Quantity]:
 def _sweep(
     trade_off: TradeOff, solve: Solution, settings: ParetoSettings, wait: float | None
 ) -> tuple[list[Quantity], int]:
-    """Find the fronts with the instant so long after T0 [s], or free, and how many points were solved again.
+    """Compute the front of one sample by weighted sums and epsilon constraints, at one switching instant.
 
-    Weighted sums are solved from the run's own ratio to both ends, epsilon constraints between what the first and the
-    last ratio lead to from the point of largest J_2 downwards, each from its neighbour.
+    Each problem is solved from its neighbour's point, as they differ little: weighted sums from the run's own ratio of
+    weights to both ends; epsilon constraints (J_1 with a bound on J_2), between what the first and the last ratio lead
+    to, from the point of largest J_2 downwards.
+
+    Args:
+        trade_off: Solves the problems.
+        solve: The run's solve at the sample.
+        settings: Methods and number of points.
+        wait: Held instant t_s - T0 [s]; None where it is free.
+
+    Returns:
+        Arrays of the points, and how many points were solved again from another one.
     """
     window = solve.window
-    whole = wait is None or settings.method != "epsilon-constraint"
-    ratios = settings.ratios if whole else settings.ratios[[0, -1]]
-    sums = [weighted_sum(window, ratio) for ratio in ratios]
-    first = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
-    found: dict[int, Solution] = {}
-    for i in (*range(first, len(sums)), *range(first - 1, -1, -1)):
-        found[i] = trade_off.solve(sums[i], found.get(i - 1 if i > first else i + 1, solve), wait)
-    points, again = improved(trade_off, sums, [found[i] for i in range(len(sums))], wait)
+    keeps_weighted_sums = wait is None or settings.method != "epsilon-constraint"
+    ratios = settings.ratios if keeps_weighted_sums else settings.ratios[[0, -1]]
+    weighted_sums = [weighted_sum(window, ratio) for ratio in ratios]
+    nearest_ratio = int(np.argmin(np.abs(np.log(ratios / (window.omega[1] / window.omega[0])))))
+    # outwards from the ratio nearest to the run's own, each from the one before
+    solved: dict[int, Solution] = {}
+    for k in (*range(nearest_ratio, len(weighted_sums)), *range(nearest_ratio - 1, -1, -1)):
+        solved[k] = trade_off.solve(weighted_sums[k], solved.get(k - 1 if k > nearest_ratio else k + 1, solve), wait)
+    points, solved_again = improved(trade_off, weighted_sums, [solved[k] for k in range(len(weighted_sums))], wait)
     if wait is None or settings.method == "weighted-sum":
-        return _arrays(FREE if wait is None else WEIGHTED, points), again
-    second = point_costs(points)[:, 1]
-    limits = [constrained(window, bound) for bound in np.linspace(second[0], second[-1], settings.points)]
-    near = points[int(np.argmax(np.nan_to_num(second, nan=-np.inf)))]
-    bounded = []
+        return _arrays(FREE if wait is None else WEIGHTED, points), solved_again
+    # bounds on J_2 between those of the smallest and of the largest ratio
+    J_2 = point_costs(points)[:, 1]
+    limits = [constrained(window, bound) for bound in np.linspace(J_2[0], J_2[-1], settings.points)]
+    neighbour = points[int(np.argmax(np.nan_to_num(J_2, nan=-np.inf)))]
+    constrained_points = []
     for limit in limits:
-        bounded.append(trade_off.solve(limit, near, wait))
-        near = bounded[-1] if bounded[-1].outcome.usable else near
-    every, more = improved(trade_off, sums + limits, points + bounded, wait)
-    weighted = _arrays(WEIGHTED, every[: len(sums)]) if whole else []
-    return [*weighted, *_arrays(CONSTRAINED, every[len(sums) :])], again + more
+        constrained_points.append(trade_off.solve(limit, neighbour, wait))
+        neighbour = constrained_points[-1] if constrained_points[-1].outcome.usable else neighbour
+    all_points, solved_again_later = improved(trade_off, weighted_sums + limits, points + constrained_points, wait)
+    weighted = _arrays(WEIGHTED, all_points[: len(weighted_sums)]) if keeps_weighted_sums else []
+    return [*weighted, *_arrays(CONSTRAINED, all_points[len(weighted_sums) :])], solved_again + solved_again_later
 
 
 def improved(
     trade_off: TradeOff, problems: Sequence[Window], points: Sequence[Solution], wait: float | None
 ) -> tuple[list[Solution], int]:
-    """Return the points, those solved again that another one served better or that had none; and how many those are.
+    """Solve points again that are only local optima, as another point of the front shows.
 
-    So no point is left in a local optimum that any other knows to leave.
+    All points of a window are feasible for each of its problems. So where another one has a better value, or a point is
+    missing, the problem is solved again from that one.
+
+    Args:
+        trade_off: Solves the problems.
+        problems: The problem of each point.
+        points: Its solution.
+        wait: Held instant t_s - T0 [s]; None where it is free.
+
+    Returns:
+        The points, and how many were solved again.
     """
     points = list(points)
-    again = 0
-    for _ in range(5):  # at most this often
-        better = 0
+    solved_again = 0
+    for _ in range(5):  # at most this often, as each may help another one
+        improved_points = 0
         for i, problem in enumerate(problems):
-            values = values_of(problem, points)
-            best = int(np.argmin(values))
-            if not values[best] + LEAST_GAIN * abs(values[best]) < values[i]:
+            values_of_points = values_of(problem, points)
+            best = int(np.argmin(values_of_points))
+            gains = values_of_points[best] + LEAST_GAIN * abs(values_of_points[best]) < values_of_points[i]
+            if not gains:
                 continue
-            solved = trade_off.solve(problem, points[best], wait)
-            if values_of(problem, [solved])[0] < values[i]:
-                points[i] = solved
-                better = better + 1
-        again += better
-        if not better:
+            candidate = trade_off.solve(problem, points[best], wait)
+            if values_of(problem, [candidate])[0] < values_of_points[i]:
+                points[i] = candidate
+                improved_points = improved_points + 1
+        solved_again += improved_points
+        if not improved_points:
             break
-    return points, again
+    return points, solved_again
 
 
 def _arrays(method: str, points: Sequence[Solution]) -> list[Quantity]:
-    """Return the arrays of a method's points."""
-    bounded = method == CONSTRAINED
+    """Arrange the points of one method as named arrays for the results file; NaN where there is no optimum.
+
+    Args:
+        method: `WEIGHTED`, `CONSTRAINED` or `FREE`, with which the names begin.
+        points: The solutions along the front.
+    """
+    is_constrained = method == CONSTRAINED
     J_1, J_2 = point_costs(points).T
-    dims = ("bound",) if bounded else ("ratio",)
+    dims = ("bound",) if is_constrained else ("ratio",)
     status = np.array([STATUS.index(point.outcome.name.lower()) for point in points], "i1")
-    minimized = f"{'J_1 with J_2 bounded' if bounded else 'weighted sum'} and pending cost, over the larger weight"
+    objective_name = (
+        f"{'J_1 with J_2 bounded' if is_constrained else 'weighted sum'} and pending cost, over the larger weight"
+    )
     arrays = [
         Quantity(f"{method}_J_1", dims, J_1, "s", "normalized cost of the first stage"),
         Quantity(f"{method}_J_2", dims, J_2, "s", "normalized cost of the second stage"),
         Quantity(f"{method}_wait", dims, _waits(points), "s", "t_s - T0"),
-        Quantity(f"{method}_objective", dims, np.array([each.objective for each in points]), "1", minimized),
+        Quantity(
+            f"{method}_objective", dims, np.array([solution.objective for solution in points]), "1", objective_name
+        ),
         Quantity(f"{method}_status", dims, status, "1", "outcome of the solve", STATUS),
     ]
-    if bounded:
-        limit, ratio = np.array([(each.window.cost_bound, each.bound_multiplier) for each in points]).T
-        arrays.append(Quantity(f"{method}_limit", dims, limit, "s", "bound on J_2"))
+    if is_constrained:
+        bound_on_J_2, ratio = np.array(
+            [(solution.window.cost_bound, solution.bound_multiplier) for solution in points]
+        ).T
+        arrays.append(Quantity(f"{method}_limit", dims, bound_on_J_2, "s", "bound on J_2"))
         arrays.append(
             Quantity(f"{method}_ratio", dims, ratio, "1", "omega_2 / omega_1 with the same optimum, -dJ_1/dJ_2")
         )
@@ -343,39 +404,56 @@ def join_samples(
     settings: ParetoSettings,
     cells: Sequence[Sequence[Quantity]],
 ) -> Results:
-    """Put the fronts found at several samples together, with what they dominate."""
-    found = {quantity.name: quantity for quantity in _stacked("instant", cells)}
-    names = ["J_1", "J_2", "wait"] if settings.free else ["J_1", "J_2"]
+    """Join the fronts of several samples into the results of the study, with dominated points and hypervolumes.
+
+    A point is dominated if another one is no worse in all criteria and better in one. The hypervolume is what the front
+    dominates up to a reference point, a tenth of the extent beyond the worst values.
+
+    Args:
+        path: The results file.
+        attributes: Attributes of the run.
+        stages: Names of the two stages.
+        settings: What was computed.
+        cells: For each sample the arrays of `_solve_sample`.
+    """
+    by_name = {quantity.name: quantity for quantity in _stacked("instant", cells)}
+    criteria_names = ["J_1", "J_2", "wait"] if settings.free else ["J_1", "J_2"]
     fronts = {
-        method: np.stack([found[f"{method}_{name}"].values for name in names], axis=-1)
+        method: np.stack([by_name[f"{method}_{name}"].values for name in criteria_names], axis=-1)
         for method in (WEIGHTED, CONSTRAINED, FREE)
-        if f"{method}_J_1" in found
+        if f"{method}_J_1" in by_name
     }
-    every = np.concatenate([values.reshape(len(cells), -1, len(names)) for values in fronts.values()], axis=1)
-    worst = np.nanmax(every, axis=(0, 1), initial=0.0)
-    span = extents(every.reshape(-1, len(names)))
-    reference = worst + 0.1 * span
-    volumes = [hypervolume(points, reference) for points in every]
+    all_points = np.concatenate(
+        [front.reshape(len(cells), -1, len(criteria_names)) for front in fronts.values()], axis=1
+    )
+    worst = np.nanmax(all_points, axis=(0, 1), initial=0.0)
+    extent = extents(all_points.reshape(-1, len(criteria_names)))
+    reference = worst + 0.1 * extent
+    volumes = [hypervolume(points, reference) for points in all_points]
     units = "s^3" if settings.free else "s^2"
-    ends = np.cumsum([values[0, ..., 0].size for values in fronts.values()])[:-1]
-    marks = np.split(np.array([dominated(points) for points in every], "i1"), ends, axis=1)
-    for method, values in zip(fronts, marks, strict=True):
-        J = found[f"{method}_J_1"]
-        shaped = values.reshape(J.values.shape)
-        found[f"{method}_dominated"] = Quantity(f"{method}_dominated", J.dims, shaped, "1", "another point is better")
-    criteria = ["J_1", "J_2", "t_s - T0"][: len(names)]
+    ends_of_methods = np.cumsum([front[0, ..., 0].size for front in fronts.values()])[:-1]
+    flags_by_method = np.split(np.array([dominated(points) for points in all_points], "i1"), ends_of_methods, axis=1)
+    for method, flags in zip(fronts, flags_by_method, strict=True):
+        J = by_name[f"{method}_J_1"]
+        is_dominated = flags.reshape(J.values.shape)
+        by_name[f"{method}_dominated"] = Quantity(
+            f"{method}_dominated", J.dims, is_dominated, "1", "another point is better"
+        )
+    criteria = ["J_1", "J_2", "t_s - T0"][: len(criteria_names)]
     bounds = np.linspace(0.0, 1.0, settings.points)
-    bound = "bound on J_2, from the smallest ratio's (0) to the largest one's (1)"
-    later = "how much later the instant is held than the run's optimum, as a part of what is left of the horizon"
-    along = {"criterion", *(dim for quantity in found.values() for dim in quantity.dims)}
-    known = [
+    bound_meaning = "bound on J_2, from the smallest ratio's (0) to the largest one's (1)"
+    later_meaning = (
+        "how much later the instant is held than the run's optimum, as a part of what is left of the horizon"
+    )
+    dims_in_use = {"criterion", *(dim for quantity in by_name.values() for dim in quantity.dims)}
+    common = [
         Quantity("stage", ("stage",), np.array(stages), "1", "the two stages"),
         Quantity("criterion", ("criterion",), np.array(criteria), "1", "what is to be small"),
         Quantity("ratio", ("ratio",), settings.ratios, "1", "omega_2 / omega_1"),
-        Quantity("bound", ("bound",), bounds, "1", bound),
-        Quantity("later", ("later",), settings.delays, "1", later),
+        Quantity("bound", ("bound",), bounds, "1", bound_meaning),
+        Quantity("later", ("later",), settings.delays, "1", later_meaning),
         Quantity("reference", ("criterion",), reference, "s", "reference point of the hypervolume"),
         Quantity("hypervolume", ("instant",), np.array(volumes), units, "measure of what is dominated"),
     ]
-    quantities = [*found.values(), *(each for each in known if along.issuperset(each.dims))]
+    quantities = [*by_name.values(), *(quantity for quantity in common if dims_in_use.issuperset(quantity.dims))]
     return new_results(path, PARETO, {**attributes, "free_instant": int(settings.free)}, quantities)

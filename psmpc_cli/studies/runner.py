@@ -120,21 +120,31 @@ class Study:
         return [*self.cells, ()] if self.reference else [*self.cells]
 
     def results(self, path: Path | None = None) -> Results:
-        """Build the results with nothing computed, for a file that is not written yet."""
-        sizes = {each.name: len(each.values) for each in self.coordinates if each.dims == (each.name,)}
+        """Build the results of the study before anything is computed, with every array in its final size.
+
+        Args:
+            path: The file that they will be written to.
+        """
+        dim_sizes = {axis.name: len(axis.values) for axis in self.coordinates if axis.dims == (axis.name,)}
         arrays = [*self.coordinates, Quantity("wall_time", (), np.array(0.0), "s", "wall time spent on the study")]
-        known = [each for each in (*CELL_COLUMNS, *self.quantities) if {*each.dims} <= {*sizes}]
-        columns = [replace(each, dims=(*self.dims, *each.dims)) for each in known]
-        for each in (*columns, *(of_reference(known) if self.reference else ())):
-            text = each.dtype == "text"
-            shape = [sizes[name] for name in each.dims]
-            values = np.full(shape, "" if text else each.unknown, object if text else each.dtype)
-            meanings = self.statuses if each.path.removeprefix(REFERENCE) == "status" else ()
-            arrays.append(Quantity(each.path, each.dims, values, each.units, each.long_name, meanings))
+        measurable = [column for column in (*CELL_COLUMNS, *self.quantities) if {*column.dims} <= {*dim_sizes}]
+        columns = [replace(column, dims=(*self.dims, *column.dims)) for column in measurable]
+        for column in (*columns, *(of_reference(measurable) if self.reference else ())):
+            is_text = column.dtype == "text"
+            shape = [dim_sizes[name] for name in column.dims]
+            values = np.full(shape, "" if is_text else column.unknown, object if is_text else column.dtype)
+            meanings = self.statuses if column.path.removeprefix(REFERENCE) == "status" else ()
+            arrays.append(Quantity(column.path, column.dims, values, column.units, column.long_name, meanings))
         created = datetime.now(UTC).isoformat(timespec="seconds")
         task = self.task
-        about = {"digest": task.digest, "task_name": task.spec.name, "task_yaml": task.task_yaml}
-        attributes = {**self.identity, **about, "robot_yaml": task.robot_yaml, "created": created, **self.attributes}
+        task_attributes = {"digest": task.digest, "task_name": task.spec.name, "task_yaml": task.task_yaml}
+        attributes = {
+            **self.identity,
+            **task_attributes,
+            "robot_yaml": task.robot_yaml,
+            "created": created,
+            **self.attributes,
+        }
         return new_results(path or Path("a study in memory"), self.kind, attributes, arrays)
 
 
@@ -152,9 +162,10 @@ def run_study(
     resume: bool = False,
     watch: Watch = lambda progress: None,
 ) -> Results:
-    """Compute all cells of a study that wait in its file, and return the results.
+    """Compute all cells of a study in parallel: its task, run once with the changed keys of each cell.
 
-    A cell whose run fails or whose process is killed is marked so; the others go on.
+    A cell whose run fails or whose process is killed is marked as failed; the others go on. The file is filled in cell
+    by cell, so that a study that was stopped can be resumed.
 
     Args:
         study: The study.
@@ -166,14 +177,14 @@ def run_study(
         watch: Called with the progress at the beginning, after every run, and from time to time meanwhile.
 
     Raises:
-        InputError: The file exists, cannot be written, is being filled in by another process or holds another study;
-            or there is no such cluster, or a package that the plant needs. Then no file was touched.
+        InputError: The file exists, cannot be written, is being filled in by another process or holds another study; or
+            there is no such cluster, or a package that the plant needs. Then no file was touched.
         RunError: The file cannot be written any further, or the cluster is gone.
     """
     require_plant(study.task.spec.plant)
     if dask is not None:
         with _on_cluster(dask):
-            pass  # refused, if at all, before a file is touched
+            pass  # only to see that it can be reached, before a file is touched
     if path is None:
         return _compute_cells(study, study.results(), jobs, dask, None, watch)
     if not resume:
@@ -190,27 +201,41 @@ def run_study(
 def _compute_cells(
     study: Study, results: Results, jobs: int | None, dask: str | None, lock: FileLock | None, watch: Watch
 ) -> Results:
-    """Compute the cells that wait in results, and write them into the file of which the lock is held, if any."""
-    shape = results["status"].shape
+    """Compute the cells of a study that wait or failed, and enter what was measured as each run ends.
+
+    Cells with equal runs share one: `origins` says which. The reference, the unchanged task, is the run after the last
+    cell; its quantities have names of their own.
+
+    Args:
+        study: The study.
+        results: Its results so far, which are filled in and returned.
+        jobs: Processes on this machine.
+        dask: Address of a Dask cluster to use instead.
+        lock: Lock of the file, which is written after every run; None without a file.
+        watch: Called with the progress.
+    """
+    cell_shape = results["status"].shape
     status = [*results["status"].flat, *([results[f"{REFERENCE}status"]] if study.reference else [])]
-    spent = float(results["wall_time"])
+    time_before = float(results["wall_time"])
     runs = study.runs
     origins = np.arange(len(runs)) if study.origins is None else study.origins
-    needed = np.unique(origins[np.isin(status, (WAITING, FAILED))])
-    began = time.monotonic()
-    work = Work("runs", len(needed), watch)
-    run = partial(_run_cell, documents_of(study.task), study.quantities, study.required_stage)
-    with closing(compute(run, {int(cell): runs[cell] for cell in needed}, jobs, dask, work.wait)) as ended:
-        for origin, found in ended:
-            row = {"reason": LOST, "cell_time": np.nan, "status": FAILED} if found is None else found
+    runs_to_make = np.unique(origins[np.isin(status, (WAITING, FAILED))])
+    began_at = time.monotonic()
+    work = Work("runs", len(runs_to_make), watch)
+    run_cell = partial(_run_cell, documents_of(study.task), study.quantities, study.required_stage)
+    with closing(
+        compute(run_cell, {int(cell): runs[cell] for cell in runs_to_make}, jobs, dask, work.wait)
+    ) as results_of_runs:
+        for origin, measured in results_of_runs:
+            row = {"reason": LOST, "cell_time": np.nan, "status": FAILED} if measured is None else measured
             failed = row["status"] == FAILED
             for cell in np.flatnonzero(origins == origin):
                 code = row["status"] if failed or cell == origin else SHARED
-                of_cell = cell < len(study.cells)
-                place = np.unravel_index(cell, shape) if of_cell else ()
+                is_cell = cell < len(study.cells)
+                index = np.unravel_index(cell, cell_shape) if is_cell else ()
                 for name, value in {**row, "origin": origin, "status": code}.items():
-                    results[name if of_cell else REFERENCE + name][place] = value
-            results["wall_time"][()] = spent + time.monotonic() - began
+                    results[name if is_cell else REFERENCE + name][index] = value
+            results["wall_time"][()] = time_before + time.monotonic() - began_at
             if lock is not None:
                 results.save(lock)
             work.advance(failed=bool(failed))
@@ -220,21 +245,32 @@ def _compute_cells(
 def _run_cell(
     documents: TaskDocuments, quantities: Sequence[Column], required_stage: int | None, changes: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Run a cell, and return its part of the results: an error ends nothing.
+    """Run one cell of a study and measure the run; an error is a result as well, and ends nothing.
 
-    A mission that fails is no failure to measure it, but one that does not end the required stage is.
+    A mission that fails is measured like any other; a run that does not end the required stage counts as failed.
+
+    Args:
+        documents: Texts of task and robot.
+        quantities: What is measured of the run.
+        required_stage: Index of a stage that has to end; None if none has to.
+        changes: The keys that the cell changes in the task, each `path=value`.
+
+    Returns:
+        What was measured, by name, with reason, status and wall time [s].
     """
-    began = time.perf_counter()
+    began_at = time.perf_counter()
     try:
         run = simulate(documents.changed(changes))
-        row = {each.path: value for each in quantities if each.value and np.size(value := each.value(run))}
-        reached = required_stage is None or np.isfinite(run.stages["switch_time"][required_stage])
+        row = {
+            quantity.path: value for quantity in quantities if quantity.value and np.size(value := quantity.value(run))
+        }
+        ends_required_stage = required_stage is None or np.isfinite(run.stages["switch_time"][required_stage])
         row["reason"] = run.summary().reason
-        row["status"] = COMPUTED if reached else FAILED
+        row["status"] = COMPUTED if ends_required_stage else FAILED
     except Exception as error:
         logger.exception("a cell failed")
         row = {"reason": f"{type(error).__name__}: {error}", "status": FAILED}
-    return {**row, "cell_time": time.perf_counter() - began}
+    return {**row, "cell_time": time.perf_counter() - began_at}
 
 
 def with_changes(task: Task | str | Path, changes: Sequence[str]) -> Task:
@@ -282,7 +318,15 @@ def names_along(task: Task) -> list[Quantity]:
 
 
 def _resumed(study: Study, new: Results) -> Results:
-    """Read the results to resume, with room for the cells that the study has more now."""
+    """Read the results of a study that was stopped, to go on with it; more cells may have been added.
+
+    Args:
+        study: The study, as it is asked for now.
+        new: Its results with nothing computed, into which those of the file are copied.
+
+    Raises:
+        InputError: There is no file, or it holds another study: another task, version, or more cells.
+    """
     path = new.path
     cells = len(study.cells)
     if not path.exists():
@@ -291,15 +335,15 @@ def _resumed(study: Study, new: Results) -> Results:
         )
     results = read_results(path, study.kind)
     for name in ("psmpc_version", "digest", *study.identity):
-        found, wanted = (each.attributes.get(name) for each in (results, new))
-        if found != wanted:
-            difference = f"found {name.replace('_', ' ')} {found}, this one has {wanted}"
+        value_in_file, value_now = (either.attributes.get(name) for either in (results, new))
+        if value_in_file != value_now:
+            difference = f"found {name.replace('_', ' ')} {value_in_file}, this one has {value_now}"
             if name == "digest":
                 difference = _difference(results, new)
             advice = "give the same task and options, or choose another file with -o"
             raise InputError(f"--resume: {path} holds another {study.kind} study: {difference}; {advice}")
-    if (found_cells := results["status"].size) > cells:
-        raise InputError(f"--resume: {path} has {found_cells} runs, found {cells}, expected at least as many")
+    if (cells_in_file := results["status"].size) > cells:
+        raise InputError(f"--resume: {path} has {cells_in_file} runs, found {cells}, expected at least as many")
     if missing := [name for name in new.quantities if name not in results.quantities]:
         raise InputError(
             f"--resume: {path} was written by an earlier version, whose studies had no {missing[0]}: start anew with "
@@ -309,7 +353,7 @@ def _resumed(study: Study, new: Results) -> Results:
         dtype = "text" if quantity.is_text else quantity.values.dtype.str
         check_columns(results, [Column(name, quantity.units, quantity.long_name, dtype=dtype, dims=quantity.dims)])
         shape = results[name].shape
-        if any(found > most for found, most in zip(shape, quantity.values.shape, strict=True)):
+        if any(size > most for size, most in zip(shape, quantity.values.shape, strict=True)):
             raise InputError(f"--resume: {path} holds another {study.kind} study: found {name} of shape {shape}")
         quantity.values[tuple(map(slice, shape))] = results[name]
     return replace(new, attributes=results.attributes)
@@ -367,34 +411,36 @@ def compute(
         KeyboardInterrupt: Ctrl-C or SIGTERM came; the processes are killed. No other code of a study is interrupted.
     """
     waiting = dict(items)
-    alone = False
+    one_at_a_time = False
     in_this_process = dask is None and current_process().daemon
     with deferred_signals() as interruption:
         while waiting:
-            called = dict(islice(waiting.items(), 1 if alone or in_this_process else None))
-            ended = SimpleQueue[Future[Any]]()
-            place = _place(jobs, dask, in_this_process)
-            with place as workers, suppress(workers.killed):  # raised by a submission if a process was killed before
+            submitted = dict(islice(waiting.items(), 1 if one_at_a_time or in_this_process else None))
+            ended_calls = SimpleQueue[Future[Any]]()
+            worker_source = _place(jobs, dask, in_this_process)
+            # a submission raises `killed` if a process was killed before
+            with worker_source as workers, suppress(workers.killed):
                 with _interrupts_blocked():
-                    calls = {workers.submit(function, item): key for key, item in called.items()}
+                    calls = {workers.submit(function, item): key for key, item in submitted.items()}
                 for call in calls:
-                    call.add_done_callback(ended.put)
+                    call.add_done_callback(ended_calls.put)
                 while calls:
                     interruption.check()
                     wait()
                     try:
-                        call = ended.get(timeout=POLL)
+                        call = ended_calls.get(timeout=POLL)
                     except Empty:
                         continue
                     key = calls.pop(call)
                     if not isinstance(call.exception(), workers.killed):
                         del waiting[key]
                         yield key, workers.result(call)
-            lost = called.keys() & waiting.keys()
-            for key in lost if alone else ():
+            # any of several calls may have killed the process: the first is repeated alone, and lost if it kills again
+            without_result = submitted.keys() & waiting.keys()
+            for key in without_result if one_at_a_time else ():
                 del waiting[key]
                 yield key, None
-            alone = bool(lost) and not alone
+            one_at_a_time = bool(without_result) and not one_at_a_time
 
 
 def compute_all(
@@ -404,14 +450,17 @@ def compute_all(
     watch: Watch = lambda progress: None,
     parts: str = "runs",
 ) -> dict[str, Result]:
-    """Call a function on many items in parallel as `compute` does, and return the results by name.
+    """Call a function on many items in parallel, as `compute` does, and return all results by name.
 
     Args:
-        function: As for `compute`.
+        function: Pickles, as its items and results do.
         items: The items.
         jobs: Processes on this machine; by default one for each core.
         watch: Called with the progress at the beginning, after every call, and from time to time meanwhile.
         parts: What the calls are, in their plural.
+
+    Returns:
+        The results, in the order of the items.
 
     Raises:
         RunError: A call is lost, since it kills its process.
@@ -494,14 +543,24 @@ def _interrupts_blocked() -> Iterator[None]:
 
 @contextmanager
 def _on_cluster(address: str) -> Iterator[Workers]:
-    """Provide a Dask cluster whose workers compute what this process would."""
+    """Connect to a Dask cluster, and make sure that its workers compute the same as this process would.
+
+    That takes the same version of psmpc, and one thread each: sums over several threads are rounded otherwise.
+
+    Args:
+        address: Address of its scheduler, HOST:PORT.
+
+    Raises:
+        InputError: Dask is not installed, nothing answers there, or the workers do not fit.
+        RunError: The connection is lost while it is used.
+    """
     try:
         from distributed import Client, KilledWorker
     except ImportError:
         raise InputError("--dask: Dask is not installed, expected the extra: pip install 'psmpc[dask]'") from None
     for name in [*logging.root.manager.loggerDict]:
         if name.partition(".")[0] in ("distributed", "tornado", "asyncio"):
-            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what they report is in a message of ours
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what they would report is in the messages here
     try:
         if not re.search(r":\d+$", address):
             raise ValueError("expected HOST:PORT")

@@ -127,12 +127,13 @@ def parse_numbers(option: str, text: str, expected: str, above: float = -np.inf,
 
 
 def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampling:
-    """Build the cells of a grid such as 25x25 (omega_1 by omega_2), of a number of ratios such as 49, or of draws.
+    """Choose the pairs of priorities of a sweep from a short text: a grid, a number of ratios, or random draws.
 
     Args:
-        text: A grid, a number of ratios, or log-uniform draws from the box such as random:40.
+        text: `25x25` is a grid of omega_1 by omega_2, evenly in their logarithms; `49` so many ratios omega_2 / omega_1
+            with omega_1 omega_2 = 1, likewise; `random:40` so many log-uniform draws of both.
         bounds: The lowest and the highest priority.
-        seed: Of the draws.
+        seed: Seed of the draws.
 
     Raises:
         InputError: The text is none of them, there are too many cells, or no range.
@@ -141,15 +142,15 @@ def parse_sampling(text: str, bounds: tuple[float, ...], seed: int = 0) -> Sampl
         raise InputError(f"--range: found {len(bounds)} numbers, expected two, LOW:HIGH, such as 1e-3:1e3")
     match = re.fullmatch(r"(random:)?(\d+)|(\d+)x(\d+)", text.strip())
     sizes = [int(size) for size in match.groups()[1:] if size] if match else []
-    drawn = match is not None and match[1] is not None
-    if not sizes or min(sizes) < (1 if drawn else 2) or np.prod(sizes) > MOST_CELLS:
+    is_random = match is not None and match[1] is not None
+    if not sizes or min(sizes) < (1 if is_random else 2) or np.prod(sizes) > MOST_CELLS:
         raise InputError(
             f"found '{text}', expected a grid of two sizes of at least 2 such as 25x25 (omega_1 by omega_2), a number "
             f"of ratios such as 49, or --sampling random:N such as random:100; at most {MOST_CELLS} cells"
         )
     low, high = np.log10(bounds)
     label = text.strip()
-    if drawn:
+    if is_random:
         return Draws(label, 10.0 ** np.random.default_rng(seed).uniform(low, high, (sizes[0], 2)))
     if len(sizes) == 1:
         return Ratios(label, 10.0 ** np.outer(np.linspace(low - high, high - low, sizes[0]) / 2, [-1.0, 1.0]))

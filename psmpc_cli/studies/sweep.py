@@ -53,7 +53,14 @@ EFFORT_DECIMALS = 3
 
 
 def parse_stages(text: str, task: Task) -> tuple[int, int]:
-    """Return the indices of two stages in a row from their numbers or names, such as 1,2.
+    """Find the two stages in a row that a user names by numbers or names, such as 1,2; their priorities are varied.
+
+    Args:
+        text: Numbers, from 1, or names between a comma.
+        task: The task.
+
+    Returns:
+        Indices of both stages, from 0.
 
     Raises:
         InputError: They are not two stages in a row of the task, or its controller has no priorities.
@@ -61,34 +68,37 @@ def parse_stages(text: str, task: Task) -> tuple[int, int]:
     names = [stage.name for stage in task.spec.stages]
     if task.spec.controller.kind != "psmpc":
         raise InputError(f"found controller.kind {task.spec.controller.kind}, which has no priorities; expected psmpc")
-    given = [part.strip() for part in text.split(",")]
-    indices = [names.index(part) if part in names else int(part) - 1 if part.isdigit() else -1 for part in given]
-    if (
-        len(indices) != 2
-        or not 0 <= indices[0] < len(names)
-        or indices[1] != indices[0] + 1
-        or indices[1] >= len(names)
-    ):
+    indices = [_stage_index(number_or_name.strip(), names) for number_or_name in text.split(",")]
+    in_a_row = [[first, first + 1] for first in range(len(names) - 1)]
+    if indices not in in_a_row:
         listed = ", ".join(f"{i + 1} {name}" for i, name in enumerate(names))
         raise InputError(f"--stages: found '{text}', expected two in a row such as 1,2 of the task's stages: {listed}")
     return indices[0], indices[1]
 
 
-def origins(task: Task, stages: tuple[int, int], omega: Array) -> Array:
-    """Return for each run the first one that is the same (runs,).
+def _stage_index(number_or_name: str, names: Sequence[str]) -> int:
+    """Return the index of a stage that is given by its name or its number, from 1; -1 if it is neither."""
+    if number_or_name in names:
+        return names.index(number_or_name)
+    return int(number_or_name) - 1 if number_or_name.isdigit() else -1
 
-    Scaling all omega leaves the optimum unchanged, so runs are equal if all priorities over the largest one are.
+
+def origins(task: Task, stages: tuple[int, int], omega: Array) -> Array:
+    """Return for each run the index of the first one that has the same result, so as to compute it once (runs,).
+
+    Scaling all priorities omega leaves the optimum unchanged, so runs are equal if all priorities over the largest one
+    are.
 
     Args:
         task: The task.
-        stages: The two stages whose priorities vary.
+        stages: Indices of the two stages whose priorities vary.
         omega: Their priorities in each run (runs, 2).
     """
     priorities = np.tile([stage.priority for stage in task.spec.stages], (len(omega), 1))
     priorities[:, list(stages)] = omega
-    relative = np.round(np.log10(priorities / priorities.max(axis=1, keepdims=True)), RATIO_DECIMALS)
-    _, first, inverse = np.unique(relative, axis=0, return_index=True, return_inverse=True)
-    return np.asarray(first[inverse.ravel()])
+    log_ratios = np.round(np.log10(priorities / priorities.max(axis=1, keepdims=True)), RATIO_DECIMALS)
+    _, first_runs, group_of_run = np.unique(log_ratios, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(first_runs[group_of_run.ravel()])
 
 
 def largest_end_errors(end_error: Array, final_error: Array) -> Array:
@@ -118,17 +128,25 @@ class SweepCells:
         succeeded: In which cells the whole mission succeeded (cells,).
         mission_end: End of the mission (cells,) [s]; NaN where it was not completed.
         end_error: Largest error of any end condition at the end of its stage (cells,) [tolerances].
-        tried: The cells that ended or failed and share no other one's run (tried,).
-        runs: Those of them that ended, from the smallest ratio to the largest (runs,).
-        rows: The tried ones, failed or not, in the same order (tried,).
-        instant: t_s, which ended the first studied stage (cells,) [s].
-        floor: t_s - T_h, before which the second stage is in no window (cells,) [s].
+        with_own_run: The cells that ended or failed in a run of their own: none is computed twice (with_own_run,).
+        run_by_ratio: The same from the smallest ratio to the largest (with_own_run,).
+        ended_by_ratio: Those of them that ended (runs,).
+        first_switch: t_s, which ended the first studied stage (cells,) [s].
+        earliest_start: t_s - T_h, before which the second stage is in no window (cells,) [s].
 
     Raises:
         LogError: The file is another one, or the task in it does not hold in this version.
     """
 
     def __init__(self, results: Results) -> None:
+        """Read a sweep over the weights of two stages from its results, and check that they are complete.
+
+        Args:
+            results: The content of the file; cells may still wait for their runs.
+
+        Raises:
+            LogError: They are those of another study, or of an earlier version.
+        """
         try:
             self.sampling = SAMPLINGS[results.quantities["status"].dims]
             self.task = task_in(results)
@@ -140,17 +158,20 @@ class SweepCells:
                 f"{results.path}: found a sweep whose runs stop with the second stage, as earlier versions made it, "
                 "expected whole missions: run the sweep again"
             )
-        dims = self.sampling.dims
-        names = [stage.name for stage in self.task.spec.stages]
-        weights = [Column(name, "1", name) for name in self.sampling.columns]
+        cell_dims = self.sampling.dims
+        stage_names = [stage.name for stage in self.task.spec.stages]
+        weight_columns = [Column(name, "1", name) for name in self.sampling.columns]
         columns = (*CELL_COLUMNS, *over_weights(second))
-        check_columns(results, (*columns, *weights), dims)
+        check_columns(results, (*columns, *weight_columns), cell_dims)
         check_columns(results, of_reference(columns))
         scales = (*self.sampling.scales, "epsilon")
         check_columns(results, [Column(name, "1", name, dims=(name,)) for name in scales])
         check_columns(results, [Column("stage", "1", "stage", dtype="text", dims=("stage",))])
-        if results["stage"].tolist() != names:
-            raise LogError(f"{results.path}: /stage: found {', '.join(results['stage'])}, expected {', '.join(names)}")
+        if results["stage"].tolist() != stage_names:
+            raise LogError(
+                f"{results.path}: /stage: found {', '.join(results['stage'])}, expected {', '.join(stage_names)}"
+            )
+
         self.results = results
         self.names = self.task.spec.stages[first].name, self.task.spec.stages[second].name
         self.omega = self.sampling.omega_in(results)
@@ -162,17 +183,19 @@ class SweepCells:
         self.failed = status == FAILED
         self.waiting = status == WAITING
         self.ended = ~(self.failed | self.waiting)
-        self.succeeded = self.of("succeeded") == 1
-        self.mission_end = self.of("switch_time")[:, -1]
-        self.end_error = largest_end_errors(self.of("end_error"), self.of("final_error"))
-        self.tried = np.flatnonzero(~self.waiting & (self.of("origin") == np.arange(len(self.ratio))))
-        rising = np.argsort(np.round(np.log10(self.ratio[self.tried]), RATIO_DECIMALS), kind="stable")
-        self.rows = self.tried[rising]
-        self.runs = self.rows[self.ended[self.rows]]
-        self.instant = self.of("switch_time")[:, first]
-        self.floor = self.instant - self.task.spec.controller.horizon
+        self.succeeded = self.quantity("succeeded") == 1
+        self.mission_end = self.quantity("switch_time")[:, -1]
+        self.end_error = largest_end_errors(self.quantity("end_error"), self.quantity("final_error"))
+        # a cell whose priorities are in the same ratios as those of an earlier one shares its run (`origin`)
+        self.with_own_run = np.flatnonzero(~self.waiting & (self.quantity("origin") == np.arange(len(self.ratio))))
+        by_rising_ratio = np.argsort(np.round(np.log10(self.ratio[self.with_own_run]), RATIO_DECIMALS), kind="stable")
+        self.run_by_ratio = self.with_own_run[by_rising_ratio]
+        self.ended_by_ratio = self.run_by_ratio[self.ended[self.run_by_ratio]]
+        # the second stage enters a window at most a horizon before the first one ends
+        self.first_switch = self.quantity("switch_time")[:, first]
+        self.earliest_start = self.first_switch - self.task.spec.controller.horizon
 
-    def of(self, name: str) -> Array:
+    def quantity(self, name: str) -> Array:
         """Return a quantity of the cells (cells, ...)."""
         values = self.results[name]
         return values.reshape(-1, *values.shape[self.results["status"].ndim :])
@@ -181,9 +204,9 @@ class SweepCells:
         """Say why a cell or its mission failed; empty where it succeeded or has not been run."""
         if self.waiting[cell] or self.succeeded[cell]:
             return ""
-        margins = self.of("monitor_margin")[cell] if "monitor_margin" in self.results.quantities else ()
+        margins = self.quantity("monitor_margin")[cell] if "monitor_margin" in self.results.quantities else ()
         names = self.results["monitor"].tolist() if len(margins) else ()
-        return why_ended(str(self.of("reason")[cell]), names, margins)
+        return why_ended(str(self.quantity("reason")[cell]), names, margins)
 
     def reference(self, name: str) -> Array:
         """Return a quantity of the run with the task's own priorities (...)."""
@@ -191,8 +214,8 @@ class SweepCells:
 
     def count(self, name: str) -> int:
         """Sum up a number over the runs; a run that several cells share counts once."""
-        own = self.of("origin") == np.arange(len(self.ratio))
-        return int(np.maximum(self.of(name)[own], 0).sum())
+        own = self.quantity("origin") == np.arange(len(self.ratio))
+        return int(np.maximum(self.quantity(name)[own], 0).sum())
 
     @property
     def chosen(self) -> int:
@@ -251,40 +274,47 @@ def recommend(cells: SweepCells) -> Recommendation:
     """
     if cells.reference("status") == WAITING:
         return Recommendation(None, NONE, "the task's own priorities have not been run yet")
-    others = cells.tried[cells.tried != cells.reference("origin")]
+    other_cells = cells.with_own_run[cells.with_own_run != cells.reference("origin")]
 
-    def values(name: str) -> Array:
+    def of_reference_and_others(name: str) -> Array:
         """Return a quantity of the reference, then of the other runs (1 + others, ...)."""
-        return np.concatenate([cells.reference(name)[None], cells.of(name)[others]])
+        return np.concatenate([cells.reference(name)[None], cells.quantity(name)[other_cells]])
 
-    succeeded = values("succeeded") == 1
-    end = values("switch_time")[:, -1]
-    effort = values("control_effort")
-    force = values("peak_base_force")
-    error = largest_end_errors(values("end_error"), values("final_error"))
-    ratio = np.append(cells.own_ratio, cells.ratio[others])
+    succeeded = of_reference_and_others("succeeded") == 1
+    end = of_reference_and_others("switch_time")[:, -1]
+    effort = of_reference_and_others("control_effort")
+    force = of_reference_and_others("peak_base_force")
+    error = largest_end_errors(of_reference_and_others("end_error"), of_reference_and_others("final_error"))
+    ratio = np.append(cells.own_ratio, cells.ratio[other_cells])
+    # index 0 is the reference, the run with the task's own priorities
     if not succeeded[0]:
-        return Recommendation(None, NONE, _why_without_reference(cells, ratio[succeeded], end[succeeded], len(others)))
-    faults = {
+        return Recommendation(
+            None, NONE, _why_without_reference(cells, ratio[succeeded], end[succeeded], len(other_cells))
+        )
+    runs_with_fault = {
         "failed": ~succeeded,
         "took more control effort": succeeded & (effort > effort[0]),
         "had a larger peak force on the base": succeeded & (force > force[0]),
         f"ended a stage at more than {ALLOWED_ERROR:g} tolerances": succeeded & (error > ALLOWED_ERROR),
     }
-    eligible = ~np.any(list(faults.values()), axis=0)
+    eligible = ~np.any(list(runs_with_fault.values()), axis=0)
+    # the earliest end first, infinite for those that are not eligible; then the least effort
     best = int(np.lexsort((np.round(effort / effort[0], EFFORT_DECIMALS), np.where(eligible, end, np.inf)))[0])
     so_far = " so far" if cells.waiting.any() else ""
-    of_best, of_own = (_outcome(end[run], effort[run], force[run], error[run]) for run in (best, 0))
-    counts = ", ".join(f"{np.sum(fault)} {what}" for what, fault in faults.items() if fault.any())
+    of_best = _outcome(end[best], effort[best], force[best], error[best])
+    of_own = _outcome(end[0], effort[0], force[0], error[0])
+    counts = ", ".join(
+        f"{np.sum(has_fault)} {fault}" for fault, has_fault in runs_with_fault.items() if has_fault.any()
+    )
     if not eligible[best]:
         reason = f"of {len(end)} runs {counts}; with the task's own priorities the mission {of_own}"
         return Recommendation(None, f"{NONE}{so_far}", reason)
     if best == 0:
         headline = f"recommended omega_2/omega_1{so_far}: {ratio[0]:.4g}, the task's own"
-        why = f"; of the {len(others)} other runs {counts}" if counts else ""
+        why = f"; of the {len(other_cells)} other runs {counts}" if counts else ""
         reason = f"the mission {of_own}, and no other run is faster at no more effort and force{why}"
         return Recommendation(float(ratio[0]), headline, reason, _pair(cells.own_omega))
-    omegas = [cells.omega[others[best - 1]], cells.own_omega]
+    omegas = [cells.omega[other_cells[best - 1]], cells.own_omega]
     pairs = [f"{omega[1] / omega[0]:.4g} (omega_1 = {omega[0]:.4g}, omega_2 = {omega[1]:.4g})" for omega in omegas]
     return Recommendation(
         float(ratio[best]),
@@ -367,22 +397,24 @@ def sweep(
     """
     wanted = 'a mapping of keys to lists of values, such as {"stages.capture.priority": [1, 10]}'
     require("values", values, Mapping, wanted)
-    for key, each in values.items():
-        is_list = isinstance(each, Sequence | np.ndarray) and not isinstance(each, str)
+    for key, values_of_key in values.items():
+        is_list = isinstance(values_of_key, Sequence | np.ndarray) and not isinstance(values_of_key, str)
         if not (isinstance(key, str) and is_list):
-            raise rejected("values", {key: each}, wanted)
+            raise rejected("values", {key: values_of_key}, wanted)
     require_callable("watch", watch, "the progress")
     path = require_options(path, jobs, force, resume, dask)
     loaded = with_changes(task, REDUCED_LOG)
-    runs = int(np.prod([len(each) for each in values.values()])) if values else 0
+    runs = int(np.prod([len(values_of_key) for values_of_key in values.values()])) if values else 0
     if not 0 < runs <= MOST_CELLS:
         raise InputError(f"a sweep: found {runs} runs, expected 1 to {MOST_CELLS}")
-    changes = {key: [f"{key}={_text(value)}" for value in each] for key, each in values.items()}
-    every = [change for each in changes.values() for change in each]
+    changes = {key: [f"{key}={_text(value)}" for value in values_of_key] for key, values_of_key in values.items()}
+    all_changes = [change for values_of_key in changes.values() for change in values_of_key]
     documents = documents_of(loaded)
-    for change in every:
+    for change in all_changes:
         documents.changed((change,))
-    axes = [Quantity(key, (key,), _axis(each), "1", f"value of {key}") for key, each in values.items()]
+    axes = [
+        Quantity(key, (key,), _axis(values_of_key), "1", f"value of {key}") for key, values_of_key in values.items()
+    ]
     study = Study(
         kind=KEY_SWEEP,
         task=loaded,
@@ -390,7 +422,7 @@ def sweep(
         dims=tuple(values),
         coordinates=[*axes, *names_along(loaded)],
         quantities=WHOLE_RUN,
-        identity={"keys": "; ".join(every)},
+        identity={"keys": "; ".join(all_changes)},
     )
     return run_study(study, path, jobs, dask, force, resume, watch)
 
@@ -421,7 +453,7 @@ def load_sweep_task(reference: str | Path | Task, changes: Sequence[str] = (), e
 
 
 def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_cell: bool = False) -> Study:
-    """Build the sweep over pairs of priorities, with the task's own pair as the reference.
+    """Build the sweep over pairs of priorities of two stages, with the task's own pair as a reference to compare with.
 
     Args:
         task: The task, from `load_sweep_task`.
@@ -431,18 +463,18 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
     """
     spec = task.spec
     omega = sampling.omega
-    own = [spec.stages[stage].priority for stage in stages]
+    own_priorities = [spec.stages[stage].priority for stage in stages]
     keys = [f"stages[{stage}].priority" for stage in stages]
-    names = [stage.name for stage in spec.stages]
+    stage_names = [stage.name for stage in spec.stages]
     thresholds = np.array(spec.onset.series)
     units = THRESHOLD_UNITS[spec.onset.kind]
     epsilon = Quantity("epsilon", ("epsilon",), thresholds, units, "threshold of the actual start")
     return Study(
         kind=SWEEP,
         task=task,
-        cells=[tuple(f"{key}={float(each)!r}" for key, each in zip(keys, pair, strict=True)) for pair in omega],
+        cells=[tuple(f"{key}={float(priority)!r}" for key, priority in zip(keys, pair, strict=True)) for pair in omega],
         dims=sampling.dims,
-        coordinates=[*sampling.coordinates([names[stage] for stage in stages]), *names_along(task), epsilon],
+        coordinates=[*sampling.coordinates([stage_names[stage] for stage in stages]), *names_along(task), epsilon],
         quantities=over_weights(stages[1]),
         identity={
             "stages": ",".join(str(stage + 1) for stage in stages),
@@ -452,5 +484,5 @@ def weight_study(task: Task, stages: tuple[int, int], sampling: Sampling, every_
         },
         required_stage=stages[1],
         reference=True,
-        origins=None if every_cell else origins(task, stages, np.vstack([omega, own])),
+        origins=None if every_cell else origins(task, stages, np.vstack([omega, own_priorities])),
     )

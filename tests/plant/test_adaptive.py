@@ -27,7 +27,7 @@ def test_under_the_law_the_motion_is_the_double_integrators(
 ) -> None:
     """Paper eqs. (7), (8)."""
     x, u = motion
-    flow = physics.under("law", x, 3.0 + 0.05 * np.arange(9), u)
+    flow = physics.integrate("law", x, 3.0 + 0.05 * np.arange(9), u)
     np.testing.assert_allclose(
         flow.between_pieces, IdealPlant(model, 0.05).advance(3.0, x, Setpoints(u)).states, atol=1e-10
     )
@@ -38,8 +38,10 @@ def test_a_force_held_over_a_tick_is_the_plants(
 ) -> None:
     x, u = motion
     ticks = Rk4Plant(model, 0.01, substeps=10).advance(3.0, x, Setpoints(u))
-    np.testing.assert_allclose(physics.under("ticks", x, ticks.time, u).between_pieces, ticks.states, atol=1e-9)
-    np.testing.assert_allclose(physics.under("force", x, ticks.time, ticks.F).between_pieces, ticks.states, atol=1e-9)
+    np.testing.assert_allclose(physics.integrate("ticks", x, ticks.time, u).between_pieces, ticks.states, atol=1e-9)
+    np.testing.assert_allclose(
+        physics.integrate("force", x, ticks.time, ticks.F).between_pieces, ticks.states, atol=1e-9
+    )
 
 
 def test_momentum_changes_by_the_impulse_of_the_held_force(
@@ -48,6 +50,6 @@ def test_momentum_changes_by_the_impulse_of_the_held_force(
     x, _ = motion
     F = np.zeros((1, model.n))
     F[0, :2] = 3.0, -2.0
-    after = physics.under("force", x, np.array([0.0, 0.2]), F).states[-1]
+    after = physics.integrate("force", x, np.array([0.0, 0.2]), F).states[-1]
     before, later = (model.momentum(*np.split(z, 2)) for z in (x, after))
     np.testing.assert_allclose(later[:2] - before[:2], 0.2 * F[0, :2], atol=1e-9)

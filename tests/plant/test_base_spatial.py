@@ -147,13 +147,15 @@ def test_under_the_law_the_motion_is_the_plans(robot: RobotModel, x: Array) -> N
         X.append(np.r_[X[-1][:n] + 0.3 * X[-1][n:] + 0.045 * each, X[-1][n:] + 0.3 * each])
     plan = Plan(times, np.array(X), u, np.zeros(0), chart)
     inputs = np.hstack([u, np.tile(chart.anchor, (K, 1))])
-    flow = AdaptiveDynamics(robot).under("law", x, times, inputs)
+    flow = AdaptiveDynamics(robot).integrate("law", x, times, inputs)
     np.testing.assert_allclose(flow.between_pieces, np.hstack(chart.from_chart(plan.X)), atol=1e-9)
 
 
 def test_a_held_force_is_the_plants(robot: RobotModel, x: Array, u: Array) -> None:
     ticks, physics = Rk4Plant(robot, TICK).advance(3.0, x, Setpoints(u[:20])), AdaptiveDynamics(robot)
-    np.testing.assert_allclose(physics.under("ticks", x, ticks.time, u[:20]).between_pieces, ticks.states, atol=1e-9)
+    np.testing.assert_allclose(
+        physics.integrate("ticks", x, ticks.time, u[:20]).between_pieces, ticks.states, atol=1e-9
+    )
 
 
 def test_taking_up_keeps_momentum_and_letting_go_velocities(robot: RobotModel, x: Array) -> None:

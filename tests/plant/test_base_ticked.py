@@ -28,7 +28,7 @@ class Adaptive(TickedPlant):
         self._dynamics = AdaptiveDynamics(model)
 
     def step(self, x: np.ndarray, F: np.ndarray, robot: InertialParameters) -> tuple[np.ndarray, np.ndarray]:
-        after = self._dynamics.under("force", x, np.array([0.0, TICK]), F[None]).states[-1]
+        after = self._dynamics.integrate("force", x, np.array([0.0, TICK]), F[None]).states[-1]
         return after, np.zeros(self.model.space.n_twist + 1)
 
 

@@ -34,8 +34,8 @@ def test_cells_stand_in_the_order_of_the_sampling(path: Path, sampling: str, kin
     np.testing.assert_allclose(cells.omega, sampling_of(sampling).omega)
     np.testing.assert_allclose(cells.ratio, sampling_of(sampling).ratio)
     for cell, ratio in enumerate(cells.ratio):
-        np.testing.assert_allclose(cells.of("actual_start")[cell], numbers(ratio)["actual_start"])
-        assert cells.of("completion_time")[cell] == numbers(ratio)["completion_time"]
+        np.testing.assert_allclose(cells.quantity("actual_start")[cell], numbers(ratio)["actual_start"])
+        assert cells.quantity("completion_time")[cell] == numbers(ratio)["completion_time"]
 
 
 @pytest.mark.parametrize(("epsilons", "chosen"), [(EPSILONS, 0.1), ((0.1, 0.5, 0.9), 0.5), ((1e-3, 1e-2), 1e-2)])
@@ -80,8 +80,8 @@ def test_runs_are_shared_where_all_priorities_over_the_largest_are_equal() -> No
 
 
 def test_runs_go_from_the_smallest_ratio_to_the_largest(path: Path) -> None:
-    assert SweepCells(synthetic_sweep(path, "3x3", failed=(0, 4, 8))).runs.tolist() == [2, 1, 3, 6]
-    assert len(SweepCells(synthetic_sweep(path, "3x3", task="transport")).runs) == 9
+    assert SweepCells(synthetic_sweep(path, "3x3", failed=(0, 4, 8))).ended_by_ratio.tolist() == [2, 1, 3, 6]
+    assert len(SweepCells(synthetic_sweep(path, "3x3", task="transport")).ended_by_ratio) == 9
 
 
 BEST = 1e-2

@@ -12,13 +12,13 @@ import numpy as np
 
 from psmpc_cli.control.estimator import Estimate
 from psmpc_cli.control.identification.inertia import InertiaEstimator, MeasuredMotion
-from psmpc_cli.control.identification.load import LoadEstimator, LoadPrior, RobotAlone, RobotAndObject
+from psmpc_cli.control.identification.load import LoadEstimator, RobotAlone, RobotAndObject, RobotAndPayload
 from psmpc_cli.control.identification.wheels import WheelEstimator
 from psmpc_cli.control.interface import State
 from psmpc_cli.control.memory import Memory
+from psmpc_cli.ocp.loads import prior_of_load
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.robot.low_level import LowLevelLaw
-from psmpc_cli.specs.task import LoadPriorSpec
 
 
 class IdentificationStep(ABC):
@@ -56,8 +56,10 @@ def identification_steps(problem: Problem, noise: np.ndarray) -> Iterator[Identi
         yield _Inertias(problem, noise)
     if problem.model.spec.wheels:
         yield _Wheels(problem)
-    if problem.spec.finds_load:
-        yield _Load(problem, noise)
+    if problem.spec.uncertainty.carried.is_estimated:
+        yield _Payload(problem, noise)
+    elif problem.spec.finds_load:
+        yield _HeldObject(problem, noise)
 
 
 class _Inertias(IdentificationStep):
@@ -65,7 +67,7 @@ class _Inertias(IdentificationStep):
 
     def __init__(self, problem: Problem, noise: np.ndarray) -> None:
         self._space = problem.model.space
-        self._knows_load = problem.law.knows_load
+        self._knows_load = problem.law.knows_load or problem.spec.uncertainty.carried.is_told
         self._held_stages = problem.spec.held_stages
         self._estimator = InertiaEstimator(problem.model, noise)
 
@@ -134,14 +136,15 @@ class _Wheels(IdentificationStep):
 
 
 class _Load(IdentificationStep):
-    """Mass and moments of inertia of the object in the grippers."""
+    """Mass and moments of inertia of what the grippers hold."""
 
     def __init__(self, problem: Problem, noise: np.ndarray) -> None:
-        prior = problem.spec.controller.load_prior or LoadPriorSpec()
-        body = problem.spec.body
-        mean = np.array([prior.mass or body.mass, *(prior.inertia or body.inertia)])
-        self._estimator = LoadEstimator(problem.model, LoadPrior(mean, prior.deviation * mean), noise)
-        self._held_stages = problem.held_stages
+        self._estimator = LoadEstimator(problem.model, prior_of_load(problem.spec), noise)
+        self._held_stages = problem.spec.held_stages
+
+    @abstractmethod
+    def _motion(self, memory: Memory, estimate: Estimate, is_held: bool) -> RobotAlone:
+        """Return the robot at a sample with what it holds."""
 
     def begun(self, memory: Memory) -> Memory:
         """Return the memory with the prior of the load."""
@@ -150,18 +153,51 @@ class _Load(IdentificationStep):
     def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
         """Return the memory with what the momentum of robot and load tells of the load."""
         load = memory.load
-        motion = RobotAlone(estimate.time, estimate.state.Q, estimate.state.v)
-        object_state = memory.target_object.at(estimate.time)
-        if is_held and object_state is not None:
-            motion = RobotAndObject(motion.time, motion.Q, motion.v, object_state)
+        motion = self._motion(memory, estimate, is_held)
         if memory.motion is not None:
             if memory.sequence.moves_grippers(self._held_stages, memory.time, estimate.time):
                 load = self._estimator.unsettled(load, estimate.time)
             late = estimate.delay.seconds
             u = estimate.commands.commanded(memory.motion.time - late, estimate.time - late)
+            law = self.applied(law, memory, motion.is_loaded)
             load = self._estimator.measured(load, memory.motion, motion, u, law)
         return replace(memory, load=load, motion=motion)
+
+
+class _HeldObject(_Load):
+    """Mass and principal moments of inertia of the object in the grippers, whose pose is measured."""
+
+    def _motion(self, memory: Memory, estimate: Estimate, is_held: bool) -> RobotAlone:
+        """Return robot and object, where a gripper holds it and its state is known."""
+        state = estimate.state
+        object_state = memory.target_object.at(estimate.time)
+        if is_held and object_state is not None:
+            return RobotAndObject(estimate.time, state.Q, state.v, object_state)
+        return RobotAlone(estimate.time, state.Q, state.v)
 
     def applied(self, law: LowLevelLaw, memory: Memory, is_held: bool) -> LowLevelLaw:
         """Return a law that counts with the most likely mass and moments."""
         return law.with_load(memory.load.numbers)
+
+
+class _Payload(_Load):
+    """Mass and moment of inertia of a payload, which is part of the last links while it is held."""
+
+    def __init__(self, problem: Problem, noise: np.ndarray) -> None:
+        super().__init__(problem, noise)
+        payload = problem.spec.uncertainty.carried
+        self._shares = np.array(payload.shares(tuple(problem.model.spec.arms)))
+
+    def _motion(self, memory: Memory, estimate: Estimate, is_held: bool) -> RobotAlone:
+        """Return robot and payload in the stages that hold it."""
+        state = estimate.state
+        if memory.sequence.first in self._held_stages:
+            return RobotAndPayload(estimate.time, state.Q, state.v, self._shares)
+        return RobotAlone(estimate.time, state.Q, state.v)
+
+    def applied(self, law: LowLevelLaw, memory: Memory, is_held: bool) -> LowLevelLaw:
+        """Return a law that counts with the most likely payload while it is held."""
+        if not is_held:
+            return law
+        mass, inertia = np.outer(memory.load.numbers, self._shares)
+        return law.with_parameters(law.parameters.holding(mass, inertia))

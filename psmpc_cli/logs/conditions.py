@@ -123,7 +123,9 @@ PAYLOAD = Condition(
 DISTURBANCE = Condition("with controller.offset_free", lambda recorded: recorded.task.spec.controller.offset_free)
 DELAY = Condition("unless controller.delay is 0", lambda recorded: recorded.task.spec.controller.delay != 0.0)
 MASSES = Condition("with controller.masses: estimated", lambda recorded: recorded.task.spec.finds_masses)
-LOAD = Condition("with object.grasp.known: estimated", lambda recorded: recorded.task.spec.finds_load)
+LOAD = Condition(
+    "with object.grasp.known or uncertainty.payload.known: estimated", lambda recorded: recorded.task.spec.finds_load
+)
 SPATIAL = Condition("of spatial robots", _is_spatial)
 SLIDING_JOINTS = Condition("of robots with joints that slide", lambda recorded: bool(recorded.task.robot.sliding))
 OBJECT = Condition("where the object has a mass", _has_object)

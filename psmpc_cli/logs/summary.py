@@ -408,9 +408,14 @@ class Summary:
 
 def _load(arrays: Arrays) -> tuple[float, float] | None:
     """Return the mass of the load while it was held last, and its standard deviation [kg]; None if not found out."""
-    if "load/mass" not in arrays or "grasp/closed" not in arrays:
+    if "load/mass" not in arrays:
         return None
-    held = np.flatnonzero(arrays["grasp/closed"].all(axis=1))
+    if "payload/held" in arrays:
+        held = np.flatnonzero(arrays["payload/held"])
+    elif "grasp/closed" in arrays:
+        held = np.flatnonzero(arrays["grasp/closed"].all(axis=1))
+    else:
+        return None
     if not len(held):
         return None
     return float(arrays["load/mass"][held[-1]]), float(arrays["load/mass_deviation"][held[-1]])

@@ -25,7 +25,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import matrix_vector, transposed
 from psmpc_cli.specs.object import ObjectBody
 from psmpc_cli.specs.parts import MobilityTraits
-from psmpc_cli.specs.task import TaskSpec
+from psmpc_cli.specs.task import LoadPriorSpec, TaskSpec
 
 NOTHING = ""
 """Nothing is known of wheels, or they have no effect."""
@@ -278,6 +278,7 @@ class Load:
     Attributes:
         mass: Of the payload at each end-effector, (arms,) [kg].
         inertia: Of the payload about that point, (arms,) [kg m^2].
+        finds_payload: The payload is what was found out by a sample; its mass and inertia here are the prior's.
         held: The object with a mass, or `EMPTY_HANDS`.
         driven: On which coordinates of the base something acts in the stage, see `LoadKind`.
         stores: What is known of wheels in the stage, see `LoadKind`.
@@ -286,6 +287,7 @@ class Load:
 
     mass: tuple[float, ...]
     inertia: tuple[float, ...]
+    finds_payload: bool = False
     held: HeldObject = EMPTY_HANDS
     driven: tuple[float, ...] | None = None
     stores: str = NOTHING
@@ -301,6 +303,18 @@ class Load:
         """The numbers that expressions of its kind take."""
         payload = (*self.mass, *self.inertia) if self.kind.carries else ()
         return np.array([*payload, *self.held.numbers, *self.stored])
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether the controller finds out what the grippers hold."""
+        return self.finds_payload or self.held.is_estimated
+
+    def numbers_with(self, found: np.ndarray) -> np.ndarray:
+        """Return the numbers with mass [kg] and moments of inertia [kg m^2] of the load as they were found out."""
+        if self.finds_payload:
+            of_grippers = np.array(self.mass) / sum(self.mass)
+            found = np.outer(found, of_grippers).ravel()
+        return np.concatenate([found, self.numbers[len(found) :]])
 
     @property
     def without_wheels(self) -> "Load":
@@ -336,11 +350,36 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     if stage not in task.held_stages:
         return free
     if payload.known:
-        share = np.array(payload.shares(tuple(model.spec.arms)))
-        mass, inertia = (tuple((share * total).tolist()) for total in (payload.mass, payload.inertia))
-        return replace(free, mass=mass, inertia=inertia)
+        totals = prior_of_load(task).mean if payload.is_estimated else np.array([payload.mass, payload.inertia])
+        mass, inertia = np.outer(totals, payload.shares(tuple(model.spec.arms))).tolist()
+        return replace(free, mass=tuple(mass), inertia=tuple(inertia), finds_payload=payload.is_estimated)
     held = HeldObject.of(task.body, model) if task.body.grasp.known else EMPTY_HANDS
     return replace(free, held=held)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadPrior:
+    """What is known of the load before it is held.
+
+    Attributes:
+        mean: Mass [kg] and moments of inertia [kg m^2]: principal ones of an object, one of a payload.
+        deviation: Their standard deviations.
+    """
+
+    mean: np.ndarray
+    deviation: np.ndarray
+
+
+def prior_of_load(task: TaskSpec) -> LoadPrior:
+    """Return what the controller takes for a load that is to be found out before it has found out anything."""
+    spec = task.controller.load_prior or LoadPriorSpec()
+    payload = task.uncertainty.carried
+    if payload.is_estimated:
+        inertia = [float(np.mean(spec.inertia))] if spec.inertia else [payload.inertia]
+        mean = np.array([spec.mass or payload.mass, *inertia])
+    else:
+        mean = np.array([spec.mass or task.body.mass, *(spec.inertia or task.body.inertia)])
+    return LoadPrior(mean, spec.deviation * mean)
 
 
 def _stores(model: RobotModel, moved_by: MobilityTraits) -> str:

@@ -94,7 +94,7 @@ class Uncertainty:
         if self.friction is None:
             return None
         believed = law.parameters
-        if self.spec.carried.known and self.holds(stage):
+        if self.spec.carried.is_told and self.holds(stage):
             believed = self._with_payload(believed)
         return Disturbance(
             robot=self.true_parameters(stage),

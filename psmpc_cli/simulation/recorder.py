@@ -273,7 +273,7 @@ def header(loop: RecordedLoop) -> Header:
             "pose_coordinate": labels(loaded.robot, "task", of_error=False),
             "stage": names,
             "momentum": MOMENTUM[loaded.robot.dimension],
-            **({"load/moment": ("xx", "yy", "zz")[-space.n_principal :]} if task.finds_load else {}),
+            **({"load/moment": _moments_of_load(loop.problem)} if task.finds_load else {}),
             **(masses_header(loaded.robot) if task.finds_masses else {}),
             "stages/epsilon": task.onset.series,
             "stages/name": names,
@@ -288,6 +288,13 @@ def header(loop: RecordedLoop) -> Header:
         },
         has=conditions_of(loop.recorded),
     )
+
+
+def _moments_of_load(problem: Problem) -> tuple[str, ...]:
+    """Return the names of the moments of inertia of a load that is found out: principal ones, of a payload one."""
+    if problem.spec.uncertainty.carried.is_estimated:
+        return ("all axes",)
+    return ("xx", "yy", "zz")[-problem.model.space.n_principal :]
 
 
 def wheel_labels(robot: RobotSpec) -> tuple[str, ...]:

@@ -367,6 +367,16 @@ def listed(what: str, length: int | None = None) -> BeforeValidator:
     return BeforeValidator(check)
 
 
+ESTIMATED = "estimated"
+"""Of a load whose mass and moments of inertia the controller finds out."""
+
+
+def _known(value: object) -> object:
+    if not (isinstance(value, bool) or value == ESTIMATED):
+        raise expected("true, false or estimated")
+    return value
+
+
 def _mirrored(value: object, read: Callable[[object], float]) -> object:
     """Return a number v as the pair (-v, v); a pair as it is."""
     if isinstance(value, list | tuple):
@@ -402,6 +412,7 @@ PositiveOrNone = Annotated[
     WithJsonSchema({"type": "number", "minimum": 0}),
 ]
 Fraction = Annotated[float, Field(ge=0, lt=1), BeforeValidator(number)]
+Known = Annotated[bool | Literal["estimated"], BeforeValidator(_known)]
 Seconds = Annotated[float, Field(ge=0), BeforeValidator(_seconds), _Or({"type": "string", "pattern": SECONDS_PATTERN})]
 SecondsOrAuto = Annotated[
     float | Literal["auto"],

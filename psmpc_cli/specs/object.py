@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import (
-    BeforeValidator,
     Discriminator,
     Field,
     Tag,
@@ -159,19 +158,6 @@ def _ordered(at: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInf
 _in_order_of_arms = WrapValidator(_ordered)
 
 
-ESTIMATED = "estimated"
-"""Of a load whose mass and moments of inertia the controller finds out."""
-
-
-def _known(value: object) -> object:
-    if not (isinstance(value, bool) or value == ESTIMATED):
-        raise expected("true, false or estimated")
-    return value
-
-
-_Known = Annotated[bool | Literal["estimated"], BeforeValidator(_known)]
-
-
 class GraspSpec(Spec):
     """Grippers on the object: a linear bushing between each of them and the object while it is closed."""
 
@@ -186,7 +172,7 @@ class GraspSpec(Spec):
     strength: Annotated[StrengthSpec, validated_by(_bounds_a_load)] | None = Field(
         None, description="what it holds; default anything"
     )
-    known: _Known = Field(
+    known: fields.Known = Field(
         False,
         description="whether the low-level law knows the load and the closed chain; estimated: it estimates the load",
     )
@@ -199,7 +185,7 @@ class GraspSpec(Spec):
     @property
     def is_estimated(self) -> bool:
         """Whether the controller finds out what the grippers hold."""
-        return self.known == ESTIMATED
+        return self.known == fields.ESTIMATED
 
     @property
     def half_widths(self) -> tuple[float, float]:

@@ -1034,6 +1034,9 @@ def _uncertainty(spec: UncertaintySpec, earlier_fields: Fields, context: Context
     has_mass = bool(earlier_fields.get("object") and earlier_fields["object"].mass)
     if spec.payload and has_mass:
         yield ("payload",), expected("none: the object has a mass of its own", "a payload", at_key=True)
+    if spec.carried.is_estimated and controller is not None and controller.masses == "estimated":
+        wanted = "true or false: with controller.masses: estimated what grippers hold is found out, too"
+        yield ("payload", "known"), expected(wanted)
     if spec.object and not has_mass:
         yield ("object",), expected('an "object" with a mass', "no such object", at_key=True)
     yield from (
@@ -1063,11 +1066,13 @@ _Monitor = Annotated[MonitorSpec, validated_by(_monitor)]
 
 
 def _prior_of_a_load(target_object: ObjectSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a load to find out where the law counts with none, or a prior without one."""
+    """Give a prior of a load where none is to be found out."""
     controller = earlier_fields.get("controller")
     estimated = target_object.grasp is not None and target_object.grasp.is_estimated
-    if controller and controller.load_prior and not estimated:
-        wanted = "object.grasp.known: estimated, or no controller.load_prior"
+    payload = context.file.value(("uncertainty", "payload", "known"))
+    if controller and controller.load_prior and not (estimated or payload == fields.ESTIMATED):
+        key = "object.grasp.known" if target_object.grasp else "uncertainty.payload.known"
+        wanted = f"{key}: estimated, or no controller.load_prior"
         found = None if target_object.grasp else "an object without a grasp"
         yield ("grasp", "known") if target_object.grasp else (), expected(wanted, found, at_key=found is not None)
 
@@ -1186,7 +1191,7 @@ class TaskSpec(Spec):
     @property
     def finds_load(self) -> bool:
         """Whether the controller finds out what the grippers hold."""
-        return self.body.grasp.is_estimated
+        return self.body.grasp.is_estimated or self.uncertainty.carried.is_estimated
 
     @property
     def finds_masses(self) -> bool:

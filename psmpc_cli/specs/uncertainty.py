@@ -82,10 +82,22 @@ class PayloadSpec(Spec):
 
     mass: fields.Positive = Field(description="mass [kg]")
     inertia: fields.NotNegative = Field(description="inertia about its centre of mass [kg m^2]")
-    known: fields.Flag = Field(False, description="whether the low-level law counts it in while it is held")
+    known: fields.Known = Field(
+        False, description="whether the low-level law counts it in while it is held; estimated: it estimates it"
+    )
     share: Annotated[
         fields.OrByPart[fields.NotNegative, fields.ArmName, fields.NotNegative] | None, validated_by(_whole)
     ] = Field(None, description="what each gripper holds of it, one number or numbers by arm; default equal shares")
+
+    @property
+    def is_told(self) -> bool:
+        """Whether the controller knows mass and inertia as they are."""
+        return self.known is True
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether the controller finds out what the grippers hold."""
+        return self.known == fields.ESTIMATED
 
     def shares(self, arms: Sequence[str]) -> list[float]:
         """Return the share of each gripper, (arms,); they sum to 1."""

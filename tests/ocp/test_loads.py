@@ -96,3 +96,16 @@ def test_a_load_in_two_hands_costs_less_than_three_times_the_free_robot() -> Non
     (free, _), (held, ad) = (own_force_functions(model, grasps_of(task, arms)) for arms in (0, 2))
     assert held.n_instructions() < 3 * free.n_instructions()
     assert held.n_instructions() < 0.5 * ad.n_instructions()
+
+
+def test_a_payload_that_is_found_out_begins_with_the_prior_in_plan_and_law() -> None:
+    payload = {"mass": 5, "inertia": 0.7, "known": "estimated", "share": {"arm_1": 0.25, "arm_2": 0.75}}
+    prior = {"mass": 8, "inertia": 1}
+    task = load_task("transport", {"uncertainty.payload": payload, "controller.load_prior": prior})
+    model = RobotModel(task.robot)
+    held = task.spec.held_stages.start
+    load = known_load(task.spec, model, held)
+    assert load.is_estimated
+    np.testing.assert_allclose(load.numbers, [2, 6, 0.25, 0.75])
+    np.testing.assert_allclose(load.numbers_with(np.array([4.0, 2.0])), [1, 3, 0.5, 1.5])
+    assert not known_load(task.spec, model, held - 1).is_estimated

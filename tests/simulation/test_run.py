@@ -255,7 +255,7 @@ def test_one_sample_passes_the_files_that_the_page_on_the_architecture_lists() -
     page = (root.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
     steps = page.partition("## One sample")[2].partition("What a task does not ask for")[0]
     assert set(re.findall(r"`([\w/]+\.py)`", steps)) == passed
-    assert len(passed) <= 37
+    assert len(passed) <= 39
 
 
 def failing(error: Exception) -> Callable[[Sample], None]:

@@ -48,3 +48,27 @@ def test_a_share_of_the_force_limits_changes_the_plant_unless_it_is_1() -> None:
         same = load_task("transport", [limits, f"uncertainty.force_share={share}"])
         assert not same.spec.uncertainty.in_force and not same.spec.uncertainty.changes_the_plant
         assert same.digest == whole.digest
+
+
+ESTIMATED_PAYLOAD = "uncertainty.payload={mass: 5, inertia: 0.7, known: estimated}"
+
+
+@pytest.mark.parametrize(
+    ("changes", "path", "words"),
+    [
+        (["uncertainty.payload={mass: 5, inertia: 0.7, known: maybe}"], "uncertainty.payload.known", "or estimated"),
+        ([ESTIMATED_PAYLOAD, "controller.masses=estimated"], "uncertainty.payload.known", "true or false"),
+        (["controller.load_prior={mass: 3}"], "object", "uncertainty.payload.known: estimated"),
+        ([ESTIMATED_PAYLOAD, "controller.load_prior={mass: -3}"], "controller.load_prior.mass", "greater than 0"),
+    ],
+)
+def test_payloads_that_cannot_be_found_out(changes: list[str], path: str, words: str) -> None:
+    with pytest.raises(SpecError) as error:
+        load_task("transport", changes)
+    assert f"{path}: " in str(error.value) and words in str(error.value)
+
+
+def test_a_payload_that_is_found_out_may_have_a_prior() -> None:
+    task = load_task("transport", [ESTIMATED_PAYLOAD, "controller.load_prior={mass: 3}"])
+    assert task.spec.finds_load
+    assert not load_task("transport", [ESTIMATED_PAYLOAD.replace("estimated", "true")]).spec.finds_load

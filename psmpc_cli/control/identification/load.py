@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from psmpc_cli.native.functions import ArrayFunction
+from psmpc_cli.ocp.loads import LoadPrior
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
@@ -40,19 +41,6 @@ OUTLIER = 25.0
 
 LEAST = 0.02
 """Least mass and moments of inertia, as a part of the prior's."""
-
-
-@dataclass(frozen=True, eq=False)
-class LoadPrior:
-    """What is known of the load before it is held.
-
-    Attributes:
-        mean: Mass [kg] and principal moments [kg m^2].
-        deviation: Their standard deviations.
-    """
-
-    mean: np.ndarray
-    deviation: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +112,8 @@ class RobotAlone:
         return False
 
     def load_momentum(self, model: RobotModel) -> np.ndarray:
-        """Return the momentum of the load by its mass and its principal moments (n_twist, 1 + moments)."""
-        return np.zeros((model.space.n_twist, 1 + model.space.n_principal))
+        """Return the momentum of the load by its mass and its moments of inertia (n_twist, 1 + moments): of none."""
+        return np.zeros((model.space.n_twist, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +128,7 @@ class RobotAndObject(RobotAlone):
 
     @property
     def is_loaded(self) -> bool:
-        """Whether hands hold an object."""
+        """Whether hands hold an object: they do."""
         return True
 
     def load_momentum(self, model: RobotModel) -> np.ndarray:
@@ -148,6 +136,30 @@ class RobotAndObject(RobotAlone):
         units = np.eye(1 + model.space.n_principal)
         columns = [FreeBody(unit[0], unit[1:].tolist()).momentum(*self.object_state) for unit in units]
         return np.array(columns, dtype=float).T
+
+
+@dataclass(frozen=True, eq=False)
+class RobotAndPayload(RobotAlone):
+    """Robot at a sample, with a payload in its grippers that moves as the last links do.
+
+    Attributes:
+        shares: What each gripper holds of it (arms,); their sum is 1.
+    """
+
+    shares: np.ndarray
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether hands hold an object: they do."""
+        return True
+
+    def load_momentum(self, model: RobotModel) -> np.ndarray:
+        """Return the momentum of the payload by its mass and its moment of inertia (n_twist, 2)."""
+        empty = model.nominal
+        nothing = np.zeros_like(self.shares)
+        without = model.momentum(self.Q, self.v, empty)
+        units = empty.holding(self.shares, nothing), empty.holding(nothing, self.shares)
+        return np.stack([model.momentum(self.Q, self.v, each) - without for each in units], axis=1)
 
 
 class LoadEstimator:

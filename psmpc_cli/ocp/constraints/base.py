@@ -271,14 +271,12 @@ def sampled_load(load: Load) -> ArgumentAtSample | None:
 
     None of any other.
     """
-    return partial(load_at_sample, load) if load.held.is_estimated or load.stores else None
+    return partial(load_at_sample, load) if load.is_estimated or load.stores else None
 
 
 def load_at_sample(load: Load, model: RobotModel, sample: SampleContext) -> np.ndarray:
     """Return the numbers of a load (numbers,) at a sample."""
-    numbers = load.numbers
-    if load.held.is_estimated:
-        numbers = np.concatenate([sample.load, numbers[len(sample.load) :]])
+    numbers = load.numbers_with(sample.load) if load.is_estimated else load.numbers
     if load.stores and sample.stored is not None:
         numbers = np.concatenate([numbers[: -len(sample.stored)], sample.stored])
     return numbers

@@ -8,12 +8,13 @@ import pytest
 import psmpc_cli as psmpc
 from psmpc_cli.control.identification.load import (
     LoadEstimator,
-    LoadPrior,
     RobotAlone,
     RobotAndObject,
+    RobotAndPayload,
     _as_body,
     _without,
 )
+from psmpc_cli.ocp.loads import LoadPrior
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.specs.load import load_task
 
@@ -87,6 +88,38 @@ def test_a_load_in_space_is_found_out() -> None:
     run = psmpc.simulate(load_task("catch_tumbling", changes))
     assert run["load/mass"][-1] == pytest.approx(float(run["object/mass"]), rel=0.03)
     assert run["load/mass"][0] != pytest.approx(float(run["object/mass"]), rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_payload_is_found_out_and_the_mission_ends_as_with_a_known_one() -> None:
+    weighed = {"mass": 5, "inertia": 0.67}
+    settings = {"controller.nodes": 25, "log": DRIFTING["log"]}
+    known = psmpc.simulate(load_task("transport", {**settings, "uncertainty.payload": {**weighed, "known": True}}))
+    unknown = psmpc.simulate(load_task("transport", {**settings, "uncertainty.payload": weighed}))
+    payload = {**weighed, "known": "estimated"}
+    prior = {"mass": 10, "inertia": 2}
+    changes = {**settings, "uncertainty.payload": payload, "controller.load_prior": prior}
+    found = psmpc.simulate(load_task("transport", changes))
+    held = np.flatnonzero(found["payload/held"])
+    assert (found["load/mass"][: held[0]] == 10).all()
+    settled = held[found.time[held] > found.time[held[0]] + 1.5]
+    error = np.abs(found["load/mass"][settled] - 5)
+    assert error.max() < 0.15
+    assert (error < 4 * found["load/mass_deviation"][settled]).all()
+    assert found.summary().load == (found["load/mass"][held[-1]], found["load/mass_deviation"][held[-1]])
+    assert abs(found.summary().duration - known.summary().duration) <= 0.1 + 1e-9
+    assert unknown.summary().duration > known.summary().duration + 2
+
+
+def test_the_momentum_of_a_payload_is_linear_in_its_mass_and_inertia() -> None:
+    model = build_problem(load_task("transport")).model
+    random = np.random.default_rng(0)
+    Q, v = random.normal(size=(2, model.n))
+    shares = np.array([0.3, 0.7])
+    by_numbers = RobotAndPayload(0.0, Q, v, shares).load_momentum(model)
+    holding = model.nominal.holding(5 * shares, 0.67 * shares)
+    carried = model.momentum(Q, v, holding) - model.momentum(Q, v)
+    np.testing.assert_allclose(by_numbers @ [5, 0.67], carried, rtol=0, atol=1e-12)
 
 
 def test_what_does_not_explain_the_motion_is_given_up_for_the_prior() -> None:

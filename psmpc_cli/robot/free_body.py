@@ -91,7 +91,8 @@ class FreeBody:
         if not space.has_quaternion:
             return Q + time[..., None] * v, np.broadcast_to(v, (*time.shape, len(v)))
         omega = v[space.rotation]
-        if not np.cross(omega, np.asarray(self.moments, dtype=float) * omega).any():
+        spin = [moment * rate for moment, rate in zip(self.moments, omega.tolist(), strict=True)]
+        if not any(cross(omega.tolist(), spin)):
             poses = space.integrate(Q, np.multiply.outer(v, time))
             return np.stack(np.broadcast_arrays(*poses), axis=-1), np.broadcast_to(v, (*time.shape, len(v)))
         turned = np.abs(time).max(initial=0.0) * float(np.linalg.norm(v[space.rotation]))

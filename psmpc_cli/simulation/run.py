@@ -1,6 +1,8 @@
 """One run: the experiment that a task describes, and its closed loop."""
 
-from collections.abc import Callable, Generator, Mapping
+import gc
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -148,6 +150,22 @@ def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     return [tick_function(model, kind) for kind in kinds]
 
 
+@contextmanager
+def exempt_from_collection() -> Iterator[None]:
+    """Leave all objects that exist now out of garbage collections.
+
+    With the functions of a task a full collection takes as long as several decisions, and one of them has to wait.
+    """
+    if gc.get_freeze_count():  # a caller has frozen objects already, and says when they count again
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
 DIVERGED = 1e9
 """Norm of states and forces, in units of the SI, beyond which a motion has diverged."""
 
@@ -162,6 +180,12 @@ def closed_loop(experiment: Experiment, until: int | None = None) -> Generator[S
         experiment: The experiment, built for this run alone.
         until: Index of the stage at whose end the loop stops; by default that of the task.
     """
+    with exempt_from_collection():
+        return (yield from _samples(experiment, until))
+
+
+def _samples(experiment: Experiment, until: int | None) -> Generator[Sample, None, Ending]:
+    """Yield the samples of `closed_loop`, and return how it ended."""
     controller = experiment.controller
     plant = experiment.plant
     uncertainty = experiment.uncertainty

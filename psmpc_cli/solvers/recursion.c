@@ -38,7 +38,12 @@
  * fewer registers. */
 #define NOINLINE static __attribute__((noinline))
 
-#define LANES 4 /* doubles of a vector register */
+/* Doubles of a vector register. Rows of few entries, padded to 8, would take longer than what wider registers save. */
+#if defined(__AVX512F__) && N >= 16
+#define LANES 8
+#else
+#define LANES 4
+#endif
 typedef double vec __attribute__((vector_size(8 * LANES), may_alias));
 
 #define PADDED(count) (((count) + LANES - 1) / LANES * LANES)
@@ -91,7 +96,11 @@ static inline double *scalars(vec *row) { return (double *)row; }
 static inline const double *const_scalars(const vec *row) { return (const double *)row; }
 
 /* The sum of the entries of a vector. */
-INLINE double sum_of_lanes(vec entries) { return (entries[0] + entries[1]) + (entries[2] + entries[3]); }
+INLINE double sum_of_lanes(vec entries) {
+    for (int half = LANES / 2; half > 0; half /= 2)
+        for (int i = 0; i < half; i++) entries[i] += entries[i + half];
+    return entries[0];
+}
 
 /* Subtract a product of two parts of a tableau T, few enough rows and vectors to stay in registers:
  *
@@ -135,7 +144,7 @@ INLINE void gemm_block_row(const vec *T, int T_stride, int first_row, int last_r
 /* Transpose a square block of LANES rows; `block` has `stride` vectors a row. */
 static inline void transpose_block(const vec *block, int stride, vec transposed[LANES]) {
     for (int r = 0; r < LANES; r++)
-        transposed[r] = (vec){block[0][r], block[stride][r], block[2 * stride][r], block[3 * stride][r]};
+        for (int c = 0; c < LANES; c++) transposed[r][c] = block[c * stride][r];
 }
 
 /* Add the Hessian of the costs at node k + 1 to that of the value function:

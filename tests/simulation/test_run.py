@@ -1,3 +1,4 @@
+import gc
 import logging
 import os
 import pickle
@@ -233,6 +234,26 @@ def test_metrics_are_the_same_whenever_they_are_read() -> None:
     later = [dict(sample.metrics) for sample in list(closed_loop(build_experiment(task)))]
     assert len(at_once) == 120
     np.testing.assert_equal(at_once, later)
+
+
+def test_garbage_collections_leave_out_what_a_loop_is_made_of_until_it_ends() -> None:
+    samples = closed_loop(build_experiment(coarse()))
+    assert gc.get_freeze_count() == 0
+    next(samples)
+    assert gc.get_freeze_count() > 10_000
+    samples.close()
+    assert gc.get_freeze_count() == 0
+
+
+def test_a_loop_leaves_frozen_what_a_caller_has_frozen() -> None:
+    gc.freeze()
+    try:
+        samples = closed_loop(build_experiment(coarse()))
+        next(samples)
+        samples.close()
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.unfreeze()
 
 
 def test_one_sample_passes_the_files_that_the_page_on_the_architecture_lists() -> None:

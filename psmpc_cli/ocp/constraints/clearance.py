@@ -209,6 +209,8 @@ def state_of_obstacle(obstacle: ObstacleSpec, model: RobotModel, sample: SampleC
     """Return where an obstacle is at a sample, and its velocity."""
     v = np.zeros(model.space.n_twist)
     v[: len(obstacle.velocity)] = obstacle.velocity
+    if not v.any():
+        return np.array(obstacle.pose, dtype=float), v
     return _free(model).predicted(obstacle.pose, v, sample.time)
 
 

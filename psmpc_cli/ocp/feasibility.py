@@ -208,12 +208,14 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
     """Give where an end condition wants a floating base, though no posture and no momentum of the start lead there.
 
     The common centre of mass moves at p / M, from when the stage can end to when the run does. Only differences along
-    each axis are compared, so that what is given is certain. After a stage in which the base is pushed nothing is.
+    each axis are compared, so that what is given is certain. After a stage in which the base is pushed or held nothing
+    is.
     """
     model = forecast.model
     stage = forecast.stage
-    pushed = any(task.spec.moved_by(index, task.robot).is_pushed for index in range(stage.index + 1))
-    if pushed or not task.robot.moved_by.moves or task.spec.uncertainty.changes_the_plant or task.spec.body.mass:
+    so_far = [task.spec.moved_by(index, task.robot) for index in range(stage.index + 1)]
+    is_disturbed = any(moved_by.is_pushed or not moved_by.moves for moved_by in so_far)
+    if is_disturbed or task.spec.uncertainty.changes_the_plant or task.spec.body.mass:
         return
     d = task.robot.dimension
     Q, v = initial_state(task)
@@ -295,7 +297,7 @@ def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
         for row in forecast.stuck:
             names = (*labels(task.robot, "joint"), "the attitude of base")
             is_of_base = row < task.robot.parts["base"] or row == len(names) - 1
-            if is_of_base and not task.robot.moved_by.moves:
+            if is_of_base and not stage.moved_by.moves:
                 yield Fault(
                     (*path, "ends_when"), f"found {names[row]} to be moved, expected it where it is: it is fixed"
                 )

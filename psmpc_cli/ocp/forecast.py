@@ -77,10 +77,11 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     solutions = list[tuple[float, tuple[int, ...]]]()
     end = 0.0
     for stage in stages:
-        most = np.maximum(most, largest_rates(space, stage))  # up and down, since a coordinate was known
-        if not task.robot.moved_by.moves:
-            most[:, space.base] = 0.0
-            most[:, -1] = 0.0
+        rates = largest_rates(space, stage)  # up and down
+        if not stage.moved_by.moves:
+            rates[:, space.base] = 0.0
+            rates[:, -1] = 0.0
+        most = np.maximum(most, rates)  # since a coordinate was known
         asked = tolerances_of(space, stage)
         rows = np.array(list(asked), int)
         within = np.array(list(asked.values()))

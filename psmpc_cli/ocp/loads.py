@@ -373,7 +373,7 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     payload = task.uncertainty.carried
     nothing = (0.0,) * len(model.spec.arms)
     moved_by = task.moved_by(stage, model.spec)
-    driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)
+    driven = None if moved_by == model.spec.moved_by else _driven_in_stage(model, moved_by)
     stores = _stores(model, moved_by)
     stored = tuple(Wheels.of(model.spec).at_first) if stores else ()
     free = Load(nothing, nothing, driven=driven, stores=stores, stored=stored)
@@ -385,6 +385,11 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
         return replace(free, mass=mass, inertia=inertia)
     held = HeldObject.of(task.body, model) if task.body.grasp.known else EMPTY_HANDS
     return replace(free, held=held)
+
+
+def _driven_in_stage(model: RobotModel, moved_by: MobilityTraits) -> tuple[float, ...]:
+    """Return on which coordinates of the base something acts in a stage: a mount on all, which it keeps at rest."""
+    return model.driven(moved_by) if moved_by.moves else (1.0,) * model.space.n_twist
 
 
 def _stores(model: RobotModel, moved_by: MobilityTraits) -> str:

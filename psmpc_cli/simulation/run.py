@@ -81,6 +81,7 @@ def build_experiment(loaded: Task) -> Experiment:
             force_limits=force_limits_of(task, model.spec),
             firing=firing_of(task, model),
             drive=drive,
+            is_held=bool(task.stages_on_mount(model.spec)),
         ),
         drive=drive,
         uncertainty=uncertainty,
@@ -138,7 +139,10 @@ def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     ]
     if capture is not None:
         return [capture_tick(capture, kind) for kind in kinds]
-    return [tick_function(model, kind) for kind in kinds]
+    ticks = [tick_function(model, kind) for kind in kinds]
+    if task.stages_on_mount(model.spec):
+        ticks.append(tick_function(model.mounted, replace(plain, is_pushed=False)))
+    return ticks
 
 
 DIVERGED = 1e9
@@ -244,11 +248,13 @@ class _Line:
         load = command.law.load
         if arrival == now and (len(self._arrived) == 1 or self._arrived[1][0] >= now + self._ticks):
             driven = command.driven if self._changes_mobility else None
-            return command, Setpoints(command.u, command.closed, command.twist_rates, driven, command.shut, load)
+            held = command.held if len(command.held) else None
+            return command, Setpoints(command.u, command.closed, command.twist_rates, driven, command.shut, load, held)
         u = np.zeros((self._ticks, command.law.model.n))
         closed = np.zeros(self._ticks, bool)
         driven = np.tile(command.driven[0], (self._ticks, 1))
         shut = np.repeat(command.shut[:1], self._ticks, axis=0)
+        held = np.repeat(command.held[:1], self._ticks, axis=0)
         in_task_space = any(each.twist_rates is not None for _, each in self._arrived)
         twist_rates = np.zeros((self._ticks, command.law.model.n_twists)) if in_task_space else None
         ticks = np.arange(now, now + self._ticks)
@@ -259,9 +265,13 @@ class _Line:
             closed[acts] = each.closed[own]
             driven[acts] = each.driven[own]
             shut[acts] = each.shut[own]
+            if len(held):
+                held[acts] = each.held[own]
             if twist_rates is not None:
                 twist_rates[acts] = _twist_rates(each)[own]
-        return command, Setpoints(u, closed, twist_rates, driven if self._changes_mobility else None, shut, load)
+        return command, Setpoints(
+            u, closed, twist_rates, driven if self._changes_mobility else None, shut, load, held if len(held) else None
+        )
 
 
 def _twist_rates(command: Command) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.ocp.drift import drifts
 from psmpc_cli.ocp.forecast import (
     StageForecast,
     bounds_of,
@@ -318,7 +319,8 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
     A base kept where it is not left, poses out of reach, trajectories the robot cannot follow, a time limit no run can
     keep, tolerances below the noise, a load that outweighs a robot which does not know of it, grippers that may open
     while they carry, commands that arrive in bunches, weights of what nothing acts on, more momentum than wheels store,
-    parts that are nearer than the task keeps them, arms that could be posed for the next stage.
+    momentum that carries a robot elsewhere than a stage without thrusters wants it, parts that are nearer than the task
+    keeps them, arms that could be posed for the next stage.
     """
     stages = [forecast.stage for forecast in forecasts]
     model = forecasts[0].model
@@ -334,6 +336,7 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_bunched_commands(task),
         *_idle_weights(task),
         *_full_wheels(task, model),
+        *_drifts_elsewhere(task, forecasts),
         *_not_routed(task, stages),
         *cone_remarks(task, model, stages),
         *clearance_remarks(task, model, stages, stops),
@@ -392,6 +395,28 @@ def _full_wheels(task: Task, model: RobotModel) -> Iterator[Fault]:
     if stored[worst] > most:
         found = f"found a start with {stored[worst]:.3g} N m s for wheel {worst + 1} to store, once the base is at rest"
         yield Fault(("initial_velocity",), f"{found}, expected at most {most:g} N m s: what else would stop its turn?")
+
+
+def _drifts_elsewhere(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
+    """Yield stages without thrusters that want the base where the momentum that the stage before leaves does not lead.
+
+    What the start decides is certain, and no remark: see `_beyond_momentum`.
+    """
+    for drift in drifts(task, forecasts):
+        if drift.before is None or not len(drift.way):
+            continue
+        before = drift.before
+        path = ("stages", before.index, "ends_when")
+        name = quoted(drift.stage.name)
+        if not np.isfinite(drift.spread):
+            wanted = f"a velocity of the base, or momentum: {{linear: ...}}: nothing pushes it to its place in {name}"
+            yield Fault(path, f"found an end of {quoted(before.name)} at any velocity of the base, expected {wanted}")
+        elif drift.miss:
+            away = " away from it" if drift.way @ drift.velocity < 0 else ""
+            found = f"found a robot that drifts{away} at {drift.speed:.3g} m/s"
+            distance = f"{np.linalg.norm(drift.way):.3g} m from where it wants its centre of mass"
+            wanted = f"momentum that carries it there, by the {quoted('moving')} of that end: nothing pushes it"
+            yield Fault(path, f"{found} in {name}, {distance}, expected {wanted}")
 
 
 def _not_routed(task: Task, stages: Sequence[Stage]) -> Iterator[Fault]:

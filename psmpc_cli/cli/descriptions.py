@@ -10,6 +10,7 @@ import numpy as np
 
 from psmpc_cli.cli.common import echo
 from psmpc_cli.cli.tables import Row, print_table
+from psmpc_cli.ocp.drift import drifts
 from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD
 from psmpc_cli.ocp.forecast import StageForecast, forecast_configurations, initial_state
 from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
@@ -65,12 +66,29 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
     if rows := list(_turns(task, model, stages)):
         echo()
         print_table(TURNS, rows, left=1)
+    if sentences := list(_drifts(task, forecasts)):
+        echo()
+        echo("\n".join(sentences))
     if rows := [*_obstacles(spec), *_clearance(task)]:
         echo()
         print_table(("clearance", ""), rows)
     if spec.object is not None:
         echo()
         print_table(("object", ""), [*_object(spec.object), *_unknown_load(task, model, stops)])
+
+
+def _drifts(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[str]:
+    """Yield how far a robot drifts in stages in which nothing pushes it, where they want it at a place or last long."""
+    for drift in drifts(task, forecasts):
+        left = "the start" if drift.before is None else drift.before.name
+        speed = f"{drift.stage.name}: the robot drifts at {drift.speed:.3g} m/s, with the momentum that {left} leaves"
+        if not (drift.speed and np.isfinite(drift.spread)):
+            continue
+        if len(drift.way) and not drift.miss:
+            after = drift.nearest_after
+            yield f"{speed}; it is at its place after {after:.3g} s, give or take {drift.spread * after:.2g} m"
+        elif drift.lasts:
+            yield f"{speed}: by {drift.speed * drift.lasts:.3g} m in the {drift.lasts:g} s that it lasts at least"
 
 
 def _known_delay(task: Task) -> str:

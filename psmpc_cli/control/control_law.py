@@ -123,6 +123,7 @@ class ControlLaw:
         self._limits_jerk = any(JERK in stage.constraints for stage in problem.stages)
         model = problem.model
         self._driven = [model.driven(stage.moved_by) for stage in problem.stages]
+        self._held_by_mount = list(problem.spec.stages_on_mount(model.spec))
         self._plumes = {
             stage.index: PlumeForecast.of(spec, model, stage.index)
             for stage in problem.stages
@@ -580,6 +581,7 @@ class ControlLaw:
             twist_rates=twist_rates,
             wheels=np.zeros(0) if memory.wheels is None else memory.wheels.momentum,
             shut=self._shut(situation, stages_of_ticks),
+            held=np.isin(stages_of_ticks, self._held_by_mount) if self._held_by_mount else np.zeros(0, bool),
         )
         return estimate, command
 

@@ -238,6 +238,7 @@ class Command:
             in joint space.
         wheels: What wheels are taken to store at the time of the measurement (W,) [N m s]; (0,) without any.
         shut: Which thrusters must not fire at each tick (M, T), because the stage avoids plumes that reach something.
+        held: Whether a mount holds a base that moves otherwise, at each tick (M,); empty: at none.
     """
 
     time: float
@@ -267,11 +268,12 @@ class Command:
     new_targets: tuple[NewTarget, ...] = ()
     wheels: np.ndarray = field(default_factory=lambda: np.zeros(0))
     shut: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), bool))
+    held: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
         """Make the arrays read-only: the controller goes on from them, and logs are written from them later."""
         make_read_only(self.state, self.u, self.edges, self.plan, self.prediction, self.disturbance, self.closed)
-        make_read_only(self.driven, self.twist_rates, self.wheels, self.shut)
+        make_read_only(self.driven, self.twist_rates, self.wheels, self.shut, self.held)
         for solution in (self.solution, *self.levels):
             make_read_only(solution.plan, solution.guess, solution.costs, solution.violations, solution.duals)
 
@@ -341,7 +343,8 @@ class Command:
         if len(self.wheels):
             stored = Wheels.of(self.law.model.spec).along_base(self._momenta(state).tolist())
             parameters = self.law.parameters.storing(np.array(stored))
-        return self.law.force(state.Q, state.v, self.u[tick], twist_rates, grasps, parameters, driven)
+        law = self.law.on_mount() if len(self.held) and self.held[tick] else self.law
+        return law.force(state.Q, state.v, self.u[tick], twist_rates, grasps, parameters, driven)
 
     def motor_torques(self, time: float, state: State) -> np.ndarray:
         """Compute the torques of the motors of wheels over a tick (W,) [N m], within what each can give.

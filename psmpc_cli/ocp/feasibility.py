@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.ocp.drift import drifts
 from psmpc_cli.ocp.forecast import (
     StageForecast,
     bounds_of,
@@ -237,14 +238,14 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
 
     Nothing pushes such a base: the common centre of mass moves at p / M, whatever the arms do, and the base stays
     within the length of the stretched arms of it. The stage ends between its earliest end and the time limit. Distances
-    are compared axis by axis, so that a fault is certain. Nothing is said once the base was pushed in some stage, or
-    where an object or uncertainty changes the momentum.
+    are compared axis by axis, so that a fault is certain. Nothing is said once the base was pushed or held in some
+    stage, or where an object or uncertainty changes the momentum.
     """
     model = forecast.model
     stage = forecast.stage
-    was_pushed = any(task.spec.moved_by(index, task.robot).is_pushed for index in range(stage.index + 1))
-    momentum_is_known = not (was_pushed or task.spec.uncertainty.changes_the_plant or task.spec.body.mass)
-    if not (task.robot.moved_by.moves and momentum_is_known):
+    so_far = [task.spec.moved_by(index, task.robot) for index in range(stage.index + 1)]
+    is_disturbed = any(moved_by.is_pushed or not moved_by.moves for moved_by in so_far)
+    if is_disturbed or task.spec.uncertainty.changes_the_plant or task.spec.body.mass:
         return
     d = task.robot.dimension
     Q, v = initial_state(task)
@@ -346,7 +347,7 @@ def _stuck_coordinates(task: Task, forecast: StageForecast) -> Iterator[Fault]:
     attitude = len(names) - 1  # number of the attitude of a spatial base, behind the coordinates
     for row in forecast.stuck:
         is_of_base = row < task.robot.parts["base"] or row == attitude
-        if is_of_base and not task.robot.moved_by.moves:
+        if is_of_base and not forecast.stage.moved_by.moves:
             yield Fault(path, f"found {names[row]} to be moved, expected it where it is: it is fixed")
             continue
         limits = _span(task, 3 if row == attitude else row, forecast.stage, "velocity")  # row 3: a first angular rate
@@ -357,9 +358,10 @@ def _stuck_coordinates(task: Task, forecast: StageForecast) -> Iterator[Fault]:
 def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
     """Return what is probably not meant in a task that can be done: advice of `psmpc check`, not errors.
 
-    It is about poses that were not found to be in reach, trajectories and time limits that no run keeps, tolerances
-    below the noise, loads that outweigh the robot, what is kept clear, weights without effect, and more of the like: a
-    function each.
+    It is about a base that is kept where it is not left, poses that were not found to be in reach, trajectories and
+    time limits that no run keeps, tolerances below the noise, loads that outweigh the robot, momentum that carries a
+    robot elsewhere than a stage without thrusters wants it, what is kept clear, weights without effect, and more of the
+    like: a function each.
 
     Args:
         task: The task.
@@ -379,6 +381,7 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
         *_bunched_commands(task),
         *_idle_weights(task),
         *_full_wheels(task, model),
+        *_drifts_elsewhere(task, forecasts),
         *_not_routed(task, stages),
         *cone_remarks(task, model, stages),
         *clearance_remarks(task, model, stages, stops),
@@ -446,6 +449,28 @@ def _full_wheels(task: Task, model: RobotModel) -> Iterator[Fault]:
         )
         message = f"{needs}, expected at most {capacity:g} N m s: what else would stop its turn?"
         yield Fault(("initial_velocity",), message)
+
+
+def _drifts_elsewhere(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
+    """Yield stages without thrusters that want the base where the momentum that the stage before leaves does not lead.
+
+    What the start decides is certain, and no remark: see `_beyond_momentum`.
+    """
+    for drift in drifts(task, forecasts):
+        if drift.before is None or not len(drift.way):
+            continue
+        before = drift.before
+        path = ("stages", before.index, "ends_when")
+        name = quoted(drift.stage.name)
+        if not np.isfinite(drift.spread):
+            wanted = f"a velocity of the base, or momentum: {{linear: ...}}: nothing pushes it to its place in {name}"
+            yield Fault(path, f"found an end of {quoted(before.name)} at any velocity of the base, expected {wanted}")
+        elif drift.miss:
+            away = " away from it" if drift.way @ drift.velocity < 0 else ""
+            found = f"found a robot that drifts{away} at {drift.speed:.3g} m/s"
+            distance = f"{np.linalg.norm(drift.way):.3g} m from where it wants its centre of mass"
+            wanted = f"momentum that carries it there, by the {quoted('moving')} of that end: nothing pushes it"
+            yield Fault(path, f"{found} in {name}, {distance}, expected {wanted}")
 
 
 def _not_routed(task: Task, stages: Sequence[Stage]) -> Iterator[Fault]:

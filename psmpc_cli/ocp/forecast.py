@@ -83,10 +83,11 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     ends = list[tuple[float, tuple[int, ...]]]()
     end = 0.0
     for stage in stages:
-        fastest_since = np.maximum(fastest_since, largest_rates(space, stage))
-        if not task.robot.moved_by.moves:
-            fastest_since[:, space.base] = 0.0
-            fastest_since[:, -1] = 0.0
+        rates = largest_rates(space, stage)  # up and down
+        if not stage.moved_by.moves:
+            rates[:, space.base] = 0.0
+            rates[:, -1] = 0.0
+        fastest_since = np.maximum(fastest_since, rates)
         asked = tolerances_of(space, stage)
         rows = np.array(list(asked), int)
         within = np.array(list(asked.values()))

@@ -152,7 +152,7 @@ class VelocityForm:
             (rows.functions, rows) for rows in self.interval_rows if isinstance(rows.functions, ChangeFunctions)
         ]
         self.residuals_are_curved = any(
-            is_of("mobility", name) for stage in shape.stages for name, _ in stage.constraints
+            is_of("mobility", name) or is_of("mount", name) for stage in shape.stages for name, _ in stage.constraints
         )
         rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
         self.curved = rows_are_curved or self.residuals_are_curved

@@ -424,7 +424,8 @@ def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
     payload = task.uncertainty.carried
     nothing = (0.0,) * len(model.spec.arms)
     moved_by = task.moved_by(stage, model.spec)
-    driven = None if moved_by == model.spec.moved_by else model.driven(moved_by)  # coordinates on which something acts
+    # coordinates of the base on which something acts
+    driven = None if moved_by == model.spec.moved_by else _driven_in_stage(model, moved_by)
     stores = _stores(model, moved_by)  # what is known of the momentum in wheels: it stays in the base, or follows
     stored = tuple(Wheels.of(model.spec).at_first) if stores else ()
     no_load = Load(nothing, nothing, driven=driven, stores=stores, stored=stored)
@@ -461,6 +462,11 @@ def prior_of_load(task: TaskSpec) -> LoadPrior:
     else:
         mean = np.array([spec.mass or task.body.mass, *(spec.inertia or task.body.inertia)])
     return LoadPrior(mean, spec.deviation * mean)
+
+
+def _driven_in_stage(model: RobotModel, moved_by: MobilityTraits) -> tuple[float, ...]:
+    """Return on which coordinates of the base something acts in a stage: a mount on all, which it keeps at rest."""
+    return model.driven(moved_by) if moved_by.moves else (1.0,) * model.space.n_twist
 
 
 def _stores(model: RobotModel, moved_by: MobilityTraits) -> str:

@@ -4,11 +4,13 @@ A plant is the module here that its `kind` names, with a function `build`.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pkgutil import resolve_name
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.plant.base import Disturbance, ForceLimits, JointFriction, Plant, Setpoints, Ticks
 from psmpc_cli.plant.grasp import Capture, PlantSetup
+from psmpc_cli.plant.mount import MountedPlant
 from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.plant.wheels import WheelDrive, WheelTicks
 from psmpc_cli.robot.model import RobotModel
@@ -39,6 +41,7 @@ def build_plant(
     force_limits: ForceLimits | None = None,
     firing: ThrusterFiring | None = None,
     drive: WheelDrive | None = None,
+    is_held: bool = False,
 ) -> Plant:
     """Build the plant of a task: the simulated physics that takes the place of the real robot.
 
@@ -52,13 +55,18 @@ def build_plant(
         firing: Thrusters that give the force on the base; None where the plant applies the law's force itself. With
             thrusters there are force limits.
         drive: Drive of the reaction wheels; None of a robot without any.
+        is_held: Whether a mount holds the base, which moves otherwise, at some ticks.
 
     Raises:
         InputError: A package that the plant needs is not installed.
     """
     tick, substeps = ticks_of(spec)
     setup = PlantSetup(model, tick, substeps, native, friction, capture, force_limits, firing, drive)
-    plant: Plant = require_plant(spec)(setup)
+    build = require_plant(spec)
+    plant = build(setup)
+    if is_held:
+        held = build(replace(setup, model=model.mounted, firing=None))
+        return MountedPlant(model, plant, held, firing)
     return plant
 
 

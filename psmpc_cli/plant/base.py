@@ -1,8 +1,8 @@
 """The interface of all plants: advance over one sample under the low-level controller, return what happened."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -82,6 +82,21 @@ class Ticks:
     commanded: np.ndarray | None = None
     thrusters: ThrusterTicks | None = None
     wheels: WheelTicks | None = None
+
+    @classmethod
+    def joined(cls, parts: Sequence["Ticks"]) -> "Ticks":
+        """Return what happened over a sample whose ticks were advanced part by part, without object and wheels."""
+        first, *others = parts
+        commanded = [part.commanded for part in parts if part.commanded is not None]
+        thrusters = [part.thrusters for part in parts if part.thrusters is not None]
+        return cls(
+            time=np.concatenate([first.time, *(part.time[1:] for part in others)]),
+            states=np.concatenate([first.states, *(part.states[1:] for part in others)]),
+            F=np.concatenate([part.F for part in parts]),
+            impulse_and_work=np.sum([part.impulse_and_work for part in parts], axis=0),
+            commanded=np.concatenate(commanded) if commanded else None,
+            thrusters=ThrusterTicks.joined(thrusters) if thrusters else None,
+        )
 
     def __repr__(self) -> str:
         ticks, n = self.F.shape
@@ -244,6 +259,10 @@ class Disturbance:
     noise: np.ndarray
     external_force: np.ndarray
 
+    def part(self, ticks: slice) -> "Disturbance":
+        """Return that over some ticks of the sample."""
+        return replace(self, noise=self.noise[ticks], external_force=self.external_force[ticks])
+
     @classmethod
     def none(cls, robot: InertialParameters, ticks: int, n: int) -> "Disturbance":
         """Return that of a known robot with n velocities which nothing disturbs."""
@@ -267,6 +286,7 @@ class Setpoints:
         driven: Whether something acts on each coordinate of the base, 1 or 0 (M, n_twist); None: always on those of
             the robot's description.
         shut: Which thrusters must not fire (M, T); None: all may.
+        held: Whether a mount holds a base that moves otherwise (M,); None: at no tick.
         load: Mass [kg] and principal moments [kg m^2] of what closed grippers hold, as the law counts with it; empty:
             those of the object as described.
     """
@@ -277,11 +297,26 @@ class Setpoints:
     driven: np.ndarray | None = None
     shut: np.ndarray | None = None
     load: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    held: np.ndarray | None = None
 
     @property
     def grippers_close(self) -> np.ndarray:
         """Whether the grippers are to be closed at each tick (M,)."""
         return np.zeros(len(self.u), bool) if self.closed is None else self.closed
+
+    @property
+    def base_is_held(self) -> np.ndarray:
+        """Whether a mount holds the base at each tick (M,)."""
+        return np.zeros(len(self.u), bool) if self.held is None else self.held
+
+    def part(self, ticks: slice) -> "Setpoints":
+        """Return those of some ticks of the sample."""
+        by_tick = {
+            name: values[ticks]
+            for name in ("u", "closed", "twist_rates", "driven", "shut", "held")
+            if (values := getattr(self, name)) is not None
+        }
+        return replace(self, **by_tick)
 
     def at(self, tick: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return what the law follows at a tick: u (n,), and the rates in task space (k,) if they count instead."""

@@ -8,6 +8,7 @@ owed. So the impulse of the pulses follows that of the law, and differs from it 
 Where the law begins to count with a load, or no longer does, it asks for another wrench: a new period begins.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,18 @@ class ThrusterTicks:
     owed: np.ndarray
     refused: np.ndarray
     shut: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence["ThrusterTicks"]) -> "ThrusterTicks":
+        """Return what they did over a sample whose ticks were advanced part by part."""
+        return cls(
+            thrusts=np.concatenate([part.thrusts for part in parts]),
+            impulses=np.sum([part.impulses for part in parts], axis=0),
+            firings=np.sum([part.firings for part in parts], axis=0),
+            owed=parts[-1].owed,
+            refused=np.sum([part.refused for part in parts], axis=0),
+            shut=np.average([part.shut for part in parts], axis=0, weights=[len(part.thrusts) for part in parts]),
+        )
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,13 @@ class LowLevelLaw:
         other.driven = driven
         return other
 
+    def on_mount(self) -> Self:
+        """Return the law of the same robot while a mount holds its base."""
+        other = copy(self)
+        other.model = self.model.mounted
+        other.driven = other.model.driven()
+        return other
+
     def force(
         self,
         Q: np.ndarray,

@@ -142,6 +142,11 @@ class RobotModel:
         """Return which velocity coordinates have a force of their own, (n,): all but those of `driven` that are 0."""
         return np.array([*self.driven(moved_by), *np.ones(self.space.joints)], bool)
 
+    @property
+    def mounted(self) -> "RobotModel":
+        """The same robot with a fixed base."""
+        return self.cached("mounted", lambda: RobotModel(self.spec.model_copy(update={"mobility": "fixed"})))
+
     def law(self, driven: tuple[float, ...] | None = None) -> ca.Function:
         """Return Q, v, u, w -> F (n,) [N, N m], the computed torque. Paper eq. (7).
 

@@ -90,6 +90,7 @@ def build_experiment(loaded: Task) -> Experiment:
             force_limits=force_limits_of(task, model.spec),
             firing=firing_of(task, model),
             drive=drive,
+            is_held=bool(task.stages_on_mount(model.spec)),
         ),
         drive=drive,
         uncertainty=uncertainty,
@@ -147,7 +148,10 @@ def _tick_functions(task: TaskSpec, model: RobotModel) -> list[ca.Function]:
     ]
     if capture is not None:
         return [capture_tick(capture, kind) for kind in kinds]
-    return [tick_function(model, kind) for kind in kinds]
+    ticks = [tick_function(model, kind) for kind in kinds]
+    if task.stages_on_mount(model.spec):
+        ticks.append(tick_function(model.mounted, replace(base_kind, is_pushed=False)))
+    return ticks
 
 
 @contextmanager
@@ -291,11 +295,15 @@ class _DelayedCommands:
         is_alone = len(self._sent) == 1 or self._sent[1].arrives_at >= end_tick
         if arrives_at == first_tick and is_alone:
             driven_axes = command.driven if self._changes_mobility else None
-            return command, Setpoints(command.u, command.closed, command.twist_rates, driven_axes, command.shut, load)
+            held = command.held if len(command.held) else None
+            return command, Setpoints(
+                command.u, command.closed, command.twist_rates, driven_axes, command.shut, load, held
+            )
         u = np.zeros((self._ticks_per_sample, command.law.model.n))
         closed = np.zeros(self._ticks_per_sample, bool)
         driven_axes = np.tile(command.driven[0], (self._ticks_per_sample, 1))
         shut_thrusters = np.repeat(command.shut[:1], self._ticks_per_sample, axis=0)
+        held = np.repeat(command.held[:1], self._ticks_per_sample, axis=0)
         in_task_space = any(sent.command.twist_rates is not None for sent in self._sent)
         twist_rates = np.zeros((self._ticks_per_sample, command.law.model.n_twists)) if in_task_space else None
         run_ticks = np.arange(first_tick, end_tick)
@@ -307,10 +315,18 @@ class _DelayedCommands:
             closed[is_in_force] = arrived.closed[own_ticks]
             driven_axes[is_in_force] = arrived.driven[own_ticks]
             shut_thrusters[is_in_force] = arrived.shut[own_ticks]
+            if len(held):
+                held[is_in_force] = arrived.held[own_ticks]
             if twist_rates is not None:
                 twist_rates[is_in_force] = _twist_rates(arrived)[own_ticks]
         return command, Setpoints(
-            u, closed, twist_rates, driven_axes if self._changes_mobility else None, shut_thrusters, load
+            u=u,
+            closed=closed,
+            twist_rates=twist_rates,
+            driven=driven_axes if self._changes_mobility else None,
+            shut=shut_thrusters,
+            load=load,
+            held=held if len(held) else None,
         )
 
 

@@ -69,8 +69,10 @@ class Verification:
         self._log = log
         self._problem = log.problem
         self._model = log.problem.model
-        self._physics = AdaptiveDynamics(self._model)
         task = self._problem.spec
+        self._is_mounted = bool(task.stages_on_mount(self._model.spec))
+        self._physics = AdaptiveDynamics(self._model)
+        self._held = AdaptiveDynamics(self._model.mounted) if self._is_mounted else self._physics
         has_levels = "levels/solved" in log
         is_uncertain = task.is_uncertain or task.controller.offset_free
         states = np.hstack([log.motion.Q_seen, log.motion.v_seen])
@@ -93,7 +95,7 @@ class Verification:
                 self.samples += 1
                 _update_peaks(self.loop, sample, self._measure_loop(sample, flow, applied_plan))
             work.advance()
-        self.remarks = tuple(_remarks(has_levels, is_uncertain, len(log.time) - self.samples))
+        self.remarks = tuple(_remarks(has_levels, is_uncertain, len(log.time) - self.samples, self._is_mounted))
 
     def _measure_horizon(self, plan: Plan, window: Window) -> Iterator[QuantitySeries]:
         """Integrate the robot under its low-level law along a plan, and measure how far the motion is from the plan.
@@ -122,14 +124,14 @@ class Verification:
             if stage is not window.stages[-1]:
                 yield self._end_error(stage, X[last], plan.times[last])
 
-    def _integrate(self, what: str, state: Vector, times: Vector, inputs: Vector) -> Flow:
-        """Integrate the physics as `AdaptiveDynamics.under` does.
+    def _integrate(self, what: str, state: Vector, times: Vector, inputs: Vector, is_held: bool = False) -> Flow:
+        """Integrate the physics as `AdaptiveDynamics.integrate` does, of a base that a mount holds or that moves.
 
         Raises:
             LogError: The numbers are not those of a motion.
         """
         try:
-            return self._physics.integrate(what, state, times, inputs)
+            return (self._held if is_held else self._physics).integrate(what, state, times, inputs)
         except RuntimeError:
             raise LogError(f"{self._log.path}: the motion from {times[0]:g} s on cannot be integrated") from None
 
@@ -151,12 +153,22 @@ class Verification:
         tick_times = log.time[sample] + np.arange(ticks + 1) / task.plant.low_level_rate
         state = self._states[sample]
         forces = log.ticks["F"][sample * ticks : (sample + 1) * ticks] if log.ticks else np.zeros(0)
+        is_held = self._is_held(sample)
+        if len(set(is_held)) > 1:
+            return None
         if len(forces) and np.isfinite(forces).all():  # those of a loop of the user's own may be unknown
-            return self._integrate("force", state, tick_times, forces)
+            return self._integrate("force", state, tick_times, forces, is_held=is_held[0])
         if plan is None:
             return None
         _, v = plan.chart.from_chart(plan.states_at(tick_times))
-        return self._integrate("ticks", state, tick_times, np.diff(v, axis=0) / np.diff(tick_times)[:, None])
+        rates = np.diff(v, axis=0) / np.diff(tick_times)[:, None]
+        return self._integrate("ticks", state, tick_times, rates, is_held=is_held[0])
+
+    def _is_held(self, sample: int) -> list[bool]:
+        """Tell whether a mount holds the base in each stage of a sample; in that at its end alone it may just do so."""
+        stages = self._log["window/first"][sample : sample + 2].astype(int)
+        held = self._problem.spec.stages_on_mount(self._model.spec)
+        return [stage in held for stage in range(stages[0], max(stages) + 1)]
 
     def _measure_loop(self, sample: int, flow: Flow, plan: Plan | None) -> Iterator[QuantitySeries]:
         """Measure how far the integrated motion over one sample is from its plan, limits, and the logged motion.
@@ -221,7 +233,7 @@ class Verification:
         return "end condition", np.array([[error]]), np.array([time]), [stage.name]
 
 
-def _remarks(levels: bool, uncertain: bool, left_out: int) -> Iterator[str]:
+def _remarks(levels: bool, uncertain: bool, left_out: int, on_mount: bool) -> Iterator[str]:
     """Say what was left out of a verification, and why."""
     if levels:
         yield "the log of HTMPC holds the windows of the first levels alone, and those were integrated"
@@ -230,6 +242,7 @@ def _remarks(levels: bool, uncertain: bool, left_out: int) -> Iterator[str]:
         yield f"the closed loop was left out: {why}"
     elif left_out:
         why = "without the plan that was applied in the log; log: {ticks: true} logs the forces"
+        why = "in which a mount closes or opens, or " * on_mount + why
         yield f"{left_out} samples of the closed loop were left out, {why}"
 
 

@@ -226,6 +226,10 @@ def validate_robot(
         wanted = f"expected a number greater than 0: a {robot.mobility} base moves, only a fixed one may have none"
         faults = tuple(Fault(path, f"found {document.found(path)}, {wanted}") for path in lacking)
     moves = any(moved_by.moves for moved_by in (robot.moved_by, *of_stages))
+    held_in_stages = robot.moved_by.moves and not all(moved_by.moves for moved_by in of_stages)
+    if robot.wheels and held_in_stages:
+        found = "found wheels on a base that is fixed in some stages; expected none, or another mobility there"
+        faults = (*faults, Fault(("wheels",), found))
     on_fixed = [key for key in ("thrusters", "wheels") if getattr(robot, key) and not moves]
     if robot.thrusters and moves and (missing := missing_directions(robot)):
         wanted = "expected thrusters that push and turn it in every direction: others, or in other places"

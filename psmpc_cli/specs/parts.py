@@ -125,10 +125,6 @@ QUANTITIES = ("position", "velocity", "acceleration", "jerk", "force")
 Mobility = Literal["free-flying", "attitude", "free-floating", "fixed"]
 """What moves the base of a robot."""
 
-StageMobility = Literal["free-flying", "attitude", "free-floating"]
-"""What moves it in a stage of its own: a mount holds it in all stages, or in none."""
-
-
 PlumeUse = Literal["ignored", "avoided"]
 """Whether thrusters whose plumes reach the object or an obstacle fire nevertheless."""
 

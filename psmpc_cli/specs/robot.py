@@ -629,7 +629,8 @@ class Limits:
 def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits], moved_by: MobilityTraits | None = None) -> Limits:
     """Intersect the robot's limits with those in `more`, such as a task's and a skill's.
 
-    A base that is not pushed, or not turned, has no limits of force, or torque.
+    A base that is not pushed, or not turned, has no limits of force, or torque. One that a mount holds in some stages
+    has none of acceleration in these: it stops at once where the mount closes.
 
     Args:
         robot: The robot.
@@ -653,6 +654,10 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits], moved_by: 
     free = np.zeros(len(bounds["force_low"]), bool)
     free[: robot.parts["base"]] = not moved_by.is_turned
     free[: robot.dimension] = not moved_by.is_pushed
+    if robot.moved_by.moves and not moved_by.moves:
+        for quantity in ("acceleration", "jerk"):
+            bounds[f"{quantity}_low"][: robot.parts["base"]] = -np.inf
+            bounds[f"{quantity}_high"][: robot.parts["base"]] = np.inf
     bounds["force_low"][free] = -np.inf
     bounds["force_high"][free] = np.inf
     return Limits(**bounds)

@@ -49,7 +49,6 @@ from psmpc_cli.specs.parts import (
     PlumeUse,
     SkillKind,
     Space,
-    StageMobility,
     Wanted,
     axes_of,
     dimension_of,
@@ -472,7 +471,7 @@ def _weights(weights: SkillWeights, earlier_fields: Fields, context: Context) ->
             yield (key,), expected("none with input task", at_key=True)
 
 
-def _mobility(mobility: StageMobility | None, earlier_fields: Fields, context: Context) -> RuleErrors:
+def _mobility(mobility: Mobility | None, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Give a base that a mount holds in all stages but some."""
     if mobility is not None and not context.moved_by.moves:
         yield (), expected(f"none: the base is {context.mobility} in all stages")
@@ -507,7 +506,7 @@ class SkillSpec(Spec):
     input: Literal["joint", "task"] = Field("joint", description="the control is the acceleration of Q or of xi")
     weights: Annotated[SkillWeights, validated_by(_weights)] = Field(description="weights by part, and of the control")
     limits: LimitsByPart = Field({}, description="limits of this skill, within the task's")
-    mobility: fields.Sparse[Annotated[StageMobility | None, validated_by(_mobility)]] = Field(
+    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility)]] = Field(
         None, description="what moves the base in stages of this skill, instead of the task's"
     )
     plumes: _Plumes = Field(None, description="plumes in stages of this skill, instead of the task's")
@@ -802,7 +801,7 @@ class StageSpec(Spec):
     if_missed: fields.Sparse[Annotated[RetrySpec, validated_by(_retry)] | None] = Field(
         None, description="another try where the object is missed at the stage's end, or lost in it; default none"
     )
-    mobility: fields.Sparse[Annotated[StageMobility | None, validated_by(_mobility)]] = Field(
+    mobility: fields.Sparse[Annotated[Mobility | None, validated_by(_mobility)]] = Field(
         None, description="what moves the base in this stage, instead of the skill's"
     )
     plumes: _Plumes = Field(None, description="plumes in this stage, instead of the skill's")
@@ -907,6 +906,66 @@ def _unchanged_momenta(stages: tuple[StageSpec, ...], earlier_fields: Fields, co
                 why = "nothing changes it" if moved_by.moves else "the mount takes it up"
                 wanted = f"none: {why} where the base is {moved_by.name}"
                 yield (i, "ends_when", "momentum", key), expected(wanted, at_key=True)
+
+
+AT_REST = 0.01
+"""Largest `velocity` of the base with which a stage may end before a mount takes hold of it [m/s, rad/s]."""
+
+
+def _held_at_rest(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
+    """Give stages in which a mount holds a base that the stage before does not leave at rest, and what it cannot hold.
+
+    Of a robot whose base is fixed in all stages there is nothing to say.
+    """
+    held = [not _moved_by(stage, earlier_fields, context).moves for stage in stages]
+    if not context.moved_by.moves or not any(held):
+        return
+    first = held.index(True)
+    at = (first, "mobility") if stages[first].mobility else (first,)
+    found = f"a fixed base in {quoted(stages[first].name)}"
+    if mapping(context.file.value(("object",))).get("mass"):
+        yield (
+            at,
+            expected(
+                "a base that moves, or an object without a mass: a base that is held takes none", found, at_key=True
+            ),
+        )
+    controller = earlier_fields.get("controller")
+    if controller is not None and controller.masses == "estimated":
+        yield (
+            at,
+            expected(
+                "a base that moves with controller.masses: estimated, which its momentum tells", found, at_key=True
+            ),
+        )
+    if context.file.value(("routes",)) is not None:
+        yield at, expected("a base that moves: routes know nothing of a base that is held", found, at_key=True)
+    if held[0] and any(earlier_fields.get("initial_velocity", {}).get("base", ())):
+        yield at, expected("initial_velocity without base: a mount holds it from the start", found, at_key=True)
+    for i in range(1, len(stages)):
+        if held[i] and not held[i - 1] and (missing := _not_at_rest(stages[i - 1], context)):
+            wanted = f"{missing}: in {quoted(stages[i].name)} a mount holds the base, which is at rest before"
+            key = "ends_when" if stages[i - 1].ends_when else "name"
+            yield (i - 1, key), expected(wanted, f"an end of {quoted(stages[i - 1].name)} in motion", at_key=True)
+
+
+def _not_at_rest(stage: StageSpec, context: Context) -> str:
+    """Return what an end of a stage lacks that leaves the base at rest; empty where it does."""
+    end = stage.ends_when
+    space = context.spaces.get(stage.skill)
+    if not context.sizes or space is None:
+        return ""
+    if end is None:
+        return '"ends_when" with coordinates: [base] and a velocity'
+    rows_of_base = {f"{BASE}.{axis}" for axis in axes_of(context.sizes, space)[BASE]}
+    if not ({"all", BASE} & {*end.coordinates} or rows_of_base <= {*end.coordinates}):
+        return '"base" among the coordinates'
+    velocity = end.velocity.get(BASE) if isinstance(end.velocity, Mapping) else end.velocity
+    if velocity is None or np.max(velocity) > AT_REST:
+        return f"a velocity of the base of at most {AT_REST:g}"
+    if any(np.ravel((end.moving or {}).get(BASE, 0.0))):
+        return 'no "moving" of the base'
+    return ""
 
 
 def _instants(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
@@ -1164,6 +1223,7 @@ class TaskSpec(Spec):
         validated_by(partial(_own_names, "stages")),
         validated_by(_instants),
         validated_by(_unchanged_momenta),
+        validated_by(_held_at_rest),
         validated_by(_comes_again),
     ] = Field(description="the stages in their order")
     priorities: Annotated[PrioritiesSpec, validated_by(disagreements)] | None = Field(
@@ -1264,6 +1324,11 @@ class TaskSpec(Spec):
     def changes_mobility(self, robot: RobotSpec) -> bool:
         """Return whether the base is moved otherwise in some stage than the robot's description says."""
         return any(self.moved_by(stage, robot) != robot.moved_by for stage in range(len(self.stages)))
+
+    def stages_on_mount(self, robot: RobotSpec) -> tuple[int, ...]:
+        """Return the stages in which a mount holds the base of a robot that moves in others; none of a fixed robot."""
+        held = [stage for stage in range(len(self.stages)) if not self.moved_by(stage, robot).moves]
+        return tuple(held) if robot.moved_by.moves else ()
 
     def finds_delay(self, robot: RobotSpec) -> bool:
         """Return whether the controller finds out after how long its commands act.

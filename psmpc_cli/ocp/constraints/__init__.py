@@ -37,6 +37,7 @@ __all__ = [
 
 NAMES = (
     "mobility",
+    "mount",
     "end",
     "kept",
     "hands",

@@ -1,4 +1,4 @@
-"""A base that is not moved at will moves as momentum, or its mount, has it: equations in the stages in which it does.
+"""A base that is not moved at will moves as momentum has it: equations in the stages in which it does.
 
 Nothing pushes a free-floating base, and nothing turns it: the momentum of robot and load stays over every interval,
 
@@ -7,7 +7,7 @@ Nothing pushes a free-floating base, and nothing turns it: the momentum of robot
 so that Qdot_b = T Qdot_j + b, with the generalized Jacobian T = -P_b^-1 P_j of the base and its drift b = P_b^-1 h.
 Umetani, Yoshida: Resolved motion rate control of space manipulators with generalized Jacobian matrix (1989). What
 wheels store stays in a base that nothing turns, h_w, and h has R h_w besides, R the base's attitude. Of a base that
-wheels turn the linear momentum stays. Fixed: Qdot_b = 0 at every node.
+wheels turn the linear momentum stays. A base that is fixed is that of `mount`.
 
 A stage begins with the velocities that the one before leaves, and so with its momentum: in the first node of a window,
 that of the sample. What the grippers take at the beginning of a stage is as if it moved with them there.
@@ -17,7 +17,7 @@ what u says of the base follows from them and costs nothing. The rows are linear
 after every step: left to the line search they do not hold, and it rejects steps (docs/decisions.md).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import casadi as ca
 import numpy as np
@@ -25,28 +25,24 @@ import numpy as np
 from psmpc_cli.ocp.constraints.base import (
     Constraint,
     ConstraintFunctions,
-    IntervalRows,
-    NodeRows,
     named_for_stage,
-    rows_at_nodes,
     rows_over_intervals,
     sampled_load,
 )
 from psmpc_cli.ocp.loads import LoadKind, known_load
 from psmpc_cli.ocp.objective import ChangeFunctions
 from psmpc_cli.ocp.stage import ConstraintNumbers
-from psmpc_cli.ocp.window import WindowShape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.task import TaskSpec
 
 
-def base_equations(
+def conserved_momentum(
     task: TaskSpec, model: RobotModel, stage: int
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
-    """Return the equations for the velocities of a base that is not moved at will; None for one that thrusters move.
+    """Return what of the momentum stays in a stage; None for a base that is moved at will, or that a mount holds.
 
-    A base on a mount stands still in every node. Of a free-floating one momentum is conserved over every interval: all
-    of it, or, where wheels turn the base, the linear one. Nothing more than that decides how the base moves.
+    Of a free-floating base all of it is conserved over every interval, or, where wheels turn the base, the linear
+    momentum. Nothing more than that decides how the base moves.
 
     Args:
         task: The task.
@@ -54,11 +50,8 @@ def base_equations(
         stage: Index of the stage.
     """
     moved_by = task.moved_by(stage, model.spec)
-    if moved_by.actuated:
+    if not moved_by.reacts:
         return None
-    if not moved_by.moves:
-        at_rest = np.zeros(model.space.n_twist)
-        return ConstraintNumbers(structure="fixed", argument=np.zeros(0), low=at_rest, high=at_rest)
     load = known_load(task, model, stage)
     if moved_by.is_turned:
         load = load.without_wheels  # what they store has no part in the linear momentum
@@ -71,14 +64,6 @@ def base_equations(
         at_sample=sampled_load(load),
     )
     return named_for_stage(stage, load, constraint)
-
-
-def _at_rest(model: RobotModel, structure: str) -> ConstraintFunctions:
-    """Return x, anchor -> the rates of a base that stands still."""
-    space = model.space
-    x = ca.SX.sym("x", 2 * model.n)
-    anchor = ca.SX.sym("anchor", space.n_anchor)
-    return ConstraintFunctions(x, anchor, x[model.n :][space.base], solved_for=space.base)
 
 
 def _conserved(model: RobotModel, load: LoadKind) -> list[int]:
@@ -100,12 +85,6 @@ def momentum_changes(model: RobotModel, load: LoadKind) -> ChangeFunctions:
     return ChangeFunctions(ConstraintFunctions(x, argument, rows, solved_for=slice(conserved[0], conserved[-1] + 1)))
 
 
-_rows_of_mount = rows_at_nodes("mobility", _at_rest)
-_rows_of_momentum = rows_over_intervals("mobility", momentum_changes, permanent=True, over_time=False)
-
-
-def _rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows | IntervalRows]:
-    yield from (_rows_of_momentum if model.spec.moved_by.moves else _rows_of_mount)(model, shape)
-
-
-CONSTRAINT = Constraint(_rows, base_equations)
+CONSTRAINT = Constraint(
+    rows_over_intervals("mobility", momentum_changes, permanent=True, over_time=False), conserved_momentum
+)

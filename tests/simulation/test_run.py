@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from random import Random
@@ -236,7 +236,15 @@ def test_metrics_are_the_same_whenever_they_are_read() -> None:
     np.testing.assert_equal(at_once, later)
 
 
-def test_garbage_collections_leave_out_what_a_loop_is_made_of_until_it_ends() -> None:
+@pytest.fixture
+def nothing_frozen() -> Iterator[None]:
+    """Have nothing left out of garbage collections before a test, and all of it after, as the tests have it."""
+    gc.unfreeze()
+    yield
+    gc.freeze()
+
+
+def test_garbage_collections_leave_out_what_a_loop_is_made_of_until_it_ends(nothing_frozen: None) -> None:
     samples = closed_loop(build_experiment(coarse()))
     assert gc.get_freeze_count() == 0
     next(samples)
@@ -245,15 +253,12 @@ def test_garbage_collections_leave_out_what_a_loop_is_made_of_until_it_ends() ->
     assert gc.get_freeze_count() == 0
 
 
-def test_a_loop_leaves_frozen_what_a_caller_has_frozen() -> None:
+def test_a_loop_leaves_frozen_what_a_caller_has_frozen(nothing_frozen: None) -> None:
     gc.freeze()
-    try:
-        samples = closed_loop(build_experiment(coarse()))
-        next(samples)
-        samples.close()
-        assert gc.get_freeze_count() > 0
-    finally:
-        gc.unfreeze()
+    samples = closed_loop(build_experiment(coarse()))
+    next(samples)
+    samples.close()
+    assert gc.get_freeze_count() > 0
 
 
 def test_one_sample_passes_the_files_that_the_page_on_the_architecture_lists() -> None:

@@ -11,11 +11,13 @@ from psmpc_cli.logs.comparison import compare_runs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.constraints import node_rows
 from psmpc_cli.ocp.window import window_numbers, window_shape
+from psmpc_cli.plant.adaptive import AdaptiveDynamics
 from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.report.texts import measure_rows
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.simulation.replay import logged_solve, replay, rerun
 from psmpc_cli.simulation.run import build_experiment, simulate
+from psmpc_cli.simulation.verify import Verification
 from psmpc_cli.specs.load import Task, parse_task
 
 from ..wheeled import PYRAMID, changing_in, planar_in, robot_in, spatial_in
@@ -55,6 +57,32 @@ def test_momentum_of_bodies_and_wheels_balances(name: str, request: pytest.Fixtu
     without_thrusters = np.array(turned_by_wheels)[run["window/first"]]
     assert without_thrusters.any()
     assert run["effort/base_torque"][without_thrusters][:-1].max() < 1e-15 or name == "changing"
+
+
+@RUNS
+def test_the_closed_loop_is_verified_with_what_wheels_store(name: str, request: pytest.FixtureRequest) -> None:
+    """In space they act on the motion: integrated without them it is another one, in the plane it is not."""
+    run: Run = request.getfixturevalue(name)
+    verification = Verification(run, every=10)
+    assert verification.samples == len(run.time)
+    assert verification.remarks == ()
+    assert verification.loop["plant"].value < 1e-9
+    assert verification.horizons["velocity"].value < 1e-7  # as of robots without wheels
+    ticks = slice(0, 100)
+    n = run.problem.model.n
+    times = run["ticks/time"][0] + np.arange(101) / run.task.spec.plant.low_level_rate
+    start = np.concatenate([run["ticks/Q"][0], run["ticks/Qdot"][0]])
+    empty = AdaptiveDynamics(run.problem.model).under("force", start, times, run["ticks/F"][ticks])
+    off = np.abs(empty.between_pieces[-1][-n:] - run["ticks/Qdot"][100]).max()
+    assert (off < 1e-9) == (name == "planar")
+
+
+def test_a_spatial_loop_without_its_ticks_is_left_out(tmp_path: Path) -> None:
+    """Plans are verified all the same."""
+    run = simulate(spatial_in(tmp_path, {"time_limit": 0.3, "log": {"ticks": False, "shares": False}}))
+    verification = Verification(run)
+    assert (verification.count, verification.samples) == (3, 0)
+    assert "without what wheels store at its ticks" in verification.remarks[0]
 
 
 @pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])

@@ -200,7 +200,8 @@ class End(ABC):
     @property
     def record(self) -> np.ndarray:
         """What samples set of it, for a log: the pose of the object in that gripper, and a load that is found out."""
-        return self.load.sampled_numbers
+        held = self.load.held
+        return np.array([held.mass, *held.inertia]) if held.is_estimated else np.zeros(0)
 
     @property
     def arguments(self) -> np.ndarray:
@@ -231,7 +232,7 @@ class End(ABC):
 
     def with_load(self, numbers: np.ndarray) -> Self:
         """Return the end with the mass and moments of a load, where samples find them out and momentum is bounded."""
-        return replace(self, load=self.load.sampled(numbers)) if self.load.held.is_estimated else self
+        return replace(self, load=self.load.with_held(numbers)) if self.load.held.is_estimated else self
 
     def with_held_object(self, grippers: Mapping[str, np.ndarray], pose: np.ndarray, v: np.ndarray) -> Self:
         """Return the end with the held object where it is seen.

@@ -335,15 +335,8 @@ class Load:
         """The load with wheels that count as empty."""
         return replace(self, stores=NOTHING, stored=())
 
-    @property
-    def sampled_numbers(self) -> np.ndarray:
-        """What samples set of the held object: its mass and principal moments where they are found out; else empty."""
-        return np.array([self.held.mass, *self.held.inertia]) if self.held.is_estimated else np.zeros(0)
-
-    def sampled(self, numbers: np.ndarray) -> "Load":
-        """Return the load with these as `sampled_numbers`; itself where samples set none."""
-        if not self.held.is_estimated:
-            return self
+    def with_held(self, numbers: np.ndarray) -> "Load":
+        """Return the load with another mass and other principal moments of the held object (1 + moments,)."""
         mass, *inertia = numbers.tolist()
         return replace(self, held=replace(self.held, mass=mass, inertia=tuple(inertia)))
 

@@ -2,6 +2,8 @@
 
 Only for verification: the plants step at the rate of the low-level loop. The order adapts too (Adams methods), and the
 control is constant over each piece, so that the right-hand side is smooth within it.
+
+What reaction wheels store changes at the constant rate of their torques over a piece. In space it acts on the base.
 """
 
 from dataclasses import dataclass
@@ -10,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from psmpc_cli.robot.dynamics import n_stored, with_stored
 from psmpc_cli.robot.model import RobotModel
 
 TOLERANCE = 1e-12
@@ -42,13 +45,19 @@ class AdaptiveDynamics:
 
     What acts on a piece is named: `law`, where the law (7) follows its acceleration at every instant; `ticks`, where
     the law sets the force once, at its beginning; `force`, where a generalized force is held.
+
+    Attributes:
+        n_stored: Number of components of what wheels store where that acts on the motion: 3 in space, else 0.
     """
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
+        self.n_stored = stored_that_acts(model)
         self._integrators = {lawful: _integrator(model, lawful) for lawful in (False, True)}
 
-    def integrate(self, acting: str, state: np.ndarray, times: np.ndarray, inputs: np.ndarray) -> Flow:
+    def integrate(
+        self, acting: str, state: np.ndarray, times: np.ndarray, inputs: np.ndarray, stored: np.ndarray | None = None
+    ) -> Flow:
         """Integrate the full dynamics over pieces of constant input, to a tolerance far below the accuracy of plans.
 
         Args:
@@ -58,20 +67,31 @@ class AdaptiveDynamics:
             times: Ends of the K pieces (K + 1,) [s].
             inputs: Accelerations [m/s^2, rad/s^2] or generalized forces [N, N m] of the pieces (K, n). Under `law` a
                 spatial robot's are those of a plan, in its chart, each with the chart's anchor behind it (K, n + 4).
+            stored: What wheels store at the ends of the pieces, along the base's axes (K + 1, n_stored) [N m s]; by
+                default nothing. The force on the base is that with the motors of the wheels.
 
         Returns:
             Times and states, `INSIDE` of them a piece.
         """
+        if stored is None:
+            stored = np.zeros((len(times), self.n_stored))
         states = [state[:, None]]
         integrator = self._integrators[acting == "law"]
-        for piece_input, dt in zip(inputs, np.diff(times), strict=True):
+        for piece_input, dt, before, after in zip(inputs, np.diff(times), stored[:-1], stored[1:], strict=True):
             state = states[-1][:, -1]
             if acting == "ticks":  # the force of the law where the piece begins is held over it
-                piece_input = self._model.computed_torque(state[: self._model.nq], state[self._model.nq :], piece_input)
-            states.append(np.asarray(integrator(x0=state, p=np.r_[piece_input, dt])["xf"]))
+                law = self._model.nominal.storing(before) if self.n_stored else None
+                Q, v = np.split(state, [self._model.nq])
+                piece_input = self._model.computed_torque(Q, v, piece_input, law)
+            states.append(np.asarray(integrator(x0=state, p=np.r_[before, after, piece_input, dt])["xf"]))
         shares_of_piece = np.arange(1, INSIDE + 1) / INSIDE
         times_inside = (times[:-1, None] + np.diff(times)[:, None] * shares_of_piece).ravel()
         return Flow(np.concatenate([times[:1], times_inside]), np.hstack(states).T)
+
+
+def stored_that_acts(model: RobotModel) -> int:
+    """Return the number of components of what wheels store: 3 in space; in the plane it has no effect, 0."""
+    return n_stored(model.spec) if model.dimension > 2 else 0
 
 
 def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
@@ -86,21 +106,28 @@ def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
             whose anchor follows the input; otherwise it is a generalized force, held over the piece.
 
     Returns:
-        x0 [Q; v] (nq + n,), p [input; anchor; length] -> states at the output times.
+        x0 [Q; v] (nq + n,), p [stored at both ends; input; anchor; length] -> states at the output times.
     """
     n = model.n
     nq = model.nq
-    inertial_parameters = model.nominal.vector
+    inertial_parameters: Any = model.nominal.vector
     state = ca.SX.sym("x", nq + n)
+    time = ca.SX.sym("t")
     anchor_size = model.space.n_anchor if under_law else 0
-    parameters = ca.SX.sym("p", n + anchor_size + 1)
+    stored_sizes = [stored_that_acts(model)] * 2
+    parameters = ca.SX.sym("p", sum(stored_sizes) + n + anchor_size + 1)
+    before, after, u, anchor, length = ca.vertsplit(
+        parameters, np.cumsum([0, *stored_sizes, n, anchor_size, 1]).tolist()
+    )
+    if stored_that_acts(model):
+        stored = before + time * (after - before)
+        inertial_parameters = with_stored(model.spec, ca.SX(inertial_parameters), stored)
     Q = state[:nq]
     v = state[nq:]
-    u = parameters[:n]
-    vdot = model.space.acceleration_at(Q, v, u, parameters[n:-1]) if under_law else u
-    F = model.law()(Q, v, vdot, inertial_parameters) if under_law else parameters[:n]
+    vdot = model.space.acceleration_at(Q, v, u, anchor) if under_law else u
+    F = model.law()(Q, v, vdot, inertial_parameters) if under_law else u
     Qdot = model.space.rate(ca.vertsplit(Q), ca.vertsplit(v))
-    ode = parameters[-1] * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, inertial_parameters))
+    ode = length * ca.vertcat(*Qdot, model.dynamics.forward(Q, v, F, inertial_parameters))
     options: dict[str, Any] = {
         "abstol": TOLERANCE,
         "reltol": TOLERANCE,
@@ -108,5 +135,5 @@ def _integrator(model: RobotModel, under_law: bool) -> ca.Function:
         "nonlinear_solver_iteration": "functional",
     }
     output_times = [float(time) for time in np.arange(1, INSIDE + 1) / INSIDE]
-    dae: dict[str, ca.SX] = {"x": state, "p": parameters, "ode": ode}
+    dae: dict[str, ca.SX] = {"t": time, "x": state, "p": parameters, "ode": ode}
     return ca.integrator("piece", "cvodes", dae, 0.0, output_times, options)

@@ -13,6 +13,7 @@ from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.plant.adaptive import INSIDE, AdaptiveDynamics, Flow
 from psmpc_cli.progress import Watch, Work
+from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.simulation.measures import state_at
 from psmpc_cli.simulation.replay import logged_solve
@@ -57,15 +58,8 @@ class Verification:
             watch: Called with the progress.
 
         Raises:
-            LogError: The log holds no plans or no samples, or a motion that cannot be integrated; or it is of a spatial
-                robot with wheels, of which the integrator knows nothing.
+            LogError: The log holds no plans or no samples, or a motion that cannot be integrated.
         """
-        robot = log.task.robot
-        if robot.wheels and robot.dimension == 3:
-            raise LogError(
-                f"{log.path}: found the run of {robot.name}, a spatial robot with reaction wheels, expected one "
-                "without: what wheels store acts on its motion, and verify does not integrate it"
-            )
         self._log = log
         self._problem = log.problem
         self._model = log.problem.model
@@ -95,7 +89,12 @@ class Verification:
                 self.samples += 1
                 _update_peaks(self.loop, sample, self._measure_loop(sample, flow, applied_plan))
             work.advance()
-        self.remarks = tuple(_remarks(has_levels, is_uncertain, len(log.time) - self.samples, self._is_mounted))
+        reasons = ["without the plan that was applied in the log"]
+        if self._is_mounted:
+            reasons.insert(0, "in which a mount closes or opens")
+        if self._physics.n_stored:
+            reasons.append("without what wheels store at its ticks")
+        self.remarks = tuple(_remarks(has_levels, is_uncertain, len(log.time) - self.samples, reasons))
 
     def _measure_horizon(self, plan: Plan, window: Window) -> Iterator[QuantitySeries]:
         """Integrate the robot under its low-level law along a plan, and measure how far the motion is from the plan.
@@ -124,14 +123,22 @@ class Verification:
             if stage is not window.stages[-1]:
                 yield self._end_error(stage, X[last], plan.times[last])
 
-    def _integrate(self, what: str, state: Vector, times: Vector, inputs: Vector, is_held: bool = False) -> Flow:
+    def _integrate(
+        self,
+        what: str,
+        state: Vector,
+        times: Vector,
+        inputs: Vector,
+        is_held: bool = False,
+        stored: Vector | None = None,
+    ) -> Flow:
         """Integrate the physics as `AdaptiveDynamics.integrate` does, of a base that a mount holds or that moves.
 
         Raises:
             LogError: The numbers are not those of a motion.
         """
         try:
-            return (self._held if is_held else self._physics).integrate(what, state, times, inputs)
+            return (self._held if is_held else self._physics).integrate(what, state, times, inputs, stored)
         except RuntimeError:
             raise LogError(f"{self._log.path}: the motion from {times[0]:g} s on cannot be integrated") from None
 
@@ -157,12 +164,19 @@ class Verification:
         if len(set(is_held)) > 1:
             return None
         if len(forces) and np.isfinite(forces).all():  # those of a loop of the user's own may be unknown
-            return self._integrate("force", state, tick_times, forces, is_held=is_held[0])
-        if plan is None:
+            stored = self._stored(slice(sample * ticks, (sample + 1) * ticks)) if self._physics.n_stored else None
+            return self._integrate("force", state, tick_times, forces, is_held[0], stored)
+        if plan is None or self._physics.n_stored:
             return None
         _, v = plan.chart.from_chart(plan.states_at(tick_times))
         rates = np.diff(v, axis=0) / np.diff(tick_times)[:, None]
         return self._integrate("ticks", state, tick_times, rates, is_held=is_held[0])
+
+    def _stored(self, ticks: slice) -> Vector:
+        """Return what wheels store at the ends of logged ticks, along the base's axes (ticks + 1, 3) [N m s]."""
+        momenta = self._log["ticks/wheel_momentum"][ticks]
+        last = momenta[-1] + self._log["ticks/motor_torque"][ticks][-1] / self._problem.spec.plant.low_level_rate
+        return np.vstack([momenta, last]) @ Wheels.of(self._model.spec).axes.T
 
     def _is_held(self, sample: int) -> list[bool]:
         """Tell whether a mount holds the base in each stage of a sample; in that at its end alone it may just do so."""
@@ -233,7 +247,7 @@ class Verification:
         return "end condition", np.array([[error]]), np.array([time]), [stage.name]
 
 
-def _remarks(levels: bool, uncertain: bool, left_out: int, on_mount: bool) -> Iterator[str]:
+def _remarks(levels: bool, uncertain: bool, left_out: int, reasons: Sequence[str]) -> Iterator[str]:
     """Say what was left out of a verification, and why."""
     if levels:
         yield "the log of HTMPC holds the windows of the first levels alone, and those were integrated"
@@ -241,8 +255,7 @@ def _remarks(levels: bool, uncertain: bool, left_out: int, on_mount: bool) -> It
         why = "its robot is not the one the plans are made for, or its controls are not theirs"
         yield f"the closed loop was left out: {why}"
     elif left_out:
-        why = "without the plan that was applied in the log; log: {ticks: true} logs the forces"
-        why = "in which a mount closes or opens, or " * on_mount + why
+        why = f"{', or '.join(reasons)}; log: {{ticks: true}} logs the forces"
         yield f"{left_out} samples of the closed loop were left out, {why}"
 
 

@@ -29,9 +29,6 @@ DRAWN = ("catch_tumbling", "inspect_around", "tracking", "transport")
 Every figure has its own tests.
 """
 
-NOT_VERIFIED = {"turn_and_look"}
-"""Tasks of robots in space with wheels, which `verify` does not integrate, and says so."""
-
 SHORT = ("controller.nodes=2", "time_limit=0.1", "solver.compiled=false", "solver.max_iterations=3", "log.ticks=true")
 """One sample: what is compiled would take longer than it."""
 
@@ -77,8 +74,7 @@ def test_every_log_is_read_by_every_command(
     share_problems(monkeypatch)
     loaded = load_task(task, (f"controller.kind={controller}", *SHORT))
     assert len(simulate(loaded, tmp_path / "log.h5").time) == 1
-    readers = (line for line in READERS if not (line.startswith("verify") and task in NOT_VERIFIED))
-    for line in (*readers, *longer(task, controller)):
+    for line in (*READERS, *longer(task, controller)):
         ran = psmpc(*line.split())
         assert (ran.code, ran.stderr) == (0, ""), line
         assert ran.stdout, line

@@ -8,6 +8,8 @@ import pytest
 
 from psmpc_cli.logs.run import Run
 from psmpc_cli.report.texts import measure_rows
+from psmpc_cli.robot.configuration import SPACE
+from psmpc_cli.robot.model import load_robot
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 
@@ -142,6 +144,58 @@ def turned_by_wheels() -> Run:
     return simulate(load_task(task))
 
 
+@cache
+def taken_in_space(plant: str, step: float | None = None) -> Run:
+    """A small free-flyer with its hand at an object takes it and moves its arm, while nothing pushes or turns it."""
+    hand = load_robot("free_flyer_arm").poses(np.array([0, 0, 0, 1, 0, 0, 0, 0, 0.5, -0.5]))[1]
+    at = np.array([-0.1, 0, 0.05, 1, 0, 0, 0])
+    centre = SPACE.composed(hand, SPACE.relative(SPACE.neutral, at))
+    pose = {"position": centre[:3].tolist(), "attitude": {"quaternion": centre[3:].tolist()}}
+    stages = [
+        {
+            "name": "take",
+            "skill": "grasp",
+            "target": {"arm": {"object": "arm"}},
+            "ends_when": {"coordinates": ["arm.x", "arm.y", "arm.z"], "tolerance": 5e-3},
+        },
+        {
+            "name": "fold",
+            "skill": "fold",
+            "target": {"arm": [0.2, 0.8, -0.8]},
+            "ends_when": {"coordinates": ["arm"], "tolerance": 0.02},
+        },
+    ]
+    task = {
+        "robot": "free_flyer_arm",
+        "mobility": "free-floating",
+        "initial": {"base": {"position": [0, 0, 0]}, "arm": [0, 0.5, -0.5]},
+        "controller": {"nodes": 10},
+        "plant": {"kind": plant, "low_level_rate": 500, **({} if step is None else {"step": step})},
+        "skills": {
+            "grasp": {"space": "task", "weights": {"arm": [10, 10, 10, 0, 0, 0], "control": 1}},
+            "fold": {"space": "joint", "weights": {"arm": [10, 10, 10], "control": 1}},
+        },
+        "stages": stages,
+        "object": {
+            "shape": [0.2, 0.1, 0.1],
+            "pose": pose,
+            "mass": 2,
+            "inertia": [0.003, 0.008, 0.008],
+            "motion": {"linear": [0.004, 0.002, -0.003], "angular": [0.01, 0.02, -0.01]},
+            "taken_by": "take",
+            "grasp": {
+                "at": {"arm": {"position": at[:3].tolist(), "attitude": {"quaternion": at[3:].tolist()}}},
+                "envelope": {"position": 0.01, "angle": "2 deg", "velocity": 0.05, "angular_velocity": "10 deg"},
+                "stiffness": [200, 2],
+                "known": True,
+            },
+        },
+        "log": {"ticks": True, "shares": False},
+        "time_limit": 20,
+    }
+    return simulate(load_task(task))
+
+
 def ticks_within(run: Run, stage: int) -> np.ndarray:
     """Tell which ticks of a run are in a stage, none of a switch among them."""
     begins, ends = run.stages["switch_time"][[stage - 1, stage]]
@@ -227,6 +281,32 @@ def test_the_error_of_the_momentum_falls_with_the_fourth_power_of_the_step() -> 
     )
     errors = [np.ptp(run["balance/momentum"][samples_within(run, 2)], axis=0).max() for run in runs]
     assert errors[1] < errors[0] / 8 or errors[0] < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["rk4", "mujoco"])
+def test_momentum_with_a_held_object_is_kept_in_space(plant: str) -> None:
+    """Of robot and object, which brings some of its own: no force on the base, and the balance stays within 1e-7."""
+    run = taken_in_space(plant)
+    summary = run.summary()
+    assert summary.succeeded
+    assert run["grasp/closed"][-1].all()
+    held = samples_within(run, 1)
+    assert held.sum() > 15
+    assert (run["ticks/F"][ticks_within(run, 1)][:, :6] == 0).all()
+    assert np.abs(np.diff(run["ticks/Q"][ticks_within(run, 1)][:, 7:], axis=0)).max() > 1e-4
+    assert np.ptp(run["balance/momentum"][held], axis=0).max() < 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plant", ["rk4", "mujoco"])
+def test_its_error_falls_with_the_fourth_power_of_the_step(plant: str) -> None:
+    """With steps of a tick and of half a tick: by 16, to a quarter."""
+    coarse, fine = (
+        np.ptp(run["balance/momentum"][samples_within(run, 1)], axis=0).max()
+        for run in (taken_in_space(plant), taken_in_space(plant, 1e-3))
+    )
+    assert coarse / fine == pytest.approx(16, rel=0.25)
 
 
 @pytest.mark.slow

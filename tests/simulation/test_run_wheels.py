@@ -11,12 +11,14 @@ from psmpc_cli.logs.comparison import compare_runs
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.constraints import node_rows
 from psmpc_cli.ocp.window import window_numbers, window_shape
+from psmpc_cli.plant.adaptive import AdaptiveDynamics
 from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.report.texts import measure_rows
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.simulation.replay import logged_solve, replay, rerun
 from psmpc_cli.simulation.run import build_experiment, simulate
-from psmpc_cli.specs.load import Task, parse_task
+from psmpc_cli.simulation.verify import Verification
+from psmpc_cli.specs.load import Task, load_task, parse_task
 
 from ..wheeled import PYRAMID, changing_in, planar_in, robot_in, spatial_in
 
@@ -55,6 +57,69 @@ def test_momentum_of_bodies_and_wheels_balances(name: str, request: pytest.Fixtu
     without_thrusters = np.array(turned_by_wheels)[run["window/first"]]
     assert without_thrusters.any()
     assert run["effort/base_torque"][without_thrusters][:-1].max() < 1e-15 or name == "changing"
+
+
+def test_the_wheel_of_the_platform_turns_it_within_its_limits_and_no_thruster_fires() -> None:
+    """By 15 degrees and back to rest, though the arms unfold on one side; the wheel stores nothing in the end."""
+    folded = {"arm_1": ["60 deg", "-110 deg", "-40 deg"], "arm_2": ["-60 deg", "110 deg", "40 deg"]}
+    opened = {**folded, "arm_1": ["40 deg", "-60 deg", "-20 deg"]}
+    stage = {
+        "name": "turn",
+        "skill": "turn",
+        "target": {"base": [0, 0, "15 deg"], **opened},
+        "ends_when": {"coordinates": ["base.theta", "arms"], "tolerance": 0.01, "velocity": 2e-3},
+    }
+    weights = {"base": [0, 0, 100], "arms": [10, 10, 10], "control": 0.3}
+    task = load_task(
+        {
+            "robot": "wheeled_platform",
+            "mobility": "attitude",
+            "initial": {"base": [0, 0, 0], **folded},
+            "controller": {"nodes": 15, "horizon": 6},
+            "plant": {"low_level_rate": 200},
+            "skills": {"turn": {"space": "joint", "weights": weights}},
+            "stages": [stage],
+            "time_limit": 30,
+            **LOGGED,
+        }
+    )
+    run = simulate(task)
+    assert run.summary().succeeded
+    wheels = Wheels.of(run.problem.model.spec)
+    stored = np.abs(run["ticks/wheel_momentum"]) / wheels.momentum
+    assert 0.5 < stored.max() <= 1.01
+    assert 0.5 < (np.abs(run["ticks/motor_torque"]) / wheels.torque).max() <= 1
+    assert stored[-1] < 0.1
+    assert "thrusters/firings" not in run
+    momentum = run.problem.model.momentum(run["ticks/Q"], run["ticks/Qdot"])
+    assert np.abs(momentum[:, :2]).max() < 1e-9
+    np.testing.assert_allclose(momentum[:, 2:], -run["ticks/wheel_momentum"], atol=1e-9)
+
+
+@RUNS
+def test_the_closed_loop_is_verified_with_what_wheels_store(name: str, request: pytest.FixtureRequest) -> None:
+    """In space they act on the motion: integrated without them it is another one, in the plane it is not."""
+    run: Run = request.getfixturevalue(name)
+    verification = Verification(run, every=10)
+    assert verification.samples == len(run.time)
+    assert verification.remarks == ()
+    assert verification.loop["plant"].value < 1e-9
+    assert verification.horizons["velocity"].value < 1e-7  # as of robots without wheels
+    ticks = slice(0, 100)
+    n = run.problem.model.n
+    times = run["ticks/time"][0] + np.arange(101) / run.task.spec.plant.low_level_rate
+    start = np.concatenate([run["ticks/Q"][0], run["ticks/Qdot"][0]])
+    empty = AdaptiveDynamics(run.problem.model).under("force", start, times, run["ticks/F"][ticks])
+    off = np.abs(empty.between_pieces[-1][-n:] - run["ticks/Qdot"][100]).max()
+    assert (off < 1e-9) == (name == "planar")
+
+
+def test_a_spatial_loop_without_its_ticks_is_left_out(tmp_path: Path) -> None:
+    """Plans are verified all the same."""
+    run = simulate(spatial_in(tmp_path, {"time_limit": 0.3, "log": {"ticks": False, "shares": False}}))
+    verification = Verification(run)
+    assert (verification.count, verification.samples) == (3, 0)
+    assert "without what wheels store at its ticks" in verification.remarks[0]
 
 
 @pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])

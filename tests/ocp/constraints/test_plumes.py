@@ -7,6 +7,7 @@ import pytest
 
 from psmpc_cli.control.controller import Controller
 from psmpc_cli.control.interface import State
+from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.constraints.clearance import solids_of_obstacle
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast, Surrounding
 from psmpc_cli.ocp.plan import resting_plan
@@ -25,6 +26,13 @@ from psmpc_cli.specs.robot import stack
 from ...plumed import AHEAD, before_a_panel, robot_in
 
 Array = np.ndarray
+
+GRASP = {
+    "at": {"arm_1": [-0.3, 0, 0]},
+    "envelope": {"position": 0.01, "angle": 0.1, "velocity": 0.1, "angular_velocity": 0.1},
+    "stiffness": [1000, 100],
+}
+"""Of an object with a mass, which one hand takes."""
 
 
 def forecast(task: Task, stage: int = 0) -> tuple[PlumeForecast, RobotModel]:
@@ -150,6 +158,23 @@ def test_a_plan_asks_for_what_the_remaining_thrusters_can_give(tmp_path: Path) -
                 asked[int(some_are_shut.any())] += np.abs(wanted).sum()
         state = plant.advance(0.1 * k, state, Setpoints(command.u)).states[-1]
     assert (asked > 10).all()  # it is asked for forces with and without some that are shut
+
+
+def test_a_marker_object_is_nothing_that_plumes_are_kept_off(tmp_path: Path) -> None:
+    """An object without a mass is drawn only: alone it is no reason to avoid plumes, and beside a panel it is none."""
+    marker = {"shape": [0.4, 0.4], "pose": [1.2, 0, 0], "taken_by": "fly"}
+    robot = robot_in(tmp_path)
+    with pytest.raises(SpecError, match="an object with a mass, or obstacles"):
+        before_a_panel(tmp_path, robot, obstacles=None, object=marker)
+    plumes, model = forecast(task := before_a_panel(tmp_path, robot, object=marker))
+    assert len(plumes.surroundings) == 1
+    sample = sample_at(task, model, [0.2, 0, 0])
+    assert not plumes.is_shut(plumes.numbers(model, sample)).any()
+    body = {"mass": 5, "inertia": 0.1, "grasp": GRASP}
+    heavy, model = forecast(task := before_a_panel(tmp_path, robot, object={**marker, **body}))
+    pose, v = np.array([1.2, 0, 0]), np.zeros(3)
+    sample = sample_at(task, model, [0.2, 0, 0], object_state=(pose, v))
+    assert heavy.is_shut(heavy.numbers(model, sample))[:, AHEAD].all()
 
 
 def test_nothing_is_looked_at_where_plumes_are_ignored(tmp_path: Path) -> None:

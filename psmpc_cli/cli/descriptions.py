@@ -293,7 +293,7 @@ def _stage(task: Task, forecast: StageForecast) -> list[Row]:
     parts = []
     rests = [""] * len(stage.end.rows)
     if stage.end.rate_tolerance is not None:
-        moving = stage.end.own_rates if len(stage.end.own_rates) else np.zeros(len(rests))
+        moving = stage.end.target_rates if len(stage.end.target_rates) else np.zeros(len(rests))
         bounds = zip(stage.end.rate_tolerance, moving, strict=True)
         rests = [f" ({f'{rate:g} +- ' if rate else ''}{each:g}/s)" for each, rate in bounds]
     asked_of = zip(stage.end.rows, stage.end.tolerance, rests, strict=True)

@@ -129,7 +129,8 @@ class End(ABC):
         rate_tolerance: Bounds on their rates, (rows,) [m/s, rad/s]; None where they do not count.
         target_rates: The rates of the rows at which the stage ends, (rows,) [m/s, rad/s]: as the task says, and those
             of a target that moves; empty where both are 0.
-        own_rates: Of these what the task says, (rows,); empty where that is rest.
+        own_rates: Of these what the task says, of all rows of the error, whether or not the end condition has them;
+            empty where that is rest. Linear ones of a target on the object are along the object's axes.
         norms: Bounds of vectors of the object and of the momentum.
         load: What momentum is of, beside the robot, where it is bounded.
         hold: How long the end condition must be met without a break [s].
@@ -221,9 +222,8 @@ class End(ABC):
         return replace(self, is_planned=False)
 
     def with_target_rates(self, rates: np.ndarray) -> Self:
-        """Return the end of a stage whose target moves: all rows of its error at these rates (rows,) [m/s, rad/s]."""
-        of_target = rates[list(self.rows)]
-        return replace(self, target_rates=of_target + self.own_rates if len(self.own_rates) else of_target)
+        """Return the end of a stage that ends with all rows of its error at these rates (rows,) [m/s, rad/s]."""
+        return replace(self, target_rates=rates[list(self.rows)])
 
     def recorded(self, record: np.ndarray) -> Self:
         """Return the end with what a record of it says, see `record`."""

@@ -312,8 +312,8 @@ def _rates_beyond_limits(task: Task, stage: Stage) -> Iterator[Fault]:
 
 def _ends_in_motion(stage: Stage) -> Iterator[tuple[int, float, float]]:
     """Yield the rows of an end condition that are to move at the end, their rates, and how near these must be."""
-    if len(stage.end.own_rates) and stage.end.rate_tolerance is not None:
-        rates = stage.end.own_rates.tolist(), stage.end.rate_tolerance.tolist()
+    if len(stage.end.target_rates) and stage.end.rate_tolerance is not None:
+        rates = stage.end.target_rates.tolist(), stage.end.rate_tolerance.tolist()
         yield from zip(stage.end.rows, *rates, strict=True)
 
 

@@ -14,7 +14,7 @@ from psmpc_cli.ocp.loads import NO_KNOWN_LOAD, UNWEIGHED_LOAD, known_load
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import Posture, skill_in
-from psmpc_cli.ocp.stage import JERK, ConstraintNumbers, PlacedStage, Stage
+from psmpc_cli.ocp.stage import JERK, ConstraintNumbers, PlacedStage, PlaceOnObject, Stage
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.robot.low_level import LowLevelLaw, low_level_law
@@ -187,13 +187,13 @@ def _end(index: int, task: TaskSpec, model: RobotModel, lasts: float) -> End:
     if condition is None:
         return AtTime(dwell, is_planned, at=np.inf if spec.at is None else spec.at)
     rates = condition.rates(robot, space)
-    own_rates = rates if rates.any() else np.zeros(0)
+    chosen = rows(condition.coordinates, robot, space)
     by_state = ByState(
-        target_rates=own_rates,
-        own_rates=own_rates,
+        own_rates=rates if rates.any() else np.zeros(0),
         dwell=dwell,
         is_planned=is_planned,
-        rows=rows(condition.coordinates, robot, space),
+        rows=chosen,
+        target_rates=rates[list(chosen)] if rates.any() else np.zeros(0),
         tolerance=condition.tolerances(robot, space),
         rate_tolerance=condition.velocities(robot, space),
         norms=_norm_bounds(condition, robot.dimension),
@@ -218,10 +218,13 @@ def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     target = task.stages[stage.index].target
     if isinstance(target, TrajectorySpec):
         return stage
-    frames = [frame for frame, aim in target.items() if isinstance(aim, OnObject)]
-    targets = {frame: stage.target[stage.parts[frame].numbers] for frame in frames}
-    inside = {frame: model.space.relative(target, task.body.pose) for frame, target in targets.items()}
-    return replace(stage, on_object=inside)
+    on_object = dict[str, PlaceOnObject]()
+    for frame, aim in target.items():
+        if isinstance(aim, OnObject):
+            at_start = stage.target[stage.parts[frame].numbers]
+            inside = model.space.relative(at_start, task.body.pose)
+            on_object[frame] = PlaceOnObject(body_of(task.body), inside, aim.met_in or 0.0)
+    return replace(stage, on_object=on_object)
 
 
 def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:

@@ -12,9 +12,9 @@ from psmpc_cli.ocp.loads import NO_KNOWN_LOAD, UNWEIGHED, UNWEIGHED_LOAD, Load, 
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.reference import Constant, Reference, Trajectory
 from psmpc_cli.ocp.skills import TargetPart
-from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
+from psmpc_cli.robot.rotations import rotate
 from psmpc_cli.specs.parts import BASE, MobilityTraits, Space
 from psmpc_cli.specs.robot import Limits
 
@@ -103,6 +103,49 @@ class ConstraintNumbers:
 
 
 @dataclass(frozen=True, eq=False)
+class PlaceOnObject:
+    """A pose in the frame of the task's object, at which a part of a target is.
+
+    Attributes:
+        body: The object.
+        inside: The pose, (3,) or (7,).
+        met_in: For how long the robot floats from there before it meets the object [s]; 0 of a place that moves rigidly
+            with the object.
+    """
+
+    body: FreeBody
+    inside: np.ndarray
+    met_in: float = 0.0
+
+    def seen_from(self, pose: np.ndarray, v: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the place is, and at which velocity it is left.
+
+        A robot that floats keeps its velocity, and nothing turns it about the object. So a place that is left for the
+        object is where the place will be when they meet, moved back at the constant velocity of the object's centre
+        and at its angular velocity then. Whoever leaves it at that velocity and `moving` is, when they meet, beside it
+        by `moving` times the time along the object's axes, and turns with the object.
+
+        Args:
+            pose: Of the object, (3,) or (7,).
+            v: Its velocity, (3,) or (6,).
+            moving: Velocity relative to the object, linear along the object's axes, (3,) or (6,).
+        """
+        space = self.body.space
+        if self.met_in:
+            pose, v = self.body.predicted(pose, v, self.met_in)
+        place = space.composed(pose, self.inside)
+        velocity = space.carried_rate(pose, v, self.inside)
+        if self.met_in:
+            velocity[: space.dimension] = v[: space.dimension]
+            place = np.array(space.integrate(place, -self.met_in * velocity))
+        if moving.any():
+            _, attitude = space.to_3d(pose)
+            linear, angular = space.twist_to_3d(moving)
+            velocity = velocity + space.twist(rotate(attitude, linear), angular)
+        return place, velocity
+
+
+@dataclass(frozen=True, eq=False)
 class Stage:
     """One stage of the task, resolved for one robot: what does not change while the robot moves.
 
@@ -118,7 +161,7 @@ class Stage:
         moved_by: What moves the base.
         parts: Of its target, by their name.
         attitudes: Of a spatial robot, the first of the target's numbers of each quaternion, by frame.
-        on_object: By frame, the pose in the object's frame at which its target is; the target follows the object.
+        on_object: By frame, where on the object its target is; the target follows the object.
         constraints: What constraints have of it, by their name, where they concern it.
     """
 
@@ -137,7 +180,7 @@ class Stage:
     moved_by: MobilityTraits
     parts: Mapping[str, TargetPart] = field(default_factory=dict)
     attitudes: Mapping[str, int] = field(default_factory=dict)
-    on_object: Mapping[str, np.ndarray] = field(default_factory=dict)
+    on_object: Mapping[str, PlaceOnObject] = field(default_factory=dict)
     constraints: Mapping[str, ConstraintNumbers] = field(default_factory=dict)
     force_load: Load = UNWEIGHED_LOAD
     rate_weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -269,13 +312,12 @@ class PlacedStage(Stage):
             pose: Of the object, (n_pose,).
             v: Its velocity, (n_twist,).
         """
-        space = space_of_pose(len(pose))
         target = self.target.copy()
         target_rates = np.zeros(len(self.weights))
-        for frame, pose_on_object in self.on_object.items():
+        target_rates[: len(self.end.own_rates)] = self.end.own_rates
+        for frame, on_object in self.on_object.items():
             part = self.parts[frame]
-            target[part.numbers] = space.composed(pose, pose_on_object)
-            target_rates[part.rows] = space.carried_rate(pose, v, pose_on_object)
+            target[part.numbers], target_rates[part.rows] = on_object.seen_from(pose, v, target_rates[part.rows])
         return replace(
             self.with_target(target),
             end=self.end.with_target_rates(target_rates),

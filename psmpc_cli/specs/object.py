@@ -68,6 +68,9 @@ class OnObject(Spec):
         Annotated[_Gripper, Tag("gripper")] | Annotated[PoseNumbers, Tag("pose")],
         Discriminator(lambda value: "gripper" if isinstance(value, str) else "pose"),
     ] = Field(description="a gripper of the object's grasp, or a pose in the object's frame")
+    met_in: fields.Sparse[Annotated[fields.Seconds, Field(gt=0)] | None] = Field(
+        None, description="how long the robot floats after the stage, before it meets the object [s]"
+    )
 
 
 def is_on_object(value: object) -> bool:

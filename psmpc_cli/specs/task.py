@@ -561,9 +561,8 @@ class EndCondition(Spec):
         return None if self.velocity is None else self._of_rows(self.velocity, robot, space)
 
     def rates(self, robot: RobotSpec, space: Space) -> Vector:
-        """Return the rate of every row of the error that it selects [m/s, rad/s] at which a stage ends; 0 at rest."""
-        chosen = list(rows(self.coordinates, robot, space))
-        return stack(self.moving or {}, robot, space, missing=0.0, of_error=True)[chosen]
+        """Return the rates of all rows of the error at which a stage ends [m/s, rad/s]; 0 at rest."""
+        return stack(self.moving or {}, robot, space, missing=0.0, of_error=True)
 
     def _of_rows(self, numbers: float | Mapping[str, Any], robot: RobotSpec, space: Space) -> Vector:
         chosen = list(rows(self.coordinates, robot, space))

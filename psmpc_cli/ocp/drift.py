@@ -90,6 +90,8 @@ def drifts(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Drift]:
             before = stage
             Q = stops[number + 1]
             velocity = _centre_velocity(model, Q, _rates_at_end(model, stage))
+            if stage.on_object:  # the rates of such an end are relative to the object
+                velocity = velocity + np.array(task.spec.body.motion.linear)[:d]
             spread = _spread(model, stage)
             continue
         way = np.zeros(0)
@@ -126,9 +128,9 @@ def _rates_at_end(model: RobotModel, stage: Stage) -> np.ndarray:
     """Return the rates (n,) with which a stage is to end; 0 of what its end condition does not name, and on a mount."""
     rates = np.zeros(model.n)
     coordinates = coordinate_of_row(stage)
-    for row, rate in zip(stage.end.rows, stage.end.own_rates, strict=False):
-        if row in coordinates:
-            rates[coordinates[row]] = rate
+    if len(stage.end.own_rates):
+        for row in coordinates.keys() & set(stage.end.rows):
+            rates[coordinates[row]] = stage.end.own_rates[row]
     return rates
 
 

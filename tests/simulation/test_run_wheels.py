@@ -109,7 +109,7 @@ def test_the_closed_loop_is_verified_with_what_wheels_store(name: str, request: 
     n = run.problem.model.n
     times = run["ticks/time"][0] + np.arange(101) / run.task.spec.plant.low_level_rate
     start = np.concatenate([run["ticks/Q"][0], run["ticks/Qdot"][0]])
-    empty = AdaptiveDynamics(run.problem.model).under("force", start, times, run["ticks/F"][ticks])
+    empty = AdaptiveDynamics(run.problem.model).integrate("force", start, times, run["ticks/F"][ticks])
     off = np.abs(empty.between_pieces[-1][-n:] - run["ticks/Qdot"][100]).max()
     assert (off < 1e-9) == (name == "planar")
 

@@ -22,8 +22,8 @@ from psmpc_cli.paper.figures import save_ablation
 from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.solvers import Outcome, Solution, Solver, build_solver
-from psmpc_cli.specs.robot import stack
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.controller import SolverSpec
+from psmpc_cli.specs.robots.robot import stack
 
 STARTS = {
     "Capture, PSMPC": ("psmpc", "capture"),

@@ -62,7 +62,7 @@ from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task, load_robot
-from psmpc_cli.specs.task import StageSpec
+from psmpc_cli.specs.stages import StageSpec
 from psmpc_cli.studies.runner import compute
 
 RESULTS = Path(__file__).with_suffix(".jsonl")

@@ -46,7 +46,7 @@ from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.document import Data, write
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_robot, load_task, parse_task
-from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot
+from psmpc_cli.specs.robots.robot import PlanarRobot, SpatialRobot
 from psmpc_cli.studies.bench import (
     HEADINGS,
     NODES,

@@ -22,7 +22,7 @@ from psmpc_cli.cli.app import app
 from psmpc_cli.logs import conditions, schema
 from psmpc_cli.solvers.base import Outcome
 from psmpc_cli.specs.fields import ANGLE_PATTERN, COORDINATE_PATTERN, LENGTH_PATTERN, NAME_PATTERN, SECONDS_PATTERN
-from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
+from psmpc_cli.specs.robots.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.studies.measures import WHOLE_RUN, over_weights
 

@@ -14,8 +14,8 @@ from pages import command_line, markdown
 
 from psmpc_cli.logs.run import Run
 from psmpc_cli.simulation.run import simulate
-from psmpc_cli.specs.actuators import PlanarThruster, Plume
 from psmpc_cli.specs.load import Task, load_task
+from psmpc_cli.specs.robots.actuators import PlanarThruster, Plume
 
 SHORTEST_PULSES = (0.02, 0.05, 0.1)
 """Shortest pulses of the thrusters [s]; the last is that of the robot."""

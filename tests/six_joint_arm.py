@@ -11,7 +11,7 @@ import yaml
 
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.specs.robot import SpatialRobot
+from psmpc_cli.specs.robots.robot import SpatialRobot
 
 HEIGHT = 0.5
 """From the centre of the base to the first joint's frame [m]."""

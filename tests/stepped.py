@@ -6,7 +6,7 @@ import numpy as np
 
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 
 class Mission(NamedTuple):

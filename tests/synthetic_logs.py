@@ -13,7 +13,7 @@ from psmpc_cli.logs.write import Header, LogWriter
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.library import find
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.specs.robot import labels
+from psmpc_cli.specs.robots.robot import labels
 
 HORIZON = 4.0
 

@@ -33,8 +33,9 @@ REACHED_THROUGH = {
     "report/texts.py": "cli/test_run.py",
     "robot/model.py": "robot/test_kinematics.py",
     "solvers/sqp_window.py": "solvers/test_quadratic.py",
-    "specs/actuators.py": "specs/test_robot.py",
+    "specs/robots/actuators.py": "specs/robots/test_robot.py",
     "specs/arguments.py": "test_public_api.py",
+    "specs/library.py": "cli/test_inspect.py",
     "studies/measures.py": "studies/test_monte_carlo.py",
 }
 """Modules without a test file of their own: a kind is tested alike as a whole, or where users meet it."""

@@ -33,9 +33,9 @@ from psmpc_cli.ocp.window import Window, on_mesh, shortest_durations
 from psmpc_cli.robot.rotations import exp
 from psmpc_cli.simulation.run import build_experiment, closed_loop
 from psmpc_cli.solvers import Solution, Solver, build_solver
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import Attachment, RobotSpec
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.robots.robot import Attachment, RobotSpec
 
 HERE = Path(__file__).parent
 PEERS = {"acados": ".venv-acados", "rockit": ".venv-rockit", "do_mpc": ".venv-do-mpc"}

@@ -27,8 +27,9 @@ from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import GRASP_LOADS, ObjectSpec
 from psmpc_cli.specs.parts import ANGLE, ERROR_AXES, LENGTH, QUANTITIES, TARGET_AXES, axes_of, units_of
 from psmpc_cli.specs.priorities import ACCEPTABLE, weigh
-from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits, units
-from psmpc_cli.specs.task import MomentumEndSpec, ObjectEndSpec, PrioritiesSpec, TaskSpec, TrajectorySpec
+from psmpc_cli.specs.robots.robot import PartLimits, RobotSpec, SpatialRobot, labels, resolve_limits, units
+from psmpc_cli.specs.stages import MomentumEndSpec, ObjectEndSpec, TrajectorySpec
+from psmpc_cli.specs.task import PrioritiesSpec, TaskSpec
 
 
 def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:

@@ -11,7 +11,7 @@ TASK = "Task file, or the name of a built-in task such as transport."
 RUN = "One run of a comparison, or the number of a Monte Carlo run"
 
 
-TAKES_LONG = ("psmpc_cli.native", "psmpc_cli.progress", "psmpc_cli.specs.covers")
+TAKES_LONG = ("psmpc_cli.native", "psmpc_cli.progress", "psmpc_cli.specs.robots.covers")
 """Loggers whose information is shown too: what takes seconds is said as it begins."""
 
 

@@ -29,7 +29,8 @@ from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.solvers import Solution, Solver, build_solver
-from psmpc_cli.specs.task import SolverSpec, TaskSpec
+from psmpc_cli.specs.controller import SolverSpec
+from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 MULTISTART_ITERATIONS = 30

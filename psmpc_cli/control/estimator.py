@@ -9,7 +9,7 @@ from psmpc_cli.control.interface import State
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.motion import over_ticks, slew_limited
-from psmpc_cli.specs.task import ControllerSpec
+from psmpc_cli.specs.controller import ControllerSpec
 
 PROCESS_NOISE = 0.2, 0.01
 """How far the robot's acceleration is from the planned one, one sigma: a share of it, plus [m/s^2, rad/s^2].

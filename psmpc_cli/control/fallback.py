@@ -8,7 +8,7 @@ from psmpc_cli.control.sequence import MovingSequence
 from psmpc_cli.ocp.plan import Plan, braking_plan
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.robot.motion import braking_under_jerk
-from psmpc_cli.specs.robot import Limits
+from psmpc_cli.specs.robots.robot import Limits
 
 BRAKING_TIME = 0.5
 """Time within which a robot without a plan comes to rest [s], longer where limits of acceleration or jerk need it."""

@@ -17,7 +17,7 @@ from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage
 from psmpc_cli.ocp.window import Kept, Window, normalization
 from psmpc_cli.solvers import NlpSolver, Solution
-from psmpc_cli.specs.robot import labels
+from psmpc_cli.specs.robots.robot import labels
 
 LEAST_COST = 1e-2
 """Least cost of which a level may get worse by a part, so that later levels have an interior where it is zero [1]."""

@@ -13,7 +13,7 @@ from psmpc_cli.ocp.end import SHORTEST
 from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window, shortest_durations
 from psmpc_cli.solvers import Outcome, Solution, Solver
-from psmpc_cli.specs.task import ControllerSpec
+from psmpc_cli.specs.controller import ControllerSpec
 
 BETTER = 1e-4
 """By what part of its J the last plan's own basin must be beaten: two solves of one basin differ by up to 2e-5."""

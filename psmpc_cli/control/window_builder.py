@@ -11,7 +11,7 @@ from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import PlacedStage, Stage, in_segments
 from psmpc_cli.ocp.window import Window, first_counts, node_counts, normalization
 from psmpc_cli.solvers import Solution
-from psmpc_cli.specs.task import ControllerSpec
+from psmpc_cli.specs.controller import ControllerSpec
 
 
 class WindowBuilder:

@@ -55,7 +55,7 @@ from psmpc_cli.robot.geometry import Piece, pieces_of
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.geometry import ObstacleSpec
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.robot import RobotSpec, resolve_limits
+from psmpc_cli.specs.robots.robot import RobotSpec, resolve_limits
 
 PANELS_ACROSS = 4
 """Most panels side by side on a page."""

@@ -50,7 +50,7 @@ from psmpc_cli.robot.free_body import body_of
 from psmpc_cli.specs.arguments import as_path, rejected, require
 from psmpc_cli.specs.document import quoted
 from psmpc_cli.specs.load import Task, parse_task
-from psmpc_cli.specs.robot import labels
+from psmpc_cli.specs.robots.robot import labels
 
 if TYPE_CHECKING:
     import xarray

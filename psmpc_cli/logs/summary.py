@@ -25,7 +25,7 @@ from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.specs.parts import CoordinateUnits
-from psmpc_cli.specs.robot import Limits
+from psmpc_cli.specs.robots.robot import Limits
 from psmpc_cli.specs.task import PublishedRun, TaskSpec
 
 NO_SHARE = 0.01

@@ -37,8 +37,8 @@ from psmpc_cli.specs.document import Changes, Fault, Location, dotted, quoted
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.load import load_task as load_valid_task
 from psmpc_cli.specs.parts import ERROR_AXES, LENGTH
-from psmpc_cli.specs.robot import labels, units
-from psmpc_cli.specs.task import TrajectorySpec
+from psmpc_cli.specs.robots.robot import labels, units
+from psmpc_cli.specs.stages import TrajectorySpec
 from psmpc_cli.specs.uncertainty import standard_deviations
 
 SLACK = 1e-9

@@ -13,7 +13,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.parts import BASE
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 
 @dataclass(frozen=True, eq=False)

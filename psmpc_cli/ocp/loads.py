@@ -23,9 +23,10 @@ from psmpc_cli.robot.dynamics import InertialParameters, n_stored, with_stored
 from psmpc_cli.robot.held_load import described_grasps, held_force, held_force_jacobian, held_momentum
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import matrix_vector, transposed
+from psmpc_cli.specs.controller import LoadPriorSpec
 from psmpc_cli.specs.object import ObjectBody
 from psmpc_cli.specs.parts import MobilityTraits
-from psmpc_cli.specs.task import LoadPriorSpec, TaskSpec
+from psmpc_cli.specs.task import TaskSpec
 
 NOTHING = ""
 """Nothing is known of wheels, or they have no effect."""

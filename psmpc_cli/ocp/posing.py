@@ -19,7 +19,7 @@ from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.specs.document import Fault, quoted
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.parts import BASE, LENGTH
-from psmpc_cli.specs.robot import units
+from psmpc_cli.specs.robots.robot import units
 
 LEAST_GAIN = 0.5
 """Least time [s] that posing has to save to be advised: less is lost in what later stages vary by."""

@@ -13,7 +13,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import Reach, reach_of
 from psmpc_cli.specs.load import Task
 from psmpc_cli.specs.object import ObjectBody
-from psmpc_cli.specs.robot import labels, stack
+from psmpc_cli.specs.robots.robot import labels, stack
 from psmpc_cli.specs.task import TaskSpec
 
 TAKEN = 5e-3

@@ -22,8 +22,9 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.object import ObjectBody, OnObject
 from psmpc_cli.specs.parts import Space
-from psmpc_cli.specs.robot import RobotSpec, resolve_limits, rows, stack
-from psmpc_cli.specs.task import EndCondition, SkillSpec, StageSpec, TaskSpec, TrajectorySpec
+from psmpc_cli.specs.robots.robot import RobotSpec, resolve_limits, rows, stack
+from psmpc_cli.specs.stages import EndCondition, SkillSpec, StageSpec, TrajectorySpec
+from psmpc_cli.specs.task import TaskSpec
 
 ObjectState = tuple[np.ndarray, np.ndarray]
 """Pose of the object (3,) or (7,) and its velocity (3,) or (6,)."""

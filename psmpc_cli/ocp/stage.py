@@ -16,7 +16,7 @@ from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import rotate
 from psmpc_cli.specs.parts import BASE, MobilityTraits, Space
-from psmpc_cli.specs.robot import Limits
+from psmpc_cli.specs.robots.robot import Limits
 
 JERK = "jerk"
 """Name of the constraint that limits the rate of the acceleration."""

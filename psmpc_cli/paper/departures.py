@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from psmpc_cli.specs.controller import AS_PRINTED, ControllerSpec
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.task import AS_PRINTED, ControllerSpec
 
 SHIPPED = "transport"
 """The built-in task of the claims, with our departures from the paper."""

@@ -14,7 +14,7 @@ from psmpc_cli.plant.mount import MountedPlant
 from psmpc_cli.plant.thrusters import ThrusterFiring
 from psmpc_cli.plant.wheels import WheelDrive, WheelTicks
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.task import PlantSpec
+from psmpc_cli.specs.controller import PlantSpec
 
 __all__ = [
     "Disturbance",

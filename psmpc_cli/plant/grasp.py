@@ -28,7 +28,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, cross, dot, log, product, rotate, scaled, shorter
 from psmpc_cli.specs.object import GRASP_LOADS, ObjectBody
 from psmpc_cli.specs.parts import ERROR_AXES, TARGET_AXES
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.uncertainty import ObjectErrorSpec
 

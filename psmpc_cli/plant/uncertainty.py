@@ -15,7 +15,7 @@ from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.low_level import LowLevelLaw
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import RobotSpec, resolve_limits, stack
+from psmpc_cli.specs.robots.robot import RobotSpec, resolve_limits, stack
 from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.specs.uncertainty import NoiseSpec, UncertaintySpec, standard_deviations
 

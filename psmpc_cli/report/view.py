@@ -38,7 +38,7 @@ from psmpc_cli.simulation.replay import logged_solve
 from psmpc_cli.specs.geometry import Shape
 from psmpc_cli.specs.object import GRASP_LOADS
 from psmpc_cli.specs.parts import ANGLE, LENGTH
-from psmpc_cli.specs.robot import Attachment, Joint
+from psmpc_cli.specs.robots.robot import Attachment, Joint
 
 MAX_FRAMES = 3000
 """Most times at which a run is shown."""

@@ -39,7 +39,7 @@ from psmpc_cli.robot.rotations import (
     turn,
     turn_matrix,
 )
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robots.robot import RobotSpec
 
 Array = NDArray[np.float64]
 

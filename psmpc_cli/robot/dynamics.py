@@ -43,7 +43,7 @@ from psmpc_cli.robot.rotations import (
     transposed,
     turn_matrix,
 )
-from psmpc_cli.specs.robot import Joint, RobotSpec, inertia_without_wheels
+from psmpc_cli.specs.robots.robot import Joint, RobotSpec, inertia_without_wheels
 
 EXACT = 1e-15
 """Entries of a constant rotation matrix this near to 0 and 1 are meant to be: right angles cost no operations."""

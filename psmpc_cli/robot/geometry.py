@@ -13,9 +13,9 @@ from psmpc_cli.robot.distances import distance
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.shape import RobotShape
-from psmpc_cli.specs.covers import Cover, cover_box
 from psmpc_cli.specs.geometry import Shape
-from psmpc_cli.specs.robot import Attachment, RobotSpec, Triple, resolve_limits
+from psmpc_cli.specs.robots.covers import Cover, cover_box
+from psmpc_cli.specs.robots.robot import Attachment, RobotSpec, Triple, resolve_limits
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Any, Self
 import casadi as ca
 
 from psmpc_cli.robot.rotations import add, exp, minus, plus, product, rotate, scaled, times, turn
-from psmpc_cli.specs.robot import Attachment, Joint, RobotSpec
+from psmpc_cli.specs.robots.robot import Attachment, Joint, RobotSpec
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.load import load_robot as load_robot_spec
 from psmpc_cli.specs.parts import CoordinateUnits, MobilityTraits
-from psmpc_cli.specs.robot import RobotSpec, labels, units
+from psmpc_cli.specs.robots.robot import RobotSpec, labels, units
 
 Array = NDArray[np.float64]
 

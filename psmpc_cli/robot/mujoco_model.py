@@ -7,7 +7,7 @@ import numpy as np
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.rotations import exp
-from psmpc_cli.specs.robot import Attachment, Body, RobotSpec
+from psmpc_cli.specs.robots.robot import Attachment, Body, RobotSpec
 
 if TYPE_CHECKING:
     import mujoco

@@ -14,7 +14,7 @@ from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.kinematics import SpatialFrame, place
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, conjugate, exp, log, product, rotate, scaled, shorter
-from psmpc_cli.specs.robot import Limits, RobotSpec, limits_of_part
+from psmpc_cli.specs.robots.robot import Limits, RobotSpec, limits_of_part
 
 Array = NDArray[np.float64]
 

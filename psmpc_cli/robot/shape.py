@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from psmpc_cli.specs.robot import Attachment, Body, Joint, RobotSpec, limits_of_part
+from psmpc_cli.specs.robots.robot import Attachment, Body, Joint, RobotSpec, limits_of_part
 
 Array = NDArray[np.float64]
 

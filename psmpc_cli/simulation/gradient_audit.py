@@ -15,7 +15,7 @@ from psmpc_cli.ocp.window import Window, durations
 from psmpc_cli.simulation.run import Experiment
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.parts import QUANTITIES
-from psmpc_cli.specs.robot import Limits
+from psmpc_cli.specs.robots.robot import Limits
 
 AD_TOLERANCE = 1e-8
 DIFFERENCE_TOLERANCE = 1e-6

@@ -30,7 +30,7 @@ from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import Chart
 from psmpc_cli.simulation.clearance import ClearanceMeter
 from psmpc_cli.solvers import Solution
-from psmpc_cli.specs.robot import Limits
+from psmpc_cli.specs.robots.robot import Limits
 from psmpc_cli.specs.task import OnsetSpec
 from psmpc_cli.specs.uncertainty import standard_deviations
 

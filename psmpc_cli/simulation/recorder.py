@@ -38,7 +38,7 @@ from psmpc_cli.simulation.measures import Counterfactuals, GraspRecord, Meter, S
 from psmpc_cli.solvers.sqp import libraries as solver_libraries
 from psmpc_cli.specs.arguments import rejected, require
 from psmpc_cli.specs.document import counted
-from psmpc_cli.specs.robot import RobotSpec, labels
+from psmpc_cli.specs.robots.robot import RobotSpec, labels
 
 logger = logging.getLogger(__name__)
 

@@ -28,7 +28,7 @@ from psmpc_cli.simulation.measures import Counterfactuals, Meter
 from psmpc_cli.simulation.recorder import Ending, RecordedLoop, Watch, libraries_of, record
 from psmpc_cli.specs.arguments import as_path, require, require_callable, require_whole
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.robot import RobotSpec, stack
+from psmpc_cli.specs.robots.robot import RobotSpec, stack
 from psmpc_cli.specs.task import TaskSpec
 
 NewTargets = Callable[[float], Mapping[str, Any] | None]

@@ -5,7 +5,7 @@ from psmpc_cli.solvers.adjoint import AdjointSolver
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.nlp import NlpSolver, Report
 from psmpc_cli.solvers.sqp import SqpSolver
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.controller import SolverSpec
 
 __all__ = ["FEASIBLE", "NlpSolver", "Outcome", "Report", "Solution", "Solver", "build_nlp_solver", "build_solver"]
 

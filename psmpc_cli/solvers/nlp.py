@@ -42,7 +42,7 @@ from psmpc_cli.progress import Spell
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers.base import FEASIBLE, Outcome, Solution, Solver
 from psmpc_cli.solvers.bounded import LONGEST_CALL, BoundedCalls
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.controller import SolverSpec
 
 Report = Callable[[str], None]
 """Takes a line of a solver's table of iterations."""

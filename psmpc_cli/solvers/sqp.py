@@ -36,7 +36,7 @@ from psmpc_cli.solvers.sqp_window import (
     fixed_bounds,
     window_bounds,
 )
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.controller import SolverSpec
 
 SMALL = 1e-2
 """Step at which a cold start is iterated enough [m, rad, m/s, rad/s, s]: what is left after it is a tenth and less."""

@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from psmpc_cli.errors import SpecError
+from psmpc_cli.specs.files import read_text, shown
 
 Kind = Literal["robot", "task"]
 
 KINDS: tuple[Kind, ...] = ("robot", "task")
-
-LARGEST_FILE = 2**18
-"""Bytes of a description; the built-in ones have some three thousand."""
 
 _MODE_LINE = re.compile(r"(?<=\$schema=)\S*/(?=(?:robot|task)\.json)")
 _ROBOT_LINE = re.compile(r"^robot: *([^\s#]+)", re.MULTILINE)
@@ -49,45 +47,6 @@ def find(kind: Kind, reference: str | Path, beside: Path | None = None) -> Path:
     raise SpecError(f"{where}found no file {quoted(shown(path))}{options}: a built-in {kind}, or the path of a file")
 
 
-def shown(path: Path) -> str:
-    """Return the name of a path in messages: relative to the working directory if it is below it."""
-    relative = os.path.relpath(path) if path.is_absolute() else str(path)
-    return str(path) if relative.startswith(os.pardir) else relative
-
-
-def read_bytes(path: Path) -> bytes:
-    """Read a regular file.
-
-    Raises:
-        SpecError: It is missing, unreadable, no regular file or too large.
-    """
-    wanted = f"a {'URDF' if path.suffix.casefold() == '.urdf' else 'YAML'} file"
-    try:
-        from psmpc_cli.specs.document import read_regular
-
-        return read_regular(path, LARGEST_FILE, wanted)
-    except SpecError as error:
-        raise SpecError(f"{path}: {error}") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise SpecError(f"{path}: found no readable file ({reason}), expected {wanted}") from None
-
-
-def read_text(path: Path) -> str:
-    """Read a regular UTF-8 file, with or without a byte order mark.
-
-    Raises:
-        SpecError: It cannot be read, see `read_bytes`, or is not UTF-8.
-    """
-    content = read_bytes(path)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        column = error.start - error.object.rfind(b"\n", 0, error.start)
-        raise SpecError(f"{path}:{line}:{column}: found {error.reason}, expected UTF-8 text") from None
-
-
 def json_schema(kind: Kind) -> dict[str, Any]:
     """Return the JSON Schema of one kind of description."""
     if kind == "task":
@@ -97,7 +56,7 @@ def json_schema(kind: Kind) -> dict[str, Any]:
     else:
         from pydantic import TypeAdapter
 
-        from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
+        from psmpc_cli.specs.robots.robot import PlanarRobot, SpatialRobot, UrdfRobot
 
         schema = TypeAdapter(PlanarRobot | SpatialRobot | UrdfRobot).json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"psmpc {kind}", **schema}

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.arguments import rejected, require
+from psmpc_cli.specs.controller import CONTROLLERS, ControllerSpec
 from psmpc_cli.specs.document import (
     Changes,
     Document,
@@ -29,10 +30,11 @@ from psmpc_cli.specs.document import (
     write,
 )
 from psmpc_cli.specs.fields import faults_of, keys_of
-from psmpc_cli.specs.library import Kind, built_ins, find, read_text, shown
+from psmpc_cli.specs.files import read_text, shown
+from psmpc_cli.specs.library import Kind, built_ins, find
 from psmpc_cli.specs.parts import MOBILITIES, Context, Mobility, MobilityTraits
 from psmpc_cli.specs.priorities import priorities_of
-from psmpc_cli.specs.robot import (
+from psmpc_cli.specs.robots.robot import (
     PlanarRobot,
     RobotSpec,
     SpatialRobot,
@@ -40,8 +42,8 @@ from psmpc_cli.specs.robot import (
     missing_directions,
     wheel_faults,
 )
-from psmpc_cli.specs.task import CONTROLLERS, ControllerSpec, TaskSpec
-from psmpc_cli.specs.urdf import Urdf, is_xml, kind_of_xml, read_urdf, spatial_robot
+from psmpc_cli.specs.robots.urdf import Urdf, is_xml, kind_of_xml, read_urdf, spatial_robot
+from psmpc_cli.specs.task import TaskSpec
 
 Model = TypeVar("Model", bound=BaseModel)
 

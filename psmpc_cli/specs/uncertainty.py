@@ -10,7 +10,7 @@ from psmpc_cli.specs import fields
 from psmpc_cli.specs.document import counted
 from psmpc_cli.specs.fields import Fields, RuleErrors, Spec, expected, validated_by
 from psmpc_cli.specs.parts import Context, by_dimension, in_joint_space
-from psmpc_cli.specs.robot import RobotSpec, Vector
+from psmpc_cli.specs.robots.robot import RobotSpec, Vector
 
 _Fractions = fields.OrByPart[fields.Fraction, fields.Part, fields.Fraction]
 _Shares = fields.OrByPart[fields.Positive, fields.Part, fields.OneOrMore[fields.Positive]]

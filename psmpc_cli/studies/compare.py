@@ -15,9 +15,10 @@ from psmpc_cli.logs.summary import Summary
 from psmpc_cli.progress import Watch
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.arguments import rejected, require, require_options
+from psmpc_cli.specs.controller import FREE_END, ControllerSpec
 from psmpc_cli.specs.document import BY_CONTROLLER, mapping
 from psmpc_cli.specs.load import Task, TaskDocuments
-from psmpc_cli.specs.task import FREE_END, ControllerSpec, TaskSpec
+from psmpc_cli.specs.task import TaskSpec
 from psmpc_cli.studies.runner import compute_all, documents_of, with_changes
 
 CONTROLLERS: tuple[str, ...] = ("psmpc", "smpc", "htmpc", "hard")

@@ -7,9 +7,9 @@ import pytest
 
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.simulation.run import simulate
+from psmpc_cli.specs.controller import ControllerSpec
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.task import ControllerSpec
 from psmpc_cli.studies.sweep import sweep
 
 from .command import Psmpc

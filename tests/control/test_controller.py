@@ -12,7 +12,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import Experiment, closed_loop, simulate
 from psmpc_cli.solvers import build_solver
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from ..ocp.transport_windows import sequence_of
 from ..short_runs import TASK

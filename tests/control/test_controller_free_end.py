@@ -11,8 +11,8 @@ from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.simulation.replay import logged_solve, replay
 from psmpc_cli.simulation.run import Experiment, simulate
 from psmpc_cli.solvers import build_solver
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.task import SolverSpec
 
 from .short_transports import SHORT, run, with_failures
 

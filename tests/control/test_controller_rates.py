@@ -8,7 +8,7 @@ import pytest
 from psmpc_cli.control import Command, Controller, State
 from psmpc_cli.robot.motion import over_ticks
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import resolve_limits, stack
+from psmpc_cli.specs.robots.robot import resolve_limits, stack
 
 from ..free_flyer import turning
 from .short_transports import Unreliable

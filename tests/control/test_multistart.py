@@ -15,7 +15,7 @@ from psmpc_cli.ocp.plan import Plan
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.simulation.run import Experiment, closed_loop
 from psmpc_cli.solvers import Outcome, Solution, Solver
-from psmpc_cli.specs.task import ControllerSpec
+from psmpc_cli.specs.controller import ControllerSpec
 
 from .short_transports import Unreliable, run, states
 

@@ -12,7 +12,7 @@ from psmpc_cli.ocp.stage import PlaceOnObject
 from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from ..ocp.transport_windows import sequence_of
 

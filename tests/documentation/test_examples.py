@@ -11,7 +11,8 @@ import pytest
 from psmpc_cli.specs.document import Data, read, write
 from psmpc_cli.specs.library import Kind, json_schema
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
-from psmpc_cli.specs.task import StageSpec, TaskSpec
+from psmpc_cli.specs.stages import StageSpec
+from psmpc_cli.specs.task import TaskSpec
 
 TRANSPORT = load_task("transport")
 DOCS = Path(__file__).parents[2] / "docs"

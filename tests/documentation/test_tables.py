@@ -15,7 +15,7 @@ from psmpc_cli.figures import registry
 from psmpc_cli.logs.schema import SCHEMA
 from psmpc_cli.paper.figures import ABLATIONS
 from psmpc_cli.report.texts import MEASURES
-from psmpc_cli.specs.robot import PlanarRobot, SpatialRobot, UrdfRobot
+from psmpc_cli.specs.robots.robot import PlanarRobot, SpatialRobot, UrdfRobot
 from psmpc_cli.specs.task import TaskSpec
 
 from ..cli.command import Psmpc

@@ -10,7 +10,7 @@ import pytest
 from psmpc_cli.figures.registry import figures_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.specs.load import Task, load_robot
-from psmpc_cli.specs.robot import SpatialRobot
+from psmpc_cli.specs.robots.robot import SpatialRobot
 from psmpc_cli.studies.monte_carlo import MonteCarloRuns
 from psmpc_cli.studies.sweep import SweepCells
 

@@ -25,7 +25,7 @@ from psmpc_cli.logs.run import Run, Span
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.library import find
 from psmpc_cli.specs.load import load_robot
-from psmpc_cli.specs.robot import resolve_limits
+from psmpc_cli.specs.robots.robot import resolve_limits
 from psmpc_cli.studies.monte_carlo import wilson_interval
 from psmpc_cli.studies.sweep import SweepCells
 

@@ -27,9 +27,10 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome, build_solver
 from psmpc_cli.solvers.nlp import Nlp
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import stack
-from psmpc_cli.specs.task import SolverSpec, TaskSpec
+from psmpc_cli.specs.robots.robot import stack
+from psmpc_cli.specs.task import TaskSpec
 
 from .constraints.held_objects import without_forces
 

@@ -14,7 +14,7 @@ from psmpc_cli.specs.document import Fault, dotted
 from psmpc_cli.specs.library import built_ins, find
 from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.load import load_task as load_valid_task
-from psmpc_cli.specs.robot import resolve_limits
+from psmpc_cli.specs.robots.robot import resolve_limits
 
 from .. import free_flyer
 

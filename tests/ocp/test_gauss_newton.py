@@ -9,8 +9,8 @@ from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window, plan_on_mesh, window_numbers, window_shape
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.solvers import NlpSolver
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.task import SolverSpec
 
 from ..solvers.optimality import hessian
 from .transport_windows import coasting, ending, moving, window_over

@@ -16,7 +16,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from .constraints.floating_windows import fast_arms_in, planar_task, solved, spatial_task, window_of
 

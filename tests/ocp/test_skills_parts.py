@@ -14,7 +14,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.parts import SKILL_KINDS, space_of
-from psmpc_cli.specs.robot import labels
+from psmpc_cli.specs.robots.robot import labels
 
 MIXED = space_of("task", {"arm_1": "joint"})
 

@@ -23,8 +23,8 @@ from psmpc_cli.ocp.window import (
     window_numbers,
 )
 from psmpc_cli.solvers import build_solver
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.task import SolverSpec
 
 from ..solvers.recorded import RecordedSolve, recorded, windows_over
 from .transport_windows import coasting, ending, moving, window_over

@@ -11,8 +11,8 @@ from psmpc_cli.errors import InputError, SpecError
 from psmpc_cli.paper.departures import PRINTED, SHIPPED
 from psmpc_cli.paper.judge import Reproduction
 from psmpc_cli.paper.reproduce import METHODS, claims_json, load_grasps, load_variants, load_weights_sweep
+from psmpc_cli.specs.controller import AS_PRINTED
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.task import AS_PRINTED
 from psmpc_cli.studies.sweep import SweepCells
 
 from ..synthetic_fronts import synthetic_fronts

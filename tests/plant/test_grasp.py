@@ -20,7 +20,7 @@ from psmpc_cli.robot.held_load import HeldLoad
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.load import Task, load_robot, load_task
 from psmpc_cli.specs.object import GRASP_LOADS
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from .drawn_grasps import drawn_grasp
 

@@ -6,7 +6,7 @@ import pytest
 from psmpc_cli.plant import Setpoints, build_plant
 from psmpc_cli.plant.mount import MountedPlant
 from psmpc_cli.robot.model import RobotModel, load_robot
-from psmpc_cli.specs.task import PlantSpec
+from psmpc_cli.specs.controller import PlantSpec
 
 SPEC = PlantSpec.model_validate({"low_level_rate": 500})
 TICKS = 20

@@ -11,7 +11,7 @@ from psmpc_cli.plant import Setpoints, build_plant
 from psmpc_cli.plant.mujoco import MujocoPlant
 from psmpc_cli.plant.rk4 import Rk4Plant
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.task import PlantSpec
+from psmpc_cli.specs.controller import PlantSpec
 
 TICK = 1e-3
 

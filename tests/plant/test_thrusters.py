@@ -16,8 +16,8 @@ from psmpc_cli.plant.wheels import WheelDrive
 from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.actuators import PlanarThruster, SpatialThruster
 from psmpc_cli.specs.load import load_robot, load_task
+from psmpc_cli.specs.robots.actuators import PlanarThruster, SpatialThruster
 
 from ..wheeled import PYRAMID, robot_in
 from .drawn_grasps import drawn_grasp

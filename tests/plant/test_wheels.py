@@ -17,7 +17,7 @@ from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel, load_robot
 from psmpc_cli.robot.mujoco_model import mujoco_spec, set_wheel_inertias, wheel_names
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from ..wheeled import PYRAMID, TWO_WHEELS, robot_in
 

@@ -1,7 +1,7 @@
 import pytest
 
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robots.robot import RobotSpec
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ import pinocchio as pin
 from psmpc_cli.native.functions import Tape, tape_library, tape_of
 from psmpc_cli.robot.dynamics import InertialParameters
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import (
+from psmpc_cli.specs.robots.robot import (
     Arm,
     Base,
     Body,

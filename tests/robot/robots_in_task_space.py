@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import (
+from psmpc_cli.specs.robots.robot import (
     Arm,
     Base,
     Link,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import (
+from psmpc_cli.specs.robots.robot import (
     Arm,
     Base,
     Link,

@@ -15,8 +15,8 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 from psmpc_cli.robot.rotations import matrix
 from psmpc_cli.specs.load import load_robot
-from psmpc_cli.specs.robot import Attachment, Body, SpatialRobot
-from psmpc_cli.specs.urdf import read_urdf
+from psmpc_cli.specs.robots.robot import Attachment, Body, SpatialRobot
+from psmpc_cli.specs.robots.urdf import read_urdf
 
 from .strategies import Array, State, laws, moving_spatial_robots
 

@@ -15,7 +15,7 @@ from psmpc_cli.robot.model import RobotModel, load_robot
 from psmpc_cli.specs.geometry import Shape
 from psmpc_cli.specs.library import built_ins
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import Attachment, PlanarRobot, SpatialRobot, resolve_limits, stack
+from psmpc_cli.specs.robots.robot import Attachment, PlanarRobot, SpatialRobot, resolve_limits, stack
 
 Array = NDArray[np.float64]
 

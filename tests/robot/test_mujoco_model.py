@@ -8,7 +8,7 @@ from hypothesis import given
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.mujoco_model import mujoco_spec
 from psmpc_cli.specs.load import load_robot
-from psmpc_cli.specs.robot import RobotSpec
+from psmpc_cli.specs.robots.robot import RobotSpec
 
 from .strategies import Array, State, laws, moving_robots
 

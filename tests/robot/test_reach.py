@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from psmpc_cli.errors import InputError
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import TOLERANCE, reach_of
-from psmpc_cli.specs.robot import PartLimits, RobotSpec
+from psmpc_cli.specs.robots.robot import PartLimits, RobotSpec
 
 from .strategies import Array, State, laws, moving_robots
 

@@ -8,7 +8,7 @@ from hypothesis import given
 
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.robot.shape import RobotShape
-from psmpc_cli.specs.robot import RobotSpec, SpatialRobot
+from psmpc_cli.specs.robots.robot import RobotSpec, SpatialRobot
 
 from .strategies import Array, State, laws, moving_robots, moving_spatial_robots
 

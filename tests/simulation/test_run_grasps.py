@@ -14,7 +14,7 @@ from psmpc_cli.simulation.recorder import Recorder
 from psmpc_cli.simulation.replay import continue_run, replay, rerun
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.simulation.verify import Verification
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from ..near_captures import AGAIN, UNKNOWN_DRIFT, near_capture
 

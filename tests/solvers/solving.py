@@ -10,7 +10,7 @@ from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.solvers import Outcome, Solution, Solver, build_solver
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.controller import SolverSpec
 
 from .recorded import RecordedSolve, recorded
 

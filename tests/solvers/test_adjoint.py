@@ -15,10 +15,10 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome, build_solver
 from psmpc_cli.solvers.adjoint import ShootingNlp
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import Task, load_task
 from psmpc_cli.specs.parts import QUANTITIES
-from psmpc_cli.specs.robot import Limits
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.robots.robot import Limits
 
 from ..ocp.transport_windows import coasting, moving, window_over
 from .recorded import MISSIONS, RecordedSolve, recorded

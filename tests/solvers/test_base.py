@@ -11,8 +11,8 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, Solver, build_solver
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.task import SolverSpec
 
 from ..ocp.transport_windows import ending, moving
 from .recorded import RecordedSolve, windows_over

@@ -14,8 +14,8 @@ from psmpc_cli.ocp.window import on_mesh, window_numbers, window_shape
 from psmpc_cli.solvers import Outcome, build_solver
 from psmpc_cli.solvers.quadratic import PiqpQp, QpStatus
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.task import SolverSpec
 
 from ..free_flyer import KINDS, reaching
 from .optimality import objective

@@ -10,7 +10,7 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.reference import Trajectory
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.solvers import Outcome
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.controller import SolverSpec
 
 from ..free_flyer import reaching
 from ..ocp.transport_windows import ending

@@ -14,8 +14,8 @@ from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.ocp.window import Window
 from psmpc_cli.solvers import NlpSolver, Outcome
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.task import SolverSpec
 
 from ..ocp.transport_windows import N, coasting, ending, moving, window_over
 

@@ -14,9 +14,9 @@ from psmpc_cli.ocp.window import Window, on_mesh, window_numbers, window_shape
 from psmpc_cli.solvers import FEASIBLE, NlpSolver, Outcome, Solution, build_solver
 from psmpc_cli.solvers.quadratic import PiqpQp
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import stack
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.robots.robot import stack
 
 from ..ocp.constraints.floating_windows import drawn, fast_arms_in, problem_of
 from .recorded import RecordedSolve, curved_end, recorded

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from psmpc_cli.errors import SpecError
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.specs.document import MOST_VALUES, Data, read, write
-from psmpc_cli.specs.library import LARGEST_FILE
+from psmpc_cli.specs.files import LARGEST_FILE
 from psmpc_cli.specs.load import load_task, parse_task
 
 from ..fuzz_settings import fuzzing

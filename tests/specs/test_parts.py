@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.load import load_robot, load_task, parse_task
 from psmpc_cli.specs.parts import POINT_AXES, SKILL_KINDS, SkillKindTraits, Space, axes_of, keys_of, names, part_faults
-from psmpc_cli.specs.robot import Arm, Link, Mount, PartLimits, labels, resolve_limits, rows, stack, units
-from psmpc_cli.specs.task import EndCondition, TrajectorySpec
+from psmpc_cli.specs.robots.robot import Arm, Link, Mount, PartLimits, labels, resolve_limits, rows, stack, units
+from psmpc_cli.specs.stages import EndCondition, TrajectorySpec
 
 from ..sliding_arm import ROBOT as SLIDING_ARM
 from ..sliding_arm import sliding_task

@@ -25,9 +25,9 @@ from psmpc_cli.robot.kinematics import Frame, SpatialFrame
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.rotations import add, rotate
 from psmpc_cli.robot.rotations import product as times
-from psmpc_cli.specs.covers import cover_box
 from psmpc_cli.specs.geometry import DEEP, OBJECT, ClearanceSpec, ObstacleSpec, Shape
-from psmpc_cli.specs.robot import Attachment
+from psmpc_cli.specs.robots.covers import cover_box
+from psmpc_cli.specs.robots.robot import Attachment
 from psmpc_cli.specs.task import TaskSpec
 
 GROUP_ACTIVATION = 0.5

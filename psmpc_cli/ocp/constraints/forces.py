@@ -42,7 +42,7 @@ from psmpc_cli.robot.actuators.thrusters import HalfSpaces, Thrusters, no_half_s
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.parts import MobilityTraits
-from psmpc_cli.specs.robot import resolve_limits
+from psmpc_cli.specs.robots.robot import resolve_limits
 from psmpc_cli.specs.task import TaskSpec
 
 

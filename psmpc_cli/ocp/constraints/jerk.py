@@ -17,7 +17,7 @@ from psmpc_cli.ocp.constraints.base import Constraint, rows_over_intervals
 from psmpc_cli.ocp.objective import RateFunctions
 from psmpc_cli.ocp.stage import JERK, ConstraintNumbers
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import resolve_limits
+from psmpc_cli.specs.robots.robot import resolve_limits
 from psmpc_cli.specs.task import TaskSpec
 
 

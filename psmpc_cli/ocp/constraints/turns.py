@@ -25,7 +25,7 @@ from psmpc_cli.ocp.plan import Grid
 from psmpc_cli.ocp.stage import ConstraintNumbers
 from psmpc_cli.ocp.window import WindowShape
 from psmpc_cli.robot.model import RobotModel
-from psmpc_cli.specs.robot import resolve_limits
+from psmpc_cli.specs.robots.robot import resolve_limits
 from psmpc_cli.specs.task import TaskSpec
 
 UNIT = 1e-2

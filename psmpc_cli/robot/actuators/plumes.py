@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from psmpc_cli.robot.kinematics import SpatialFrame
 from psmpc_cli.robot.rotations import add, conjugate, rotate, scaled
-from psmpc_cli.specs.actuators import Thruster
 from psmpc_cli.specs.geometry import Shape
+from psmpc_cli.specs.robots.actuators import Thruster
 
 Vector = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from psmpc_cli.errors import InputError
-from psmpc_cli.specs.actuators import Thruster
+from psmpc_cli.specs.robots.actuators import Thruster
 
 Vector = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
 from psmpc_cli.robot.rotations import rotate
-from psmpc_cli.specs.robot import RobotSpec, wheel_axes
+from psmpc_cli.specs.robots.robot import RobotSpec, wheel_axes
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from psmpc_cli.robot.model import load_robot
 from psmpc_cli.solvers import Solution, build_solver
 from psmpc_cli.specs.library import find
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 START = {"arm_1": [0.3, 0.3, 0.3], "arm_2": [-0.3, -0.3, -0.3]}
 

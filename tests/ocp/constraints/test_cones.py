@@ -16,10 +16,10 @@ from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.robot.configuration import TILT
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome, build_solver
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.geometry import ConeSpec
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import stack
-from psmpc_cli.specs.task import SolverSpec
+from psmpc_cli.specs.robots.robot import stack
 
 Array = NDArray[np.float64]
 

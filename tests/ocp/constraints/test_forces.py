@@ -28,7 +28,7 @@ from psmpc_cli.solvers import Outcome
 from psmpc_cli.solvers.quadratic import PiqpQp, QpStatus, RiccatiQp, load_kernel
 from psmpc_cli.solvers.sqp_window import SqpWindow, fixed_bounds, window_bounds
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from ...robot.strategies import State as Moving
 from ...robot.strategies import (

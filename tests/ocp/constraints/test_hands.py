@@ -13,8 +13,8 @@ from psmpc_cli.ocp.window import Window, window_numbers, window_shape
 from psmpc_cli.ocp.window_record import WindowFrame, read_window, record_of
 from psmpc_cli.robot.configuration import space_of_pose
 from psmpc_cli.solvers import build_solver
+from psmpc_cli.specs.controller import SolverSpec
 from psmpc_cli.specs.load import load_task
-from psmpc_cli.specs.task import SolverSpec
 
 from .held_objects import without_forces
 

@@ -20,7 +20,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.solvers import Outcome
 from psmpc_cli.specs.load import Task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from .floating_windows import START, drawn, planar_task, problem_of, solved, spatial_task, window_of
 

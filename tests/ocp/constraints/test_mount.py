@@ -8,7 +8,7 @@ import pytest
 
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.solvers import Outcome
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from .floating_windows import planar_task, solved, spatial_task, window_of
 

@@ -18,10 +18,10 @@ from psmpc_cli.robot.actuators.plumes import Plumes
 from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.configuration import IDENTITY
 from psmpc_cli.robot.model import RobotModel, load_robot
-from psmpc_cli.specs.actuators import SpatialThruster
 from psmpc_cli.specs.geometry import ObstacleSpec
 from psmpc_cli.specs.load import Task, load_task
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.actuators import SpatialThruster
+from psmpc_cli.specs.robots.robot import stack
 
 from ...plumed import AHEAD, before_a_panel, robot_in
 

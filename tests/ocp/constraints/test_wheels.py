@@ -21,7 +21,7 @@ from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import build_experiment
 from psmpc_cli.solvers import Outcome, Solution
 from psmpc_cli.specs.load import Task, load_robot
-from psmpc_cli.specs.robot import stack
+from psmpc_cli.specs.robots.robot import stack
 
 from ...wheeled import changing_in, planar_in, spatial_in
 from .floating_windows import solved

@@ -6,8 +6,8 @@ import pytest
 from psmpc_cli.robot.actuators.plumes import Plumes
 from psmpc_cli.robot.kinematics import SpatialFrame
 from psmpc_cli.robot.rotations import exp
-from psmpc_cli.specs.actuators import PlanarThruster, SpatialThruster
 from psmpc_cli.specs.geometry import Shape
+from psmpc_cli.specs.robots.actuators import PlanarThruster, SpatialThruster
 
 Array = np.ndarray
 ORIGIN = SpatialFrame([np.zeros(1)] * 3, [np.ones(1), *[np.zeros(1)] * 3])

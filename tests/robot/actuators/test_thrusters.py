@@ -11,8 +11,8 @@ from scipy.optimize import linprog
 
 from psmpc_cli.errors import InputError
 from psmpc_cli.robot.actuators.thrusters import Thrusters
-from psmpc_cli.specs.actuators import PlanarThruster, SpatialThruster, Thruster
 from psmpc_cli.specs.load import load_robot
+from psmpc_cli.specs.robots.actuators import PlanarThruster, SpatialThruster, Thruster
 
 PLATFORM = Thrusters.of(load_robot("thruster_platform").thrusters)
 TICK = 1e-3

@@ -1,4 +1,4 @@
-"""Built-in files, and files as texts."""
+"""Files as texts, and what is said of those that cannot be read."""
 
 import os
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.library import LARGEST_FILE, read_text
+from psmpc_cli.specs.files import LARGEST_FILE, read_text
 from psmpc_cli.specs.load import load_robot
 
 

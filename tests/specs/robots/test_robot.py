@@ -10,9 +10,9 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.specs.geometry import PlacedShape, ShapeSpec
 from psmpc_cli.specs.load import load_robot, load_task
 from psmpc_cli.specs.parts import QUANTITIES
-from psmpc_cli.specs.robot import PartLimits, RobotSpec, SpatialRobot, inertia_without_wheels, resolve_limits
+from psmpc_cli.specs.robots.robot import PartLimits, RobotSpec, SpatialRobot, inertia_without_wheels, resolve_limits
 
-SERVICER = (Path(__file__).parents[2] / "robots" / "dual_arm_servicer.urdf").read_text()
+SERVICER = (Path(__file__).parents[3] / "robots" / "dual_arm_servicer.urdf").read_text()
 
 
 YAML = """name: r

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.progress import Work
-from psmpc_cli.specs.covers import Cover, cover_box, cover_mesh, read_mesh
 from psmpc_cli.specs.document import (
     DECIMAL,
     LARGEST,
@@ -31,9 +30,10 @@ from psmpc_cli.specs.document import (
     quoted,
     shortened,
 )
-from psmpc_cli.specs.library import read_bytes, shown
+from psmpc_cli.specs.files import read_bytes, shown
 from psmpc_cli.specs.parts import ERROR_AXES
-from psmpc_cli.specs.robot import UrdfRobot, is_arm_name, limits_of_part
+from psmpc_cli.specs.robots.covers import Cover, cover_box, cover_mesh, read_mesh
+from psmpc_cli.specs.robots.robot import UrdfRobot, is_arm_name, limits_of_part
 
 Matrix = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs import covers
-from psmpc_cli.specs.covers import (
+from psmpc_cli.specs.robots import covers
+from psmpc_cli.specs.robots.covers import (
     COVER_EXCESS,
     LARGEST_MESH,
     MOST_CAPSULES,

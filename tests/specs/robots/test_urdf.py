@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.specs.covers import Mesh, cover_box, cover_mesh
 from psmpc_cli.specs.load import kind_of_reference, load_robot, load_task
 from psmpc_cli.specs.parts import MOBILITIES
-from psmpc_cli.specs.robot import RobotSpec, SpatialRobot
-from psmpc_cli.specs.urdf import read_urdf
+from psmpc_cli.specs.robots.covers import Mesh, cover_box, cover_mesh
+from psmpc_cli.specs.robots.robot import RobotSpec, SpatialRobot
+from psmpc_cli.specs.robots.urdf import read_urdf
 
 Array = NDArray[np.float64]
 
@@ -513,7 +513,7 @@ REJECTED = {
 @pytest.mark.slow
 def test_published_robots_are_read_or_rejected_for_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every URDF of a collection of robots, without their meshes."""
-    monkeypatch.setattr("psmpc_cli.specs.urdf.read_mesh", _no_mesh)
+    monkeypatch.setattr("psmpc_cli.specs.robots.urdf.read_mesh", _no_mesh)
     package = distribution("example-robot-data")
     found = [file for file in package.files or () if file.suffix == ".urdf"]
     reasons = {}

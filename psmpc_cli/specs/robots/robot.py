@@ -14,17 +14,6 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema
 
 from psmpc_cli.specs import fields
-from psmpc_cli.specs.actuators import (
-    PULSE_PERIOD,
-    THRUSTERS,
-    WHEELS,
-    PlanarThrusters,
-    PulsePeriod,
-    SpatialThrusters,
-    SpatialWheels,
-    Thruster,
-    Wheels,
-)
 from psmpc_cli.specs.document import choice, mapping, quoted
 from psmpc_cli.specs.fields import (
     Fields,
@@ -57,6 +46,17 @@ from psmpc_cli.specs.parts import (
     length_errors,
     stands_for,
     units_of,
+)
+from psmpc_cli.specs.robots.actuators import (
+    PULSE_PERIOD,
+    THRUSTERS,
+    WHEELS,
+    PlanarThrusters,
+    PulsePeriod,
+    SpatialThrusters,
+    SpatialWheels,
+    Thruster,
+    Wheels,
 )
 
 Vector = NDArray[np.float64]

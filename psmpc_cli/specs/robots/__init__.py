@@ -1,0 +1,1 @@
+"""Robot descriptions: what a robot is, its actuators, and robots from URDF files with capsules that cover them."""

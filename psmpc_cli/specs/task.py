@@ -67,8 +67,8 @@ from psmpc_cli.specs.robot import LimitsByPart, PartLimits, RobotSpec, Vector, l
 from psmpc_cli.specs.uncertainty import StateNoiseSpec, UncertaintySpec
 
 _Aim = Annotated[
-    Annotated[fields.Numbers, Tag("numbers")] | Annotated[OnObject, Tag("object")],
-    Discriminator(lambda value: "object" if is_on_object(value) else "numbers"),
+    Annotated[fields.Numbers, Tag("numbers")] | Annotated[OnObject, Tag("on_object")],
+    Discriminator(lambda value: "on_object" if is_on_object(value) else "numbers"),
 ]
 _SkillPart = Annotated[
     str, one_of(lambda context: context.sizes and [*context.sizes, "arms", *parts_of_skills()], "part of the robot")
@@ -303,6 +303,12 @@ class ControllerSpec(Choice):
     )
     offset_free: fields.Flag = Field(False, description="estimate a constant disturbance and take it off the control")
     offset_gain: fields.Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
+    object_gain: fields.Positive = Field(
+        0.5,
+        le=1,
+        exclude_if=lambda value: value == 0.5,
+        description="gain of the filter of the object's measured pose a sample; smaller: less noise, and slower",
+    )
     masses: Literal["as_described", "estimated"] = Field(
         "as_described",
         exclude_if=lambda value: value == "as_described",

@@ -150,7 +150,8 @@ class ControlLaw:
     @property
     def first(self) -> Memory:
         """What is known before the first sample."""
-        memory = Memory(MovingSequence.of(0, 0.0), target_object=object_estimate(self.problem.body))
+        of_object = object_estimate(self.problem.body, self.problem.spec.controller.object_gain)
+        memory = Memory(MovingSequence.of(0, 0.0), target_object=of_object)
         for step in self._identification:
             memory = step.begun(memory)
         return memory

@@ -186,6 +186,12 @@ class ControllerSpec(Choice):
     )
     offset_free: fields.Flag = Field(False, description="estimate a constant disturbance and take it off the control")
     offset_gain: fields.Positive = Field(0.3, le=1, description="offset_free: gain of the estimate's filter a sample")
+    object_gain: fields.Positive = Field(
+        0.5,
+        le=1,
+        exclude_if=lambda value: value == 0.5,
+        description="gain of the filter of the object's measured pose a sample; smaller: less noise, and slower",
+    )
     masses: Literal["as_described", "estimated"] = Field(
         "as_described",
         exclude_if=lambda value: value == "as_described",

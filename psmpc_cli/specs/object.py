@@ -56,6 +56,7 @@ def _of_some_body(moments: tuple[float, ...], earlier_fields: Fields, context: C
 Moments = Annotated[fields.OneOrMore[fields.Positive], by_dimension(1, 3), validated_by(_of_some_body)]
 """Inertia of a body about its centre of mass: one number in the plane, three in space."""
 
+_Duration = Annotated[fields.Seconds, fields.ensure(lambda duration: duration > 0, "a time longer than 0 s")]
 _Extent = Annotated[tuple[fields.Positive, ...], by_dimension(2, 3)]
 _StageName = Annotated[str, one_of(lambda context: context.stages)]
 _Gripper = Annotated[str, one_of(lambda context: mapping(context.file.value(("object", "grasp", "at"))))]
@@ -68,7 +69,7 @@ class OnObject(Spec):
         Annotated[_Gripper, Tag("gripper")] | Annotated[PoseNumbers, Tag("pose")],
         Discriminator(lambda value: "gripper" if isinstance(value, str) else "pose"),
     ] = Field(description="a gripper of the object's grasp, or a pose in the object's frame")
-    met_in: fields.Sparse[Annotated[fields.Seconds, Field(gt=0)] | None] = Field(
+    met_in: fields.Sparse[_Duration | None] = Field(
         None, description="how long the robot floats after the stage, before it meets the object [s]"
     )
 

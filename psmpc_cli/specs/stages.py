@@ -48,8 +48,8 @@ from psmpc_cli.specs.parts import (
 from psmpc_cli.specs.robots.robot import LimitsByPart, RobotSpec, Vector, rows, stack, wider
 
 _Aim = Annotated[
-    Annotated[fields.Numbers, Tag("numbers")] | Annotated[OnObject, Tag("object")],
-    Discriminator(lambda value: "object" if is_on_object(value) else "numbers"),
+    Annotated[fields.Numbers, Tag("numbers")] | Annotated[OnObject, Tag("on_object")],
+    Discriminator(lambda value: "on_object" if is_on_object(value) else "numbers"),
 ]
 
 

@@ -275,3 +275,25 @@ def test_a_load_in_one_gripper_that_check_remarks_on_does_not_settle() -> None:
     (remark,) = remarks(task, forecast_stages(task))
     assert "an object of 20 kg" in remark.message and "mostly of arm." in remark.message
     assert not psmpc.simulate(task).summary().completed
+
+
+UNDECLARED = {
+    "uncertainty": {
+        "object": {"linear": 0.01, "angular": "1 deg", "mass": 0.3},
+        "noise": {"position": 1e-3, "angle": 1e-3, "velocity": 1e-3, "angular_velocity": 1e-3},
+        "delay": "0.1 s",
+    },
+    "object.grasp.known": "estimated",
+    "log": {"plans": False, "shares": False},
+}
+"""What nobody tells a robot that takes an object with its thrusters off; docs/mobility_results.md has many draws."""
+
+
+@pytest.mark.parametrize(("name", "seed"), [("capture_floating", 4), ("capture_floating_servicer", 0)])
+def test_an_object_that_moves_otherwise_than_it_should_is_taken_with_the_thrusters_off(name: str, seed: int) -> None:
+    run = psmpc.simulate(psmpc.load_task(name, {**UNDECLARED, "seed": seed}))
+    assert run.summary().succeeded
+    off, _, taken, *_ = np.searchsorted(run.time, run.stages["switch_time"] + 1e-9)
+    assert run["effort/base_force"][off + 2 : taken - 1].max() == 0.0
+    turned = np.degrees(np.abs(run["object/velocity"][0, run.problem.model.space.dimension :]).max())
+    assert turned > 0.3

@@ -59,3 +59,9 @@ def test_what_only_a_body_has_needs_a_mass(key: str) -> None:
     written = load_task("catch_drifting").source.value(("object", key))
     with pytest.raises(SpecError, match=f'object.{key}: found no mass, expected also "mass"'):
         load_task("transport", {f"object.{key}": written})
+
+
+def test_a_coast_to_the_object_takes_some_time() -> None:
+    target = {"object": [0, -1.978, 0], "met_in": 0}
+    with pytest.raises(SpecError, match=r"base\.met_in: found 0, expected a time longer than 0 s"):
+        load_task("capture_floating", {"stages.approach.target.base": target})

@@ -18,11 +18,16 @@ from psmpc_cli.specs.object import ObjectBody
 Poses = Mapping[str, np.ndarray]
 """Poses of frames, (3,) or (7,), by name."""
 
-GAINS = 0.5, 1 / 6
-"""alpha and beta of the filter, beta = alpha^2 / (2 - alpha): the best of its kind for a given alpha.
+GAIN = 0.5
+"""Gain alpha of the filter where the task says none."""
 
-Benedict, Bordner: Synthesis of an optimal set of radar track-while-scan smoothing equations (1962).
-"""
+
+def gain_of_velocity(alpha: float) -> float:
+    """Return the filter's gain beta of the velocity, the best one for the gain alpha of the pose.
+
+    Benedict, Bordner: Synthesis of an optimal set of radar track-while-scan smoothing equations (1962).
+    """
+    return alpha**2 / (2 - alpha)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +127,9 @@ class _NoObject(ObjectEstimate):
 NO_OBJECT = _NoObject()
 
 
-def object_estimate(target_object: ObjectBody) -> ObjectEstimate:
-    """Return what the task says of its object."""
-    return FilteredObject.of(target_object) if target_object.mass else NO_OBJECT
+def object_estimate(target_object: ObjectBody, gain: float = GAIN) -> ObjectEstimate:
+    """Return what the task says of its object, to be corrected by measured poses with a gain alpha."""
+    return FilteredObject.of(target_object, gain) if target_object.mass else NO_OBJECT
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +147,7 @@ class FilteredObject(ObjectEstimate):
         time: Of the estimate [s].
         measured_at: When its pose was measured last [s]; minus infinity before.
         grip: What holds it at `time`; None where nothing does.
+        gain: Of the filter, alpha: the part of the difference that corrects the pose.
     """
 
     body: FreeBody
@@ -150,11 +156,12 @@ class FilteredObject(ObjectEstimate):
     time: float = 0.0
     measured_at: float = -np.inf
     grip: Grip | None = None
+    gain: float = GAIN
 
     @classmethod
-    def of(cls, target_object: ObjectBody) -> "FilteredObject":
+    def of(cls, target_object: ObjectBody, gain: float = GAIN) -> "FilteredObject":
         """Return what the task says of its object."""
-        return cls(body_of(target_object), np.array(target_object.pose), velocity_of(target_object))
+        return cls(body_of(target_object), np.array(target_object.pose), velocity_of(target_object), gain=gain)
 
     def at(self, time: float) -> ObjectState:
         """Predict pose and velocity by the body's free motion."""
@@ -164,7 +171,8 @@ class FilteredObject(ObjectEstimate):
         """Return the estimate corrected by a measured pose."""
         if pose is None or not np.isfinite(pose).all():
             return self
-        alpha, beta = GAINS
+        alpha = self.gain
+        beta = gain_of_velocity(alpha)
         space = self.body.space
         predicted, velocity = self.at(time)
         if grip is not None and self.grip is not None:
@@ -176,7 +184,7 @@ class FilteredObject(ObjectEstimate):
             velocity = space.carried_rate(grip.pose, grip.velocity, space.relative(corrected, grip.pose))
         elif np.isfinite(since) and since > 0:
             velocity = velocity + beta / since * innovation
-        return FilteredObject(self.body, corrected, velocity, time=time, measured_at=time, grip=grip)
+        return replace(self, pose=corrected, velocity=velocity, time=time, measured_at=time, grip=grip)
 
     def carried(self, duration: float, grip: Grip | None) -> "FilteredObject":
         """Return the estimate with the object at its place in the gripper, where that has come to; else as it moves."""

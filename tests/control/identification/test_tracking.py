@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.identification.tracking import FilteredObject, Grip, to_be_closed
+from psmpc_cli.control.identification.tracking import FilteredObject, Grip, gain_of_velocity, to_be_closed
 from psmpc_cli.ocp.problem import build_problem
-from psmpc_cli.robot.free_body import FreeBody
+from psmpc_cli.robot.free_body import FreeBody, velocity_of
 from psmpc_cli.specs.load import load_task
 from psmpc_cli.specs.object import MotionSpec, ObjectBody
 
@@ -39,6 +39,21 @@ def test_measured_poses_correct_the_motion(turns: float) -> None:
     estimate = estimate.with_measurement(9.95, np.full(3, np.nan))
     assert estimate.at(12.0)[1] == pytest.approx(v, abs=1e-6)
     assert estimate.at(12.0)[0] == pytest.approx(np.array(OBJECT.pose) + 12 * v, abs=1e-5)
+
+
+@pytest.mark.parametrize("alpha", [0.12, 0.5])
+def test_a_smaller_gain_leaves_less_noise_in_the_velocity(alpha: float) -> None:
+    """The variance of an alpha-beta filter's velocity (Benedict and Bordner, 1962), over some 200 of its memories."""
+    rng, T, sigma = np.random.default_rng(0), 0.1, 1e-3
+    estimate = FilteredObject.of(OBJECT, alpha)
+    velocities = []
+    for k in range(4000):
+        pose = OBJECT.pose + T * k * velocity_of(OBJECT) + sigma * rng.standard_normal(3)
+        estimate = estimate.with_measurement(T * k, pose)
+        velocities.append(estimate.velocity - velocity_of(OBJECT))
+    beta = gain_of_velocity(alpha)
+    expected = sigma * np.sqrt(2 * beta**2 / (alpha * (4 - 2 * alpha - beta))) / T
+    assert np.sqrt(np.mean(np.square(velocities))) == pytest.approx(expected, rel=0.1)
 
 
 def test_measured_attitudes_correct_the_motion() -> None:

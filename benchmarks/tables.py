@@ -67,6 +67,7 @@ SECTIONS = {
         "#trajectories": "TrajectorySpec",
         "#end-conditions": "EndCondition",
         "#by-the-object": "ObjectEndSpec",
+        "#by-the-momentum": "MomentumEndSpec",
         "#cones": "ConeSpec ConeTargetSpec",
         "#priorities-from-paired-comparisons": "PrioritiesSpec",
         "#actual-starts": "OnsetSpec",

@@ -792,6 +792,15 @@ def made_of(name: str) -> Made:
     return run_missing(family, best_cases() if name == "best" else cases(LEVELS[name], controllers), seeds)
 
 
+IN_WORDS = {
+    "plane": "captures in the plane",
+    "space": "captures in space",
+    "tour": "tours in the plane",
+    "tour_space": "tours in space",
+    "reach": "same hands",
+}
+"""How tables call the missions of a family."""
+
 BESIDE = ("smpc", "htmpc, free end")
 """Controllers whose ends PSMPC's are compared with besides, in studies that have them."""
 
@@ -808,7 +817,7 @@ def gains(*names: str) -> Iterator[str]:
             against = compared(made[controller], made[AGAINST]) if controller != AGAINST else {}
             succeeded = [row for row in made[controller].values() if row["succeeded"]]
             row = {
-                "missions": family,
+                "missions": IN_WORDS[family],
                 "controller": f"`{controller}`",
                 "succeeded": f"{len(succeeded)} of {len(made[controller])}",
                 "end [s]": f"{np.median([row['time'] for row in succeeded]):.1f}",
@@ -838,7 +847,7 @@ def _levels(rows: Mapping[int, Row]) -> tuple[str, str]:
     )
 
 
-POSED = {"posed": "plane", "tour": "tour", "tour_space": "tour in space"}
+POSED = {"posed": IN_WORDS["plane"], "tour": IN_WORDS["tour"], "tour_space": IN_WORDS["tour_space"]}
 """Studies of missions with the arms as drawn and held ready, and how their missions are called."""
 
 

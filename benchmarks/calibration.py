@@ -168,7 +168,7 @@ def held() -> Iterator[str]:
                 "statement": claims[name].statement,
                 "holds in": f"{holds} of {total}",
                 "earlier than published": earlier or "",
-                "apart": claims[name].apart or "",
+                "not counted, follows from": claims[name].apart or "",
             }
         )
     return markdown(rows)

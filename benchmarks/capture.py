@@ -107,7 +107,7 @@ def held() -> Iterator[str]:
 def unknown() -> Iterator[str]:
     """Yield the table of loads that the low-level law does not know of, with what the task says left out one by one."""
     limited = {"object.grasp.known": False}
-    cases = {"the load": limited, "and limits": {**limited, "limits": {}}, "and waiting": UNAWARE}
+    cases = {"load unknown": limited, "and no limits": {**limited, "limits": {}}, "and no wait": UNAWARE}
     return markdown(
         {"left out": name, "mass [kg]": mass, **outcome(carried(mass, changes))}
         for (name, changes), mass in product(cases.items(), (5, 20, 60))
@@ -209,7 +209,7 @@ def plants(count: str, strength: str) -> Iterator[str]:
             "draws": count,
             "held": kept,
             "lost": len(held) - kept,
-            "held at more than 99 % of the strength": near,
+            "pull within 1 % of the strength": near,
             "plants agree on it": sum(one == other for one, other in held),
             "object apart at the end, where held [m, rad]": f"{max(apart):.0e}",
             "largest drift of momentum": f"{max(drifts):.0e}",

@@ -737,6 +737,10 @@ def priorities(made: Made) -> Iterator[str]:
     yield from markdown(by_ratio)
 
 
+OF_TIMED = ("controller", "succeeded", "end [s]", "effort", "failed solves a run")
+"""Columns of the study `timed`, in which one of the controllers never succeeds."""
+
+
 def spread(values: Sequence[float]) -> str:
     """Return the 5, 50 and 95 % quantiles of a sample."""
     known = np.array(values, float)
@@ -763,7 +767,10 @@ def study(name: str, count: str = "") -> Iterator[str]:
     if name == "priorities":
         yield from priorities(made)
         return
-    yield from markdown(successes(made))
+    if name == "timed":
+        yield from markdown({heading: row[heading] for heading in OF_TIMED} for row in successes(made))
+    else:
+        yield from markdown(successes(made))
     if name == "effort":
         yield ""
         yield from markdown(at_equal_effort(made))
@@ -785,6 +792,15 @@ def made_of(name: str) -> Made:
     return run_missing(family, best_cases() if name == "best" else cases(LEVELS[name], controllers), seeds)
 
 
+IN_WORDS = {
+    "plane": "captures in the plane",
+    "space": "captures in space",
+    "tour": "tours in the plane",
+    "tour_space": "tours in space",
+    "reach": "same hands",
+}
+"""How tables call the missions of a family."""
+
 BESIDE = ("smpc", "htmpc, free end")
 """Controllers whose ends PSMPC's are compared with besides, in studies that have them."""
 
@@ -801,7 +817,7 @@ def gains(*names: str) -> Iterator[str]:
             against = compared(made[controller], made[AGAINST]) if controller != AGAINST else {}
             succeeded = [row for row in made[controller].values() if row["succeeded"]]
             row = {
-                "missions": family,
+                "missions": IN_WORDS[family],
                 "controller": f"`{controller}`",
                 "succeeded": f"{len(succeeded)} of {len(made[controller])}",
                 "end [s]": f"{np.median([row['time'] for row in succeeded]):.1f}",
@@ -831,7 +847,7 @@ def _levels(rows: Mapping[int, Row]) -> tuple[str, str]:
     )
 
 
-POSED = {"posed": "plane", "tour": "tour", "tour_space": "tour in space"}
+POSED = {"posed": IN_WORDS["plane"], "tour": IN_WORDS["tour"], "tour_space": IN_WORDS["tour_space"]}
 """Studies of missions with the arms as drawn and held ready, and how their missions are called."""
 
 

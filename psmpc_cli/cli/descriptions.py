@@ -98,7 +98,7 @@ def _known_delay(task: Task) -> str:
     if delay != "auto":
         return f"known as {delay:g} s"
     if task.spec.finds_delay(task.robot):
-        return "found out"
+        return "estimated"
     return "taken for none: pulses of thrusters cannot be told from one, so give it if there is one"
 
 
@@ -382,7 +382,7 @@ def _object(target_object: ObjectSpec) -> Iterator[Row]:
     bounds = (f"{load} {largest[load]:g} {unit}" for load, unit in GRASP_LOADS.items() if math.isfinite(largest[load]))
     holds = "any load" if strength is None else f"{', '.join(bounds)}, filtered over {strength.filter:g} s"
     yield "a grasp holds", holds
-    yield "load known to the low-level law", "found out" if grasp.is_estimated else "yes" if grasp.known else "no"
+    yield "load known to the low-level law", "estimated" if grasp.is_estimated else "yes" if grasp.known else "no"
     destination = body.destination
     if destination is not None:
         d = len(target_object.shape)

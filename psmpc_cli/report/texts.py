@@ -310,7 +310,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("failed solves", lambda run: run.failed_solves),
     Measure("samples not measured", lambda run: run.unmeasured or math.nan),
     Measure("delay of commands, at the end", _delay, "ms", BOTH),
-    Measure("mass of the load, found out", _load, "kg", BOTH),
+    Measure("estimated mass of the load", _load, "kg", BOTH),
     Measure("levels not solved", lambda run: math.nan if run.unsolved_levels is None else run.unsolved_levels),
     Measure("largest rise of a level's cost by later levels", lambda run: 100 * run.level_rise, "%", resolution=1e-3),
     Measure(LEVELS_RAISED, lambda run: math.nan if run.raised_levels is None else run.raised_levels),
@@ -450,7 +450,7 @@ def warnings_of(summary: Summary) -> Iterator[str]:
         if quantity in exceeded:
             yield f"a limit was exceeded: {text}"
     if summary.delay_is_cut_off:
-        yield "commands are later than the controller finds out: give the delay, controller.delay"
+        yield "commands come later than the controller can estimate: give the delay, controller.delay"
     if summary.unknown_delay:
         late = number(1e3 * summary.unknown_delay)
         yield (

@@ -243,7 +243,7 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
     elif "solve_failed" in command.events:
         logger.warning("%.2f s: solve failed (%s); %s", command.time, command.outcome.name.lower(), what_goes_on)
     if "load_dropped" in command.events:
-        logger.warning("%.2f s: the load found out does not explain the motion; its prior counts", command.time)
+        logger.warning("%.2f s: the estimated load does not explain the motion; its prior counts again", command.time)
     if "near_singular" in command.events:
         instead = "the law in joint space is used until then: bend the arms"
         logger.warning("%.2f s: J_C has a condition number above %g; %s", command.time, LARGEST_CONDITION, instead)

@@ -83,7 +83,7 @@ def test_check_says_where_no_delay_is_looked_for(psmpc: Psmpc) -> None:
     said = {
         ("thrust_and_reach", late): "delay taken for none: pulses of thrusters cannot be told from one",
         ("thrust_and_reach", (*late, "--set", "controller.delay=0.1 s")): "delay known as 0.1 s",
-        ("float_and_reach", late): "delay found out",
+        ("float_and_reach", late): "delay estimated",
     }
     for (task, options), text in said.items():
         assert text in " ".join(psmpc("check", task, *options).stdout.split())

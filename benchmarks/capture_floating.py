@@ -7,7 +7,8 @@
 
 In a draw the object drifts and turns by up to 1 cm/s and 1 deg/s about each axis and is up to 30 % heavier or lighter
 than the task says; measurements are noisy, commands are late, and nobody has declared any of it. The settings of the
-tasks were chosen on seeds from 1000 on.
+tasks were chosen on seeds from 1000 on, after earlier ones had lost 6 of 32 and 3 of 24 objects on the first seeds. The
+draws therefore begin at a seed that nobody had looked at.
 """
 
 import json
@@ -66,6 +67,8 @@ DRAWN = {
     "object.grasp.known": "estimated",
     "log": {"shares": False, "plans": False},
 }
+
+FIRST_SEED = 100
 
 IN_SPACE = "capture_floating_servicer"
 
@@ -144,7 +147,7 @@ def results() -> dict[str, dict[int, dict[str, Any]]]:
 def draws(count: str, *cases: str) -> Iterator[str]:
     """Run the draws that are missing, of all cases or some."""
     made = results()
-    for seed in range(int(count)):
+    for seed in range(FIRST_SEED, FIRST_SEED + int(count)):
         for case in cases or DRAWN_CASES:
             if seed not in made[case]:
                 line = json.dumps(draw(case, seed))

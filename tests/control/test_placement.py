@@ -88,9 +88,8 @@ def test_a_target_is_where_the_object_will_be_at_the_planned_end_of_a_stage_that
 
 def test_cost_follows_an_object_that_tumbles() -> None:
     problem, inside = build_problem(load_task("servicing")), np.array([0.6, 0.1, 0.2, 0.5, 0.5, -0.5, 0.5])
-    body = FreeBody(20.0, [2.0, 3.0, 4.0])
+    body, state = FreeBody(20.0, [2.0, 3.0, 4.0]), np.array([1, 2, 3, 1, 0, 0, 0, 0.02, 0, 0.01, 0.1, -0.05, 0.2])
     stage = replace(problem.stages[1], on_object={"left": PlaceOnObject(body, inside)})
-    state = np.array([1, 2, 3, 1, 0, 0, 0, 0.02, 0, 0.01, 0.1, -0.05, 0.2])
     found = stage.unplaced_copy().following(body, state, 1.5, 4.0)
     wanted = SPACE.composed(body.predicted(state[:7], state[7:], 2.53)[0], inside)
     assert found.wanted(np.array([4.03]))[0, problem.model.pose_rows["left"]] == pytest.approx(wanted, abs=1e-4)

@@ -157,7 +157,7 @@ def test_pareto_fronts_are_a_table_a_file_and_figures(psmpc: Psmpc) -> None:
     ran = psmpc("pareto", "task.yaml", *quick, "--log", "run.h5")
     assert ran.code == 0
     answer, heading, *lines = ran.stdout.splitlines()
-    assert "at 2 of 2 instants" in answer
+    assert "at 2 of 2 samples" in answer
     assert all(word in heading for word in ("T0 [s]", "t_s [s]", "J_1 [s]", "J_2 [s]", "hypervolume"))
     assert [line.split()[0] for line in lines[:2]] == ["0.30", "0.50"]
     path = Path("runs/task-pareto.h5")

@@ -211,7 +211,7 @@ def test_fronts_have_a_row_for_each_sample_and_how_they_move(tmp_path: Path, sho
     path = tmp_path / "pareto.h5"
     synthetic_fronts(path, failed=(1,)).create()
     first, heading, *rows = shown(path)
-    assert first.startswith("with growing omega_2/omega_1 the optimum moves to the upper left at 2 of 3 instants")
+    assert first.startswith("with growing omega_2/omega_1 the optimum moves to the upper left at 2 of 3 samples")
     assert heading.split()[:4] == ["T0", "[s]", "t_s", "[s]"]
     assert [row.split()[0] for row in rows[:3]] == ["6.50", "7.50", "8.50"]
     assert [row.split()[-1] for row in rows[:3]] == ["0", "7", "0"]

@@ -42,7 +42,7 @@ def test_a_step_back_along_a_front_is_found_and_last_digits_are_none() -> None:
     assert movement.moving == 2
     assert movement.against[0] == 0.0
     assert movement.against[1] > 0.1
-    assert "upper left at 2 of 3 instants" in movement.over_ratio
+    assert "upper left at 2 of 3 samples" in movement.over_ratio
 
 
 def test_costs_that_follow_the_stages_parts_of_the_horizon_do_not_move_per_second() -> None:

@@ -119,9 +119,9 @@ class Body:
 class Base(Spec):
     """The base body."""
 
-    mass: fields.PositiveOrNone = Field(description="mass, 0 of a fixed base alone [kg]")
+    mass: fields.PositiveOrNone = Field(description="mass; only a fixed base may have 0 [kg]")
     inertia: fields.PositiveOrNone = Field(
-        description="inertia about the centre of mass, 0 of a fixed base alone [kg m^2]"
+        description="inertia about the centre of mass; only a fixed base may have 0 [kg m^2]"
     )
 
     @property
@@ -196,9 +196,9 @@ InertiaOrNone = Annotated[_Terms, AfterValidator(lambda value: _is_an_inertia(va
 class SpatialBase(Spec):
     """The base body of a spatial robot."""
 
-    mass: fields.PositiveOrNone = Field(description="mass, 0 of a fixed base alone [kg]")
+    mass: fields.PositiveOrNone = Field(description="mass; only a fixed base may have 0 [kg]")
     inertia: InertiaOrNone = Field(
-        description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz), 0 of a fixed base alone [kg m^2]"
+        description="inertia about the centre of mass, xx, yy, zz (, xy, xz, yz); only a fixed base may have 0 [kg m^2]"
     )
     centre_of_mass: fields.Vector3 = Field((0.0, 0.0, 0.0), description="in the body's frame [m]")
 

@@ -169,8 +169,26 @@ def detumble_limit() -> Decimal:
     return sum(detumble_costs()[-2:]) / Decimal(2)
 
 
+def shares_of_late_decisions() -> list[Decimal]:
+    """Return the share of late decisions in each built-in task of docs/performance.md [%], ascending."""
+    rows = table_rows("docs/performance.md", "performance_table.py tasks")
+    return sorted(100 * Decimal(row["late"]) / Decimal(row["samples"]) for row in rows)
+
+
+def tasks_in_time() -> str:
+    """Count the built-in tasks of docs/performance.md in which no decision is late, of all."""
+    shares = shares_of_late_decisions()
+    return f"{shares.count(Decimal(0))} of {len(shares)}"
+
+
+def late_share() -> Decimal:
+    """Return the second largest share of late decisions in a built-in task of docs/performance.md [%]."""
+    return shares_of_late_decisions()[-2]
+
+
 FUNCTIONS: Mapping[str, Callable[[], object]] = {
-    function.__name__: function for function in (published_claims, detumble_difference, detumble_limit)
+    function.__name__: function
+    for function in (published_claims, detumble_difference, detumble_limit, tasks_in_time, late_share)
 }
 
 

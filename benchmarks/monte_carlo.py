@@ -127,7 +127,7 @@ def noise() -> Iterator[str]:
         largest = np.nanmax(runs["end_error_noise"], axis=1, initial=0.0)
         arrived = int((runs["succeeded"] * (largest <= 1.0)).sum())
         given = {"controller": name, "noise [mm, mrad]": f"{level:g}", "succeeded": found["succeeded"]}
-        given |= {"and every end within 2 sigma": arrived, "largest": f"{largest.max():.2f}"}
+        given |= {"true errors in bounds": arrived, "largest": f"{largest.max():.2f}"}
         row = {**given, **{key: found[key] for key in ("ends [s]", "failed solves a run")}}
         rows.setdefault("equal" if name == EQUAL else "as shipped", []).append(row)
         why += [f"- {name}, {level:g} mm: {len(seeds)} failed: {reason}" for reason, seeds in failures(runs).items()]
@@ -141,11 +141,11 @@ def noise() -> Iterator[str]:
 LEVELS = (0, 0.3, 1, 3, 10)
 """Standard deviations of the noise [mm, mrad]."""
 
-EQUAL = "hard, keys of psmpc"
+EQUAL = "hard, settings of psmpc"
 
 EQUAL_OR_OWN = {
     "psmpc": ("controller.kind=psmpc",),
-    "hard, own keys": ("controller.kind=hard",),
+    "hard, own settings": ("controller.kind=hard",),
     EQUAL: (
         "controller.kind=hard",
         "skills.move.weights.control=4",
@@ -156,7 +156,7 @@ EQUAL_OR_OWN = {
         "stages.release.ends_when.tolerance=0.012",
     ),
 }
-"""Controllers, and with which keys of the task they run."""
+"""Controllers, and with which settings they run."""
 
 
 def delays(count: str = "20") -> Iterator[str]:

@@ -288,7 +288,7 @@ def struck(folder: Path, number: signal.Signals, name: str, changes: Sequence[st
         "samples after it, at most": f"{max(one.after for one in ended)}",
         "ended within": f"{max(one.took for one in ended):.1f} s",
         "samples lost, at most": f"{max(map(len, lost))}",
-        "of the last": f"{oldest:.1f} s",
+        "computed in the last": f"{oldest:.1f} s",
         "whole logs, not overwritten": f"{len(before)} of {len(before)}" if safe else "NOT ALL",
         "exit code": ", ".join(sorted({str(one.code) for one in ended})),
     }

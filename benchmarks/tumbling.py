@@ -175,7 +175,7 @@ def budget() -> Iterator[str]:
         "impulse to reach that speed, and again to stop with the satellite": f"{impulse:.0f} N s each",
         "largest force of the thrusters": f"{force:g} N",
         "time in which this force gives one of these impulses": f"{impulse / force:.1f} s",
-        f"force at the hands if it stops within {STOPS_WITHIN} s, as in the run above": f"{pull:.1f} N",
+        f"force at the hands if both stop within {STOPS_WITHIN} s, as in `{TASK}`": f"{pull:.1f} N",
         "pull that each of the two grasps bears": f"{body.grasp.strength.pull:g} N",
     }
     return markdown(rows.items(), "what", TASK)

@@ -136,7 +136,10 @@ _ENDS = _number(
 _STARTS = "actual start of each stage"
 _CURRENT = "integral of the running cost of each stage, before normalization, while it was the current one"
 _FINAL = "largest error of the last stage's end condition at the end of the run, divided by its tolerance"
-_AT_ENDS = "the same of each stage but the last, at the time at which it ended"
+_AT_ENDS = (
+    "largest error of each stage's end condition but the last stage's, at the time at which the stage ended, "
+    "divided by its tolerance"
+)
 _AND_NOISE = "as `end_error`, but divided by the tolerance plus 2 standard deviations of the measurement"
 _BEYOND = "smallest distance to a {} limit at any tick; negative beyond the limit"
 _OVER = "the same for a {} limit, divided by half the distance between the two limits"

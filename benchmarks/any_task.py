@@ -40,7 +40,7 @@ from pages import PSMPC
 
 import psmpc_cli as psmpc
 from psmpc_cli.errors import LogError, PsmpcError
-from psmpc_cli.ocp.feasibility import load_task
+from psmpc_cli.ocp.feasibility.checks import load_task
 
 RESULTS = Path(__file__).with_suffix(".jsonl")
 COUNT = 1000

@@ -30,7 +30,7 @@ from performance_table import floating
 import psmpc_cli as psmpc
 from psmpc_cli.ocp.constraints import soft_row_violations
 from psmpc_cli.ocp.constraints.clearance import argument_of, distance_rows, groups, poses_at
-from psmpc_cli.ocp.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.simulation.replay import logged_solve

@@ -55,8 +55,8 @@ from tours import ahead, as_target, draw_tour, tour
 
 import psmpc_cli as psmpc
 from psmpc_cli.figures.style import in_style, line_look, mark_look, new_figure
-from psmpc_cli.ocp.feasibility import load_task
-from psmpc_cli.ocp.forecast import forecast_configurations, forecast_stages
+from psmpc_cli.ocp.feasibility.checks import load_task
+from psmpc_cli.ocp.feasibility.forecast import forecast_configurations, forecast_stages
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
 from psmpc_cli.simulation.replay import replay

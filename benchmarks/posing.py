@@ -22,8 +22,8 @@ from pages import markdown
 from scipy.stats import binomtest
 
 import psmpc_cli as psmpc
-from psmpc_cli.ocp.forecast import forecast_configurations, forecast_stages
-from psmpc_cli.ocp.posing import LEAST_GAIN, Posing, posings
+from psmpc_cli.ocp.feasibility.forecast import forecast_configurations, forecast_stages
+from psmpc_cli.ocp.feasibility.posing import LEAST_GAIN, Posing, posings
 from psmpc_cli.specs.load import Task
 
 RESULTS = Path(__file__).parent / "results" / "posing.jsonl"

@@ -20,7 +20,7 @@ from steadiness import largest_jump, longest_alternation
 
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.feasibility import ensure_feasible
+from psmpc_cli.ocp.feasibility.checks import ensure_feasible
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.specs.document import write
 from psmpc_cli.specs.library import find, read_text

@@ -9,7 +9,7 @@ _MODULES = {
     "Controller": "control",
     "State": "control",
     "plot": "figures.registry",
-    "load_task": "ocp.feasibility",
+    "load_task": "ocp.feasibility.checks",
     "Ticks": "plant",
     "Run": "logs.run",
     "read_run": "logs.run",

@@ -10,12 +10,12 @@ import numpy as np
 
 from psmpc_cli.cli.common import echo
 from psmpc_cli.cli.tables import Row, print_table
-from psmpc_cli.ocp.drift import drifts
-from psmpc_cli.ocp.feasibility import LARGEST_UNKNOWN_LOAD
-from psmpc_cli.ocp.forecast import StageForecast, forecast_configurations, initial_state
-from psmpc_cli.ocp.postures import ArmPosture, arm_postures, largest_load_ratio
+from psmpc_cli.ocp.feasibility.checks import LARGEST_UNKNOWN_LOAD
+from psmpc_cli.ocp.feasibility.drift import drifts
+from psmpc_cli.ocp.feasibility.forecast import StageForecast, forecast_configurations, initial_state
+from psmpc_cli.ocp.feasibility.postures import ArmPosture, arm_postures, largest_load_ratio
+from psmpc_cli.ocp.feasibility.targets import shut_thrusters
 from psmpc_cli.ocp.stage import Stage
-from psmpc_cli.ocp.targets import shut_thrusters
 from psmpc_cli.robot.actuators.thrusters import Thrusters
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.geometry import pieces_of

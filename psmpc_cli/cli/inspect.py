@@ -59,8 +59,8 @@ def _check_one(reference: str, changes: list[str], gradients: bool, figure: Path
         validate(reference, changes)
         from psmpc_cli.cli.descriptions import print_task
         from psmpc_cli.cli.tables import print_gradients
-        from psmpc_cli.ocp.feasibility import load_task, remarks
-        from psmpc_cli.ocp.forecast import forecast_stages
+        from psmpc_cli.ocp.feasibility.checks import load_task, remarks
+        from psmpc_cli.ocp.feasibility.forecast import forecast_stages
         from psmpc_cli.specs.document import counted
 
         subject = load_task(reference, changes)

@@ -63,7 +63,7 @@ def simulate(
     from psmpc_cli.cli.contents import present
     from psmpc_cli.figures.animation import offscreen_driver
     from psmpc_cli.logs.schema import RUN
-    from psmpc_cli.ocp.feasibility import load_task
+    from psmpc_cli.ocp.feasibility.checks import load_task
     from psmpc_cli.simulation.follow import FollowedTask
     from psmpc_cli.simulation.run import simulate as run_task
     from psmpc_cli.specs.library import find

@@ -188,7 +188,7 @@ def pareto(
     from psmpc_cli.logs.files import check_output
     from psmpc_cli.logs.run import read_run
     from psmpc_cli.logs.schema import PARETO
-    from psmpc_cli.ocp.feasibility import load_task
+    from psmpc_cli.ocp.feasibility.checks import load_task
     from psmpc_cli.simulation.run import simulate
     from psmpc_cli.studies.pareto import ParetoSettings, solve_pareto
     from psmpc_cli.studies.sampling import parse_numbers

@@ -10,7 +10,7 @@ from psmpc_cli.control.control_law import ControlLaw
 from psmpc_cli.control.interface import Command, Measurement, NewTarget, State
 from psmpc_cli.control.routes.guidance import RouteProgress
 from psmpc_cli.control.sequence import MovingSequence
-from psmpc_cli.ocp.feasibility import ensure_feasible
+from psmpc_cli.ocp.feasibility.checks import ensure_feasible
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.solvers import Solver
 from psmpc_cli.specs.arguments import rejected, require

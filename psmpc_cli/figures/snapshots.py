@@ -46,8 +46,8 @@ from psmpc_cli.figures.solids import (
 )
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.posing import Posing, posings
-from psmpc_cli.ocp.postures import configurations
+from psmpc_cli.ocp.feasibility.posing import Posing, posings
+from psmpc_cli.ocp.feasibility.postures import configurations
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames

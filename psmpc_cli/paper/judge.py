@@ -9,7 +9,7 @@ import numpy as np
 from psmpc_cli.logs.results import Results
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.summary import Summary
-from psmpc_cli.ocp.forecast import earliest_ends
+from psmpc_cli.ocp.feasibility.forecast import earliest_ends
 from psmpc_cli.paper.ablations import Ablation
 from psmpc_cli.paper.claims import Claim, Finding, load_claims
 from psmpc_cli.paper.missions import (

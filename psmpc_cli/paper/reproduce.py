@@ -9,7 +9,7 @@ from pydantic_core import to_json
 from psmpc_cli import __version__
 from psmpc_cli.errors import InputError
 from psmpc_cli.logs.files import LOG, PAGE, FileKind, check_output
-from psmpc_cli.ocp.feasibility import ensure_feasible
+from psmpc_cli.ocp.feasibility.checks import ensure_feasible
 from psmpc_cli.paper.ablations import Ablation, run_ablations
 from psmpc_cli.paper.claims import Finding
 from psmpc_cli.paper.departures import DEPARTURES, PRINTED, SHIPPED

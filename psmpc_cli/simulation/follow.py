@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from psmpc_cli.errors import PsmpcError
-from psmpc_cli.ocp.feasibility import load_task
+from psmpc_cli.ocp.feasibility.checks import load_task
 from psmpc_cli.specs.document import Changes
 from psmpc_cli.specs.load import Task
 

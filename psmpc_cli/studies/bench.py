@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from psmpc_cli.errors import InputError, RunError
 from psmpc_cli.native.library import describe_processor
-from psmpc_cli.ocp.feasibility import ensure_feasible
+from psmpc_cli.ocp.feasibility.checks import ensure_feasible
 from psmpc_cli.ocp.plan import resting_plan
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.progress import Watch, Work

@@ -35,7 +35,7 @@ from psmpc_cli.errors import InputError, LogError, RunError, SpecError, begin_wo
 from psmpc_cli.logs.files import FileLock, check_output
 from psmpc_cli.logs.results import Quantity, Results, new_results, read_results
 from psmpc_cli.logs.schema import Column
-from psmpc_cli.ocp.feasibility import ensure_feasible, load_task
+from psmpc_cli.ocp.feasibility.checks import ensure_feasible, load_task
 from psmpc_cli.plant import require_plant
 from psmpc_cli.progress import Watch, Work
 from psmpc_cli.simulation.run import simulate

@@ -8,8 +8,8 @@ import pytest
 import psmpc_cli as psmpc
 from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.feasibility import remarks
-from psmpc_cli.ocp.forecast import forecast_stages
+from psmpc_cli.ocp.feasibility.checks import remarks
+from psmpc_cli.ocp.feasibility.forecast import forecast_stages
 from psmpc_cli.paper.reproduce import load_grasps
 from psmpc_cli.robot.configuration import SPACE
 from psmpc_cli.simulation.replay import replay

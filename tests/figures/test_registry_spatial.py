@@ -13,7 +13,7 @@ from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.scene import OBLIQUE, scene_of
 from psmpc_cli.figures.snapshots import plot_robot, plot_scenario
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.simulation.run import simulate

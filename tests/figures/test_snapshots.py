@@ -13,7 +13,7 @@ from psmpc_cli.figures.coordinates import error_curves
 from psmpc_cli.figures.scene import object_frames, scene_of
 from psmpc_cli.figures.snapshots import plot_robot, plot_scenario, plot_snapshots
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.geometry import pieces_of

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.postures import arm_postures, configurations
+from psmpc_cli.ocp.feasibility.postures import arm_postures, configurations
+from psmpc_cli.ocp.feasibility.targets import _poses_at_target
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.skills import Posture, skill_in
-from psmpc_cli.ocp.targets import _poses_at_target
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.simulation.run import simulate
 from psmpc_cli.specs.load import load_task

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility import load_task as load_feasible_task
+from psmpc_cli.ocp.feasibility.checks import load_task as load_feasible_task
 from psmpc_cli.paper.departures import CONTROLLER_AS_PRINTED, DEPARTURES, PRINTED, SHIPPED, Departure, load_variant
 from psmpc_cli.specs.controller import AS_PRINTED
 from psmpc_cli.specs.load import load_task

@@ -15,7 +15,7 @@ from psmpc_cli.control.interface import Command, State
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.logs.schema import Sample
-from psmpc_cli.ocp.feasibility import load_task
+from psmpc_cli.ocp.feasibility.checks import load_task
 from psmpc_cli.plant.base import Setpoints
 from psmpc_cli.report.texts import measure_rows, warnings_of
 from psmpc_cli.robot.model import RobotModel, load_robot

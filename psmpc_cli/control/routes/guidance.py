@@ -17,7 +17,7 @@ from psmpc_cli.control.interface import State
 from psmpc_cli.control.routes.route import Route, StraightMotions, find_route
 from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, groups_to_clear, poses_at
-from psmpc_cli.ocp.postures import configurations, held_pose, unforeseen
+from psmpc_cli.ocp.feasibility.postures import configurations, held_pose, unforeseen
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleContext

@@ -11,9 +11,9 @@ from psmpc_cli.control.interface import State
 from psmpc_cli.control.routes.guidance import RouteGuide, RouteProgress
 from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.feasibility import remarks
-from psmpc_cli.ocp.forecast import forecast_stages
-from psmpc_cli.ocp.postures import unforeseen
+from psmpc_cli.ocp.feasibility.checks import remarks
+from psmpc_cli.ocp.feasibility.forecast import forecast_stages
+from psmpc_cli.ocp.feasibility.postures import unforeseen
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.simulation.run import simulate

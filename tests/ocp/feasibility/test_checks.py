@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility import ensure_feasible, load_task, remarks, review
-from psmpc_cli.ocp.forecast import forecast_stages
+from psmpc_cli.ocp.feasibility.checks import ensure_feasible, load_task, remarks, review
+from psmpc_cli.ocp.feasibility.forecast import forecast_stages
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.robot.reach import furthest_centre
 from psmpc_cli.specs.document import Fault, dotted
@@ -16,7 +16,7 @@ from psmpc_cli.specs.load import Task, parse_task
 from psmpc_cli.specs.load import load_task as load_valid_task
 from psmpc_cli.specs.robots.robot import resolve_limits
 
-from .. import free_flyer
+from ... import free_flyer
 
 TRANSPORT = load_valid_task("transport")
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.feasibility import load_task
-from psmpc_cli.ocp.forecast import forecast_stages
-from psmpc_cli.ocp.postures import arm_postures, configurations, largest_load_ratio
+from psmpc_cli.ocp.feasibility.checks import load_task
+from psmpc_cli.ocp.feasibility.forecast import forecast_stages
+from psmpc_cli.ocp.feasibility.postures import arm_postures, configurations, largest_load_ratio
 from psmpc_cli.robot.model import RobotModel
 
 

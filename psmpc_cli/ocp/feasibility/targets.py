@@ -8,7 +8,7 @@ import numpy as np
 from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, groups_to_clear, poses_at
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
-from psmpc_cli.ocp.postures import arm_postures, held_pose, unforeseen
+from psmpc_cli.ocp.feasibility.postures import arm_postures, held_pose, unforeseen
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleContext, Stage
 from psmpc_cli.robot.model import RobotModel

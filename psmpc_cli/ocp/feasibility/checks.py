@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.drift import drifts
-from psmpc_cli.ocp.forecast import (
+from psmpc_cli.ocp.feasibility.drift import drifts
+from psmpc_cli.ocp.feasibility.forecast import (
     StageForecast,
     bounds_of,
     coordinates_of,
@@ -20,12 +20,12 @@ from psmpc_cli.ocp.forecast import (
     reaches_of,
     tolerances_of,
 )
+from psmpc_cli.ocp.feasibility.posing import posing_remarks
+from psmpc_cli.ocp.feasibility.postures import largest_load_ratio, unforeseen
+from psmpc_cli.ocp.feasibility.targets import clearance_remarks, cone_remarks, monitor_faults
 from psmpc_cli.ocp.objective import StageCosts
-from psmpc_cli.ocp.posing import posing_remarks
-from psmpc_cli.ocp.postures import largest_load_ratio, unforeseen
 from psmpc_cli.ocp.problem import in_own_chart
 from psmpc_cli.ocp.stage import Stage
-from psmpc_cli.ocp.targets import clearance_remarks, cone_remarks, monitor_faults
 from psmpc_cli.robot.actuators.wheels import Wheels
 from psmpc_cli.robot.configuration import configuration_space
 from psmpc_cli.robot.dynamics import LARGEST_CONDITION

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.forecast import forecast_stages
+from psmpc_cli.ocp.feasibility.forecast import forecast_stages
 from psmpc_cli.specs.load import load_task
 
-from .. import free_flyer
+from ... import free_flyer
 
 
 def test_reach_is_known_where_the_target_asks_for_poses_and_a_base() -> None:

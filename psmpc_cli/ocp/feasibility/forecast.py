@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space

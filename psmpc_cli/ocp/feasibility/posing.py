@@ -10,9 +10,9 @@ from itertools import product
 
 import numpy as np
 
-from psmpc_cli.ocp.forecast import coordinate_of_row, counts, earliest_ends, shortest_time
-from psmpc_cli.ocp.postures import unforeseen
-from psmpc_cli.ocp.quickest import Begin, RestToRest, quickest
+from psmpc_cli.ocp.feasibility.forecast import coordinate_of_row, counts, earliest_ends, shortest_time
+from psmpc_cli.ocp.feasibility.postures import unforeseen
+from psmpc_cli.ocp.feasibility.quickest import Begin, RestToRest, quickest
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of

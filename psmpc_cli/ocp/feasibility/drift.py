@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.forecast import (
+from psmpc_cli.ocp.feasibility.forecast import (
     StageForecast,
     coordinate_of_row,
     forecast_configurations,

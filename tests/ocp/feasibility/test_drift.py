@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.drift import Drift, drifts
-from psmpc_cli.ocp.feasibility import remarks
-from psmpc_cli.ocp.forecast import forecast_stages
+from psmpc_cli.ocp.feasibility.checks import remarks
+from psmpc_cli.ocp.feasibility.drift import Drift, drifts
+from psmpc_cli.ocp.feasibility.forecast import forecast_stages
 from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.load import load_task
 
-from ..docking import docking
+from ...docking import docking
 
 
 def drifts_of(*changes: str) -> list[Drift]:

@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.feasibility import remarks, review
-from psmpc_cli.ocp.forecast import forecast_configurations, forecast_stages
-from psmpc_cli.ocp.targets import shut_thrusters
+from psmpc_cli.ocp.feasibility.checks import remarks, review
+from psmpc_cli.ocp.feasibility.forecast import forecast_configurations, forecast_stages
+from psmpc_cli.ocp.feasibility.targets import shut_thrusters
 from psmpc_cli.robot.model import load_robot
 from psmpc_cli.robot.shape import RobotShape
 from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.load import load_task
 
-from ..plumed import AHEAD, before_a_panel
+from ...plumed import AHEAD, before_a_panel
 
 
 @pytest.mark.parametrize(

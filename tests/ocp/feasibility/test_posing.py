@@ -3,9 +3,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from psmpc_cli.ocp.feasibility import remarks
-from psmpc_cli.ocp.forecast import forecast_configurations, forecast_stages
-from psmpc_cli.ocp.posing import Posing, posings
+from psmpc_cli.ocp.feasibility.checks import remarks
+from psmpc_cli.ocp.feasibility.forecast import forecast_configurations, forecast_stages
+from psmpc_cli.ocp.feasibility.posing import Posing, posings
 from psmpc_cli.specs.document import dotted
 from psmpc_cli.specs.load import load_task
 

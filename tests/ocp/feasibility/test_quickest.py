@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.quickest import Begin, RestToRest, quickest
+from psmpc_cli.ocp.feasibility.quickest import Begin, RestToRest, quickest
 from psmpc_cli.robot.model import RobotModel, load_robot
 
 LIMITS = st.floats(0.05, 5.0) | st.just(np.inf)

@@ -59,7 +59,8 @@ def test_the_outline_of_a_capsule_is_around_all_its_points(seed: int, length: fl
     assert area == pytest.approx(np.pi * radius**2 + 2 * radius * seen, rel=0.005)  # of a circle with 60 corners
 
 
-@pytest.mark.parametrize("seed", range(4))
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=8)
 def test_a_half_plane_is_drawn_up_to_the_edges_of_the_view(seed: int) -> None:
     frame = placed(seed, planar=True)
     (area,) = polygons(drawn(PLAN, Shape("half_space", (1.0, 0.0, 0.0)), frame))

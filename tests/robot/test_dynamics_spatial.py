@@ -8,7 +8,8 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from psmpc_cli.ocp.loads import LoadKind
 from psmpc_cli.robot.model import RobotModel
@@ -138,7 +139,8 @@ def moved(Q: Array, by: Array) -> Array:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5))
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=5)
 @pytest.mark.parametrize("robot", ["dual_arm_servicer", "free_flyer_arm"])
 def test_momentum_and_generalized_jacobians_are_pinocchios(robot: str, seed: int) -> None:
     """Of the base, and of the end-effectors: at phi = 0 of a chart, where the rates of its coordinates are v.

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -181,7 +181,8 @@ def nearest_by_search(u: np.ndarray, applied: np.ndarray) -> float:
     return min(distances)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=40)
 def test_no_combination_of_correlated_controls_is_nearer(seed: int) -> None:
     """Controls that differ along few directions, where dropping negative weights one by one goes wrong."""
     random = np.random.default_rng(seed)

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from psmpc_cli.ocp.constraints import NodeRows, node_rows, soft_row_violations
@@ -139,7 +141,8 @@ def problem(request: pytest.FixtureRequest) -> Problem:
     return build_problem(BUILDS[request.param](*several_cones(request.param)))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=8)
 def test_a_state_is_allowed_where_the_angles_are(problem: Problem, seed: int) -> None:
     """Between the polygon in space and the cone the rows forbid what the cone allows: states there are not judged."""
     window = window_of(problem)
@@ -199,7 +202,8 @@ def test_within_a_wide_cone_is_outside_the_narrow_one_about_the_opposite_axis(di
     np.testing.assert_allclose(wide, narrow, atol=1e-14)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=4)
 def test_derivatives_are_those_of_the_rows(problem: Problem, seed: int) -> None:
     window = window_of(problem)
     n = problem.model.n

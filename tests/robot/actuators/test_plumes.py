@@ -1,7 +1,8 @@
 """Which plumes reach a body, against points drawn in the cones."""
 
 import numpy as np
-import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from psmpc_cli.robot.actuators.plumes import Plumes
 from psmpc_cli.robot.kinematics import SpatialFrame
@@ -34,7 +35,8 @@ def spatial(angle: float, length: float) -> Plumes:
     return Plumes.of([SpatialThruster(position=(0, 0, 0), direction=(-2, 0, 0), force=1, plume=plume)])
 
 
-@pytest.mark.parametrize("seed", range(40))
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=40)
 def test_a_plume_reaches_a_capsule_that_some_of_its_points_are_in(seed: int) -> None:
     """The nearest of 40,000 points is some 2 cm off, so a radius within 5 cm of the distance is not judged."""
     rng = np.random.default_rng(seed)
@@ -53,7 +55,8 @@ def test_a_plume_reaches_a_capsule_that_some_of_its_points_are_in(seed: int) -> 
         assert not plume.reach(ORIGIN, Shape("capsule", (distance - 0.05, length)), frame).item()
 
 
-@pytest.mark.parametrize("seed", range(10))
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=10)
 def test_a_plume_reaches_into_a_half_space_that_some_of_its_points_are_in(seed: int) -> None:
     rng = np.random.default_rng(seed)
     angle = float(rng.uniform(0.1, 1.4))

@@ -33,7 +33,11 @@ from psmpc_cli.specs.task import PrioritiesSpec, TaskSpec
 
 
 def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
-    """Print a task: what runs it, its stages part by part, and its object."""
+    """Print a task as `psmpc check` shows it before a run.
+
+    First what runs it, its priorities and its uncertainty, then its stages part by part. Sections follow that a task
+    has or not: postures of the arms, limits of forces, thrusters, turns of the base, drifts, clearance, and the object.
+    """
     spec = task.spec
     controller = task.spec.controller
     echo(f"{spec.name}: {spec.description}" if spec.description else spec.name)
@@ -49,16 +53,16 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
         echo(f"uncertain, seed {spec.seed}, delay {_known_delay(task)}:")
         echo("\n".join(f"  {line}" for line in _changes(spec.uncertainty, "uncertainty")))
     headings = ("stage", "part", "target", "ends within", "distance of reach", "not before")
-    print_table(headings, [row for forecast in forecasts for row in _stage(task, forecast)], left=len(headings))
+    print_table(headings, [row for forecast in forecasts for row in _stage(task, forecast)], left_aligned=len(headings))
     model = forecasts[0].model
     stages = [forecast.stage for forecast in forecasts]
     stops = forecast_configurations(task, forecasts)
     if rows := [_posture(task.robot, each) for each in arm_postures(model, stages, stops)]:
         echo()
-        print_table(("at the target of", "arm", "joints", "end-effector"), rows, left=4)
+        print_table(("at the target of", "arm", "joints", "end-effector"), rows, left_aligned=4)
     if limits := [(coordinate, force) for coordinate, *_, force in _limits(task.robot, spec.limits) if force]:
         echo()
-        print_table(("coordinate", "limit of force, of robot and task"), limits, left=2)
+        print_table(("coordinate", "limit of force, of robot and task"), limits, left_aligned=2)
     if spec.fires(task.robot):
         echo()
         echo(_thrusters(task.robot))
@@ -66,7 +70,7 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
             echo(f"shut at the target, because of plumes: {'; '.join(starmap(_shut, shut.items()))}")
     if rows := list(_turns(task, model, stages)):
         echo()
-        print_table(TURNS, rows, left=1)
+        print_table(TURNS, rows, left_aligned=1)
     if sentences := list(_drifts(task, forecasts)):
         echo()
         echo("\n".join(sentences))
@@ -190,9 +194,9 @@ def print_robot(robot: RobotSpec) -> None:
         row = (body.name, joint, carrier, f"{body.mass:g}", _listed(body.centre[:d]), _listed(inertia), armature)
         rows.append(row)
     headings = ("body", "joint", "on", "mass [kg]", "centre of mass [m]", "inertia [kg m^2]", "armature")
-    print_table(headings, rows, left=len(headings))
+    print_table(headings, rows, left_aligned=len(headings))
     echo()
-    print_table(("coordinate", *QUANTITIES), _limits(robot), left=1 + len(QUANTITIES))
+    print_table(("coordinate", *QUANTITIES), _limits(robot), left_aligned=1 + len(QUANTITIES))
     echo()
     echo(f"shape: {_geometry(robot)}")
     if robot.thrusters:

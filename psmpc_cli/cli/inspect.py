@@ -87,14 +87,14 @@ def tasks() -> None:
 
     loaded = {name: load_task(name) for name in built_ins("task")}
     rows = [(name, task.robot.name, task.spec.description or "") for name, task in loaded.items()]
-    print_table(("task", "robot", "what it shows"), rows, left=3)
+    print_table(("task", "robot", "what it shows"), rows, left_aligned=3)
     echo()
     robots = {name: load_robot(name) for name in built_ins("robot")}
     numbers = [
         (name, "plane" if robot.dimension == 2 else "space", ", ".join(robot.arms), str(len(robot.joints)))
         for name, robot in robots.items()
     ]
-    print_table(("robot", "moves in", "arms", "joints"), numbers, left=3)
+    print_table(("robot", "moves in", "arms", "joints"), numbers, left_aligned=3)
     echo("psmpc check NAME prints one; psmpc simulate TASK runs one; psmpc init DIR copies all")
 
 
@@ -152,5 +152,5 @@ def bench(
     appends = 2 if quick else None
     with ending_on_signals("no table was made") as interruption, live_line(quiet) as line:
         measured = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.check)
-    print_table(study.HEADINGS, list(study.bench_rows(measured)), left=3)
+    print_table(study.HEADINGS, list(study.bench_rows(measured)), left_aligned=3)
     echo(f"{study.NOTE}\n\n{study.describe_machine(measured)}")

@@ -188,7 +188,7 @@ def replay(
         echo(f"objective in the lines above: J over the largest priority, {largest:g}")
     rows = [(name, f"{was:.9g}", f"{now:.9g}", f"{abs(now - was):.1e}") for name, (was, now) in again.compared.items()]
     rows.append(("largest of a control in the plan", "", "", f"{again.largest_of_controls:.1e}"))
-    print_table(("", "logged", "again", "difference"), rows, left=1)
+    print_table(("", "logged", "again", "difference"), rows, left_aligned=1)
     equal = f"the log is repeated to {EQUAL:g}"
     differs = f"differs from the log by up to {again.largest:.1e}"
     result = (equal if again.largest <= EQUAL else differs) + ("" if again.same_solver else ", by another solver")
@@ -231,7 +231,7 @@ def _print_peaks(peaks: "Peaks") -> None:
         value = f"{peak.value:.6f}" if quantity == "end condition" else f"{peak.value:.1e}" if peak.value else "0"
         where = (peak.where, f"{peak.time:.3f}") if peak.value else ("", "")
         rows.append((QUANTITIES[quantity], value, *where, str(peak.sample)))
-    print_table(("", "largest", "of", "at [s]", "sample"), rows, left=1)
+    print_table(("", "largest", "of", "at [s]", "sample"), rows, left_aligned=1)
 
 
 def show(

@@ -55,18 +55,18 @@ MOST_SHORT = 11
 """Rows of the table of a short output, so that with its headings it has twelve."""
 
 
-def print_table(headings: Row, rows: Sequence[Row], left: int = 2) -> None:
+def print_table(headings: Row, rows: Sequence[Row], left_aligned: int = 2) -> None:
     """Print a table: as wide as the terminal, or of 160 columns into a file.
 
     Args:
         headings: Names of the columns, empty for a table without them.
         rows: Cells by row; columns without any content are left out.
-        left: Number of columns that are aligned left.
+        left_aligned: Number of columns that are aligned left, the first ones.
     """
     headings, rows = filled_columns(headings, rows)
     table = Table(box=None, show_header=any(headings), pad_edge=False)
     for i, heading in enumerate(headings):
-        table.add_column(Text(heading), justify="right" if i >= left else "left", overflow="fold")
+        table.add_column(Text(heading), justify="right" if i >= left_aligned else "left", overflow="fold")
     for row in rows:
         table.add_row(*(Text(escaped(cell)) for cell in row))
     terminal = Console()
@@ -155,7 +155,7 @@ def _print_all_compared(summaries: Mapping[str, Summary]) -> None:
     """Print all that was measured of runs side by side, with differences to the first one."""
     first, *others = summaries
     rows = [row for row in _compared(list(summaries.values())) if any(cell not in EMPTY for cell in row[1:])]
-    print_table(("", *summaries), rows, left=1)
+    print_table(("", *summaries), rows, left_aligned=1)
     if others:
         echo(f"in parentheses: difference to {first}")
     if any("[" in cell for row in rows for cell in row[1:]):
@@ -246,7 +246,7 @@ def print_key_sweep(results: Results) -> None:
     ]
     echo(f"{int(np.nansum(succeeded))} of {succeeded.size} runs succeeded: {_by_status(results)}")
     keys = results.quantities["succeeded"].dims
-    print_table((*keys, "succeeded", "end [s]", "why"), rows[:MOST_ROWS], left=len(keys) + 1)
+    print_table((*keys, "succeeded", "end [s]", "why"), rows[:MOST_ROWS], left_aligned=len(keys) + 1)
     if len(rows) > MOST_ROWS:
         echo(f"{len(rows) - MOST_ROWS} more runs in {results.path}")
 
@@ -300,7 +300,7 @@ def _print_runs(cells: SweepCells, verbose: bool) -> None:
         starts = [f"{second}\nstarts [s]"]
     measured = (f"{first}\nends [s]", f"{second}\nends [s]", "mission\nends [s]", "effort [m^2/s^3,\nrad^2/s^3]")
     last = ("end error\n[tolerance]", "why") if verbose else ()
-    print_table((*over, *starts, *measured, "base force\nat most [N]", *last), rows, left=0)
+    print_table((*over, *starts, *measured, "base force\nat most [N]", *last), rows, left_aligned=0)
     if len(kept) < len(runs):
         echo(f"{len(kept)} of {len(runs)} {'runs' if apart else 'ratios'}")
 
@@ -313,7 +313,7 @@ def print_monte_carlo(runs: MonteCarloRuns, verbose: bool) -> None:
         echo(f"warning: {caution}", colour=WARNING)
     rows = [(name, number(len(values)), *quantiles(values, (0.05, 0.5, 0.95))) for name, values in runs.spread()]
     shown = rows if verbose else rows[:MOST_SHORT]
-    print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), shown, left=1)
+    print_table(("over the runs that have it", "runs", "5 %", "50 %", "95 %"), shown, left_aligned=1)
     if len(shown) < len(rows):
         echo(f"{counted(len(rows) - len(shown), 'more quantity', 'more quantities')}: -v shows all")
     if runs.is_without_limits:
@@ -358,7 +358,7 @@ def print_fronts(results: Results) -> None:
     movement = FrontMovement(results) if "weighted_J_1" in results.quantities else None
     if movement is not None:
         echo(movement.over_ratio)
-    print_table(fronts.HEADINGS, fronts.front_texts(results), left=0)
+    print_table(fronts.HEADINGS, fronts.front_texts(results), left_aligned=0)
     echo(fronts.NOTE)
     for sentence in movement.over_time if movement is not None else ():
         echo(sentence)
@@ -375,7 +375,7 @@ def print_gradients(task: Task) -> bool:
         gaps = (f"{gap:.1e}" for gap in (audit.to_differentiation, audit.to_differences, *audit.costate_gaps))
         rows.append((" to ".join(audit.switch), f"{audit.gradient:.4f}", *gaps, "yes" if audit.holds else "NO"))
     headings = ("switch", "dJ/dt_s [1/s]", "adjoint - AD", "adjoint - differences")
-    print_table((*headings, f"costate gap, N_s = {nodes}", f"N_s = {2 * nodes}", "agrees"), rows, left=1)
+    print_table((*headings, f"costate gap, N_s = {nodes}", f"N_s = {2 * nodes}", "agrees"), rows, left_aligned=1)
     echo(
         f"Differences are relative; expected: at most {AD_TOLERANCE:g} and {DIFFERENCE_TOLERANCE:g}. The costate "
         "formula's gap, taken at an optimum without limits and end conditions, halves with twice the nodes."

@@ -432,10 +432,10 @@ def plot_robot(spec: RobotSpec) -> Figure:
 
 
 def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray) -> None:
-    """Write numbers beside the joints of each arm, one text for those in one place, and draw the joints' axes.
+    """Write numbers beside the joints of each arm, one text for joints in one place, and draw the joints' axes.
 
-    Numbers are where they cover nothing of the robot, and apart from each other: of some offsets from the joint, the
-    first at which no point that is covered so far is under the text.
+    A text stands where it covers neither the robot nor another text: of some offsets from its joint, the first at which
+    the text has no covered point under it. Points of the robot are covered, and those of texts already written.
 
     Args:
         axes: The panel.
@@ -469,17 +469,20 @@ def _number_joints(axes: Axes, camera: Camera, model: RobotModel, Q: np.ndarray)
                 "zorder": 3.6 - BELOW_ALL,
             }
             text = ", ".join(names)
-            half_text = np.array([36 * style.text_width(text) + 1, 0.6 * style.TEXT])
+            # half its width and height in points of 1 / 72 in, with a little air
+            half_text = np.array([72 / 2 * style.text_width(text) + 1, 0.6 * style.TEXT])
             covered_from_here = (covered_points - (x, y)) / metres_per_point
-            offsets = NUMBER_OFFSETS if index % 2 else -NUMBER_OFFSETS
+            offsets = NUMBER_OFFSETS if index % 2 else -NUMBER_OFFSETS  # texts of two arms begin on opposite sides
             free_offsets = (
                 offset for offset in offsets if not (np.abs(covered_from_here - offset) < half_text).all(axis=1).any()
             )
             offset_of_text = next(free_offsets, offsets[0])
             axes.annotate(text, (x, y), tuple(offset_of_text), textcoords="offset points", **look)
+            # nine points stand for the text, a little wider than it is, so that texts in a row stay apart
             text_corner = half_text + np.array([0.3 * style.TEXT, 0.0])
             text_points = offset_of_text + text_corner * np.array(list(product((-1, 0, 1), repeat=2)))
             covered_points = np.vstack([covered_points, (x, y) + metres_per_point * text_points])
+    # draws nothing: an entry of the common legend, which `finish` writes
     axes.plot([], [], "ko-", linewidth=0.6, markersize=2.2, markerfacecolor="white", label="_joint, its axis")
 
 

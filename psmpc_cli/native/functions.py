@@ -300,8 +300,10 @@ class BatchFunction:
     def __call__(self, *arguments: ArrayLike, rows: int = 1) -> list[np.ndarray]:
         """Evaluate the function at a batch of points and return its results, (rows, size) each.
 
-        By its tape, where it has one. Else by CasADi's map of the function, which has a fixed number of points: it is
-        made for a few more than are wanted, and kept, so that batches of similar size share one.
+        Where the function has a tape, its list of instructions, compiled code carries that out for all points. Else
+        CasADi's map of the function evaluates them. A map has a fixed number of points, so it is made for a few more
+        than are wanted, and kept: batches of similar size share one, and what it computes of the other points is not
+        read.
 
         Args:
             arguments: (rows, size) each, or what broadcasts to it: (size,) is the same at every point.
@@ -309,7 +311,7 @@ class BatchFunction:
         """
         if self._tape is not None:
             return self._tape(arguments, rows)
-        if rows not in self._mapped:
+        if rows not in self._mapped:  # by number of points, and by the capacity of the map that serves it
             # rows rounded up to its four leading bits: few capacities, and none more than an eighth too large
             step = 1 << max(rows.bit_length() - 4, 0)
             capacity = -(-rows // step) * step

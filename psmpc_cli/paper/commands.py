@@ -75,10 +75,10 @@ def print_claims(made: "Reproduction") -> None:
     from psmpc_cli.studies.sweep import recommend
 
     echo(f"{made.outcome}\n", colour=WARNING if made.failing else GOOD)
-    print_table(HEADINGS, [finding.row for finding in made.part(None)], left=1)
+    print_table(HEADINGS, [finding.row for finding in made.part(None)], left_aligned=1)
     for kind, reason in APART.items():
         echo(f"\n{reason}:")
-        print_table(HEADINGS, [finding.row for finding in made.part(kind)], left=1)
+        print_table(HEADINGS, [finding.row for finding in made.part(kind)], left_aligned=1)
     for finding in made.findings:
         if finding.earlier or not finding.holds:
             holds = "holds" if finding.holds else "does not hold"
@@ -89,7 +89,7 @@ def print_claims(made: "Reproduction") -> None:
     for ablation in made.ablations:
         echo()
         rows = [(name, f"{value:.4g}") for name, value in ablation.numbers.items()]
-        print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left=1)
+        print_table((f"without our {ablation.name.replace('_', ' ')}", "measured"), rows, left_aligned=1)
 
 
 COMMANDS = {"Study": (reproduce,)}

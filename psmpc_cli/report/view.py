@@ -155,21 +155,25 @@ def _notes(run: Run) -> Iterator[str]:
 
 
 def _robot(model: RobotModel, pieces: Sequence[Piece]) -> Json:
-    """Describe a robot for the page's script, which draws it: a tree of bodies, each placed on the one that carries it.
+    """Describe a robot as JSON for the page's script, which draws it: a tree of bodies.
+
+    Each body has the frame of its joint on the body that carries it, the links to draw as capsules, and the capsules
+    that stand for it where parts keep clear of each other (`covers`). Base and arms are the parts; each has its name
+    and its colour, in the order of `model.parts`. `box` is the base's.
 
     Args:
         model: The robot.
         pieces: Capsules that cover its bodies for clearance; empty where they are not shown.
 
     Returns:
-        Lengths in m, quaternions x, y, z, w.
+        The robot by the names that the script reads. Lengths in m, quaternions x, y, z, w.
     """
     spec = model.spec
     shape = model.shape
     box_quaternion = Rotation.from_matrix(shape.box_frame[:3, :3]).as_quat()
     part_names = list(model.parts)
     zeros = (0.0, 0.0, 0.0)
-    # the base hangs on nothing, as by a joint of body -1
+    # all bodies are treated alike: the base is carried by body -1, which is none
     joints = [Joint(Attachment(-1, zeros, zeros), zeros), *spec.joints]
     bodies = [
         {

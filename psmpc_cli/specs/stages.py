@@ -571,20 +571,24 @@ def _not_at_rest(stage: StageSpec, context: Context) -> str:
 
 
 def fixed_time_faults(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give fixed switch times that no order of events can keep."""
+    """Yield the fault of each fixed switch time `at` that cannot be kept. A stage ends at its fixed switch time.
+
+    It has to leave the stages up to it their dwells and the lengths of their target trajectories, to differ from the
+    fixed switch time before it, and to come before the time limit.
+    """
     limit = earlier_fields.get("time_limit", np.inf)
-    earliest = 0.0
-    fixed = 0.0
+    earliest = 0.0  # [s] at which the stage can end
+    last_fixed = 0.0  # [s]
     for i, stage in enumerate(stages):
         earliest += max(stage.dwell, stage.target.times[-1] if isinstance(stage.target, TrajectorySpec) else 0.0)
-        if stage.at is not None and (stage.at < earliest or stage.at == fixed):
+        if stage.at is not None and (stage.at < earliest or stage.at == last_fixed):
             wanted = f"a time after {earliest:g} s, by the dwells, trajectories and fixed times so far"
             yield (i, "at"), expected(wanted, f"{stage.at:g} s")
         elif stage.at is not None and stage.at >= limit:
             yield (i, "at"), expected(f"a time before the time_limit of {limit:g} s", f"{stage.at:g} s")
         elif stage.at is not None:
             earliest = stage.at
-            fixed = stage.at
+            last_fixed = stage.at
 
 
 def skill_faults(skills: Mapping[str, SkillSpec], earlier_fields: Fields, context: Context) -> RuleErrors:

@@ -192,9 +192,7 @@ def run_bench(
     meshes = Work("meshes", len(tasks), watch)
     for nodes, tasks_of_mesh in tasks.items():
         experiments = [build_experiment(task) for task in tasks_of_mesh]
-        recorded = [
-            solve for experiment in experiments for solve in _windows_around_appends(experiment, appends, check)
-        ]
+        recorded = [solve for experiment in experiments for solve in _solves_around_entries(experiment, appends, check)]
         problem = experiments[0].problem
         if not recorded:
             raise RunError(
@@ -217,16 +215,20 @@ def run_bench(
     return Bench(timed, compiled, wall_time / processor_time)
 
 
-def _windows_around_appends(experiment: Experiment, appends: int | None, check: Callable[[], None]) -> list[Recorded]:
-    """Run a closed loop and collect its solves before, at and after each sample at which a stage enters the window.
+def _solves_around_entries(experiment: Experiment, appends: int | None, check: Callable[[], None]) -> list[Recorded]:
+    """Run a closed loop and collect solves to be timed: those around each sample at which a stage enters the window.
+
+    A window is hardest to solve when another stage enters it. So at each such sample three usable solves are kept: that
+    sample's, the last one before it and the first one after it.
 
     Args:
         experiment: The task's experiment.
-        appends: After how many such samples the loop is stopped; None for none.
-        check: Called after every sample.
+        appends: After how many such samples the loop is stopped; None to run it to its end.
+        check: Called after every sample; it may raise to end the run.
 
     Returns:
-        Three for each such sample: the solve, and the one of the sample before, from which it started.
+        Three pairs for each such sample: a solution, and that of the sample before, from which its solve started (None
+        at the first sample).
     """
     solves = list[Recorded]()
     recorded = list[Recorded]()

@@ -13,10 +13,10 @@ from psmpc_cli.ocp.feasibility.forecast import (
     StageForecast,
     bounds_of,
     coordinates_of,
-    counts,
     forecast_configurations,
     forecast_stages,
     initial_state,
+    is_asked_for,
     reaches_of,
     tolerances_of,
 )
@@ -161,7 +161,7 @@ def _initial(task: Task, first: Stage) -> Iterator[Fault]:
     position = coordinates_of(space, first, Q)
     for key, kind, values in (("initial", "position", position), ("initial_velocity", "velocity", v)):
         for row in _outside(values, *bounds_of(first, kind)):
-            yield Fault(_place(task, (key,), row), _beyond(task, row, values[row], first, kind))
+            yield Fault(_location(task, (key,), row), _beyond(task, row, values[row], first, kind))
 
 
 def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
@@ -170,12 +170,12 @@ def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
     for index, waypoint in enumerate(stage.reference.points):
         values = coordinates_of(space, stage, waypoint)
         for row in _rows_outside(stage, values):
-            yield Fault(_place(task, stage, row, index), _beyond(task, row, values[row], stage))
+            yield Fault(_location(task, stage, row, index), _beyond(task, row, values[row], stage))
 
 
 def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
     """Return the coordinates whose values (n,) the stage asks for but its limits forbid."""
-    return [row for row in _outside(values, *bounds_of(stage, "position")) if counts(stage, [row])]
+    return [row for row in _outside(values, *bounds_of(stage, "position")) if is_asked_for(stage, [row])]
 
 
 def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterator[Fault]:
@@ -193,7 +193,7 @@ def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterato
             if not reach.reachable:
                 is_proven, message = _missed_pose(task, arm, reach, f"with the base at {base_pose(waypoint)}")
                 if is_proven == certain:
-                    yield Fault(_place_of_part(task, forecast.stage, arm, index), f"found {message}")
+                    yield Fault(_location_of_part(task, forecast.stage, arm, index), f"found {message}")
 
 
 def _missed_pose(task: Task, arm: str, reach: Reach, base: str) -> tuple[bool, str]:
@@ -265,7 +265,7 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
             f"found the base at least {distance:.4g} m from the common centre of mass, which momentum keeps, expected "
             f"at most {largest_distance:.4g} m, with all arms stretched"
         )
-        yield Fault(_place_of_part(task, stage, "base", len(stage.reference.points) - 1), message)
+        yield Fault(_location_of_part(task, stage, "base", len(stage.reference.points) - 1), message)
 
 
 def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
@@ -645,15 +645,16 @@ def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]
             f"expected it there: the target of {arm} is then {from_left[arm].distance:.4g} m from its shoulder, "
             f"its reach is {from_left[arm].full_reach:.4g} m"
         )
-        yield Fault(_place_of_part(task, stage, "base", 0), message)
+        yield Fault(_location_of_part(task, stage, "base", 0), message)
 
 
 def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
-    """Yield coordinates that a target trajectory moves faster than their velocity limits, each where it is worst.
+    """Warn of coordinates that a target trajectory moves faster than their velocity limits, each where it is worst.
 
-    The robot then falls behind and catches up, which is allowed. Between its times a trajectory moves at a constant
-    rate; an attitude turns at a constant rate about a fixed axis. Coordinates that the target does not say (joints
-    under a target in task space: NaN), or that neither weights nor the end condition ask for, are left out.
+    It is only a warning: the robot falls behind the trajectory and catches up later. Between its times a trajectory
+    moves at a constant rate; an attitude turns at a constant rate about a fixed axis. Some coordinates are left out:
+    joints under a target in task space, which has no values for them (NaN), and coordinates that neither the weights
+    nor the end condition of the stage ask for.
     """
     target = task.spec.stages[stage.index].target
     if not isinstance(target, TrajectorySpec):
@@ -664,8 +665,9 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     coordinates = np.array([coordinates_of(space, stage, waypoint) for waypoint in stage.reference.points])
     changes = np.diff(coordinates, axis=0)  # of position and joints; a spatial base's attitude is set below
     if stage.attitudes:
-        q = stage.reference.points[:, space.attitude].T  # every target begins with the base's pose, as Q does
-        before = list(q[:, :-1])
+        # quaternions (4, waypoints): every target begins with the base's pose, as Q does
+        q = stage.reference.points[:, space.attitude].T
+        before = list(q[:, :-1])  # by component, as `product` takes them
         after = list(q[:, 1:])
         # rotation vectors about the body's axes: of two neighbouring quaternions `Trajectory` has the nearer signs
         changes[:, space.rotation] = np.transpose(log(product(conjugate(before), after)))
@@ -674,14 +676,14 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
     for i in np.flatnonzero(has_target).tolist():
         excess = np.maximum(rates[:, i] - high[i], low[i] - rates[:, i])
         worst = int(excess.argmax())
-        if excess[worst] > SPEED_SLACK and counts(stage, [i]):
+        if excess[worst] > SPEED_SLACK and is_asked_for(stage, [i]):
             name = labels(task.robot, "joint")[i]
-            rate = _number(task, i, rates[worst, i], "velocity")
+            rate = _with_unit(task, i, rates[worst, i], "velocity")
             message = (
                 f"found {name} to move at {rate} from {times[worst]:g} s to {times[worst + 1]:g} s, expected within "
                 f"its velocity limits {_span(task, i, stage, 'velocity')}: the robot falls behind"
             )
-            yield Fault(_place(task, stage, i, worst + 1), message)
+            yield Fault(_location(task, stage, i, worst + 1), message)
 
 
 def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]:
@@ -692,11 +694,11 @@ def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]
 def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "position") -> str:
     """Say that a coordinate is out of a stage's bounds."""
     name = labels(task.robot, "joint")[row]
-    value_text = _number(task, row, value, kind)
+    value_text = _with_unit(task, row, value, kind)
     return f"found {name} at {value_text}, expected within its limits {_span(task, row, stage, kind)}"
 
 
-def _number(task: Task, row: int, value: float, kind: str) -> str:
+def _with_unit(task: Task, row: int, value: float, kind: str) -> str:
     """Write the position or velocity of a coordinate with its unit, angles in degrees."""
     written = f"{value:.6g} m" if units(task.robot)[row] == LENGTH else f"{np.degrees(value):.6g} deg"
     return written if kind == "position" else f"{written}/s"
@@ -704,19 +706,19 @@ def _number(task: Task, row: int, value: float, kind: str) -> str:
 
 def _span(task: Task, row: int, stage: Stage, kind: str) -> str:
     """Write a stage's bounds of a coordinate with their unit."""
-    low, high = (_number(task, row, bound[row], kind) for bound in bounds_of(stage, kind))
+    low, high = (_with_unit(task, row, bound[row], kind) for bound in bounds_of(stage, kind))
     return f"[{low}, {high}]"
 
 
-def _place(task: Task, of: Stage | Location, row: int, index: int = 0) -> Location:
+def _location(task: Task, of: Stage | Location, row: int, index: int = 0) -> Location:
     """Return where a coordinate is in numbers by part, of a stage's target at one of its waypoints."""
     names = labels(task.robot, "joint")
     part = names[row].rpartition(".")[0]
     before = sum(name.rpartition(".")[0] == part for name in names[:row])
-    return (*_place_of_part(task, of, part, index), before)
+    return (*_location_of_part(task, of, part, index), before)
 
 
-def _place_of_part(task: Task, of: Stage | Location, part: str, index: int = 0) -> Location:
+def _location_of_part(task: Task, of: Stage | Location, part: str, index: int = 0) -> Location:
     """Return where the numbers of a part are, under its own name or under `arms`; of a trajectory at a waypoint."""
     parts = ("stages", of.index, "target") if isinstance(of, Stage) else of
     under_own_name = (*parts, part)

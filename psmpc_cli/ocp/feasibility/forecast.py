@@ -186,8 +186,8 @@ def tolerances_of(space: ConfigurationSpace, stage: Stage) -> dict[int, float]:
     return by_coordinate
 
 
-def counts(stage: Stage, rows: Sequence[int]) -> bool:
-    """Tell whether weights or the end condition ask for all of some rows of the target."""
+def is_asked_for(stage: Stage, rows: Sequence[int]) -> bool:
+    """Tell whether the weights or the end condition of a stage ask for all of some rows of its target."""
     return bool(stage.relevant_rows[list(rows)].all())
 
 
@@ -203,14 +203,14 @@ def reaches_of(stage: Stage, model: RobotModel, target: np.ndarray, base: np.nda
         base: Pose of the base, (n_pose,); by default where the target has it.
     """
     base_rows = range(model.spec.parts["base"])
-    if not counts(stage, base_rows):
+    if not is_asked_for(stage, base_rows):
         return {}
     low, high = bounds_of(stage, "position")
     base_pose = target[stage.parts[BASE].numbers] if base is None else base
     reaches = {}
     for arm in stage.poses_of_arms:
         part = stage.parts[arm]
-        if counts(stage, range(part.rows.start, part.rows.stop)):
+        if is_asked_for(stage, range(part.rows.start, part.rows.stop)):
             joints = model.parts[arm]
             reaches[arm] = reach_of(model, arm, base_pose, target[part.numbers], (low[joints], high[joints]))
     return reaches

@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from psmpc_cli.ocp.feasibility.forecast import coordinate_of_row, counts, earliest_ends, shortest_time
+from psmpc_cli.ocp.feasibility.forecast import coordinate_of_row, earliest_ends, is_asked_for, shortest_time
 from psmpc_cli.ocp.feasibility.postures import unforeseen
 from psmpc_cli.ocp.feasibility.quickest import Begin, RestToRest, quickest
 from psmpc_cli.ocp.stage import Stage
@@ -316,7 +316,7 @@ def _postures(
         hold: Where it holds the robot (nq,), likewise.
         target: Where the motion from there leads, of `configurations` (nq,).
     """
-    if not counts(stage, range(model.space.base.stop)):
+    if not is_asked_for(stage, range(model.space.base.stop)):
         return [target]  # it is not known where arms have to be
     before = model.nq - model.n
     base = stage.target[stage.parts[BASE].numbers]
@@ -363,7 +363,7 @@ def _rows_asked(model: RobotModel, stage: Stage) -> np.ndarray:
     for arm in stage.poses_of_arms:
         part = stage.parts[arm]
         rows = range(part.rows.start, part.rows.stop)
-        if ends & set(rows) and counts(stage, [*base, *rows]):
+        if ends & set(rows) and is_asked_for(stage, [*base, *rows]):
             asked[model.parts[arm]] = True
             asked[list(base)] = True
     return asked

@@ -174,9 +174,10 @@ def attitude_error(run: Run) -> np.ndarray:
     """Compute the angle from the base's attitude to the one that the current stage aims at, of a spatial robot.
 
     Returns:
-        An angle (N,) [rad] for each state of the run's motion; NaN where the stage asks for no attitude.
+        An angle (N,) [rad] for each state of the run's motion. NaN where the stage asks for no attitude, and at the
+        first state of each later stage, so that the curve has a gap where its target changes.
     """
-    attitude = slice(3, 6)  # rows of the errors of a spatial robot: position, then attitude of the base
+    attitude = slice(3, 6)  # errors of a spatial robot begin with the base's position and its rotation vector
     motion = run.motion
     angle = np.full(len(motion.time), np.nan)
     for span in run.spans:
@@ -186,7 +187,7 @@ def attitude_error(run: Run) -> np.ndarray:
             errors = _errors(run.problem, stage, motion.Q[in_span], motion.time[in_span] - span.start)
             angle[in_span] = np.linalg.norm(errors[:, attitude], axis=1)
             if span.index > 0:
-                angle[np.flatnonzero(in_span)[0]] = np.nan  # a gap in the curve where the target changes
+                angle[np.flatnonzero(in_span)[0]] = np.nan
     return angle
 
 

@@ -73,9 +73,12 @@ class LogWriter:
     def __init__(self, path: Path | None, header: Header, force: bool = False) -> None:
         """Begin a log in memory and write its file, which holds what is known before the first sample.
 
+        The log is kept in memory, and the file is written from it as a whole now and then, so that a killed run leaves
+        a file that can be read.
+
         Args:
             path: The file; None for a log in memory alone.
-            header: What is known of the run beforehand.
+            header: What is known of the run beforehand: attributes, values, and which features it has.
             force: Overwrite an earlier log.
 
         Raises:
@@ -83,17 +86,18 @@ class LogWriter:
         """
         self.path = path
         self.absolute_path = path if path is None else path.absolute()  # the working folder may change
-        # datasets that the run has: some are only in logs of spatial robots, or of robots with wheels, ...
+        # datasets that this run has: some are `only` in logs of spatial robots, or of robots with wheels, ...
         columns_of_log = [column for column in layout(SPATIAL in header.has) if column.only in header.has]
         self._file = h5py.File(f"log {id(self)}", "w", driver="core", backing_store=False, libver="latest")
         unfinished = {"finished": False, "end_reason": "", "stuck": False}
         attributes = {"kind": RUN, "format_version": FORMAT_VERSION, **unfinished, **header.attributes}
         self._datasets = create_log(self._file, columns_of_log, attributes, header.values)
+        # those with a value of each sample; the others are written once
         self._growing_columns = [column for column in columns_of_log if column.value is not None]
         self._waiting_rows: list[Sample | Row] = []
         self._rows_in_log = 0
         self._has_unwritten_changes = False
-        self._next_write = 0.0  # the first row is written at once
+        self._next_write = 0.0  # time of the clock [s]: the first row is written at once
         if path is not None:
             write_new(path, image_of(self._file), force)
 

@@ -292,7 +292,7 @@ class MujocoStep:
         data.qfrc_applied[self._robot.wheel_v] = torque
         is_closed = [bushing[-4] > 0 for bushing in parameters]  # an open gripper has a stiffness of 0
         power_of_bushings = sum(
-            self._press(site, bushing)
+            self._apply_bushing(site, bushing)
             for site, bushing, closed in zip(self._gripper_sites, parameters, is_closed, strict=True)
             if closed
         )
@@ -318,8 +318,11 @@ class MujocoStep:
             ]
         )
 
-    def _press(self, site: int, parameters: np.ndarray) -> float:
-        """Apply the bushing at a gripper to both bodies, as forces at the gripper's point; return its power [W].
+    def _apply_bushing(self, site: int, parameters: np.ndarray) -> float:
+        """Apply the bushing between a gripper and the object to both bodies; return the power that it takes from them [W].
+
+        A bushing is a spring and damper between the pose of the gripper and the one that it has in the object's frame.
+        Its wrench acts on the gripper and, with the opposite sign, on the object, both at the gripper's point.
 
         Args:
             site: Number of the gripper's site in MuJoCo's model.
@@ -330,6 +333,7 @@ class MujocoStep:
         gripper_point = self._robot.data.site_xpos[site]
         velocity = np.zeros(6)
         quaternion = np.zeros(4)
+        # angular before linear, along the axes of the world
         mujoco.mj_objectVelocity(engine, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
         mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
         space = self._law.body.space

@@ -397,15 +397,17 @@ class Recorder:
         self._ticks.append(ticks)
 
     def run(self, reason: str | None = None) -> Run:
-        """Measure what was recorded and return the run, in memory.
+        """Measure what was recorded of a loop of one's own and return it as a run, in memory.
 
-        The run ends where its last stage does; commands after that are left out.
+        The run has the same measures as a simulated one. It ends where its last stage does; commands after that are
+        left out. The ticks of a command are what the robot did until the next one.
 
         Args:
             reason: Why the loop ended, if it did so before the last stage; by default the controller's `failure`.
 
         Raises:
-            InputError: There is no command yet, or some have ticks and others none.
+            InputError: There is no command yet, or some have ticks and others none. The last may be without: its ticks
+                are not over yet.
         """
         require("reason", reason, (str, type(None)), "a text, or None")
         if not self._commands:

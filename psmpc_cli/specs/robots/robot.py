@@ -627,23 +627,29 @@ class Limits:
 
 
 def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits], moved_by: MobilityTraits | None = None) -> Limits:
-    """Intersect the robot's limits with those in `more`, such as a task's and a skill's.
+    """Intersect the robot's limits with those in `more`, such as a task's and a skill's, for each coordinate.
 
-    A base that is not pushed, or not turned, has no limits of force, or torque. One that a mount holds in some stages
-    has none of acceleration in these: it stops at once where the mount closes.
+    Where a base is not actuated its limits are dropped, since other equations say what happens there. Without
+    thrusters nothing pushes it, so a limit of its force would bound nothing; likewise of its torque where nothing turns
+    it. While a mount holds the base, limits of its acceleration and jerk are dropped: it stops at once where the mount
+    closes.
 
     Args:
         robot: The robot.
         more: Limits within its own.
         moved_by: What moves its base; by default what the robot's description says.
+
+    Returns:
+        Lowest and highest value of each quantity, (n,) each; infinite where there is no limit.
     """
+    unlimited = (-np.inf, np.inf)
     bounds: dict[str, Vector] = {}
     for quantity in QUANTITIES:
         layers = [
             [
-                pair or (-np.inf, np.inf)
+                pair or unlimited
                 for part, size in robot.parts.items()
-                for pair in limits_of_part(limits, part, quantity) or [(-np.inf, np.inf)] * size
+                for pair in limits_of_part(limits, part, quantity) or [unlimited] * size
             ]
             for limits in (robot.limits, *more)
         ]
@@ -651,15 +657,16 @@ def resolve_limits(robot: RobotSpec, *more: Mapping[str, PartLimits], moved_by: 
         bounds[f"{quantity}_low"] = low.max(axis=0)
         bounds[f"{quantity}_high"] = high.min(axis=0)
     moved_by = moved_by or robot.moved_by
-    free = np.zeros(len(bounds["force_low"]), bool)
-    free[: robot.parts["base"]] = not moved_by.is_turned
-    free[: robot.dimension] = not moved_by.is_pushed
-    if robot.moved_by.moves and not moved_by.moves:
+    has_no_force = np.zeros(len(bounds["force_low"]), bool)
+    has_no_force[robot.dimension : robot.parts["base"]] = not moved_by.is_turned  # the base: positions, then angles
+    has_no_force[: robot.dimension] = not moved_by.is_pushed
+    held_by_mount = robot.moved_by.moves and not moved_by.moves
+    if held_by_mount:
         for quantity in ("acceleration", "jerk"):
             bounds[f"{quantity}_low"][: robot.parts["base"]] = -np.inf
             bounds[f"{quantity}_high"][: robot.parts["base"]] = np.inf
-    bounds["force_low"][free] = -np.inf
-    bounds["force_high"][free] = np.inf
+    bounds["force_low"][has_no_force] = -np.inf
+    bounds["force_high"][has_no_force] = np.inf
     return Limits(**bounds)
 
 

@@ -8,7 +8,9 @@
     python benchmarks/missions.py gains [STUDY...]     in larger studies, or in these,
     python benchmarks/missions.py equal_effort         with at most some efforts,
     python benchmarks/missions.py deliveries           and how often by what the controller does not know
-    python benchmarks/missions.py lateness             and with late commands
+    python benchmarks/missions.py lateness             and with late commands,
+    python benchmarks/missions.py late_masses          also with estimated masses,
+    python benchmarks/missions.py late_others          under each controller
     python benchmarks/missions.py files                writes the long tables to benchmarks/results/missions-*.csv
 
     plane       an object that drifts and spins is caught and brought to its destination: 100 missions
@@ -23,8 +25,9 @@
     best        each controller with its best control weight: 30 missions of `plane`
     noise       missions of `plane` by the noise of the measurements: 5 missions
     masses, load, drift  the same by what else the controller does not know
-    delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 10 missions
-    delay_tour  tours of the planar robot, the same: 5 tours
+    delay       missions of `plane` by a delay that the controller is not told, with noise and wrong masses: 25 missions
+    delay_drifting, delay_tour, delay_space   the same of `catch_drifting`, of tours in the plane, of tours in space
+    delay_others  missions of `plane` by some of these delays under every controller: 10 missions
     timed       missions of `plane` that switch when hard switching did, at given times: 5 missions
     priorities  the task `transport` by the priority of each stage, and by horizon and the priority of Release
 
@@ -55,6 +58,7 @@ from tours import ahead, as_target, draw_tour, tour
 
 import psmpc_cli as psmpc
 from psmpc_cli.figures.style import in_style, line_look, mark_look, new_figure
+from psmpc_cli.logs.summary import Summary
 from psmpc_cli.ocp.feasibility.checks import load_task
 from psmpc_cli.ocp.feasibility.forecast import forecast_configurations, forecast_stages
 from psmpc_cli.robot.model import RobotModel
@@ -254,6 +258,7 @@ FAMILIES: Mapping[str, tuple[str | Changes, Callable[[np.random.Generator], Chan
     "reach": ("float_and_reach", draw_reach),
     "tour": (tour("plane"), partial(draw_tour, space="plane")),
     "tour_space": (tour("space"), partial(draw_tour, space="space")),
+    "drifting": ("catch_drifting", lambda rng: {}),
     "transport": ("transport", lambda rng: {}),
 }
 """Task of each family of missions, and what draws a mission's changes of it."""
@@ -389,10 +394,63 @@ IMPRECISE_WITHOUT_OBJECT = {
 }
 
 
-def late(seconds: float, imprecise: Changes = IMPRECISE) -> tuple[str, Changes]:
-    """Return a delay that the controller is not told [s], beside what else it does not know."""
-    return f"{seconds:g} s", {**imprecise, "uncertainty.delay": f"{seconds:g} s"}
+DELAYS = (0.05, 0.1, 0.2, 0.3)
+"""Delays of commands [s]."""
 
+JITTER = 0.03
+"""Standard deviation of the delay of a command [s]."""
+
+
+def late(seconds: float, jitter: float = 0.0, imprecise: Changes = IMPRECISE) -> tuple[str, Changes]:
+    """Return a delay that the controller is not told and its jitter [s], beside what else it does not know."""
+    name = f"{seconds:g} s, jitter" if jitter else f"{seconds:g} s"
+    return name, {**imprecise, "uncertainty.delay": f"{seconds:g} s", "uncertainty.jitter": jitter}
+
+
+MASSES = "masses estimated"
+"""What is added to the name of a level at which the controller estimates the masses of the robot."""
+
+
+DECLARED = {"plane": (32.5, 27.5), "space": (17.5, 12.5)}
+"""Mass of the object that the task states, and how far the true one is from it at most, by family [kg]."""
+
+
+def loads(family: str) -> dict[str, Changes]:
+    """Return objects whose mass the controller estimates, knows, or estimates with a robot that is off as well.
+
+    The true mass is drawn; in `KNOWN_LOAD` it is that of the same mission where it is estimated. Inertias go with it.
+    """
+    mass, off = DECLARED[family]
+    drawn = {"object.grasp.known": "estimated", **with_mass(family, mass), "uncertainty.object.mass": off / mass}
+    noise = {"uncertainty.noise": IMPRECISE["uncertainty.noise"]}
+    return {"load estimated": drawn | noise, KNOWN_LOAD: noise, "load estimated, robot off": drawn | IMPRECISE}
+
+
+def with_mass(family: str, mass: float) -> Changes:
+    """Return an object of a mass [kg] in a mission of a family, with inertias in proportion."""
+    unit = 2.67 / 20 if family == "plane" else (np.array([0.6, 0.4, 0.5]) / 15).tolist()
+    return {"object.mass": mass, "object.inertia": (mass * np.array(unit)).tolist()}
+
+
+KNOWN_LOAD = "load known"
+"""Level at which the controller knows the true mass."""
+
+
+def delays(imprecise: Changes) -> dict[str, Changes]:
+    """Return no delay, and each delay without jitter and with it, beside what else the controller does not know.
+
+    At some of them the controller also estimates the masses of the robot.
+    """
+    levels = {"none": imprecise, **dict(late(each, jitter, imprecise) for jitter in (0.0, JITTER) for each in DELAYS)}
+    estimated = {
+        f"{level}, {MASSES}": {**levels[level], "controller.masses": "estimated"}
+        for level in ("none", "0.1 s", "0.3 s")
+    }
+    return levels | estimated
+
+
+NOT_ESTIMATED = "0.1 s, `controller.delay: 0`"
+"""Level at which the controller counts with no delay."""
 
 PRIORITIES = (1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3)
 STAGES = ("approach", "capture", "transport", "release")
@@ -448,16 +506,17 @@ LEVELS: Mapping[str, Mapping[str, Changes]] = {
         },
     },
     "drift": dict([drift(0.01, 1.0), drift(0.03, 3.0)]),
-    "delay": {
+    "delay": delays(IMPRECISE),
+    "delay_drifting": delays(IMPRECISE),
+    "delay_tour": delays(IMPRECISE_WITHOUT_OBJECT),
+    "delay_space": delays(IMPRECISE_WITHOUT_OBJECT),
+    "delay_others": {
         "none": IMPRECISE,
-        **dict(late(seconds) for seconds in (0.05, 0.1, 0.2, 0.3)),
-        "0.1 s, jitter of 0.03 s": {**IMPRECISE, "uncertainty.delay": "0.1 s", "uncertainty.jitter": 0.03},
-        "0.1 s, `controller.delay: 0`": {**IMPRECISE, "uncertainty.delay": "0.1 s", "controller.delay": 0},
+        **dict(late(seconds) for seconds in (0.1, 0.3)),
+        NOT_ESTIMATED: {**IMPRECISE, "uncertainty.delay": "0.1 s", "controller.delay": 0},
     },
-    "delay_tour": {
-        "none": IMPRECISE_WITHOUT_OBJECT,
-        **dict(late(seconds, IMPRECISE_WITHOUT_OBJECT) for seconds in (0.05, 0.1, 0.2, 0.3)),
-    },
+    "loads": loads("plane"),
+    "loads_space": loads("space"),
     "timed": {"": {}},
     "priorities": {
         **dict(priority(stage, value) for stage in STAGES for value in PRIORITIES),
@@ -482,8 +541,13 @@ STUDIES: Mapping[str, tuple[str, Sequence[str], range]] = {
     "masses": ("plane", PLANNED, range(5)),
     "load": ("plane", PLANNED, range(5)),
     "drift": ("plane", PLANNED, range(5)),
-    "delay": ("plane", PLANNED, range(10)),
-    "delay_tour": ("tour", PLANNED, range(5)),
+    "delay": ("plane", ("psmpc",), range(25)),
+    "delay_drifting": ("drifting", ("psmpc",), range(25)),
+    "delay_tour": ("tour", ("psmpc",), range(25)),
+    "delay_space": ("tour_space", ("psmpc",), range(5)),
+    "delay_others": ("plane", PLANNED, range(10)),
+    "loads": ("plane", ("psmpc",), range(OTHERS, OTHERS + 50)),
+    "loads_space": ("space", ("psmpc",), range(OTHERS, OTHERS + 10)),
     "timed": ("plane", ("psmpc, timed", "hard, timed"), range(5)),
     "priorities": ("transport", ("psmpc",), range(1)),
 }
@@ -497,7 +561,8 @@ def measure(item: tuple[str, Case, int]) -> Row:
     line = {"family": family, "case": case.name, "seed": seed}
     times = given_times(family, seed) if case.controller.endswith("timed") else {}
     ready = held_ready(draw_mission(family, seed, {})) if case.level == READY else {}
-    run = psmpc.simulate(draw_mission(family, seed, {**case.changes, **times, **ready}))
+    true_load = with_mass(family, results(family)[ESTIMATED_LOAD][seed]["mass"]) if case.level == KNOWN_LOAD else {}
+    run = psmpc.simulate(draw_mission(family, seed, {**case.changes, **times, **ready, **true_load}))
     summary = run.summary()
     ends = np.array([float(stage.switch_time) for stage in summary.stages])
     starts = np.array([float(stage.actual_start) for stage in summary.stages])
@@ -513,8 +578,55 @@ def measure(item: tuple[str, Case, int]) -> Row:
         "force": round(float(np.nanmax(run["peak/base_force"])), 3),
         "impulse": round(float(run["effort/base_force"].sum()), 2),
         "margin": round(float(min(margins)), 4) if margins else None,
+        "speed": speed_excess(summary),
+        "delay_off": delay_off(run),
+        **load_found(run),
         "failed_solves": int(summary.failed_solves),
         **({"levels": level_counts(run)} if run.task.spec.controller.traits.has_levels else {}),
+    }
+
+
+def speed_excess(summary: Summary) -> float | None:
+    """Return by what share of a speed limit the robot exceeded it most at any tick; negative if it kept all of them."""
+    return next((round(-float(each.relative), 4) for each in summary.limits if each.kind == "velocity"), None)
+
+
+KNOWN_AFTER = 1.0
+"""Time of motion after which the estimated delay is looked at [s]."""
+
+
+def delay_off(run: psmpc.Run) -> float | None:
+    """Return the error of the estimated delay after a second of motion [s]; None where it is not estimated.
+
+    The robot moves from when the first command arrives.
+    """
+    if "delay/expected" not in run.arrays:
+        return None
+    true = float(run.task.spec.uncertainty.delay)
+    sample = int(np.searchsorted(run.time, true + KNOWN_AFTER - 1e-9))
+    return round(float(run["delay/expected"][sample]) - true, 4) if sample < len(run.time) else None
+
+
+CARRIED = 3.0
+"""Time of carrying after which the estimated load is looked at [s]."""
+
+ESTIMATED_LOAD = "psmpc; load estimated"
+"""Case whose drawn masses `KNOWN_LOAD` has."""
+
+
+def load_found(run: psmpc.Run) -> Row:
+    """Return the object's true mass [kg], and the estimate's error and deviation as shares of it; nothing without."""
+    if "load/mass" not in run.arrays:
+        return {}
+    mass = float(run["object/mass"])
+    sample = int(np.searchsorted(run.time, float(np.max(run["grasp/closed_at"])) + CARRIED))
+    if not sample < len(run.time):
+        return {"mass": mass}
+    off = float(run["load/mass"][sample]) / mass - 1
+    return {
+        "mass": mass,
+        "load_off": round(off, 4),
+        "load_sigma": round(float(run["load/mass_deviation"][sample]) / mass, 4),
     }
 
 
@@ -932,21 +1044,90 @@ def deliveries() -> Iterator[str]:
     yield from markdown(rows)
 
 
+LATE = {
+    "delay": "captures",
+    "delay_drifting": "`catch_drifting`",
+    "delay_tour": "tours in the plane",
+    "delay_space": "tours in space",
+}
+"""Studies of late commands under PSMPC, and what they fly."""
+
+
+def later(runs: Mapping[int, Row], prompt: Mapping[int, Row]) -> str:
+    """Count the runs that succeeded, and say how much later they end in the median than the same without delay."""
+    differences = [row["time"] - prompt[seed]["time"] for seed, row in runs.items() if row["succeeded"]]
+    median = f", {np.median(differences):+.1f}" if differences and runs is not prompt else ""
+    return f"{len(differences)} of {len(runs)}{median}"
+
+
 def lateness() -> Iterator[str]:
-    """Yield how often missions with late commands succeed, and by how much later they end than those without delay."""
+    """Yield how often missions with late commands succeed under PSMPC, and what becomes of limits and estimates."""
+    made = {name: made_of(name) for name in LATE}
     rows = []
-    for name, family in {"delay": "captures", "delay_tour": "tours"}.items():
-        made = made_of(name)
-        for level in LEVELS[name]:
-            cells = {}
-            for controller in PLANNED:
-                runs = made[f"{controller}; {level}"]
-                prompt = made[f"{controller}; none"]
-                later = [runs[seed]["time"] - prompt[seed]["time"] for seed in runs if runs[seed]["succeeded"]]
-                median = f", {np.median(later):+.1f}" if later and level != "none" else ""
-                cells[f"`{controller}`"] = f"{len(later)} of {len(runs)}{median}"
-            rows.append({"missions": family, "delay": level, **cells})
+    for level in LEVELS["delay"]:
+        if level.endswith(MASSES):
+            continue
+        of_level = {name: made[name][f"psmpc; {level}"] for name in LATE}
+        every = [row for runs in of_level.values() for row in runs.values()]
+        succeeded = sum(row["succeeded"] for row in every)
+        interval = binomtest(succeeded, len(every)).proportion_ci(method="wilson")
+        off = 1e3 * np.array([row["delay_off"] for row in every if row["delay_off"] is not None])
+        speeds = 100 * np.array([row["speed"] for row in every])
+        rows.append(
+            {
+                "delay": level,
+                **{title: later(of_level[name], made[name]["psmpc; none"]) for name, title in LATE.items()},
+                "all": f"{succeeded} of {len(every)} ({100 * interval.low:.0f} to {100 * interval.high:.0f} %)",
+                "over a speed limit [%]": f"{np.median(speeds):.0f} / {np.quantile(speeds, 0.95):.0f}",
+                "estimate off [ms]": f"{np.median(np.abs(off)):.0f} / {np.quantile(np.abs(off), 0.95):.0f}",
+                "within 10 ms": f"{np.sum(np.abs(off) <= 10)} of {len(off)}",
+            }
+        )
     yield from markdown(rows)
+
+
+def late_masses() -> Iterator[str]:
+    """Yield what estimated masses change under delays: the same missions, masses taken as described and estimated."""
+    made = {name: made_of(name) for name in LATE}
+    rows = []
+    for level in LEVELS["delay"]:
+        delay, comma, _ = level.partition(f", {MASSES}")
+        if not comma:
+            continue
+        pairs = [
+            (made[name][f"psmpc; {delay}"][seed], row)
+            for name in LATE
+            for seed, row in made[name][f"psmpc; {level}"].items()
+        ]
+        sooner = [one["time"] - other["time"] for one, other in pairs if one["succeeded"] and other["succeeded"]]
+        speeds = 100 * np.array([[row["speed"] for row in pair] for pair in pairs])
+        rows.append(
+            {
+                "delay": delay,
+                "succeeded, as described": f"{sum(one['succeeded'] for one, _ in pairs)} of {len(pairs)}",
+                "succeeded, estimated": f"{sum(other['succeeded'] for _, other in pairs)} of {len(pairs)}",
+                "estimated ends sooner by [s]": " / ".join(
+                    f"{each:.1f}" for each in np.quantile(sooner, [0.05, 0.5, 0.95])
+                ),
+                **{
+                    f"over a speed limit, {name} [%]": f"{np.median(each):.0f} / {np.quantile(each, 0.95):.0f}"
+                    for name, each in zip(("as described", "estimated"), speeds.T, strict=True)
+                },
+            }
+        )
+    yield from markdown(rows)
+
+
+def late_others() -> Iterator[str]:
+    """Yield how often captures with late commands succeed, by controller, and how much later they end."""
+    made = made_of("delay_others")
+    yield from markdown(
+        {
+            "delay": level,
+            **{f"`{each}`": later(made[f"{each}; {level}"], made[f"{each}; none"]) for each in PLANNED},
+        }
+        for level in LEVELS["delay_others"]
+    )
 
 
 def long_tables() -> dict[str, str]:
@@ -1036,7 +1217,20 @@ def figure() -> Iterator[str]:
 
 def main(words: Sequence[str]) -> None:
     """Print the lines of what the command line names."""
-    others = (figure, optimum, headline, by_hand, gains, equal_effort, differences_of, deliveries, lateness, files)
+    others = (
+        figure,
+        optimum,
+        headline,
+        by_hand,
+        gains,
+        equal_effort,
+        differences_of,
+        deliveries,
+        lateness,
+        late_masses,
+        late_others,
+        files,
+    )
     other = {function.__name__: function for function in others}.get(words[0])
     for line in study(*words) if other is None else other(*words[1:]):
         print(line, flush=True)

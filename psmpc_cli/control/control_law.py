@@ -17,7 +17,7 @@ from psmpc_cli.control.memory import Memory
 from psmpc_cli.control.online_identification import identification_steps
 from psmpc_cli.control.placement import Placement, Placer
 from psmpc_cli.control.routes.guidance import RouteProgress, build_guide
-from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import MovingSequence, Switch, drop_met_stage, drop_passed_stages, with_detected_stage
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
@@ -117,7 +117,7 @@ class ControlLaw:
         self.builder = WindowBuilder(problem)
         self._spec = spec.controller
         self._one_stage = spec.controller.traits.one_stage
-        self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
+        self._tick_offsets = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
         self._held_stages = spec.held_stages
         self._has_rates = any(stage.has_rates for stage in problem.stages)
@@ -167,58 +167,60 @@ class ControlLaw:
             RunError: Nothing is measured, and there is no plan yet.
         """
         stop_at = perf_counter() + self.solver.deadline
-        memory, situation = self._measure(memory, measurement)
-        memory, situation = self._drop(memory, situation)  # stages that are over leave the window
-        memory, situation = self._answer_grippers(memory, measurement, situation)  # back where the object was missed
-        memory, situation = self._place_at_ends(memory, situation)
-        prediction = self._shift(memory, situation)  # the last plan, from now on
-        longer = self._detect(memory, situation, prediction)  # the next stage enters when its switch is predicted
-        situation = self._with_targets_at(longer, memory, situation)
+        memory, situation = self._estimate_situation(memory, measurement)
+        memory, situation = self._drop_ended_stages(memory, situation)  # stages that are over leave the window
+        memory, situation = self._retry_missed_grasp(memory, measurement, situation)  # back where the object was missed
+        memory, situation = self._place_at_planned_ends(memory, situation)
+        prediction = self._shifted_plan(memory, situation)  # the last plan, from now on
+        longer = self._detect_next_stage(
+            memory, situation, prediction
+        )  # the next stage enters when its switch is predicted
+        situation = self._with_targets_at_stage_ends(longer, memory, situation)
         attempts = self._attempts(memory, situation, prediction, stop_at)
         attempt = attempts.solve_longest(memory.sequence, longer)
-        decision = self._accept(memory, situation, attempt, prediction, stop_at)  # or fall back
-        events = self._events(memory, measurement, situation, longer, decision)
-        estimate, command = self._command(memory, situation, decision, events)
-        return _remembered(memory, situation, decision, estimate), command
+        decision = self._accept_or_fall_back(memory, situation, attempt, prediction, stop_at)  # or fall back
+        events = self._names_of_events(memory, measurement, situation, longer, decision)
+        estimate, command = self._build_command(memory, situation, decision, events)
+        return _memory_after(memory, situation, decision, estimate), command
 
-    def _measure(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Situation]:
+    def _estimate_situation(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Situation]:
         """Estimate the state of robot and object, and place the stages about it.
 
         Where the attitude was not measured the chart is about the one that the plan foresees.
         """
         measured_at = measurement.time
-        estimate = self._estimated(memory, measurement)
+        estimate = self._estimate_robot(memory, measurement)
         time = estimate.acts_at
-        grip = self._grip(memory.sequence, measured_at, estimate.state)
+        grip = self._holding_gripper(memory.sequence, measured_at, estimate.state)
         target_object = memory.target_object.with_measurement(measured_at, measurement.object_pose, grip)
-        foreseen = self._estimator.foreseen(estimate)
+        foreseen = self._estimator.predicted_over_delay(estimate)
         chart = self._chart_about(foreseen, memory.plans.current, time)
         x_chart = np.asarray(chart.to_chart(foreseen.Q[None], foreseen.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
-        memory = self._identified(memory, measurement.state, estimate, is_held=grip is not None)
+        memory = self._with_identified_parameters(memory, measurement.state, estimate, is_held=grip is not None)
         if time > measured_at:
-            then = self._grip(memory.sequence, measured_at, foreseen)
+            then = self._holding_gripper(memory.sequence, measured_at, foreseen)
             target_object = target_object.carried(time - measured_at, then)
-        route = self._guide.followed(memory.route, memory.sequence.first, time, foreseen, target_object)
+        route = self._guide.updated_progress(memory.route, memory.sequence.first, time, foreseen, target_object)
         memory = replace(memory, route=route)
-        placement = self._place(memory, time, x_chart, chart, target_object)
+        placement = self._place_stages(memory, time, x_chart, chart, target_object)
         is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
         situation = Situation(time, estimate, target_object, x_chart, is_measured, placement)
         return replace(memory, signs=placement.signs), situation
 
-    def _estimated(self, memory: Memory, measurement: Measurement) -> Estimate:
+    def _estimate_robot(self, memory: Memory, measurement: Measurement) -> Estimate:
         """Return what is known of the robot after a measurement."""
-        return self._estimator.measured(
+        return self._estimator.after_measurement(
             memory.estimate,
             measurement.time,
             measurement.state,
             is_unexplained=memory.sequence.moves_grippers(self.problem.held_stages, memory.time, measurement.time)
-            or self._is_closed_chain(memory),
+            or self._several_grippers_hold(memory),
             is_loaded=memory.sequence.first in self.problem.held_stages and not self.problem.law.knows_load,
             actuated=self.problem.model.actuated(self.problem.stages[memory.sequence.first].moved_by),
         )
 
-    def _identified(self, memory: Memory, state: State, estimate: Estimate, is_held: bool) -> Memory:
+    def _with_identified_parameters(self, memory: Memory, state: State, estimate: Estimate, is_held: bool) -> Memory:
         """Return the memory with what is found out at a sample besides the state.
 
         Args:
@@ -228,18 +230,18 @@ class ControlLaw:
             is_held: Whether a gripper holds the object.
         """
         for step in self._identification:
-            law = self._law(memory, memory.sequence.first, is_held=False)
-            memory = step.measured(memory, state, estimate, is_held, law)
+            law = self._low_level_law(memory, memory.sequence.first, is_held=False)
+            memory = step.after_measurement(memory, state, estimate, is_held, law)
         return memory
 
-    def _law(self, memory: Memory, stage: int, is_held: bool) -> LowLevelLaw:
+    def _low_level_law(self, memory: Memory, stage: int, is_held: bool) -> LowLevelLaw:
         """Return the low-level law of a stage with all that is found out, where hands hold the object or do not."""
         law = self.problem.law.driving(self._driven[stage])
         for step in self._identification:
             law = step.applied(law, memory, is_held)
         return law
 
-    def _is_closed_chain(self, memory: Memory) -> bool:
+    def _several_grippers_hold(self, memory: Memory) -> bool:
         """Tell whether several grippers hold the object: what they are commanded to do differently they cannot."""
         return memory.sequence.first in self.problem.held_stages and len(self.problem.body.grippers) > 1
 
@@ -248,7 +250,7 @@ class ControlLaw:
         """Return the index of the stage that the robot was in at a time [s], before what the last command began."""
         return sequence.first - int(sequence.first > 0 and time < sequence.progress.entered)
 
-    def _grip(self, sequence: MovingSequence, time: float, state: State) -> Grip | None:
+    def _holding_gripper(self, sequence: MovingSequence, time: float, state: State) -> Grip | None:
         """Return the gripper that holds the object at a time [s] in a state; None where none does, or it is unknown."""
         is_held = self._stage_at(sequence, time) in self.problem.held_stages
         if not (is_held and isfinite(state.vector @ state.vector)):
@@ -262,7 +264,7 @@ class ControlLaw:
         foreseen, _ = plan.chart.from_chart(plan.states_at(np.array([time])))
         return space.chart_at(foreseen[0])
 
-    def _place(
+    def _place_stages(
         self,
         memory: Memory,
         time: float,
@@ -284,7 +286,7 @@ class ControlLaw:
             at_planned_ends=at_planned_ends,
         )
 
-    def _drop(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
+    def _drop_ended_stages(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
         """Drop the stages that are over, by the plan or by the measured state."""
         time = situation.time
         x_chart = situation.x_chart
@@ -292,12 +294,14 @@ class ControlLaw:
         costs = self.problem.costs
         sequence = memory.sequence.with_measurement(stages, costs, time, x_chart)
         may_end = stages[sequence.first].end.accepts(self._planned_end(sequence, memory.solution, situation))
-        sequence, passed = drop_passed(sequence if may_end else sequence.current_only, time)
-        sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x_chart), stages, costs, time, x_chart)
+        sequence, passed = drop_passed_stages(sequence if may_end else sequence.current_only, time)
+        sequence, met = drop_met_stage(
+            sequence.with_measurement(stages, costs, time, x_chart), stages, costs, time, x_chart
+        )
         sequence = sequence.with_measurement(stages, costs, time, x_chart)
         return replace(memory, sequence=sequence), replace(situation, switches=(*passed, *met))
 
-    def _answer_grippers(
+    def _retry_missed_grasp(
         self, memory: Memory, measurement: Measurement, situation: Situation
     ) -> tuple[Memory, Situation]:
         """Return to an earlier stage where grippers report that they missed the object or lost it.
@@ -306,7 +310,7 @@ class ControlLaw:
         """
         if measurement.holding is None or memory.grasp.has_failed:
             return memory, situation
-        grasp, fault = memory.grasp.observed(
+        grasp, fault = memory.grasp.after_report(
             memory.sequence,
             held=self.problem.held_stages,
             grippers=self.problem.body.grippers,
@@ -321,10 +325,10 @@ class ControlLaw:
             grasp = replace(grasp, fault=fault)
             return replace(memory, grasp=grasp), replace(situation, grasp_events=frozenset({"missed"}))
         grasp = replace(grasp, is_taken=False, returns={**grasp.returns, fault.stage: tried + 1})
-        memory, situation = self._returned(replace(memory, grasp=grasp), situation, back_to)
+        memory, situation = self._return_to_stage(replace(memory, grasp=grasp), situation, back_to)
         return memory, replace(situation, grasp_events=frozenset({"missed", "returned"}))
 
-    def _returned(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
+    def _return_to_stage(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
         """Return to a stage that has ended: it begins again now, from the state and the object as they are measured.
 
         The plan in force led on with the object, so the next solve is a cold one. What earlier samples knew of the
@@ -332,8 +336,8 @@ class ControlLaw:
         """
         time = situation.time
         route = RouteProgress({index: share for index, share in memory.route.progress.items() if index < stage})
-        foreseen = self._estimator.foreseen(situation.estimate)
-        route = self._guide.followed(route, stage, time, foreseen, memory.target_object)
+        foreseen = self._estimator.predicted_over_delay(situation.estimate)
+        route = self._guide.updated_progress(route, stage, time, foreseen, memory.target_object)
         memory = replace(
             memory,
             sequence=MovingSequence.of(stage, time),
@@ -344,11 +348,11 @@ class ControlLaw:
             arguments={},
             route=route,
         )
-        placement = self._place(memory, time, situation.x_chart, situation.placement.chart, memory.target_object)
+        placement = self._place_stages(memory, time, situation.x_chart, situation.placement.chart, memory.target_object)
         memory = replace(memory, signs=placement.signs)
         return memory, replace(situation, target_object=memory.target_object, placement=placement)
 
-    def _place_at_ends(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
+    def _place_at_planned_ends(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
         """Place targets relative to the object where it is when their stage is planned to end.
 
         What was not measured of the state is completed, and constraints that samples set are set.
@@ -361,12 +365,12 @@ class ControlLaw:
         sequence = memory.sequence
         placement = situation.placement
         if self._placer.follows_object:
-            placement = self._place(
+            placement = self._place_stages(
                 memory, time, x_chart, placement.chart, situation.target_object, at_planned_ends=True
             )
             memory = replace(memory, signs=placement.signs)
         x_chart = self._with_predicted(memory, time, x_chart)
-        arguments = self._placer.arguments(
+        arguments = self._placer.sampled_arguments(
             time=time,
             sequence=sequence,
             x=x_chart,
@@ -404,7 +408,7 @@ class ControlLaw:
             raise RunError(f"nothing is measured at {time:g} s and there is no plan yet, so the robot does not move")
         return np.where(np.isfinite(x_chart), x_chart, plan.states_at(np.array([time]))[0])
 
-    def _shift(self, memory: Memory, situation: Situation) -> Plan:
+    def _shifted_plan(self, memory: Memory, situation: Situation) -> Plan:
         """Return the last plan from now on; before the first, one without control."""
         time = situation.time
         horizon = self._spec.horizon
@@ -414,22 +418,24 @@ class ControlLaw:
             return resting_plan(time, horizon, self._spec.uniform_nodes, situation.x_chart, chart)
         return shift(plan, time, horizon, situation.x_chart)
 
-    def _detect(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
+    def _detect_next_stage(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
         """Return the sequence with the next stage, where its switch is predicted; else None.
 
         Of a controller whose windows are over one stage the current stage follows upon its own end.
         """
         margin = self._spec.detection_margin
-        return detect(
+        return with_detected_stage(
             memory.sequence, situation.stages, self.problem.costs, prediction, margin, is_of_one_stage=self._one_stage
         )
 
-    def _with_targets_at(self, longer: MovingSequence | None, memory: Memory, situation: Situation) -> Situation:
+    def _with_targets_at_stage_ends(
+        self, longer: MovingSequence | None, memory: Memory, situation: Situation
+    ) -> Situation:
         """Return the situation with targets relative to the object where it is when stages of a sequence end."""
         if longer is None or not self._placer.follows_object:
             return situation
         extended = replace(memory, sequence=longer)
-        placement = self._place(
+        placement = self._place_stages(
             extended,
             situation.time,
             situation.x_chart,
@@ -452,7 +458,7 @@ class ControlLaw:
             applied=situation.applied if self._has_rates else np.zeros(0),
         )
 
-    def _accept(
+    def _accept_or_fall_back(
         self, memory: Memory, situation: Situation, attempt: Attempt, prediction: Plan, stop_at: float
     ) -> Decision:
         """Take over a solution that counts, refined by the levels of HTMPC; fall back on another plan else.
@@ -491,7 +497,7 @@ class ControlLaw:
                 applied=situation.applied,
             )
         if situation.is_measured:
-            plans = plans.measured()
+            plans = plans.fully_trusted()
         return Decision(
             solved=solved,
             attempt=attempt,
@@ -502,7 +508,7 @@ class ControlLaw:
             plans=plans,
         )
 
-    def _events(
+    def _names_of_events(
         self,
         memory: Memory,
         measurement: Measurement,
@@ -523,11 +529,11 @@ class ControlLaw:
         }
         return situation.grasp_events.union(name for name, yes in happened.items() if yes)
 
-    def _command(
+    def _build_command(
         self, memory: Memory, situation: Situation, decision: Decision, events: frozenset[str]
     ) -> tuple[Estimate, Command]:
         """Return the command over the coming sample, and the estimate that counts it."""
-        edges = situation.time + self._ticks
+        edges = situation.time + self._tick_offsets
         Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
         changes = self._largest_changes(situation, decision, edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
@@ -544,10 +550,10 @@ class ControlLaw:
             planned = decision.plan.averaged_rates(edges, situation.applied, self._spec.sample_time)
         else:
             planned = decision.plan.velocity_rates(edges)
-        planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
-        stages_of_ticks = _stages_at(decision.sequence, edges[:-1])
+        planned = self.problem.law.attainable_accelerations(Q[0], v[0], planned, closed, self._tick)
+        stages_of_ticks = _stages_in_force(decision.sequence, edges[:-1])
         current = decision.sequence.first
-        law = self._law(memory, current, is_held=current in self._held_stages)
+        law = self._low_level_law(memory, current, is_held=current in self._held_stages)
         estimate, u = self._estimator.command(situation.estimate, planned, changes, law)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
@@ -582,12 +588,12 @@ class ControlLaw:
             route_progress=memory.route.progress.get(decision.sequence.first, np.nan),
             twist_rates=twist_rates,
             wheels=np.zeros(0) if memory.wheels is None else memory.wheels.momentum,
-            shut=self._shut(situation, stages_of_ticks),
+            shut=self._shut_thrusters(situation, stages_of_ticks),
             held=np.isin(stages_of_ticks, self._held_by_mount) if self._held_by_mount else np.zeros(0, bool),
         )
         return estimate, command
 
-    def _shut(self, situation: Situation, stages_of_ticks: list[int]) -> np.ndarray:
+    def _shut_thrusters(self, situation: Situation, stages_of_ticks: list[int]) -> np.ndarray:
         """Return which thrusters must not fire at each tick (M, T), whose stage it says."""
         by_stage = {
             stage: self._plumes[stage].shut_now(situation.stages[stage])
@@ -604,20 +610,20 @@ class ControlLaw:
         """
         if not self._limits_jerk:
             return None
-        limits = [situation.stages[stage].limits for stage in _stages_at(decision.sequence, edges[:-1])]
+        limits = [situation.stages[stage].limits for stage in _stages_in_force(decision.sequence, edges[:-1])]
         low = np.array([of_tick.jerk_low for of_tick in limits])
         high = np.array([of_tick.jerk_high for of_tick in limits])
         return np.asarray(self._tick * np.array([low, high]))
 
 
-def _stages_at(sequence: MovingSequence, ticks: np.ndarray) -> list[int]:
+def _stages_in_force(sequence: MovingSequence, ticks: np.ndarray) -> list[int]:
     """Return the index of the stage in force at the beginning of each tick (M,) [s], by planned switch times."""
     return [
         sequence.segments[place] for place in np.searchsorted(sequence.switch_times, ticks + ROUNDING, side="right")
     ]
 
 
-def _remembered(memory: Memory, situation: Situation, decision: Decision, estimate: Estimate) -> Memory:
+def _memory_after(memory: Memory, situation: Situation, decision: Decision, estimate: Estimate) -> Memory:
     """Return what lasts until the next sample."""
     return replace(
         memory,

@@ -77,7 +77,7 @@ class Controller:
             RunError: Nothing is measured, and there is no plan yet.
         """
         measurement = Measurement(time, state, object_pose, holding)
-        measurement.check(self.problem, self.memory.time)
+        measurement.require_valid_for(self.problem, self.memory.time)
         self.memory, command = self.law.decide(self.memory, measurement)
         return command
 

@@ -110,7 +110,7 @@ class Estimator:
         self._given_delay = None if finds_delay and spec.delay == "auto" else given
         self._delays = DelayEstimator(noise[n:], actuated, tick, spec.sample_time, spec.horizon)
 
-    def measured(
+    def after_measurement(
         self,
         estimate: Estimate | None,
         time: float,
@@ -131,22 +131,24 @@ class Estimator:
             actuated: Which velocity coordinates have a force of their own now (n,); by default those that ever have.
         """
         if estimate is None:
-            return self._begun(time, state)
-        estimate = replace(estimate, delay=self._delay(estimate, time, state, is_unexplained, is_loaded))
+            return self._first_estimate(time, state)
+        estimate = replace(
+            estimate, delay=self._delay_after_measurement(estimate, time, state, is_unexplained, is_loaded)
+        )
         covariance = estimate.covariance
         disturbance = estimate.disturbance
         if self._spec.offset_free:
             actuated = self._actuated if actuated is None else actuated
-            disturbance = np.where(actuated, self._disturbance(estimate, time, state.v), 0.0)
+            disturbance = np.where(actuated, self._disturbance_after_measurement(estimate, time, state.v), 0.0)
         velocity = state.v
         if self._filters:
-            u = self._acting(estimate, estimate.time, time)
-            state, covariance = self._filtered(estimate.state, covariance, u, state)
+            u = self._accelerations_acting(estimate, estimate.time, time)
+            state, covariance = self._kalman_update(estimate.state, covariance, u, state)
         return replace(
             estimate, time=time, state=state, covariance=covariance, disturbance=disturbance, velocity=velocity
         )
 
-    def _begun(self, time: float, state: State) -> Estimate:
+    def _first_estimate(self, time: float, state: State) -> Estimate:
         """Return the estimate after the first measurement, before which nothing was commanded.
 
         The state is taken as measured, so its covariance is that of the noise.
@@ -154,7 +156,7 @@ class Estimator:
         n = len(state.v)
         commands = SentCommands(n, self._tick)
         if self._given_delay is None:
-            delay = self._delays.measured(self._delays.first, time, state.v, commands)
+            delay = self._delays.after_measurement(self._delays.first, time, state.v, commands)
         else:
             delay = DelayEstimate(self._given_delay)
         return Estimate(
@@ -167,28 +169,28 @@ class Estimator:
             delay=delay,
         )
 
-    def _delay(
+    def _delay_after_measurement(
         self, estimate: Estimate, time: float, state: State, is_unexplained: bool, is_loaded: bool
     ) -> DelayEstimate:
         """Return what is known of the delay after a measurement."""
         if self._given_delay is not None:
             return estimate.delay
         delay = self._delays.unsettled(estimate.delay, time) if is_unexplained else estimate.delay
-        return self._delays.measured(delay, time, state.v, estimate.commands, is_loaded)
+        return self._delays.after_measurement(delay, time, state.v, estimate.commands, is_loaded)
 
-    def _acting(self, estimate: Estimate, begin: float, end: float) -> np.ndarray:
+    def _accelerations_acting(self, estimate: Estimate, begin: float, end: float) -> np.ndarray:
         """Return the planned accelerations that act at the ticks between two times [s], (K, n)."""
         late = estimate.delay.seconds
         return estimate.commands.planned(begin - late, end - late)
 
-    def _filtered(self, state: State, P: np.ndarray, u: np.ndarray, measured: State) -> tuple[State, np.ndarray]:
+    def _kalman_update(self, state: State, P: np.ndarray, u: np.ndarray, measured: State) -> tuple[State, np.ndarray]:
         """Return state and covariance after planned accelerations u (M, n) over as many ticks, and a measurement."""
         T = self._tick * len(u)
         share, least = PROCESS_NOISE
         sigma = share * np.abs(u).mean(axis=0) + least
         F = np.array([[1.0, T], [0.0, 1.0]])
         Q = sigma[:, None, None] ** 2 * T * np.array([[T**2 / 3, T / 2], [T / 2, 1.0]])
-        predicted = self._advanced(state, u)
+        predicted = self._after_accelerations(state, u)
         P = F @ P @ F.T + Q
 
         difference = self._space.difference(predicted.Q, measured.Q)
@@ -208,7 +210,7 @@ class Estimator:
         P = remaining @ P @ np.swapaxes(remaining, 1, 2) + K @ self._noise @ np.swapaxes(K, 1, 2)
         return State(Q_estimated, predicted.v + correction[:, 1]), P
 
-    def foreseen(self, estimate: Estimate) -> State:
+    def predicted_over_delay(self, estimate: Estimate) -> State:
         """Return the state in which the next command acts.
 
         The robot accelerates as planned meanwhile: the disturbance adds what was taken off the planned accelerations.
@@ -218,14 +220,16 @@ class Estimator:
         """
         if estimate.delay.seconds == 0.0:
             return estimate.state
-        return self._advanced(estimate.state, self._acting(estimate, estimate.time, estimate.acts_at))
+        return self._after_accelerations(
+            estimate.state, self._accelerations_acting(estimate, estimate.time, estimate.acts_at)
+        )
 
-    def _advanced(self, state: State, u: np.ndarray) -> State:
+    def _after_accelerations(self, state: State, u: np.ndarray) -> State:
         """Return the state after accelerations u (M, n) [m/s^2, rad/s^2] that hold for a tick each."""
         Q, v = over_ticks(self._space, state.Q, state.v, u, self._tick)
         return State(Q[-1], v[-1])
 
-    def _disturbance(self, estimate: Estimate, time: float, v: np.ndarray) -> np.ndarray:
+    def _disturbance_after_measurement(self, estimate: Estimate, time: float, v: np.ndarray) -> np.ndarray:
         """Return the disturbance (n,) after velocities v (n,) are measured at a time [s].
 
         d <- d + gain ((v - v_before) / T - mean(commanded) - d). Where a measurement is not finite, d stays.

@@ -109,7 +109,7 @@ class PlansInForce:
             return replace(self, braking=braking), braking
         return self, self.solved
 
-    def measured(self) -> "PlansInForce":
+    def fully_trusted(self) -> "PlansInForce":
         """Return the plans after a sample that measured all of the state: the current one is trusted to its end."""
         if self.braking is not None or self.solved is None:
             return self

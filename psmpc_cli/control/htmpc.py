@@ -98,8 +98,8 @@ class StrictPriorities(Hierarchy):
         levels = [first]
         kept = list[Kept]()
         for i, stage in enumerate(stages[1:], start=1):
-            kept.append(self._kept(stages[i - 1], float(scale[i - 1]), levels[-1], begins[i - 1]))
-            level = _level(first.window, stage, scale[i], tuple(kept))
+            kept.append(self._to_preserve(stages[i - 1], float(scale[i - 1]), levels[-1], begins[i - 1]))
+            level = _window_of_level(first.window, stage, scale[i], tuple(kept))
             before = next((solution for solution in previous if solution.window.stages[-1].index == stage.index), None)
             solved = solver.solve(level, levels[-1].plan, before, within=0.0)
             if not solved.outcome.usable:
@@ -108,7 +108,7 @@ class StrictPriorities(Hierarchy):
             levels.append(solved)
         return tuple(levels)
 
-    def _kept(self, stage: PlacedStage, scale: float, solved: Solution, begins: float) -> Kept:
+    def _to_preserve(self, stage: PlacedStage, scale: float, solved: Solution, begins: float) -> Kept:
         """Return what later levels must keep of a level's stage: its cost, or its weighted errors at the nodes."""
         cost = solved.costs_of_stages[-1]
         bound = cost + self.spec.htmpc.tolerance * max(cost, LEAST_COST)
@@ -119,7 +119,7 @@ class StrictPriorities(Hierarchy):
             bound[:, (stage.weights == 0) | (np.arange(len(stage.weights)) >= named)] = np.inf
         begun = begins < solved.plan.end
         return Kept(
-            stage=stage if begun else _waiting(stage),
+            stage=stage if begun else _resting_on_first_target(stage),
             scale=scale,
             bound=bound,
             ends=begun and len(solved.plan.switch_times) > 0,
@@ -131,17 +131,20 @@ def build_hierarchy(problem: Problem) -> Hierarchy:
     return StrictPriorities(problem) if problem.spec.controller.traits.has_levels else NoLevels()
 
 
-def _waiting(stage: PlacedStage) -> PlacedStage:
+def _resting_on_first_target(stage: PlacedStage) -> PlacedStage:
     """Return a stage that is yet to begin: its cost follows the first row of its trajectory."""
     return stage.with_target(stage.reference.points[0])
 
 
-def _level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ...]) -> Window:
+def _window_of_level(first: Window, stage: PlacedStage, scale: float, kept: tuple[Kept, ...]) -> Window:
     """Return the window of a later level: its stage within the limits and the constraints of the current one."""
     current = first.stages[0]
     parts = len(first.stages)
     level_stage = replace(
-        _waiting(stage), limits=current.limits, constraints=current.constraints, end=stage.end.with_dwell(0.0)
+        _resting_on_first_target(stage),
+        limits=current.limits,
+        constraints=current.constraints,
+        end=stage.end.with_dwell(0.0),
     )
     return replace(
         first,

@@ -88,7 +88,7 @@ class Measurement:
     object_pose: np.ndarray | None
     holding: Mapping[str, bool] | None = None
 
-    def check(self, problem: Problem, before: float) -> None:
+    def require_valid_for(self, problem: Problem, before: float) -> None:
         """Make sure that sizes are those of a problem, and that time goes on.
 
         Args:
@@ -99,12 +99,12 @@ class Measurement:
             InputError: The time is not finite or not after the one before, the state is another robot's, the pose is
                 not that of the task's object, or a gripper that reports is none of its grasp.
         """
-        check_time(self.time)
+        require_finite_time(self.time)
         if self.time <= before:
             raise InputError(f"time: found {self.time:g} s after {before:g} s, expected a time after the sample before")
-        check_state(self.state, problem.model)
+        require_state_of(self.state, problem.model)
         if self.holding is not None:
-            self._check_holding(self.holding, problem)
+            self._require_known_grippers(self.holding, problem)
         if self.object_pose is None:
             return
         size = len(problem.body.pose)
@@ -113,9 +113,9 @@ class Measurement:
         if shape_of(self.object_pose) != (size,):
             meant = f"{space_of_pose(size).pose_text} ({size},)"
             raise rejected("object_pose", self.object_pose, meant)
-        _check_quaternion("object_pose", self.object_pose[problem.model.space.pose_attitude])
+        _require_unit_quaternion("object_pose", self.object_pose[problem.model.space.pose_attitude])
 
-    def _check_holding(self, holding: Mapping[str, bool], problem: Problem) -> None:
+    def _require_known_grippers(self, holding: Mapping[str, bool], problem: Problem) -> None:
         """Make sure that what grippers report is about the grippers of a problem's object.
 
         Raises:
@@ -136,7 +136,7 @@ class Measurement:
         return isfinite(before) and self.time - before > (1 + LATE) * sample_time
 
 
-def check_time(time: float) -> None:
+def require_finite_time(time: float) -> None:
     """Make sure that a time is a finite number.
 
     Raises:
@@ -147,7 +147,7 @@ def check_time(time: float) -> None:
         raise rejected("time", time, f"a finite number up to {LARGEST:g} [s]")
 
 
-def check_state(state: State, model: RobotModel) -> None:
+def require_state_of(state: State, model: RobotModel) -> None:
     """Make sure that a state is one of a robot.
 
     Raises:
@@ -162,10 +162,10 @@ def check_state(state: State, model: RobotModel) -> None:
     if state.wheels is not None and state.wheels.shape != (count,):
         wanted = f"({count},), one of each wheel of {model.spec.name}" if count else f"none: {model.spec.name} has none"
         raise InputError(f"state: found wheels {state.wheels.shape}, expected {wanted}")
-    _check_quaternion("state", state.Q[model.space.attitude])
+    _require_unit_quaternion("state", state.Q[model.space.attitude])
 
 
-def _check_quaternion(name: str, quaternion: np.ndarray) -> None:
+def _require_unit_quaternion(name: str, quaternion: np.ndarray) -> None:
     """Make sure that a quaternion, if there is one and it was measured, is of length 1."""
     norm = float(np.linalg.norm(quaternion))
     if len(quaternion) and np.isfinite(norm) and abs(norm - 1) > UNIT:
@@ -333,8 +333,8 @@ class Command:
         Raises:
             InputError: The time is not finite, or the state is not one of the robot.
         """
-        check_time(time)
-        check_state(state, self.law.model)
+        require_finite_time(time)
+        require_state_of(state, self.law.model)
         tick = self._tick_at(time)
         twist_rates = None if self.twist_rates is None else self.twist_rates[tick]
         grasps = self.law.grasps if self.closed[tick] else None
@@ -367,8 +367,8 @@ class Command:
         F = self.force(time, state)
         driven = tuple(self.driven[self._tick_at(time)].tolist())
         h = self._momenta(state)
-        F, unloading = wheels.unloaded(F, h, driven, self.tick)
-        _, torques = wheels.turned(F, h, driven, self.tick, unloading)
+        F, unloading = wheels.with_unloading(F, h, driven, self.tick)
+        _, torques = wheels.with_turning(F, h, driven, self.tick, unloading)
         return torques
 
     def _tick_at(self, time: float) -> int:

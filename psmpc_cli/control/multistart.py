@@ -48,20 +48,20 @@ def solve_from_several(solver: Solver, window: Window, guess: Plan, previous: So
     if not original.outcome.usable or all(stage.end.shape.is_fixed for stage in window.stages[:-1]):
         return original
     earliest = solver.solve(replace(window, pending_cost=window.pending_cost + EARLIEST_PENDING_COST), guess)
-    slack = _slack(window, earliest.plan.switch_times)
+    slack = _switch_time_slack(window, earliest.plan.switch_times)
     if earliest.outcome is not Outcome.OPTIMAL or slack.max() < 10 * SHORTEST:
-        return _counting(original, original, earliest)
+        return _with_total_effort(original, original, earliest)
     shares, half_step = even_shares(len(guess.switch_times), starts - 1)
     within = half_step * float(slack.max())
     solves = [original, earliest]
     mine = original
     if np.abs(original.plan.switch_times - guess.switch_times).max() > within:
         solves.append(_solve_near(solver, window, guess, guess.switch_times, within))
-        mine = solves[-1] if _best(original, solves[-1:]) else original
+        mine = solves[-1] if _winning_guess(original, solves[-1:]) else original
     spread = earliest.plan.switch_times + shares * slack
     others = [_solve_near(solver, window, earliest.plan, switch_times, within) for switch_times in spread]
-    basin = _best(mine, others)
-    return replace(_counting((mine, *others)[basin], *solves, *others), basin=basin)
+    basin = _winning_guess(mine, others)
+    return replace(_with_total_effort((mine, *others)[basin], *solves, *others), basin=basin)
 
 
 def even_shares(switches: int, count: int) -> tuple[np.ndarray, float]:
@@ -75,7 +75,7 @@ def even_shares(switches: int, count: int) -> tuple[np.ndarray, float]:
     return picked, 0.5 / max(levels - 1, 1)
 
 
-def _slack(window: Window, earliest: np.ndarray) -> np.ndarray:
+def _switch_time_slack(window: Window, earliest: np.ndarray) -> np.ndarray:
     """Return how much later than its earliest time each switch may be (S,) [s], dwell and fixed times heeded.
 
     Args:
@@ -99,7 +99,7 @@ def _solve_near(solver: Solver, window: Window, plan: Plan, switch_times: np.nda
     solved = solver.solve(window, _stretched(plan, switch_times), None, within)
     if solved.outcome is Outcome.OPTIMAL and any(stage.reference.moves for stage in window.stages):
         again = solver.solve(window, solved.plan, None, within)
-        return _counting(again, solved, again)
+        return _with_total_effort(again, solved, again)
     return solved
 
 
@@ -109,7 +109,7 @@ def _stretched(plan: Plan, switch_times: np.ndarray) -> Plan:
     return replace(plan, times=np.interp(plan.times, old, new), switch_times=switch_times)
 
 
-def _best(original: Solution, others: list[Solution]) -> int:
+def _winning_guess(original: Solution, others: list[Solution]) -> int:
     """Return which guess wins: 0 for the prediction's own, unless one of the others has a `BETTER` basin.
 
     Only the objective at an optimum says something of its basin.
@@ -120,7 +120,7 @@ def _best(original: Solution, others: list[Solution]) -> int:
     return best + 1 if objectives[best] < beaten - BETTER * abs(beaten) else 0
 
 
-def _counting(solved: Solution, *all_solves: Solution) -> Solution:
+def _with_total_effort(solved: Solution, *all_solves: Solution) -> Solution:
     """Return a solve with the iterations and the wall time of all that were made for it."""
     iterations = sum(one.iterations for one in all_solves)
     wall_time = sum(one.wall_time for one in all_solves)

@@ -29,7 +29,9 @@ class IdentificationStep(ABC):
         return memory
 
     @abstractmethod
-    def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
+    def after_measurement(
+        self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw
+    ) -> Memory:
         """Return the memory with what is known after a measurement.
 
         Args:
@@ -75,7 +77,9 @@ class _Inertias(IdentificationStep):
         """Return the memory with the described masses and inertias, and their deviations."""
         return replace(memory, inertia=self._estimator.first)
 
-    def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
+    def after_measurement(
+        self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw
+    ) -> Memory:
         """Return the memory with what the motion since the sample before tells of masses and inertias.
 
         While hands hold what the law knows of, robot and load are a closed chain, and nothing is found out. Where the
@@ -102,7 +106,7 @@ class _Inertias(IdentificationStep):
             v=(before.velocity + estimate.velocity) / 2,
             vdot=(estimate.velocity - before.velocity) / duration,
         )
-        return replace(memory, inertia=self._estimator.measured(inertia, motion, acting, uncertain))
+        return replace(memory, inertia=self._estimator.after_measurement(inertia, motion, acting, uncertain))
 
     def applied(self, law: LowLevelLaw, memory: Memory, is_held: bool) -> LowLevelLaw:
         """Return a law that counts with the most likely masses and inertias."""
@@ -115,7 +119,9 @@ class _Wheels(IdentificationStep):
     def __init__(self, problem: Problem) -> None:
         self._estimator = WheelEstimator(problem)
 
-    def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
+    def after_measurement(
+        self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw
+    ) -> Memory:
         """Return the memory with what wheels store.
 
         Where the robot was not measured what is known stays: angular momentum stays, too.
@@ -124,7 +130,7 @@ class _Wheels(IdentificationStep):
         if not isfinite(known.vector @ known.vector):
             return memory
         stage = memory.sequence.first
-        wheels = self._estimator.measured(memory.wheels, stage, estimate.time, known.Q, known.v, state.wheels)
+        wheels = self._estimator.after_measurement(memory.wheels, stage, estimate.time, known.Q, known.v, state.wheels)
         return replace(memory, wheels=wheels)
 
     def applied(self, law: LowLevelLaw, memory: Memory, is_held: bool) -> LowLevelLaw:
@@ -150,7 +156,9 @@ class _Load(IdentificationStep):
         """Return the memory with the prior of the load."""
         return replace(memory, load=self._estimator.first)
 
-    def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
+    def after_measurement(
+        self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw
+    ) -> Memory:
         """Return the memory with what the momentum of robot and load tells of the load."""
         load = memory.load
         motion = self._motion(memory, estimate, is_held)
@@ -160,7 +168,7 @@ class _Load(IdentificationStep):
             late = estimate.delay.seconds
             u = estimate.commands.commanded(memory.motion.time - late, estimate.time - late)
             law = self.applied(law, memory, motion.is_loaded)
-            load = self._estimator.measured(load, memory.motion, motion, u, law)
+            load = self._estimator.after_measurement(load, memory.motion, motion, u, law)
         return replace(memory, load=load, motion=motion)
 
 

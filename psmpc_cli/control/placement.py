@@ -92,13 +92,15 @@ class Placer:
         """
         stages = self._stages
         if self.follows_object:
-            stages = self._at_object(time, sequence, target_object, at_planned_ends)
+            stages = self._with_targets_on_object(time, sequence, target_object, at_planned_ends)
         if self._problem.spec.routes is not None:
             stages = tuple(stage.with_waypoint(waypoints.get(stage.index)) for stage in stages)
         plan = plan or resting_plan(time, self._horizon, 1, x, chart)
         begins = dict(enumerate([time, *sequence.switch_times][: sequence.count], start=sequence.first))
         all_signs = {
-            stage.index: self._signs(stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {}))
+            stage.index: self._quaternion_signs(
+                stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {})
+            )
             for stage in stages
         }
         model = self._problem.model
@@ -110,7 +112,7 @@ class Placer:
         charted = tuple(stage.in_chart(chart.anchor, posture, all_signs[stage.index]) for stage in stages)
         return Placement(chart, charted, all_signs)
 
-    def arguments(
+    def sampled_arguments(
         self,
         time: float,
         sequence: MovingSequence,
@@ -143,7 +145,7 @@ class Placer:
             time=time,
             x=x,
             anchor=chart.anchor,
-            prediction=None if plan is None else _ahead(plan, time),
+            prediction=None if plan is None else _sampled_prediction(plan, time),
             object_state=target_object.at(time),
             load=load,
             plan=plan,
@@ -151,7 +153,7 @@ class Placer:
         stored: Mapping[int, np.ndarray] = {}
         if wheels is not None:
             view = replace(view, unseen=self._wheels.unseen(wheels))
-            stored = self._stored(wheels, sequence, plan)
+            stored = self._wheel_momenta_by_stage(wheels, sequence, plan)
         for stage, constraints in sampled:
             for name in constraints.keys() - arguments.keys():
                 at_stage = replace(
@@ -160,12 +162,14 @@ class Placer:
                     argument_before=before.get(name),
                     stored=stored.get(stage.index),
                 )
-                argument = _argument(constraints[name], self._problem.model, at_stage)
+                argument = _sampled_argument(constraints[name], self._problem.model, at_stage)
                 if argument is not None:
                     arguments[name] = argument
         return arguments
 
-    def _stored(self, wheels: WheelEstimate, sequence: MovingSequence, plan: Plan | None) -> dict[int, np.ndarray]:
+    def _wheel_momenta_by_stage(
+        self, wheels: WheelEstimate, sequence: MovingSequence, plan: Plan | None
+    ) -> dict[int, np.ndarray]:
         """Return what is known of wheels in the current stage and those after it, by index of the stage.
 
         Of a stage that has not begun the plan in force says in which state it does: where its switch is planned, or at
@@ -183,7 +187,7 @@ class Placer:
                 Q, v = plan.chart.from_chart(X)
                 yield stage.index, Q[0], v[0]
 
-        return self._wheels.in_stages(wheels, states())
+        return self._wheels.stored_in_stages(wheels, states())
 
     def _with_held_object(
         self,
@@ -202,7 +206,7 @@ class Placer:
         xi = np.asarray(model.charted(x[: model.n], chart.anchor)).ravel()
         return target_object.hold(stages, time, {frame: xi[rows] for frame, rows in model.pose_rows.items()})
 
-    def _at_object(
+    def _with_targets_on_object(
         self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_planned_ends: bool
     ) -> tuple[PlacedStage, ...]:
         ends = dict(enumerate(sequence.switch_times, start=sequence.first))
@@ -216,7 +220,7 @@ class Placer:
             placed[sequence.first] = target_object.follow(current, time, elapsed, self._horizon)
         return tuple(placed)
 
-    def _signs(
+    def _quaternion_signs(
         self, stage: PlacedStage, plan: Plan, begins: float | None, sequence: MovingSequence, signs: Mapping[str, float]
     ) -> Mapping[str, float]:
         """Choose the signs of a stage's quaternions by frame; a trajectory counts where it is when the stage begins."""
@@ -237,11 +241,11 @@ class Placer:
         return new_signs
 
 
-def _ahead(plan: Plan, time: float) -> tuple[np.ndarray, np.ndarray]:
+def _sampled_prediction(plan: Plan, time: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times and states of a plan from a time on [s], some of them."""
     times = np.linspace(time, max(time, plan.end), PREDICTION_SAMPLES)
     return times, plan.states_at(times)
 
 
-def _argument(constraint: ConstraintNumbers, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
+def _sampled_argument(constraint: ConstraintNumbers, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
     return None if constraint.at_sample is None else constraint.at_sample(model, sample)

@@ -166,7 +166,7 @@ class GraspProgress:
         """How often the grippers were to close on the object, the last time included."""
         return 1 + sum(self.returns.values())
 
-    def observed(
+    def after_report(
         self,
         sequence: MovingSequence,
         held: range,
@@ -202,7 +202,7 @@ class Switch(NamedTuple):
     time: float
 
 
-def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, list[Switch]]:
+def drop_passed_stages(sequence: MovingSequence, now: float) -> tuple[MovingSequence, list[Switch]]:
     """Drop the stages whose planned switch time lies before now."""
     switches = []
     while sequence.planned_end <= now + SHORTEST:
@@ -211,7 +211,7 @@ def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, l
     return sequence, switches
 
 
-def drop_met(
+def drop_met_stage(
     sequence: MovingSequence, stages: Sequence[PlacedStage], costs: StageCosts, now: float, x: np.ndarray
 ) -> tuple[MovingSequence, list[Switch]]:
     """Drop the current stage if it is over, by the state x (2n,) measured now [s]; the task's last ends, and stays."""
@@ -229,7 +229,7 @@ def _is_met(costs: StageCosts, stage: PlacedStage, x: np.ndarray) -> bool:
     return bool(costs.met(stage, x[None])[0])
 
 
-def detect(
+def with_detected_stage(
     sequence: MovingSequence,
     stages: Sequence[PlacedStage],
     costs: StageCosts,

@@ -216,7 +216,7 @@ class DelayEstimator:
         """What is known before the first measurement: nothing, so that no delay is counted with."""
         return DelayEstimate(0.0, np.inf, np.zeros(len(self._delays)))
 
-    def measured(
+    def after_measurement(
         self, estimate: DelayEstimate, time: float, v: np.ndarray, commands: SentCommands, is_loaded: bool = False
     ) -> DelayEstimate:
         """Return the estimate after a measurement.
@@ -241,9 +241,9 @@ class DelayEstimator:
         block = np.array(times), np.array(velocities)
         stride = self._stride * (FEWER if is_sure else 1)
         in_force = round(estimate.seconds / self._tick)
-        log_likelihoods = self._likelihoods(*block, commands, is_loaded, stride, in_force)
+        log_likelihoods = self._log_likelihoods_of_block(*block, commands, is_loaded, stride, in_force)
         if log_likelihoods is not None:
-            estimate = self._updated(estimate, estimate.evidence + log_likelihoods)
+            estimate = self._with_evidence(estimate, estimate.evidence + log_likelihoods)
             log_likelihoods = estimate.evidence + log_likelihoods
         if is_over:
             evidence = (
@@ -261,7 +261,7 @@ class DelayEstimator:
         """
         return replace(estimate, times=(), velocities=(), settled_at=time + SETTLING)
 
-    def _likelihoods(
+    def _log_likelihoods_of_block(
         self, times: np.ndarray, v: np.ndarray, commands: SentCommands, is_loaded: bool, stride: int, in_force: int
     ) -> np.ndarray | None:
         """Return the logarithm of the likelihood of each delay by measurements of a block (D,).
@@ -278,26 +278,26 @@ class DelayEstimator:
         share, least = WALK
         walk = (share * np.sqrt((u**2).mean()) + least) * self._sample_time
 
-        def reached(delays: np.ndarray) -> np.ndarray:
+        def commanded_velocities(delays: np.ndarray) -> np.ndarray:
             at = np.rint((times - self._delays[delays, None] - begin) / self._tick).astype(int)
             return np.asarray(summed[np.clip(at, 0, len(u))])
 
-        first = np.union1d(np.arange(0, len(self._delays), stride), self._near(in_force))
+        first = np.union1d(np.arange(0, len(self._delays), stride), self._delays_within_stride(in_force))
         model = _VelocityModel(v, gain, walk, self._noise)
-        best, log_likelihoods, surplus = self._highest(first, reached, model)
+        best, log_likelihoods, surplus = self._refine_about_most_likely(first, commanded_velocities, model)
         if surplus > NOISIER:
-            model = model.with_noise_of(reached(np.array([best])))
-            _, log_likelihoods, surplus = self._highest(first, reached, model)
+            model = model.with_noise_of(commanded_velocities(np.array([best])))
+            _, log_likelihoods, surplus = self._refine_about_most_likely(first, commanded_velocities, model)
         return np.asarray(log_likelihoods / max(1.0, surplus))
 
-    def _highest(
-        self, first: np.ndarray, reached: Callable[[np.ndarray], np.ndarray], model: "_VelocityModel"
+    def _refine_about_most_likely(
+        self, first: np.ndarray, commanded_velocities: Callable[[np.ndarray], np.ndarray], model: "_VelocityModel"
     ) -> tuple[int, np.ndarray, float]:
-        """Return the most likely delay, the likelihoods of all (D,), and what its squares are over their number.
+        """Return the most likely delay, the log-likelihoods of all (D,), and what its squares are over their number.
 
         Args:
             first: Delays that are compared at first.
-            reached: Returns the velocities to which the commands lead under delays (D,), (D, K + 1, n).
+            commanded_velocities: Returns the velocities to which the commands lead under delays (D,), (D, K + 1, n).
             model: What is known of the velocities.
         """
         every = np.arange(len(self._delays))
@@ -305,18 +305,18 @@ class DelayEstimator:
         squares = np.zeros(len(every))
         wanted = first
         while len(wanted):
-            log_likelihoods[wanted], squares[wanted] = model.likelihoods(reached(wanted))
+            log_likelihoods[wanted], squares[wanted] = model.log_likelihoods_under(commanded_velocities(wanted))
             best = int(np.argmax(log_likelihoods))
             is_highest = np.isfinite(log_likelihoods[max(best - 1, 0) : best + 2]).all()
-            wanted = every[:0] if is_highest else self._near(best)
+            wanted = every[:0] if is_highest else self._delays_within_stride(best)
         known = np.flatnonzero(np.isfinite(log_likelihoods))
         return best, np.interp(every, known, log_likelihoods[known]), float(squares[best]) / model.v[1:].size
 
-    def _near(self, delay: int) -> np.ndarray:
+    def _delays_within_stride(self, delay: int) -> np.ndarray:
         """Return the delays that are near one, all in ticks."""
         return np.arange(max(delay - self._stride, 0), min(delay + self._stride + 1, len(self._delays)))
 
-    def _updated(self, estimate: DelayEstimate, evidence: np.ndarray) -> DelayEstimate:
+    def _with_evidence(self, estimate: DelayEstimate, evidence: np.ndarray) -> DelayEstimate:
         """Return the estimate with the most likely delay, where it is clearly more likely than the one in force."""
         likely = evidence - self._delays / PRIOR
         best = int(np.argmax(likely))
@@ -347,16 +347,16 @@ class _VelocityModel:
     walk: float
     noise: np.ndarray
 
-    def likelihoods(self, reached: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def log_likelihoods_under(self, commanded_velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how well commands explain the velocities under each of D delays.
 
         Args:
-            reached: Velocities to which the commands lead (D, K + 1, n), from any velocity on.
+            commanded_velocities: Velocities to which the commands lead (D, K + 1, n), from any velocity on.
 
         Returns:
             Logarithms of the likelihoods (D,), and sums of squares over their variances (D,).
         """
-        s, residual = self._residual(reached)
+        s, residual = self._residual(commanded_velocities)
         squares = np.zeros(len(s))
         logarithms = np.zeros(len(s))
         for rows, unexplained in self._unexplained():
@@ -365,9 +365,9 @@ class _VelocityModel:
             logarithms += rows.sum() * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return -squares / 2 - logarithms, squares
 
-    def with_noise_of(self, reached: np.ndarray) -> "_VelocityModel":
+    def with_noise_of(self, commanded_velocities: np.ndarray) -> "_VelocityModel":
         """Return the model with the noise that is left where commands lead to velocities (1, K + 1, n)."""
-        s, residual = self._residual(reached)
+        s, residual = self._residual(commanded_velocities)
         noise = self.noise.copy()
         for rows, unexplained in self._unexplained():
             covariance = self.gain**2 * s[0] @ s[0].T + unexplained
@@ -375,9 +375,9 @@ class _VelocityModel:
             noise[rows] = max(noise[rows][0], np.sqrt((left**2).mean() / 2))
         return replace(self, noise=noise)
 
-    def _residual(self, reached: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _residual(self, commanded_velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the changes of velocity that commands lead to (D, K, n), and those measured less these."""
-        s = reached[:, 1:] - reached[:, :1]
+        s = commanded_velocities[:, 1:] - commanded_velocities[:, :1]
         return s, self.v[1:] - self.v[0] - s
 
     def _unexplained(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -144,7 +144,7 @@ class InertiaEstimator:
     def __init__(self, model: RobotModel, noise: np.ndarray) -> None:
         self._model = model
         self._noise = noise
-        self._moved = model.space.joint_rates if not model.spec.moved_by.moves else slice(0, model.n)
+        self._rows_that_move = model.space.joint_rates if not model.spec.moved_by.moves else slice(0, model.n)
         self._force_by = ArrayFunction(_force_by_parameters(model))
         described = model.nominal
         bodies = len(described.mass)
@@ -158,7 +158,7 @@ class InertiaEstimator:
         moments = described.inertia.shape[1]
         by_share = np.eye(self._of_load.stop)
         rows = [np.arange(bodies), *[bodies + np.arange(bodies)] * moments, np.arange(2 * bodies, len(by_share))]
-        self._by_share = self._scales[:, None] * by_share[np.concatenate(rows)]
+        self._parameters_by_share = self._scales[:, None] * by_share[np.concatenate(rows)]
 
     @property
     def first(self) -> InertiaEstimate:
@@ -196,7 +196,7 @@ class InertiaEstimator:
         covariance[of_load, of_load] = float(is_loaded)
         return replace(estimate, shares=shares, covariance=covariance, is_loaded=is_loaded, settled_at=time + SETTLING)
 
-    def measured(
+    def after_measurement(
         self,
         estimate: InertiaEstimate,
         motion: MeasuredMotion,
@@ -226,16 +226,16 @@ class InertiaEstimator:
         unexplained = share * np.sqrt((u**2).mean()) + least
         duration = motion.end - motion.begin
         variance = 2 * (self._noise / duration) ** 2 + uncertain**2 + unexplained**2
-        noise = np.diag(variance[self._moved])
+        noise = np.diag(variance[self._rows_that_move])
         P = estimate.covariance
         shares = estimate.shares
         for iteration in range(ITERATIONS):
             parameters = self.parameters(replace(estimate, shares=shares), is_loaded=estimate.is_loaded)
             parameters = parameters.storing(stored)
             vdot = self._model.forward_dynamics(motion.Q, motion.v, F, parameters)
-            surplus = (motion.vdot - vdot)[self._moved]
+            surplus = (motion.vdot - vdot)[self._rows_that_move]
             # With Y at the measured accelerations the first step is exact without noise, however large it is.
-            rows = self._by_shares(motion, motion.vdot if iteration == 0 else vdot, parameters)
+            rows = self._acceleration_by_shares(motion, motion.vdot if iteration == 0 else vdot, parameters)
             if iteration == 0:
                 square = float(surplus @ np.linalg.solve(rows @ P @ rows.T + noise, surplus)) / len(surplus)
                 noise *= max(1.0, square / GATE**2)
@@ -250,14 +250,16 @@ class InertiaEstimator:
         covariance = remaining @ P @ remaining.T + gain @ noise @ gain.T
         return replace(estimate, shares=shares, covariance=covariance)
 
-    def _by_shares(self, motion: MeasuredMotion, vdot: np.ndarray, parameters: InertialParameters) -> np.ndarray:
+    def _acceleration_by_shares(
+        self, motion: MeasuredMotion, vdot: np.ndarray, parameters: InertialParameters
+    ) -> np.ndarray:
         """Return derivatives of the accelerations under a given force by the shares, at accelerations vdot (n,).
 
         Of H vdot + C v = F, in which H and C are linear in the parameters: dvdot = -H^-1 Y dw.
         """
         [Y] = self._force_by(motion.Q, motion.v, vdot)
-        H = self._model.mass_matrix(motion.Q, parameters)[self._moved, self._moved]
-        return -np.linalg.solve(H, (Y.T @ self._by_share)[self._moved])
+        H = self._model.mass_matrix(motion.Q, parameters)[self._rows_that_move, self._rows_that_move]
+        return -np.linalg.solve(H, (Y.T @ self._parameters_by_share)[self._rows_that_move])
 
 
 def _force_by_parameters(model: RobotModel) -> ca.Function:

@@ -196,7 +196,7 @@ class LoadEstimator:
         for moment in range(moments):
             rows = slice(bodies * (1 + moment), bodies * (2 + moment))
             factors[rows, bodies:] = np.diag(nominal[rows])
-        self._factors = factors
+        self._parameters_by_factor = factors
         self._of_load = slice(2 * bodies, 2 * bodies + len(prior.mean))
         self._of_offset = slice(self._of_load.stop, self._of_load.stop + model.space.n_twist)
 
@@ -218,7 +218,7 @@ class LoadEstimator:
 
     def _with_prior(self, estimate: LoadEstimate) -> LoadEstimate:
         """Return an estimate with the prior of the load in place of what was found."""
-        marginal, right = _without(estimate.information, estimate.right, self._of_load)
+        marginal, right = _without_knowledge_of(estimate.information, estimate.right, self._of_load)
         of_load = np.arange(self._of_load.start, self._of_load.stop)
         marginal[of_load, of_load] = 1 / self._prior.deviation**2
         right[of_load] = self._prior.mean / self._prior.deviation**2
@@ -235,7 +235,7 @@ class LoadEstimator:
         """Return the estimate where grippers close or open at a time [s]: a new block begins later."""
         return replace(estimate, begun=np.inf, settled_at=time + SETTLING)
 
-    def measured(
+    def after_measurement(
         self, estimate: LoadEstimate, before: RobotAlone, now: RobotAlone, u: np.ndarray, law: LowLevelLaw
     ) -> LoadEstimate:
         """Return the estimate after a measurement.
@@ -253,14 +253,14 @@ class LoadEstimator:
             return replace(estimate, begun=np.inf)
         is_same = before.is_loaded == now.is_loaded
         if now.time - estimate.begun > BLOCK or not (np.isfinite(estimate.begun) and is_same):
-            information, right = _without(estimate.information, estimate.right, self._of_offset)
+            information, right = _without_knowledge_of(estimate.information, estimate.right, self._of_offset)
             none = np.zeros_like(estimate.impulse)
             estimate = replace(estimate, information=information, right=right, begun=now.time, impulse=none)
         else:
-            estimate = replace(estimate, impulse=estimate.impulse + self._impulse(before, now, u, law))
-        return self._updated(estimate, now)
+            estimate = replace(estimate, impulse=estimate.impulse + self._base_impulse(before, now, u, law))
+        return self._with_equations_at(estimate, now)
 
-    def _impulse(self, before: RobotAlone, now: RobotAlone, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
+    def _base_impulse(self, before: RobotAlone, now: RobotAlone, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
         """Return the impulse of the base's force about the inertial origin between two samples [N s, N m s].
 
         That is without the part of it that makes up for the gyroscopic moment of wheels.
@@ -284,12 +284,12 @@ class LoadEstimator:
             impulse += duration * np.array(space.external_wrench(Q, F), dtype=float)
         return impulse
 
-    def _updated(self, estimate: LoadEstimate, now: RobotAlone) -> LoadEstimate:
+    def _with_equations_at(self, estimate: LoadEstimate, now: RobotAlone) -> LoadEstimate:
         """Return the estimate with the equations of a measurement."""
         [P], by_parameters, by_v = self._momentum(now.Q, now.v)
         k = len(P)
         rows = np.zeros((k, self._of_offset.stop))
-        rows[:, : self._of_load.start] = by_parameters.T @ self._factors
+        rows[:, : self._of_load.start] = by_parameters.T @ self._parameters_by_factor
         rows[:, self._of_load] = now.load_momentum(self._model)
         rows[:, self._of_offset] = -np.eye(k)
         share, least = UNEXPLAINED
@@ -297,7 +297,7 @@ class LoadEstimator:
             2 * (by_v.T * self._noise**2) @ by_v + np.eye(k) * (share * np.linalg.norm(estimate.impulse) + least) ** 2
         )
         y = estimate.impulse - P
-        surprise = self._surprise(estimate, rows, y, covariance)
+        surprise = self._mean_surprise(estimate, rows, y, covariance)
         if surprise > FAR and now.is_loaded:
             fresh = self._with_prior(estimate)
             return replace(fresh, begun=np.inf, dropped=True)
@@ -308,11 +308,11 @@ class LoadEstimator:
         if not now.is_loaded:
             return estimate
         inverse = np.linalg.inv(information)
-        numbers = _as_body((inverse @ right)[self._of_load], LEAST * self._prior.mean)
+        numbers = _as_rigid_body((inverse @ right)[self._of_load], LEAST * self._prior.mean)
         deviation = np.sqrt(np.diagonal(inverse)[self._of_load])
         return replace(estimate, numbers=numbers, deviation=deviation)
 
-    def _surprise(self, estimate: LoadEstimate, rows: np.ndarray, y: np.ndarray, covariance: np.ndarray) -> float:
+    def _mean_surprise(self, estimate: LoadEstimate, rows: np.ndarray, y: np.ndarray, covariance: np.ndarray) -> float:
         """Return the mean square of the last innovations over their variances."""
         if not estimate.information[self._of_offset, self._of_offset].any():
             return estimate.surprise
@@ -322,7 +322,7 @@ class LoadEstimator:
         return (1 - MEMORY) * estimate.surprise + MEMORY * min(square, OUTLIER)
 
 
-def _without(information: np.ndarray, right: np.ndarray, unknowns: slice) -> tuple[np.ndarray, np.ndarray]:
+def _without_knowledge_of(information: np.ndarray, right: np.ndarray, unknowns: slice) -> tuple[np.ndarray, np.ndarray]:
     """Return normal equations in which nothing is known of some unknowns any more; what was known of others stays."""
     of_them = information[unknowns, unknowns]
     information = information.copy()
@@ -337,7 +337,7 @@ def _without(information: np.ndarray, right: np.ndarray, unknowns: slice) -> tup
     return information, right
 
 
-def _as_body(numbers: np.ndarray, least: np.ndarray) -> np.ndarray:
+def _as_rigid_body(numbers: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Return mass and principal moments as a rigid body may have them: positive, none above the sum of the others."""
     numbers = np.maximum(numbers, least)
     moments = numbers[1:]

@@ -12,7 +12,7 @@ import numpy as np
 from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.loads import FOLLOWS, Load, known_load
 from psmpc_cli.ocp.problem import Problem
-from psmpc_cli.robot.actuators.wheels import Wheels, by_numbers
+from psmpc_cli.robot.actuators.wheels import Wheels, clip_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class WheelEstimator:
         self._coasts = [not stage.moved_by.is_pushed for stage in problem.stages]
         self.wheels = Wheels.of(problem.model.spec)
 
-    def measured(
+    def after_measurement(
         self,
         before: WheelEstimate | None,
         stage: int,
@@ -59,12 +59,12 @@ class WheelEstimator:
             v: Its velocity (n,).
             momentum: What is measured (W,) [N m s]; NaN of a wheel that is not measured, None without any measurement.
         """
-        expected = self.wheels.initial if before is None else self._expected(before, stage, time, Q, v)
+        expected = self.wheels.initial if before is None else self._momenta_after_motion(before, stage, time, Q, v)
         if momentum is not None:
             expected = np.where(np.isfinite(momentum), momentum, expected)
         return WheelEstimate(expected, time, Q, v)
 
-    def in_stages(
+    def stored_in_stages(
         self, estimate: WheelEstimate, stages: Iterable[tuple[int, np.ndarray, np.ndarray]]
     ) -> dict[int, np.ndarray]:
         """Return what is known of wheels in stages, as `LoadKind.stores` says, by index of the stage.
@@ -79,7 +79,7 @@ class WheelEstimator:
         before = None
         for stage, Q, v in stages:
             if before is not None and self._loads[before].stores == FOLLOWS:
-                h = self._following(self._loads[before], stored[before], h, Q, v)
+                h = self._momenta_conserving(self._loads[before], stored[before], h, Q, v)
             if self._loads[stage].stores == FOLLOWS:
                 stored[stage] = self._angular_momentum(self._loads[stage], h, Q, v)
             else:
@@ -91,20 +91,22 @@ class WheelEstimator:
         """Return the part of momenta that adds up to nothing, which motors leave (W,) [N m s]."""
         return np.asarray(self.wheels.unseen @ estimate.momentum)
 
-    def _expected(self, before: WheelEstimate, stage: int, time: float, Q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def _momenta_after_motion(
+        self, before: WheelEstimate, stage: int, time: float, Q: np.ndarray, v: np.ndarray
+    ) -> np.ndarray:
         """Return what wheels store after the motion since a sample (W,) [N m s]."""
         h = before.momentum
         load = self._loads[stage]
         if load.stores == FOLLOWS:
             momentum = self._angular_momentum(load, h, before.Q, before.v)
-            return self._following(load, momentum, h, Q, v)
+            return self._momenta_conserving(load, momentum, h, Q, v)
         if self._coasts[stage] or time <= before.time:
             return h
         passed = time - before.time
-        rates = self.wheels.unloading_torques(h.tolist(), passed, by_numbers)
+        rates = self.wheels.unloading_torques(h.tolist(), passed, clip_numbers)
         return h + passed * np.array(rates)
 
-    def _following(
+    def _momenta_conserving(
         self, load: Load, angular_momentum: np.ndarray, h: np.ndarray, Q: np.ndarray, v: np.ndarray
     ) -> np.ndarray:
         """Return what wheels store in a state (W,) whose angular momentum about the inertial origin is (k,)."""
@@ -116,7 +118,7 @@ class WheelEstimator:
         """Return that of robot, load and wheels with momenta h (W,) about the inertial origin (k,) [N m s]."""
         rotation = self._model.space.rotation
         of_bodies = self._evaluate(load, "momentum", Q, v, load.numbers)[rotation]
-        return np.asarray(of_bodies + self.wheels.balance(Q[None], h[None])[0, rotation])
+        return np.asarray(of_bodies + self.wheels.momentum_and_energy(Q[None], h[None])[0, rotation])
 
     def _evaluate(self, load: Load, name: str, Q: np.ndarray, v: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         """Return a function of the load's kind, `stored` or `momentum`, in a state."""

@@ -67,7 +67,7 @@ class Guide(ABC):
     """Says which points the costs of stages follow on the way to their targets."""
 
     @abstractmethod
-    def followed(
+    def updated_progress(
         self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
     ) -> RouteProgress:
         """Return how far a robot has come on the routes of the current stage and those after it.
@@ -84,7 +84,7 @@ class Guide(ABC):
 class DirectGuide(Guide):
     """Guides the robot of a task without routes: straight to the targets."""
 
-    def followed(
+    def updated_progress(
         self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
     ) -> RouteProgress:
         """Return the progress as it was: there is no route to follow."""
@@ -113,10 +113,10 @@ class RouteGuide(Guide):
             if stage in moving:
                 logger.warning("no route to the target of %s: %s", problem.stages[stage].name, moving[stage])
             else:
-                self._plan(stage, stops[stage], stops[stage + 1])
+                self._plan_route(stage, stops[stage], stops[stage + 1])
             work.advance()
 
-    def _plan(self, stage: int, start: np.ndarray, goal: np.ndarray) -> None:
+    def _plan_route(self, stage: int, start: np.ndarray, goal: np.ndarray) -> None:
         """Plan the route of a stage between coordinates (nq,)."""
         spec = self._problem.spec
         clearance = spec.clearance_of(stage)
@@ -133,10 +133,10 @@ class RouteGuide(Guide):
         moves = self._problem.model.spec.moved_by.moves
         free = np.arange(n)[space.base] if held else np.arange(0 if moves else space.n_twist, n)
         sample = SampleContext(
-            0.0, np.append(ends[0], np.zeros(n)), chart.anchor, object_state=self._nominal(stage, start)
+            0.0, np.append(ends[0], np.zeros(n)), chart.anchor, object_state=self._object_state_during(stage, start)
         )
         margin = clearance.margin + spec.routes.spare
-        motions = self._motions(stage, chart, sample, margin)
+        motions = self._straight_motions(stage, chart, sample, margin)
         ends[1] = np.where(np.isin(np.arange(n), free), ends[1], ends[0])
         if motions is None or motions.is_clear(ends[0], ends[1]):
             return
@@ -157,7 +157,7 @@ class RouteGuide(Guide):
         elif len(route.waypoints) > 2:
             self.routes[stage] = PlannedRoute(route, chart)
 
-    def _nominal(self, stage: int, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    def _object_state_during(self, stage: int, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """Return where the object is while a stage leads from coordinates (nq,) on, and no velocity."""
         body = self._problem.body
         if body.mass == 0.0:
@@ -170,7 +170,9 @@ class RouteGuide(Guide):
             pose = np.array(body.pose_after_release)
         return pose, np.zeros(self._problem.model.space.n_twist)
 
-    def _motions(self, stage: int, chart: Chart, sample: SampleContext, margin: float) -> StraightMotions | None:
+    def _straight_motions(
+        self, stage: int, chart: Chart, sample: SampleContext, margin: float
+    ) -> StraightMotions | None:
         """Return straight motions that keep a margin as a sample finds what is around; None where nothing is."""
         model = self._problem.model
         evaluated = list[tuple[BatchFunction, np.ndarray]]()
@@ -193,10 +195,10 @@ class RouteGuide(Guide):
         scale = 1 / np.where(np.isfinite(rates) & (rates > 0), rates, UNLIMITED)
         return StraightMotions(clearance, scale, STEP)
 
-    def followed(
+    def updated_progress(
         self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
     ) -> RouteProgress:
-        """Return how far the robot has come, see `Guide.followed`: to the farthest point that it sees."""
+        """Return how far the robot has come, see `Guide.updated_progress`: to the farthest point that it sees."""
         progress = dict(before.progress)
         waypoints = dict[int, np.ndarray]()
         n = self._problem.model.n
@@ -211,7 +213,9 @@ class RouteGuide(Guide):
             sample = SampleContext(time, np.append(Q, np.zeros(n)), planned.chart.anchor, object_state=object_state)
             spec = self._problem.spec.clearance_of(stage)
             motions = (
-                None if spec is None else self._motions(stage, planned.chart, sample, FOLLOWED_SHARE * spec.margin)
+                None
+                if spec is None
+                else self._straight_motions(stage, planned.chart, sample, FOLLOWED_SHARE * spec.margin)
             )
             if motions is None:
                 continue
@@ -219,10 +223,10 @@ class RouteGuide(Guide):
             if stage == first:
                 progress[stage] = reached
             if reached < 1.0:
-                waypoints[stage] = self._numbers(stage, planned.chart, point)
+                waypoints[stage] = self._target_numbers_at(stage, planned.chart, point)
         return RouteProgress(progress, waypoints)
 
-    def _numbers(self, stage: int, chart: Chart, point: np.ndarray) -> np.ndarray:
+    def _target_numbers_at(self, stage: int, chart: Chart, point: np.ndarray) -> np.ndarray:
         """Return the numbers of a stage's target at a configuration (n,) in a chart."""
         model = self._problem.model
         Q, _ = chart.from_chart(np.append(point, np.zeros(model.n))[None])

@@ -102,7 +102,7 @@ class Route:
         """Length of the route, in the metric."""
         return float(self.marks[-1])
 
-    def at(self, progress: np.ndarray) -> np.ndarray:
+    def configurations_at(self, progress: np.ndarray) -> np.ndarray:
         """Return the configurations (K, n) at shares of the route's length (K,), from 0 to 1."""
         marks = self.marks
         wanted = np.asarray(progress) * marks[-1]
@@ -126,7 +126,7 @@ class Route:
         """
         shares = self.shares(FOLLOWED_POINTS)
         candidates = np.append(after, shares[shares > after])
-        points = self.at(candidates)
+        points = self.configurations_at(candidates)
         if motions.is_clear(Q, points[-1]):
             return float(candidates[-1]), points[-1]
         reached = 0
@@ -181,7 +181,7 @@ def find_route(
     moving = np.asarray(free, dtype=int)
     end = start.copy()
     end[moving] = goal[moving]
-    motions = _allowing_near_ends(motions, start, end, slack)
+    motions = _allowing_slack_near_ends(motions, start, end, slack)
     if np.any(motions.clearance(np.stack([start, end])) < 0.0):
         return None
     if motions.is_clear(start, end):
@@ -190,7 +190,7 @@ def find_route(
     reach = motions.length(start, end) / motions.scale
     lowest = np.minimum(start, end)
     highest = np.maximum(start, end)
-    waypoints = _plan(
+    waypoints = _plan_with_ompl(
         start,
         end,
         low=np.where(np.isfinite(low), np.minimum(low, lowest), lowest - reach),
@@ -205,7 +205,9 @@ def find_route(
     return _shortened(Route(waypoints, motions.scale), motions)
 
 
-def _allowing_near_ends(motions: StraightMotions, start: np.ndarray, end: np.ndarray, slack: float) -> StraightMotions:
+def _allowing_slack_near_ends(
+    motions: StraightMotions, start: np.ndarray, end: np.ndarray, slack: float
+) -> StraightMotions:
     """Return motions that may be as near as start and end (n,) about these, if they are within the slack [m]."""
     ends = np.stack([start, end])
     lacking = -motions.clearance(ends)
@@ -222,7 +224,7 @@ def _allowing_near_ends(motions: StraightMotions, start: np.ndarray, end: np.nda
     return replace(motions, clearance=clearance)
 
 
-def _plan(
+def _plan_with_ompl(
     start: np.ndarray,
     end: np.ndarray,
     *,
@@ -317,7 +319,7 @@ def _shortened(route: Route, motions: StraightMotions) -> Route:
     A pass takes the shortest path along straight clear motions between points of the route.
     """
     while True:
-        points = route.at(route.shares(SHORTENING_POINTS))
+        points = route.configurations_at(route.shares(SHORTENING_POINTS))
         shorter = Route(_shortest_path(points, motions), route.scale)
         if shorter.length > (1.0 - SHORTENING_GAIN) * route.length:
             return shorter

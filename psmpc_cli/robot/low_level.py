@@ -108,7 +108,7 @@ class LowLevelLaw:
     def attainable_accelerations(
         self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float
     ) -> np.ndarray:
-        """Return the accelerations (M, n) of the robot under commanded ones u, see `HeldLoad.attainable_accelerations`."""
+        """Return the robot's accelerations (M, n) under commanded ones, see `HeldLoad.attainable_accelerations`."""
         return u
 
 

@@ -18,7 +18,7 @@ QUATERNION_FLIP_THRESHOLD = -0.17
 """Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
 
 RECENT_SAMPLES = 1.5
-"""A measurement of the held object that is older than so many samples does not count: that of the sample before does."""
+"""Age in samples up to which a measurement of the held object counts: that of the sample before does."""
 
 PREDICTION_SAMPLES = 9
 """Number of states of the plan in force at which constraints look for what comes near."""
@@ -78,9 +78,9 @@ class Placer:
     ) -> Placement:
         """Return the stages of the task with their targets as numbers in the chart, which solvers need.
 
-        A target may be relative to an object, and its attitude is one of two quaternions q and -q. So the numbers depend
-        on where the object is and on the robot's attitude. By default targets relative to the object are where it is
-        now.
+        A target may be relative to an object, and its attitude is one of two quaternions, q and -q. So the numbers
+        depend on where the object is, and on the robot's attitude. By default targets relative to the object are where
+        it is now.
 
         Args:
             time: Of the sample [s].

@@ -49,15 +49,15 @@ class WheelEstimator:
         v: np.ndarray,
         momentum: np.ndarray | None,
     ) -> WheelEstimate:
-        """Return what wheels store at a sample: what is measured, else what follows from the sample before.
+        """Return the momenta that reaction wheels store at a sample: measured, or else computed from the sample before.
 
         Args:
-            before: That of the sample before; None at the first.
+            before: That of the sample before; None at the first sample, which has the initial momenta.
             stage: Index of the stage in force since then.
             time: Of the sample [s].
-            Q: State of the robot (nq,).
+            Q: Position of the robot (nq,).
             v: Its velocity (n,).
-            momentum: What is measured (W,) [N m s]; NaN of a wheel that is not measured, None without any measurement.
+            momentum: Measured momenta (W,) [N m s]; NaN of a wheel that is not measured, None without any measurement.
         """
         expected = self.wheels.initial if before is None else self._momenta_after_motion(before, stage, time, Q, v)
         if momentum is not None:
@@ -67,12 +67,17 @@ class WheelEstimator:
     def stored_in_stages(
         self, estimate: WheelEstimate, stages: Iterable[tuple[int, np.ndarray, np.ndarray]]
     ) -> dict[int, np.ndarray]:
-        """Return what is known of wheels in stages, as `LoadKind.stores` says, by index of the stage.
+        """Return what limits on reaction wheels start from in each stage, by index of the stage.
+
+        If nothing but wheels turns the base and nothing pushes it, angular momentum stays, and the momenta of wheels
+        follow from the state: `stores` of the stage's load is then `FOLLOWS`, and this angular momentum about the
+        inertial origin is returned (k,) [N m s]. In other stages it is what all wheels store together, along the base's
+        axes (k,) [N m s]. k is 1 in the plane, 3 in space.
 
         Args:
-            estimate: What they store now.
-            stages: Of the current stage and of those after it, in order: index, then Q (nq,) and v (n,) where it
-                begins, of the current one now.
+            estimate: What the wheels store now.
+            stages: The current stage and those after it, in order: index, Q (nq,) and v (n,) with which the stage
+                begins; for the current stage those of now.
         """
         stored = dict[int, np.ndarray]()
         h = estimate.momentum
@@ -94,7 +99,7 @@ class WheelEstimator:
     def _momenta_after_motion(
         self, before: WheelEstimate, stage: int, time: float, Q: np.ndarray, v: np.ndarray
     ) -> np.ndarray:
-        """Return what wheels store after the motion since a sample (W,) [N m s]."""
+        """Return what wheels store after the motion since a sample (W,) [N m s]: by its end, or by known torques."""
         h = before.momentum
         load = self._loads[stage]
         if load.stores == FOLLOWS:
@@ -102,9 +107,9 @@ class WheelEstimator:
             return self._momenta_conserving(load, momentum, h, Q, v)
         if self._coasts[stage] or time <= before.time:
             return h
-        passed = time - before.time
-        rates = self.wheels.unloading_torques(h.tolist(), passed, clip_numbers)
-        return h + passed * np.array(rates)
+        duration = time - before.time
+        torques = self.wheels.unloading_torques(h.tolist(), duration, clip_numbers)
+        return h + duration * np.array(torques)
 
     def _momenta_conserving(
         self, load: Load, angular_momentum: np.ndarray, h: np.ndarray, Q: np.ndarray, v: np.ndarray

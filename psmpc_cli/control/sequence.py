@@ -222,7 +222,8 @@ def drop_met_stage(
 ) -> tuple[MovingSequence, list[Switch]]:
     """Return a sequence without its current stage if the state x (2n,), measured now [s], ends it, and that end.
 
-    If the stage goes on, sequence and an empty list are returned. The task's last stage stays, with the time of its end.
+    If the stage goes on, these are the sequence as it was and an empty list. The task's last stage stays in the
+    sequence, with the time of its end.
     """
     stage = stages[sequence.first]
     has_ended = np.isfinite(sequence.ended_at)

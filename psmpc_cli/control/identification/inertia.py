@@ -136,12 +136,18 @@ class InertiaEstimator:
     Sources: Atkeson, An, Hollerbach: Estimation of inertial parameters of manipulator loads and links (1986); Bell,
     Cathey: The iterated Kalman filter update as a Gauss-Newton method (1993).
 
-    Args:
-        model: The robot.
-        noise: Standard deviations of measured velocities (n,) [m/s, rad/s].
     """
 
     def __init__(self, model: RobotModel, noise: np.ndarray) -> None:
+        """Derive how the dynamics depend on masses and inertias, and lay out the vector of unknowns.
+
+        The unknowns are shares: for every body one by which its mass differs from the described one, then one for its
+        inertia, about all axes alike; then the masses and the inertias of what each gripper holds.
+
+        Args:
+            model: The robot.
+            noise: Standard deviations of measured velocities (n,) [m/s, rad/s].
+        """
         self._model = model
         self._noise = noise
         self._rows_that_move = model.space.joint_rates if not model.spec.moved_by.moves else slice(0, model.n)
@@ -152,9 +158,11 @@ class InertiaEstimator:
         self._of_load = slice(2 * bodies, 2 * bodies + 2 * grippers)
         total = described.mass.sum()
         held = np.repeat(np.array(HELD) * total, grippers)
+        # parameters that a share of 1 stands for [kg, kg m^2]
         self._scales = np.concatenate([described.mass, described.inertia.T.ravel(), held])
         self._least = np.zeros(self._of_load.stop)
-        self._least[: 2 * bodies] = LEAST - 1
+        self._least[: 2 * bodies] = LEAST - 1  # a share of 0 is the described mass
+        # the derivative of all inertial parameters by the shares: all moments of a body have one share
         moments = described.inertia.shape[1]
         by_share = np.eye(self._of_load.stop)
         rows = [np.arange(bodies), *[bodies + np.arange(bodies)] * moments, np.arange(2 * bodies, len(by_share))]
@@ -203,18 +211,24 @@ class InertiaEstimator:
         acting: Sequence[Acting],
         uncertain: np.ndarray | None = None,
     ) -> InertiaEstimate:
-        """Return the estimate after a motion between two samples was measured.
+        """Return the estimate of masses and inertias after a motion between two samples was measured.
+
+        The accelerations that the robot had are compared with those that it would have under the applied force with
+        the estimated parameters. The update is that of an iterated extended Kalman filter, see `InertiaEstimator`:
+        derivatives are taken anew at each iterate. Accelerations that are far from what is expected get a larger noise,
+        so that an unmodelled blow does not spoil the estimate.
 
         Args:
             estimate: That of the sample before.
-            motion: The motion; where it was not measured, or grippers have not settled, it is left out.
+            motion: The motion. If it was not measured, or grippers have just closed or opened, it is left out.
             acting: The commands that acted meanwhile.
-            uncertain: Standard deviation of what they commanded (n,), by default 0; where it is not finite the motion
-                is left out.
+            uncertain: Standard deviation of the commanded accelerations (n,), by default 0. If it is not finite, the
+                motion is left out.
         """
         uncertain = np.zeros(self._model.n) if uncertain is None else uncertain
         if motion.begin < estimate.settled_at or not (motion.is_measured and np.isfinite(uncertain).all()):
             return estimate
+        # the mean force that the low-level law has applied
         F = np.zeros(self._model.n)
         stored = self._model.nominal.stored
         for command in acting:
@@ -238,7 +252,7 @@ class InertiaEstimator:
             rows = self._acceleration_by_shares(motion, motion.vdot if iteration == 0 else vdot, parameters)
             if iteration == 0:
                 square = float(surplus @ np.linalg.solve(rows @ P @ rows.T + noise, surplus)) / len(surplus)
-                noise *= max(1.0, square / GATE**2)
+                noise *= max(1.0, square / GATE**2)  # `square` is the mean square of the deviations, in sigma^2
             gain = np.linalg.solve(rows @ P @ rows.T + noise, rows @ P).T
             before = shares
             shares = estimate.shares + gain @ (surplus - rows @ (estimate.shares - shares))
@@ -263,10 +277,11 @@ class InertiaEstimator:
 
 
 def _force_by_parameters(model: RobotModel) -> ca.Function:
-    """Return the regressor of the dynamics: Q, v, vdot -> Y = dF / dtheta.
+    """Return the regressor of the dynamics, a function of Q, v, vdot: Y = dF / dtheta (n, parameters).
 
-    The generalized force F (n,) of a motion is linear in theta, the masses and inertias of the bodies and of held
-    loads. So forces and a measured motion tell of theta by linear least squares.
+    The generalized force F (n,) of a motion is linear in theta: masses and moments of inertia of the bodies, then
+    masses and inertias of what each gripper holds. So measured motions under known forces tell of theta by linear least
+    squares. The function is derived once for all models of the robot.
     """
 
     def derive() -> ca.Function:

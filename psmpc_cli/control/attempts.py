@@ -36,19 +36,7 @@ class Attempt:
 
 
 class Attempts:
-    """The solves of one sample.
-
-    Args:
-        problem: The problem.
-        solver: Its solver.
-        stop_at: When the sample's solves have to stop, an instant of `time.perf_counter` [s].
-        builder: Builds the windows.
-        stages: All stages of the task, placed at this sample.
-        prediction: The last plan, shifted; it begins at the measured state.
-        previous: The solve of the sample before.
-        unfinished: The solve that the sample before left unfinished.
-        applied: Acceleration that was commanded last (n,), where its changes count.
-    """
+    """The solves of one sample."""
 
     def __init__(
         self,
@@ -62,12 +50,27 @@ class Attempts:
         unfinished: Solution | None,
         applied: np.ndarray,
     ) -> None:
+        """Prepare the solves; `solve_longest` makes them.
+
+        Args:
+            problem: The task made computable.
+            solver: Solves its windows.
+            stop_at: When the sample's solves have to stop, an instant of `time.perf_counter` [s].
+            builder: Builds the windows.
+            stages: All stages of the task, placed at this sample.
+            prediction: The last plan, shifted; it begins at the measured state.
+            previous: The solve of the sample before; None at the first sample.
+            unfinished: The solve of a window with one more stage that the sample before left unfinished; else None.
+            applied: Acceleration that was commanded last (n,); (0,) where changes of acceleration neither cost nor are
+                limited.
+        """
         self._spec = problem.spec.controller
         self._costs = problem.costs
         self._model = problem.model
         self._solver = solver.stopping(stop_at)
+        # a window with a stage that has appeared stops earlier, so that the window without it can still be solved
         reserve = RESERVE * solver.deadline if np.isfinite(solver.deadline) else 0.0
-        self._appending = solver.stopping(stop_at - reserve, problem.spec.solver.entry_iterations)
+        self._solver_of_longer = solver.stopping(stop_at - reserve, problem.spec.solver.entry_iterations)
         self._builder = builder
         self._stages = stages
         self._prediction = prediction
@@ -76,32 +79,39 @@ class Attempts:
         self._applied = applied
 
     def solve_longest(self, sequence: MovingSequence, longer: MovingSequence | None) -> Attempt:
-        """Try the longer window, then `sequence`, then that one cold, then without the stages that wait.
+        """Solve windows, the one with the most stages first, until one has a solution that counts.
 
-        The first of them that has a solution counts; if none has, `sequence` does. A cold solve may move switch times
-        far. Without waiting stages there may be a solution where, for example, an impact has put the end condition of
-        the current stage out of reach; the stages are appended again when they are detected. A window that violates
-        soft limits further than one with fewer stages counts as one without a solution.
+        The command of the sample follows from what is returned. Windows are tried in this order:
 
-        A switch that is planned before the next sample takes place as planned, by the plan in force, if the measured
-        state meets the end condition within the detection margin: the rest of the stage is too short to correct the
-        error of a measurement.
+        1. `longer`, the window with a stage more, whose beginning has just come within the horizon;
+        2. `sequence`, the window as it was, started from the solve of the sample before;
+        3. `sequence` again with a cold start, which may move switch times far;
+        4. the current stage alone, without the later stages that wait in the window. It may have a solution where, for
+           example, an impact has put the end condition of the current stage out of reach. The later stages are
+           appended again when they are detected.
+
+        A window that violates soft limits further than a window with fewer stages counts as one without a solution. If
+        no window has a solution, the failed solve of `sequence` is returned.
+
+        Steps 3 and 4 are left out if the next switch is planned before the next sample, and the measured state meets
+        the end condition within the detection margin. The plan in force then makes the switch: the rest of the stage is
+        too short to correct the error of a measurement. What is returned then counts as infeasible.
 
         Args:
             sequence: The stages that are in the window.
-            longer: The same with a stage that has appeared; None where none has.
+            longer: The same with the stage that has appeared; None where none has.
         """
-        solver = self._solver if longer is None else self._appending
+        solver = self._solver if longer is None else self._solver_of_longer
         solved = self._solve(longer or sequence, self._unfinished, solver)
         ran_out = solved.outcome in (Outcome.ITERATION_LIMIT, Outcome.DEADLINE)
         unfinished = solved if longer is not None and ran_out else None
-        if longer is not None:
+        if longer is not None:  # step 1 has been made
             if solved.outcome.usable and self._keeps_limits(solved):
                 return Attempt(longer, solved, unfinished)
-            shorter = self._solve(sequence, unfinished, self._solver)
+            shorter = self._solve(sequence, unfinished, self._solver)  # what `longer` may violate soft limits by
             if solved.outcome.usable and self._keeps_limits(solved, shorter):
-                return Attempt(longer, _with_total_time(shorter, solved), unfinished)
-            solved = _with_total_time(solved, shorter)
+                return Attempt(longer, _with_total_time(solved, shorter), unfinished)
+            solved = _with_total_time(shorter, solved)
         if solved.outcome is not Outcome.INFEASIBLE and self._keeps_limits(solved):
             return Attempt(sequence, solved, unfinished)
         if self._switch_is_imminent(sequence):
@@ -111,23 +121,23 @@ class Attempts:
         if solved.warm:
             cold = self._solve(sequence, unfinished, self._solver, is_warm=False)
             if cold.outcome.usable and self._keeps_limits(cold):
-                return Attempt(sequence, _with_total_time(cold, solved), unfinished)
-            solved = _with_total_time(solved, cold)
+                return Attempt(sequence, _with_total_time(solved, cold), unfinished)
+            solved = _with_total_time(cold, solved)
         current_solved = self._solve(sequence.current_only, unfinished, self._solver)
         better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, current_solved)
         if current_solved.outcome.usable and better:
-            return Attempt(sequence.current_only, _with_total_time(solved, current_solved), unfinished)
-        return Attempt(sequence, _with_total_time(current_solved, solved), unfinished)
+            return Attempt(sequence.current_only, _with_total_time(current_solved, solved), unfinished)
+        return Attempt(sequence, _with_total_time(solved, current_solved), unfinished)
 
     def _keeps_limits(self, solved: Solution, shorter: Solution | None = None) -> bool:
-        """Tell whether a window violates soft limits no further than the measured state, or than a shorter one."""
+        """Tell whether a window violates soft limits no further than the measured state does, or a shorter window."""
         largest, acceptable = self._violations(solved)
         if shorter is not None and shorter.outcome.usable:
             acceptable = np.maximum(acceptable, self._violations(shorter)[0])
         return bool((largest <= acceptable + FEASIBLE).all())
 
     def _violations(self, solved: Solution) -> tuple[np.ndarray, np.ndarray]:
-        """Return by how much soft limits of states and rows are violated: at nodes, and by the measured state."""
+        """Return by how much soft limits of states and rows are violated at the nodes, and by the measured state."""
         window = solved.window
         of_states = solved.violations
         initial = initial_violations(window.x0, window.stages) if window.soft else np.zeros(0)
@@ -135,7 +145,7 @@ class Attempts:
         return np.append(of_states, of_rows), np.append(initial[: len(of_states)], initial_of_rows)
 
     def _switch_is_imminent(self, sequence: MovingSequence) -> bool:
-        """Tell whether the next stage begins before the next sample, the current one being near its target."""
+        """Tell whether the next stage is to begin before the next sample while the current one is near its target."""
         prediction = self._prediction
         if sequence.planned_end > prediction.start + self._spec.sample_time:
             return False
@@ -165,6 +175,6 @@ class Attempts:
         return sequence.guess(prediction)
 
 
-def _with_total_time(other: Solution, solved: Solution) -> Solution:
-    """Return a solve with the wall time of both it and another one in the same sample."""
+def _with_total_time(solved: Solution, other: Solution) -> Solution:
+    """Return a solve, its wall time that of both it and another one in the same sample."""
     return replace(solved, wall_time=other.wall_time + solved.wall_time)

@@ -17,7 +17,7 @@ from psmpc_cli.control.memory import Memory
 from psmpc_cli.control.online_identification import identification_steps
 from psmpc_cli.control.placement import Placement, Placer
 from psmpc_cli.control.routes.guidance import RouteProgress, build_guide
-from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import MovingSequence, Switch, drop_met_stage, drop_passed_stages, with_detected_stage
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
@@ -101,6 +101,8 @@ class Decision:
 class ControlLaw:
     """What decides at a sample; it is the same for all samples of a run.
 
+    What changes from sample to sample is in the `Memory` that `decide` takes and returns.
+
     Attributes:
         problem: The task made computable.
         solver: Solves its windows.
@@ -108,21 +110,29 @@ class ControlLaw:
     """
 
     def __init__(self, problem: Problem, solver: Solver | None = None) -> None:
+        """Build all that depends on the task alone, so that no sample waits for it.
+
+        Args:
+            problem: The task made computable.
+            solver: Solves its windows; by default what the task names.
+        """
         spec = problem.spec
         rate = spec.plant.low_level_rate
         noise = standard_deviations(spec.measurement_noise, problem.model.spec)
         self.problem = problem
         self.solver = solver or build_solver(problem, _solver_spec(spec))
-        problem.law.prepare()
+        problem.law.prepare()  # derives CasADi functions, which takes seconds
         self.builder = WindowBuilder(problem)
         self._spec = spec.controller
         self._one_stage = spec.controller.traits.one_stage
-        self._ticks = np.arange(round(self._spec.sample_time * rate) + 1) / rate
+        # beginnings of the low-level ticks of a sample, and the end of the last one, from the sample's time on [s]
+        self._tick_offsets = np.arange(round(self._spec.sample_time * rate) + 1) / rate
         self._tick = 1 / rate
         self._held_stages = spec.held_stages
         self._has_rates = any(stage.has_rates for stage in problem.stages)
         self._limits_jerk = any(JERK in stage.constraints for stage in problem.stages)
         model = problem.model
+        # 1 for each coordinate of the base that something moves in a stage, else 0
         self._driven = [model.driven(stage.moved_by) for stage in problem.stages]
         self._held_by_mount = list(problem.spec.stages_on_mount(model.spec))
         self._plumes = {
@@ -130,6 +140,7 @@ class ControlLaw:
             for stage in problem.stages
             if spec.avoids_plumes(stage.index, model.spec)
         }
+        # coordinates that have a force of their own in some stage
         actuated = np.any([model.actuated(stage.moved_by) for stage in problem.stages], axis=0)
         self._estimator = Estimator(
             self._spec, model.space, actuated, noise, self._tick, finds_delay=spec.finds_delay(model.spec)
@@ -163,63 +174,74 @@ class ControlLaw:
             memory: What the sample before has left.
             measurement: What is measured.
 
+        Returns:
+            What the next sample needs, and the command to send to the robot.
+
         Raises:
             RunError: Nothing is measured, and there is no plan yet.
         """
-        stop_at = perf_counter() + self.solver.deadline
-        memory, situation = self._measure(memory, measurement)
-        memory, situation = self._drop(memory, situation)  # stages that are over leave the window
-        memory, situation = self._answer_grippers(memory, measurement, situation)  # back where the object was missed
-        memory, situation = self._place_at_ends(memory, situation)
-        prediction = self._shift(memory, situation)  # the last plan, from now on
-        longer = self._detect(memory, situation, prediction)  # the next stage enters when its switch is predicted
-        situation = self._with_targets_at(longer, memory, situation)
+        stop_at = perf_counter() + self.solver.deadline  # infinite without a deadline
+        memory, situation = self._estimate_situation(memory, measurement)
+        memory, situation = self._drop_ended_stages(memory, situation)  # stages that are over leave the window
+        memory, situation = self._retry_missed_grasp(memory, measurement, situation)  # back where the object was missed
+        memory, situation = self._complete_for_solves(memory, situation)  # the object where stages are to end
+        prediction = self._shifted_plan(memory, situation)  # the last plan, from now on
+        longer = self._detect_next_stage(
+            memory, situation, prediction
+        )  # the next stage enters when its switch is predicted
+        situation = self._with_targets_at_stage_ends(longer, memory, situation)
         attempts = self._attempts(memory, situation, prediction, stop_at)
         attempt = attempts.solve_longest(memory.sequence, longer)
-        decision = self._accept(memory, situation, attempt, prediction, stop_at)  # or fall back
-        events = self._events(memory, measurement, situation, longer, decision)
-        estimate, command = self._command(memory, situation, decision, events)
-        return _remembered(memory, situation, decision, estimate), command
+        decision = self._accept_or_fall_back(memory, situation, attempt, prediction, stop_at)  # or fall back
+        events = self._names_of_events(memory, measurement, situation, longer, decision)
+        estimate, command = self._build_command(memory, situation, decision, events)
+        return _memory_after(memory, situation, decision, estimate), command
 
-    def _measure(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Situation]:
-        """Estimate the state of robot and object, and place the stages about it.
+    def _estimate_situation(self, memory: Memory, measurement: Measurement) -> tuple[Memory, Situation]:
+        """Estimate the state in which the coming command begins to act, and place the stages' targets about it.
 
-        Where the attitude was not measured the chart is about the one that the plan foresees.
+        A command reaches the robot after a delay. So the robot's estimated state, and an object in its grippers, are
+        predicted from the time of the measurement to the time at which the command begins to act. Solvers work in a
+        chart: three numbers for each attitude near that of this state. If the attitude was not measured, the chart is
+        about the attitude that the plan in force has then.
+
+        Returns:
+            The memory with the new estimates, and the sample as all later steps of `decide` see it.
         """
         measured_at = measurement.time
-        estimate = self._estimated(memory, measurement)
+        estimate = self._estimate_robot(memory, measurement)
         time = estimate.acts_at
-        grip = self._grip(memory.sequence, measured_at, estimate.state)
+        grip = self._holding_gripper(memory.sequence, measured_at, estimate.state)
         target_object = memory.target_object.with_measurement(measured_at, measurement.object_pose, grip)
-        foreseen = self._estimator.foreseen(estimate)
-        chart = self._chart_about(foreseen, memory.plans.current, time)
-        x_chart = np.asarray(chart.to_chart(foreseen.Q[None], foreseen.v[None])[0])
+        expected = self._estimator.predicted_over_delay(estimate)
+        chart = self._chart_about(expected, memory.plans.current, time)
+        x_chart = np.asarray(chart.to_chart(expected.Q[None], expected.v[None])[0])
         memory = replace(memory, plans=memory.plans.in_chart(chart), target_object=target_object)
-        memory = self._identified(memory, measurement.state, estimate, is_held=grip is not None)
+        memory = self._with_identified_parameters(memory, measurement.state, estimate, is_held=grip is not None)
         if time > measured_at:
-            then = self._grip(memory.sequence, measured_at, foreseen)
-            target_object = target_object.carried(time - measured_at, then)
-        route = self._guide.followed(memory.route, memory.sequence.first, time, foreseen, target_object)
+            grip_then = self._holding_gripper(memory.sequence, measured_at, expected)
+            target_object = target_object.carried(time - measured_at, grip_then)
+        route = self._guide.updated_progress(memory.route, memory.sequence.first, time, expected, target_object)
         memory = replace(memory, route=route)
-        placement = self._place(memory, time, x_chart, chart, target_object)
+        placement = self._place_stages(memory, time, x_chart, chart, target_object)
         is_measured = isfinite(measurement.state.vector @ measurement.state.vector)
         situation = Situation(time, estimate, target_object, x_chart, is_measured, placement)
         return replace(memory, signs=placement.signs), situation
 
-    def _estimated(self, memory: Memory, measurement: Measurement) -> Estimate:
-        """Return what is known of the robot after a measurement."""
-        return self._estimator.measured(
+    def _estimate_robot(self, memory: Memory, measurement: Measurement) -> Estimate:
+        """Return what is known of the robot after a measurement: its state, a disturbance, the delay of commands."""
+        return self._estimator.after_measurement(
             memory.estimate,
             measurement.time,
             measurement.state,
             is_unexplained=memory.sequence.moves_grippers(self.problem.held_stages, memory.time, measurement.time)
-            or self._is_closed_chain(memory),
+            or self._several_grippers_hold(memory),
             is_loaded=memory.sequence.first in self.problem.held_stages and not self.problem.law.knows_load,
             actuated=self.problem.model.actuated(self.problem.stages[memory.sequence.first].moved_by),
         )
 
-    def _identified(self, memory: Memory, state: State, estimate: Estimate, is_held: bool) -> Memory:
-        """Return the memory with what is found out at a sample besides the state.
+    def _with_identified_parameters(self, memory: Memory, state: State, estimate: Estimate, is_held: bool) -> Memory:
+        """Return the memory with what is estimated besides the state: masses, what wheels store, a load.
 
         Args:
             memory: That of the sample before, with the object as it is now.
@@ -228,18 +250,18 @@ class ControlLaw:
             is_held: Whether a gripper holds the object.
         """
         for step in self._identification:
-            law = self._law(memory, memory.sequence.first, is_held=False)
-            memory = step.measured(memory, state, estimate, is_held, law)
+            law = self._low_level_law(memory, memory.sequence.first, is_held=False)
+            memory = step.after_measurement(memory, state, estimate, is_held, law)
         return memory
 
-    def _law(self, memory: Memory, stage: int, is_held: bool) -> LowLevelLaw:
+    def _low_level_law(self, memory: Memory, stage: int, is_held: bool) -> LowLevelLaw:
         """Return the low-level law of a stage with all that is found out, where hands hold the object or do not."""
         law = self.problem.law.driving(self._driven[stage])
         for step in self._identification:
             law = step.applied(law, memory, is_held)
         return law
 
-    def _is_closed_chain(self, memory: Memory) -> bool:
+    def _several_grippers_hold(self, memory: Memory) -> bool:
         """Tell whether several grippers hold the object: what they are commanded to do differently they cannot."""
         return memory.sequence.first in self.problem.held_stages and len(self.problem.body.grippers) > 1
 
@@ -248,7 +270,7 @@ class ControlLaw:
         """Return the index of the stage that the robot was in at a time [s], before what the last command began."""
         return sequence.first - int(sequence.first > 0 and time < sequence.progress.entered)
 
-    def _grip(self, sequence: MovingSequence, time: float, state: State) -> Grip | None:
+    def _holding_gripper(self, sequence: MovingSequence, time: float, state: State) -> Grip | None:
         """Return the gripper that holds the object at a time [s] in a state; None where none does, or it is unknown."""
         is_held = self._stage_at(sequence, time) in self.problem.held_stages
         if not (is_held and isfinite(state.vector @ state.vector)):
@@ -262,7 +284,7 @@ class ControlLaw:
         foreseen, _ = plan.chart.from_chart(plan.states_at(np.array([time])))
         return space.chart_at(foreseen[0])
 
-    def _place(
+    def _place_stages(
         self,
         memory: Memory,
         time: float,
@@ -271,6 +293,19 @@ class ControlLaw:
         target_object: ObjectEstimate,
         at_planned_ends: bool = False,
     ) -> Placement:
+        """Return all stages of the task with their targets in a chart.
+
+        This is `Placer.place` with what the memory has for it.
+
+        Args:
+            memory: Has the sequence of stages, the plan, and the signs of quaternions of the sample before.
+            time: When the coming command begins to act [s].
+            x_chart: The state then, in the chart (2n,).
+            chart: The chart.
+            target_object: What is known of the task's object, to which targets may be relative.
+            at_planned_ends: Such targets are where the object is when their stage is planned to end; else where it is
+                at the time.
+        """
         return self._placer.place(
             time=time,
             x=x_chart,
@@ -284,7 +319,7 @@ class ControlLaw:
             at_planned_ends=at_planned_ends,
         )
 
-    def _drop(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
+    def _drop_ended_stages(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
         """Drop the stages that are over, by the plan or by the measured state."""
         time = situation.time
         x_chart = situation.x_chart
@@ -292,21 +327,29 @@ class ControlLaw:
         costs = self.problem.costs
         sequence = memory.sequence.with_measurement(stages, costs, time, x_chart)
         may_end = stages[sequence.first].end.accepts(self._planned_end(sequence, memory.solution, situation))
-        sequence, passed = drop_passed(sequence if may_end else sequence.current_only, time)
-        sequence, met = drop_met(sequence.with_measurement(stages, costs, time, x_chart), stages, costs, time, x_chart)
+        sequence, passed = drop_passed_stages(sequence if may_end else sequence.current_only, time)
+        sequence, met = drop_met_stage(
+            sequence.with_measurement(stages, costs, time, x_chart), stages, costs, time, x_chart
+        )
         sequence = sequence.with_measurement(stages, costs, time, x_chart)
         return replace(memory, sequence=sequence), replace(situation, switches=(*passed, *met))
 
-    def _answer_grippers(
+    def _retry_missed_grasp(
         self, memory: Memory, measurement: Measurement, situation: Situation
     ) -> tuple[Memory, Situation]:
-        """Return to an earlier stage where grippers report that they missed the object or lost it.
+        """Return to an earlier stage if grippers report that they missed the object or lost it.
 
-        Where the task declares no other try, or none is left, the mission has failed, and the sequence goes on.
+        The task says in `if_missed` to which stage, and how many times. If it allows no return, or none is left, the
+        memory's grasp keeps the fault, which says that the mission has failed, and the sequence goes on. Nothing
+        changes if the measurement has no reports of grippers, or after the mission has failed.
+
+        Returns:
+            The memory with what grippers have reported, after a return with the earlier stage as the current one; and
+            the situation with the events `missed` and `returned`, if there was such a report.
         """
         if measurement.holding is None or memory.grasp.has_failed:
             return memory, situation
-        grasp, fault = memory.grasp.observed(
+        grasp, fault = memory.grasp.after_report(
             memory.sequence,
             held=self.problem.held_stages,
             grippers=self.problem.body.grippers,
@@ -315,25 +358,35 @@ class ControlLaw:
         )
         if fault is None:
             return replace(memory, grasp=grasp), situation
-        back_to, times = self.problem.spec.retry_after(fault.stage)
-        tried = grasp.returns.get(fault.stage, 0)
-        if tried >= times:
+        back_to, allowed_returns = self.problem.spec.retry_after(fault.stage)
+        returns = grasp.returns.get(fault.stage, 0)
+        if returns >= allowed_returns:
             grasp = replace(grasp, fault=fault)
             return replace(memory, grasp=grasp), replace(situation, grasp_events=frozenset({"missed"}))
-        grasp = replace(grasp, is_taken=False, returns={**grasp.returns, fault.stage: tried + 1})
-        memory, situation = self._returned(replace(memory, grasp=grasp), situation, back_to)
+        grasp = replace(grasp, is_taken=False, returns={**grasp.returns, fault.stage: returns + 1})
+        memory, situation = self._return_to_stage(replace(memory, grasp=grasp), situation, back_to)
         return memory, replace(situation, grasp_events=frozenset({"missed", "returned"}))
 
-    def _returned(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
-        """Return to a stage that has ended: it begins again now, from the state and the object as they are measured.
+    def _return_to_stage(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
+        """Make a stage that has ended the current one again, after grippers have missed or lost the object.
 
-        The plan in force led on with the object, so the next solve is a cold one. What earlier samples knew of the
-        stages to come, such as how far the robot is on their routes, does not count any more.
+        The stage begins now, from the state and the object as they are measured. The last solve assumed that the
+        grippers hold the object, so the next solve does not start from it: it is a cold one. How far the robot has come
+        on the routes of this stage and of those after it is found anew. A route is a path of straight motions around
+        obstacles; its progress is the share of its length that lies behind the robot.
+
+        Args:
+            memory: What is known so far.
+            situation: This sample, with the stages placed for the stage that was the current one.
+            stage: Index of the stage to return to.
+
+        Returns:
+            Both with this stage as the current one.
         """
         time = situation.time
-        route = RouteProgress({index: share for index, share in memory.route.progress.items() if index < stage})
-        foreseen = self._estimator.foreseen(situation.estimate)
-        route = self._guide.followed(route, stage, time, foreseen, memory.target_object)
+        earlier = {index: progress for index, progress in memory.route.progress.items() if index < stage}
+        expected = self._estimator.predicted_over_delay(situation.estimate)
+        route = self._guide.updated_progress(RouteProgress(earlier), stage, time, expected, memory.target_object)
         memory = replace(
             memory,
             sequence=MovingSequence.of(stage, time),
@@ -344,14 +397,20 @@ class ControlLaw:
             arguments={},
             route=route,
         )
-        placement = self._place(memory, time, situation.x_chart, situation.placement.chart, memory.target_object)
+        placement = self._place_stages(memory, time, situation.x_chart, situation.placement.chart, memory.target_object)
         memory = replace(memory, signs=placement.signs)
         return memory, replace(situation, target_object=memory.target_object, placement=placement)
 
-    def _place_at_ends(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
-        """Place targets relative to the object where it is when their stage is planned to end.
+    def _complete_for_solves(self, memory: Memory, situation: Situation) -> tuple[Memory, Situation]:
+        """Complete the situation for the solves: state, targets relative to the object, arguments of constraints.
 
-        What was not measured of the state is completed, and constraints that samples set are set.
+        - Targets relative to a moving object are placed where the object will be when their stage is planned to end.
+        - Where the state was not measured, that of the plan in force takes its place.
+        - Some constraints have numbers that are set anew at every sample, their *arguments*, such as the place of a
+          moving obstacle.
+
+        Returns:
+            Memory and situation with these.
 
         Raises:
             RunError: Nothing is measured, and there is no plan yet.
@@ -361,12 +420,12 @@ class ControlLaw:
         sequence = memory.sequence
         placement = situation.placement
         if self._placer.follows_object:
-            placement = self._place(
+            placement = self._place_stages(
                 memory, time, x_chart, placement.chart, situation.target_object, at_planned_ends=True
             )
             memory = replace(memory, signs=placement.signs)
         x_chart = self._with_predicted(memory, time, x_chart)
-        arguments = self._placer.arguments(
+        arguments = self._placer.sampled_arguments(
             time=time,
             sequence=sequence,
             x=x_chart,
@@ -374,7 +433,7 @@ class ControlLaw:
             plan=memory.plans.solved,
             target_object=situation.target_object,
             load=memory.load.numbers,
-            before=memory.arguments,
+            arguments_before=memory.arguments,
             wheels=memory.wheels,
         )
         memory = replace(memory, arguments=arguments)
@@ -404,8 +463,8 @@ class ControlLaw:
             raise RunError(f"nothing is measured at {time:g} s and there is no plan yet, so the robot does not move")
         return np.where(np.isfinite(x_chart), x_chart, plan.states_at(np.array([time]))[0])
 
-    def _shift(self, memory: Memory, situation: Situation) -> Plan:
-        """Return the last plan from now on; before the first, one without control."""
+    def _shifted_plan(self, memory: Memory, situation: Situation) -> Plan:
+        """Return the last plan from now on; before the first plan, one without control."""
         time = situation.time
         horizon = self._spec.horizon
         plan = memory.plans.solved
@@ -414,22 +473,24 @@ class ControlLaw:
             return resting_plan(time, horizon, self._spec.uniform_nodes, situation.x_chart, chart)
         return shift(plan, time, horizon, situation.x_chart)
 
-    def _detect(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
-        """Return the sequence with the next stage, where its switch is predicted; else None.
+    def _detect_next_stage(self, memory: Memory, situation: Situation, prediction: Plan) -> MovingSequence | None:
+        """Return the sequence with one stage more if the prediction reaches the end of its last stage; else None.
 
-        Of a controller whose windows are over one stage the current stage follows upon its own end.
+        A controller whose windows hold one stage alone has the current stage continue after its own planned end.
         """
         margin = self._spec.detection_margin
-        return detect(
+        return with_detected_stage(
             memory.sequence, situation.stages, self.problem.costs, prediction, margin, is_of_one_stage=self._one_stage
         )
 
-    def _with_targets_at(self, longer: MovingSequence | None, memory: Memory, situation: Situation) -> Situation:
-        """Return the situation with targets relative to the object where it is when stages of a sequence end."""
+    def _with_targets_at_stage_ends(
+        self, longer: MovingSequence | None, memory: Memory, situation: Situation
+    ) -> Situation:
+        """Return the situation with targets placed for a longer sequence: where the object is when its stages end."""
         if longer is None or not self._placer.follows_object:
             return situation
         extended = replace(memory, sequence=longer)
-        placement = self._place(
+        placement = self._place_stages(
             extended,
             situation.time,
             situation.x_chart,
@@ -452,13 +513,28 @@ class ControlLaw:
             applied=situation.applied if self._has_rates else np.zeros(0),
         )
 
-    def _accept(
+    def _accept_or_fall_back(
         self, memory: Memory, situation: Situation, attempt: Attempt, prediction: Plan, stop_at: float
     ) -> Decision:
-        """Take over a solution that counts, refined by the levels of HTMPC; fall back on another plan else.
+        """Decide which plan is applied: that of this sample's solve if it succeeded, else a fallback.
 
-        Where the current stage awaits the object a plan is followed to its planned end alone: what comes after it, such
-        as to move hands apart, is for a stage that has not begun.
+        A solution of HTMPC is first refined by its *levels*: further solves, one for each later stage, none of which
+        may make an earlier stage worse. The fallback is the last solved plan, shifted in time; once it is used up, it
+        is a plan that brakes the robot to rest.
+
+        A solution does not count if the state was not measured and the last solved plan is used up before the next
+        sample: it would start from a state that this plan predicts, which no measurement has confirmed for long.
+
+        If the current stage ends when the object in the grippers is delivered, and it is not yet, the fallback follows
+        the last solved plan to the planned end of this stage alone. What the plan does later, such as move the hands
+        apart, belongs to a stage that has not begun.
+
+        Args:
+            memory: What the sample before has left.
+            situation: This sample.
+            attempt: The solve that counts, and its stages.
+            prediction: The last plan from now on, from which the solves have started.
+            stop_at: When solves have to stop, an instant of `time.perf_counter` [s].
         """
         sequence = attempt.sequence
         solution = attempt.solution
@@ -472,12 +548,13 @@ class ControlLaw:
             levels = self._hierarchy.solve_levels(
                 stages, sequence.progress.entered, solution, prediction, memory.levels, stop_at
             )
-            plan = (levels or (solution,))[-1].plan
+            plan = (levels or (solution,))[-1].plan  # only HTMPC has levels
             plans = memory.plans.on_success(plan, sequence)
         else:
             plans = memory.plans
             if stage.end.awaits_object:
                 plans = plans.trusted_to_end_of(sequence.first)
+                # a switch that is due without the object is planned anew
                 is_due = sequence.planned_end < situation.time + self._spec.sample_time
                 sequence = sequence.current_only if is_due else sequence
             plans, plan = plans.on_failure(
@@ -491,7 +568,7 @@ class ControlLaw:
                 applied=situation.applied,
             )
         if situation.is_measured:
-            plans = plans.measured()
+            plans = plans.fully_trusted()
         return Decision(
             solved=solved,
             attempt=attempt,
@@ -502,7 +579,7 @@ class ControlLaw:
             plans=plans,
         )
 
-    def _events(
+    def _names_of_events(
         self,
         memory: Memory,
         measurement: Measurement,
@@ -510,10 +587,18 @@ class ControlLaw:
         longer: MovingSequence | None,
         decision: Decision,
     ) -> frozenset[str]:
-        """Return the names of what happened, see `Command.events`."""
+        """Return the names of the events of this sample, which `Command.events` explains and logs record.
+
+        Args:
+            memory: Before the decision: its sequence has the stages that were in the window.
+            measurement: What was measured.
+            situation: This sample; has the events of grippers.
+            longer: The sequence with the stage that has appeared, which was tried first; None where none has.
+            decision: What came of the solves.
+        """
         happened = {
             "appended": decision.sequence.last > memory.sequence.last,
-            "postponed": decision.sequence.last < (longer or memory.sequence).last,
+            "postponed": decision.sequence.last < (longer or memory.sequence).last,  # fewer stages than was tried
             "solve_failed": not decision.solved,
             "braking": decision.plans.braking is not None,
             "unmeasured": not situation.is_measured,
@@ -523,11 +608,11 @@ class ControlLaw:
         }
         return situation.grasp_events.union(name for name, yes in happened.items() if yes)
 
-    def _command(
+    def _build_command(
         self, memory: Memory, situation: Situation, decision: Decision, events: frozenset[str]
     ) -> tuple[Estimate, Command]:
         """Return the command over the coming sample, and the estimate that counts it."""
-        edges = situation.time + self._ticks
+        edges = situation.time + self._tick_offsets
         Q, v = situation.placement.chart.from_chart(situation.x_chart[None])
         changes = self._largest_changes(situation, decision, edges)
         closed = to_be_closed(self.problem.held_stages, decision.sequence, edges[:-1])
@@ -544,10 +629,10 @@ class ControlLaw:
             planned = decision.plan.averaged_rates(edges, situation.applied, self._spec.sample_time)
         else:
             planned = decision.plan.velocity_rates(edges)
-        planned = self.problem.law.followed(Q[0], v[0], planned, closed, self._tick)
-        stages_of_ticks = _stages_at(decision.sequence, edges[:-1])
+        planned = self.problem.law.attainable_accelerations(Q[0], v[0], planned, closed, self._tick)
+        stages_of_ticks = _stages_in_force(decision.sequence, edges[:-1])
         current = decision.sequence.first
-        law = self._law(memory, current, is_held=current in self._held_stages)
+        law = self._low_level_law(memory, current, is_held=current in self._held_stages)
         estimate, u = self._estimator.command(situation.estimate, planned, changes, law)
         twist_rates = None
         if situation.stages[decision.sequence.first].input == "task":
@@ -582,13 +667,18 @@ class ControlLaw:
             route_progress=memory.route.progress.get(decision.sequence.first, np.nan),
             twist_rates=twist_rates,
             wheels=np.zeros(0) if memory.wheels is None else memory.wheels.momentum,
-            shut=self._shut(situation, stages_of_ticks),
+            shut=self._shut_thrusters(situation, stages_of_ticks),
             held=np.isin(stages_of_ticks, self._held_by_mount) if self._held_by_mount else np.zeros(0, bool),
         )
         return estimate, command
 
-    def _shut(self, situation: Situation, stages_of_ticks: list[int]) -> np.ndarray:
-        """Return which thrusters must not fire at each tick (M, T), whose stage it says."""
+    def _shut_thrusters(self, situation: Situation, stages_of_ticks: list[int]) -> np.ndarray:
+        """Return which of T thrusters must not fire at each of M ticks (M, T), because of what their plumes reach.
+
+        Args:
+            situation: This sample, with the stages as they are placed.
+            stages_of_ticks: Index of the stage that is in force at each tick.
+        """
         by_stage = {
             stage: self._plumes[stage].shut_now(situation.stages[stage])
             if stage in self._plumes
@@ -600,24 +690,24 @@ class ControlLaw:
     def _largest_changes(self, situation: Situation, decision: Decision, edges: np.ndarray) -> np.ndarray | None:
         """Return by how much accelerations may change to each tick, down and up (2, M, n); None without limits of jerk.
 
-        Of a tick those of the stage count that is in force where it begins.
+        The limits of a tick are those of the stage that is in force when the tick begins.
         """
         if not self._limits_jerk:
             return None
-        limits = [situation.stages[stage].limits for stage in _stages_at(decision.sequence, edges[:-1])]
+        limits = [situation.stages[stage].limits for stage in _stages_in_force(decision.sequence, edges[:-1])]
         low = np.array([of_tick.jerk_low for of_tick in limits])
         high = np.array([of_tick.jerk_high for of_tick in limits])
         return np.asarray(self._tick * np.array([low, high]))
 
 
-def _stages_at(sequence: MovingSequence, ticks: np.ndarray) -> list[int]:
+def _stages_in_force(sequence: MovingSequence, ticks: np.ndarray) -> list[int]:
     """Return the index of the stage in force at the beginning of each tick (M,) [s], by planned switch times."""
     return [
         sequence.segments[place] for place in np.searchsorted(sequence.switch_times, ticks + ROUNDING, side="right")
     ]
 
 
-def _remembered(memory: Memory, situation: Situation, decision: Decision, estimate: Estimate) -> Memory:
+def _memory_after(memory: Memory, situation: Situation, decision: Decision, estimate: Estimate) -> Memory:
     """Return what lasts until the next sample."""
     return replace(
         memory,

@@ -31,11 +31,11 @@ class Controller:
         """Build the controller of a task, and compile what its windows need.
 
         Args:
-            task: The task, or its problem.
-            solver: Solves the windows; by default what the task names.
+            task: The task, or its problem: the same with all functions and numbers that solvers need.
+            solver: Solves the windows, the optimization problems of single samples; by default what the task names.
 
         Raises:
-            InputError: The task or the solver is none.
+            InputError: `task` is neither a task nor a problem, or `solver` is no solver.
         """
         require("task", task, (Task, Problem), "a Task, from load_task")
         require("solver", solver, (Solver, type(None)), "a Solver, or None for the task's own")
@@ -77,15 +77,17 @@ class Controller:
             RunError: Nothing is measured, and there is no plan yet.
         """
         measurement = Measurement(time, state, object_pose, holding)
-        measurement.check(self.problem, self.memory.time)
+        measurement.require_valid_for(self.problem, self.memory.time)
         self.memory, command = self.law.decide(self.memory, measurement)
         return command
 
     def retarget(self, stage: str, target: Mapping[str, Any], *, feasibility: bool = True) -> None:
         """Change the target of a stage from the next sample on.
 
-        The stages in the window stay, up to this one, whose end is to be planned anew; the next solve starts from the
-        plan in force. Where that leads nowhere the solver starts cold, as after any blow.
+        The window is the part of the task that is optimized at a sample: the current stage, and later ones whose
+        beginning is planned within the horizon. Stages that come after the changed one leave the window, because its
+        end is to be planned anew. The next solve starts from the plan in force. If that leads to no solution, the
+        solver makes a cold start, as after any blow.
 
         Args:
             stage: Name of the stage: the current one, or one that comes later or may come again.
@@ -94,15 +96,16 @@ class Controller:
                 up to a second.
 
         Raises:
-            InputError: The stage is none that is still to come.
+            InputError: There is no such stage, or it is over and cannot come again.
             SpecError: Something is wrong with the target; nothing has changed.
         """
         require("feasibility", feasibility, bool, "True or False")
         names = [each.name for each in self.problem.stages]
+        # stages that are over may come again where the task says so: after grippers have missed the object
         retries = map(self.problem.spec.retry_after, range(len(names)))
-        first = min([self.sequence.first, *(back_to for back_to, times in retries if times)])
-        if stage not in names[first:]:
-            raise rejected("stage", stage, f"one that is not over: {', '.join(map(quoted, names[first:]))}")
+        earliest = min([self.sequence.first, *(back_to for back_to, returns in retries if returns)])
+        if stage not in names[earliest:]:
+            raise rejected("stage", stage, f"one that is not over: {', '.join(map(quoted, names[earliest:]))}")
         written = plain(target)
         problem = self.problem.retargeted(stage, written)
         if feasibility:
@@ -113,8 +116,9 @@ class Controller:
             sequence = sequence.current_only
         elif index in sequence.segments:
             sequence = sequence.up_to(index)
-        signs = {each: of_stage for each, of_stage in self.memory.signs.items() if each < index}
-        progress = {each: share for each, share in self.memory.route.progress.items() if each < index}
+        # signs of quaternions, and progress on routes, of later stages depend on where this one now leads
+        signs = {number: of_stage for number, of_stage in self.memory.signs.items() if number < index}
+        progress = {number: share for number, share in self.memory.route.progress.items() if number < index}
         self.problem = problem
         self.law = self.law.retargeted(problem)
         self.memory = replace(

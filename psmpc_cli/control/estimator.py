@@ -79,13 +79,6 @@ class Estimator:
     changed by, less what was commanded, passes a first-order filter: integral action. A base without thrusters has
     none, since nothing can be commanded against it.
 
-    Args:
-        spec: The controller.
-        space: Of the robot.
-        actuated: Which of its velocity coordinates have a force of their own in any stage (n,).
-        noise: Standard deviations of the measured coordinates and velocities, (2n,) [m, rad, m/s, rad/s].
-        tick: Length of a tick of the low-level loop [s].
-        finds_delay: Whether the delay of commands is found out; else it is as the controller's settings give it, or 0.
     """
 
     def __init__(
@@ -97,20 +90,34 @@ class Estimator:
         tick: float,
         finds_delay: bool = True,
     ) -> None:
+        """Build the estimator of one task.
+
+        Args:
+            spec: The controller's settings.
+            space: Configuration space of the robot: how coordinates differ, and how velocities change them.
+            actuated: Which velocity coordinates have a force of their own in any stage (n,).
+            noise: Standard deviations of the measured coordinates and velocities, (2n,) [m, rad, m/s, rad/s]; if all
+                are 0, states are taken as they are measured.
+            tick: Length of a tick of the low-level loop [s].
+            finds_delay: Whether the delay of commands is estimated if the settings say `auto`; else it is as they give
+                it, or 0.
+        """
         self._space = space
         self._actuated = actuated
         self._spec = spec
         self._tick = tick
         self._filters = bool(noise.any())
         n = len(noise) // 2
+        # covariances of a coordinate and its velocity as they are measured
         self._noise = np.zeros((n, 2, 2))
         self._noise[:, 0, 0] = noise[:n] ** 2
         self._noise[:, 1, 1] = noise[n:] ** 2
+        # a delay is a whole number of ticks
         given = 0.0 if spec.delay == "auto" else tick * round(spec.delay / tick)
         self._given_delay = None if finds_delay and spec.delay == "auto" else given
         self._delays = DelayEstimator(noise[n:], actuated, tick, spec.sample_time, spec.horizon)
 
-    def measured(
+    def after_measurement(
         self,
         estimate: Estimate | None,
         time: float,
@@ -119,42 +126,50 @@ class Estimator:
         is_loaded: bool = False,
         actuated: np.ndarray | None = None,
     ) -> Estimate:
-        """Return the estimate after a measurement.
+        """Return the estimate of delay, disturbance and state after a measurement of the state.
+
+        The controller decides from this state, predicted over the delay. Without measurement noise it is the measured
+        state, with noise a Kalman filter's.
 
         Args:
             estimate: That of the sample before; None at the first, before which no control was planned or commanded.
             time: Of the measurement [s].
-            state: Measured then. What is not finite is not measured.
-            is_unexplained: Velocities are not those to which the commands led: grippers close, open, or are several
-                that hold one body.
-            is_loaded: Grippers hold what the low-level law does not know.
-            actuated: Which velocity coordinates have a force of their own now (n,); by default those that ever have.
+            state: Measured then. Numbers that are not finite were not measured.
+            is_unexplained: The commands do not explain the measured velocities, so that nothing is learned of the
+                delay: grippers close or open, or several of them hold one body.
+            is_loaded: Grippers hold something that the low-level law does not know, so that accelerations may differ
+                more from the commanded ones.
+            actuated: Which velocity coordinates have a force of their own now (n,); by default those that have one in
+                any stage. The others have no disturbance, since nothing can be commanded against it.
         """
         if estimate is None:
-            return self._begun(time, state)
-        estimate = replace(estimate, delay=self._delay(estimate, time, state, is_unexplained, is_loaded))
+            return self._first_estimate(time, state)
+        estimate = replace(
+            estimate, delay=self._delay_after_measurement(estimate, time, state, is_unexplained, is_loaded)
+        )
         covariance = estimate.covariance
         disturbance = estimate.disturbance
         if self._spec.offset_free:
             actuated = self._actuated if actuated is None else actuated
-            disturbance = np.where(actuated, self._disturbance(estimate, time, state.v), 0.0)
+            disturbance = np.where(actuated, self._disturbance_after_measurement(estimate, time, state.v), 0.0)
         velocity = state.v
         if self._filters:
-            u = self._acting(estimate, estimate.time, time)
-            state, covariance = self._filtered(estimate.state, covariance, u, state)
+            u = self._accelerations_acting(estimate, estimate.time, time)
+            state, covariance = self._kalman_update(estimate.state, covariance, u, state)
         return replace(
             estimate, time=time, state=state, covariance=covariance, disturbance=disturbance, velocity=velocity
         )
 
-    def _begun(self, time: float, state: State) -> Estimate:
-        """Return the estimate after the first measurement, before which nothing was commanded.
+    def _first_estimate(self, time: float, state: State) -> Estimate:
+        """Return the estimate after the first measurement [s], before which nothing was commanded.
 
-        The state is taken as measured, so its covariance is that of the noise.
+        The state is taken as it is measured, so that its covariance is that of the noise. The disturbance is 0. The
+        delay is the given one, or is taken as unknown and to be estimated.
         """
         n = len(state.v)
         commands = SentCommands(n, self._tick)
         if self._given_delay is None:
-            delay = self._delays.measured(self._delays.first, time, state.v, commands)
+            delay = self._delays.after_measurement(self._delays.first, time, state.v, commands)
         else:
             delay = DelayEstimate(self._given_delay)
         return Estimate(
@@ -167,28 +182,42 @@ class Estimator:
             delay=delay,
         )
 
-    def _delay(
+    def _delay_after_measurement(
         self, estimate: Estimate, time: float, state: State, is_unexplained: bool, is_loaded: bool
     ) -> DelayEstimate:
         """Return what is known of the delay after a measurement."""
         if self._given_delay is not None:
             return estimate.delay
         delay = self._delays.unsettled(estimate.delay, time) if is_unexplained else estimate.delay
-        return self._delays.measured(delay, time, state.v, estimate.commands, is_loaded)
+        return self._delays.after_measurement(delay, time, state.v, estimate.commands, is_loaded)
 
-    def _acting(self, estimate: Estimate, begin: float, end: float) -> np.ndarray:
+    def _accelerations_acting(self, estimate: Estimate, begin: float, end: float) -> np.ndarray:
         """Return the planned accelerations that act at the ticks between two times [s], (K, n)."""
         late = estimate.delay.seconds
         return estimate.commands.planned(begin - late, end - late)
 
-    def _filtered(self, state: State, P: np.ndarray, u: np.ndarray, measured: State) -> tuple[State, np.ndarray]:
-        """Return state and covariance after planned accelerations u (M, n) over as many ticks, and a measurement."""
+    def _kalman_update(self, state: State, P: np.ndarray, u: np.ndarray, measured: State) -> tuple[State, np.ndarray]:
+        """Predict the state under planned accelerations, then correct it by a measurement: one step of a Kalman filter.
+
+        Each coordinate has a filter of its own, with its position and its velocity as the state. Measurements so far
+        from the prediction that they must come of a jump are taken as they are; what was not measured is predicted.
+
+        Args:
+            state: Estimated state at the sample before.
+            P: Covariances then (n, 2, 2).
+            u: Accelerations that the plan had over the ticks since then (M, n) [m/s^2, rad/s^2].
+            measured: Measured state now.
+
+        Returns:
+            The estimated state now, and its covariances (n, 2, 2).
+        """
         T = self._tick * len(u)
+        # white noise of the acceleration with deviation sigma, integrated over T
         share, least = PROCESS_NOISE
         sigma = share * np.abs(u).mean(axis=0) + least
         F = np.array([[1.0, T], [0.0, 1.0]])
         Q = sigma[:, None, None] ** 2 * T * np.array([[T**2 / 3, T / 2], [T / 2, 1.0]])
-        predicted = self._advanced(state, u)
+        predicted = self._after_accelerations(state, u)
         P = F @ P @ F.T + Q
 
         difference = self._space.difference(predicted.Q, measured.Q)
@@ -196,8 +225,9 @@ class Estimator:
         is_measured = np.isfinite(innovation).all(axis=1)
         innovation[~is_measured] = 0.0
         S = P + self._noise
+        # squared Mahalanobis distance of each coordinate from its prediction
         distance = (innovation * np.linalg.solve(S, innovation[..., None])[..., 0]).sum(axis=1)
-        K = np.swapaxes(np.linalg.solve(S, P), 1, 2)
+        K = np.swapaxes(np.linalg.solve(S, P), 1, 2)  # P S^-1, since both are symmetric
         K[distance > GATE**2] = np.eye(2)
         K[~is_measured] = 0.0
 
@@ -208,8 +238,8 @@ class Estimator:
         P = remaining @ P @ np.swapaxes(remaining, 1, 2) + K @ self._noise @ np.swapaxes(K, 1, 2)
         return State(Q_estimated, predicted.v + correction[:, 1]), P
 
-    def foreseen(self, estimate: Estimate) -> State:
-        """Return the state in which the next command acts.
+    def predicted_over_delay(self, estimate: Estimate) -> State:
+        """Return the state in which the next command begins to act: the estimate, predicted over the delay.
 
         The robot accelerates as planned meanwhile: the disturbance adds what was taken off the planned accelerations.
 
@@ -218,14 +248,16 @@ class Estimator:
         """
         if estimate.delay.seconds == 0.0:
             return estimate.state
-        return self._advanced(estimate.state, self._acting(estimate, estimate.time, estimate.acts_at))
+        return self._after_accelerations(
+            estimate.state, self._accelerations_acting(estimate, estimate.time, estimate.acts_at)
+        )
 
-    def _advanced(self, state: State, u: np.ndarray) -> State:
+    def _after_accelerations(self, state: State, u: np.ndarray) -> State:
         """Return the state after accelerations u (M, n) [m/s^2, rad/s^2] that hold for a tick each."""
         Q, v = over_ticks(self._space, state.Q, state.v, u, self._tick)
         return State(Q[-1], v[-1])
 
-    def _disturbance(self, estimate: Estimate, time: float, v: np.ndarray) -> np.ndarray:
+    def _disturbance_after_measurement(self, estimate: Estimate, time: float, v: np.ndarray) -> np.ndarray:
         """Return the disturbance (n,) after velocities v (n,) are measured at a time [s].
 
         d <- d + gain ((v - v_before) / T - mean(commanded) - d). Where a measurement is not finite, d stays.
@@ -244,19 +276,28 @@ class Estimator:
         changes: np.ndarray | None = None,
         law: LowLevelLaw | None = None,
     ) -> tuple[Estimate, np.ndarray]:
-        """Return the estimate after a decision, and the accelerations to command (M, n): less the disturbance.
+        """Return the accelerations to command for a plan, and the estimate that remembers them as sent.
+
+        The estimated disturbance adds to what is commanded. So it is subtracted from the planned accelerations, and the
+        robot accelerates as planned. What is sent is remembered because it explains the velocities to come: delay and
+        disturbance are estimated from it.
 
         Args:
             estimate: After the measurement of this sample.
             u: Accelerations planned over the ticks of the sample (M, n) [m/s^2, rad/s^2].
             changes: By how much accelerations may change to each tick, down and up (2, M, n); None without such limits.
             law: The low-level law that is to apply them.
+
+        Returns:
+            The estimate with the command among those that were sent; and the accelerations to command (M, n): the
+            planned ones less the disturbance, changed no faster than the limits allow.
         """
         commanded = u - estimate.disturbance
         if changes is not None:
             limited = slew_limited(commanded, estimate.applied, *changes)
-            u = u + (limited - commanded)
+            u = u + (limited - commanded)  # what of the plan remains
             commanded = limited
+        # commands that acted before this time explain nothing that is still to be measured
         oldest = (
             estimate.time
             - (self._delays.reach if self._given_delay is None else self._spec.sample_time)

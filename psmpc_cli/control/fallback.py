@@ -76,10 +76,16 @@ class PlansInForce:
         brakes: np.ndarray,
         applied: np.ndarray,
     ) -> tuple["PlansInForce", Plan]:
-        """Return the plans after a sample without a solution, and the one that is applied.
+        """Return the plans after a sample whose solves have failed, and the plan that is applied.
 
-        The shifted plan goes on until it is used up; then, and where there is none yet, the robot brakes. In place of
-        a first plan it rests until the end of the horizon, while every sample tries again.
+        The last solved plan goes on, shifted in time, until it is used up. Then a plan takes over that brakes the robot
+        to rest. If no solve has succeeded yet, the robot brakes at once and rests until the end of the horizon, and
+        that counts as the solved plan, while every sample tries again.
+
+        Braking takes `BRAKING_TIME`, or longer where limits need it. A coordinate whose acceleration first falls from
+        what is applied now, a, to 0 with the jerk j changes its velocity v to |v| + |a| (|a| / j) / 2 at most. To
+        brake from that takes this velocity over the largest acceleration; and, with ramps of the acceleration at both
+        ends, twice the time |a| / j + sqrt(velocity / j).
 
         Args:
             time: Of the sample [s].
@@ -94,13 +100,13 @@ class PlansInForce:
         strongest = np.minimum(limits.acceleration_high, -limits.acceleration_low)
         steepest = np.minimum(limits.jerk_high, -limits.jerk_low)
         v = x[len(x) // 2 :]
-        ramp = np.abs(applied) / steepest  # time in which what is applied vanishes
-        to_brake = np.abs(v) + np.abs(applied) * ramp / 2
-        at_least = np.maximum(to_brake / strongest, 2 * (ramp + np.sqrt(to_brake / steepest)))[brakes]
-        duration = max(BRAKING_TIME, float(np.max(at_least, initial=0.0)))
+        ramp_time = np.abs(applied) / steepest
+        to_brake = np.abs(v) + np.abs(applied) * ramp_time / 2
+        least_times = np.maximum(to_brake / strongest, 2 * (ramp_time + np.sqrt(to_brake / steepest)))[brakes]
+        duration = max(BRAKING_TIME, float(np.max(least_times, initial=0.0)))
         u = braking_under_jerk(v, duration, applied, limits.jerk_low, limits.jerk_high)
         if self.solved is None:
-            first = braking_plan(time, x, duration, horizon, chart, brakes, u)
+            first = braking_plan(time, x, duration, horizon, chart=chart, brakes=brakes, u=u)
             return replace(self, solved=first), first
         if self.braking is not None:
             return self, self.braking
@@ -109,7 +115,7 @@ class PlansInForce:
             return replace(self, braking=braking), braking
         return self, self.solved
 
-    def measured(self) -> "PlansInForce":
+    def fully_trusted(self) -> "PlansInForce":
         """Return the plans after a sample that measured all of the state: the current one is trusted to its end."""
         if self.braking is not None or self.solved is None:
             return self

@@ -88,38 +88,44 @@ class Measurement:
     object_pose: np.ndarray | None
     holding: Mapping[str, bool] | None = None
 
-    def check(self, problem: Problem, before: float) -> None:
-        """Make sure that sizes are those of a problem, and that time goes on.
+    def require_valid_for(self, problem: Problem, before: float) -> None:
+        """Raise an error if this is no measurement of a task's robot and object, or if time does not go on.
 
         Args:
-            problem: The problem.
-            before: Time of the sample before [s].
+            problem: The task made computable.
+            before: Time of the sample before [s]; minus infinity at the first.
 
         Raises:
-            InputError: The time is not finite or not after the one before, the state is another robot's, the pose is
-                not that of the task's object, or a gripper that reports is none of its grasp.
+            InputError: The time is not finite or not after the one before; the state has another robot's size; the pose
+                has another size than that of the task's object, or there is no object with a mass; a gripper that
+                reports is none of those that hold the object.
         """
-        check_time(self.time)
+        require_finite_time(self.time)
         if self.time <= before:
             raise InputError(f"time: found {self.time:g} s after {before:g} s, expected a time after the sample before")
-        check_state(self.state, problem.model)
+        require_state_of(self.state, problem.model)
         if self.holding is not None:
-            self._check_holding(self.holding, problem)
+            self._require_known_grippers(self.holding, problem)
         if self.object_pose is None:
             return
         size = len(problem.body.pose)
         if size == 0:
             raise rejected("object_pose", self.object_pose, "none: the task has no object with a mass")
         if shape_of(self.object_pose) != (size,):
-            meant = f"{space_of_pose(size).pose_text} ({size},)"
-            raise rejected("object_pose", self.object_pose, meant)
-        _check_quaternion("object_pose", self.object_pose[problem.model.space.pose_attitude])
+            expected = f"{space_of_pose(size).pose_text} ({size},)"
+            raise rejected("object_pose", self.object_pose, expected)
+        _require_unit_quaternion("object_pose", self.object_pose[problem.model.space.pose_attitude])
 
-    def _check_holding(self, holding: Mapping[str, bool], problem: Problem) -> None:
-        """Make sure that what grippers report is about the grippers of a problem's object.
+    def _require_known_grippers(self, holding: Mapping[str, bool], problem: Problem) -> None:
+        """Raise an error if reports of grippers are not about the grippers that are to hold the task's object.
+
+        Args:
+            holding: Whether each gripper holds the object, by arm.
+            problem: The task made computable.
 
         Raises:
-            InputError: It is not.
+            InputError: The task has no object with a mass, there is no such gripper, or a report is neither True nor
+                False.
         """
         grippers = problem.body.grippers
         if not grippers:
@@ -136,22 +142,25 @@ class Measurement:
         return isfinite(before) and self.time - before > (1 + LATE) * sample_time
 
 
-def check_time(time: float) -> None:
-    """Make sure that a time is a finite number.
+def require_finite_time(time: float) -> None:
+    """Raise an error if a time is no finite number.
 
     Raises:
-        InputError: It is not.
+        InputError: It is none.
     """
     is_number = isinstance(time, Real) and not isinstance(time, bool)
     if not (is_number and abs(time) <= LARGEST):
         raise rejected("time", time, f"a finite number up to {LARGEST:g} [s]")
 
 
-def check_state(state: State, model: RobotModel) -> None:
-    """Make sure that a state is one of a robot.
+def require_state_of(state: State, model: RobotModel) -> None:
+    """Raise an error if a state is not one of this robot: of its sizes, with a unit quaternion in space.
+
+    Numbers that are not finite are allowed: they were not measured.
 
     Raises:
-        InputError: It is none, or another robot's.
+        InputError: It is no `State`, or Q, v or what wheels store have other sizes than the robot's, or the quaternion
+            of the base is not of length 1.
     """
     if not isinstance(state, State):
         raise rejected("state", state, "a State(Q, v)")
@@ -162,11 +171,11 @@ def check_state(state: State, model: RobotModel) -> None:
     if state.wheels is not None and state.wheels.shape != (count,):
         wanted = f"({count},), one of each wheel of {model.spec.name}" if count else f"none: {model.spec.name} has none"
         raise InputError(f"state: found wheels {state.wheels.shape}, expected {wanted}")
-    _check_quaternion("state", state.Q[model.space.attitude])
+    _require_unit_quaternion("state", state.Q[model.space.attitude])
 
 
-def _check_quaternion(name: str, quaternion: np.ndarray) -> None:
-    """Make sure that a quaternion, if there is one and it was measured, is of length 1."""
+def _require_unit_quaternion(name: str, quaternion: np.ndarray) -> None:
+    """Raise an error if a measured quaternion is not of length 1; an empty one, or NaN, is none."""
     norm = float(np.linalg.norm(quaternion))
     if len(quaternion) and np.isfinite(norm) and abs(norm - 1) > UNIT:
         raise InputError(f"{name}: found a quaternion of length {norm:.4g}, expected a unit quaternion w, x, y, z")
@@ -316,15 +325,17 @@ class Command:
     def force(self, time: float, state: State) -> np.ndarray:
         """Compute the generalized force (n,) [N, N m] that a low-level controller applies over a tick: computed torque.
 
-        That of the base is along the axes of the inertial frame, as Qdot is, in space its moment about the base's axes;
-        limits of the base's force are along its own axes, into which `model.space.along_base_axes(Q, F)` turns it.
+        The force on the base is along the axes of the inertial frame, as Qdot is; its moment, in space, is about the
+        base's own axes. Limits of the base's force are along its own axes: `model.space.along_base_axes(Q, F)` turns
+        the force into these.
 
-        Of a robot with wheels it has the gyroscopic moment of what they store, `state.wheels`, or else what they stored
-        at the sample. Where they turn the base its moment is for their motors, see `motor_torques`; thrusters that push
-        the base give it, and the balance of what unloads wheels.
+        The moment on the base of a robot with reaction wheels includes the gyroscopic moment of the momenta that they
+        store: `state.wheels`, or those at the sample where the state has none. If wheels turn the base, this moment is
+        for their motors, see `motor_torques`. If thrusters push the base, they give it, and with it what balances the
+        motors that unload wheels.
 
-        While grippers are to be closed on an object of `known` grasps it counts as held by all of them. Of a stage with
-        `input: task` the law is that in task space otherwise.
+        While grippers are to be closed on an object whose grasps are `known`, the robot is taken to hold it with all of
+        them. Otherwise, in a stage with `input: task`, the law is that in task space.
 
         Args:
             time: When the tick is expected to begin [s], see `edges`.
@@ -333,13 +344,13 @@ class Command:
         Raises:
             InputError: The time is not finite, or the state is not one of the robot.
         """
-        check_time(time)
-        check_state(state, self.law.model)
+        require_finite_time(time)
+        require_state_of(state, self.law.model)
         tick = self._tick_at(time)
         twist_rates = None if self.twist_rates is None else self.twist_rates[tick]
         grasps = self.law.grasps if self.closed[tick] else None
         driven = tuple(self.driven[tick].tolist())
-        parameters = None
+        parameters = None  # those of the law
         if len(self.wheels):
             stored = Wheels.of(self.law.model.spec).along_base(self._momenta(state).tolist())
             parameters = self.law.parameters.storing(np.array(stored))
@@ -347,10 +358,11 @@ class Command:
         return law.force(state.Q, state.v, self.u[tick], twist_rates, grasps, parameters, driven)
 
     def motor_torques(self, time: float, state: State) -> np.ndarray:
-        """Compute the torques of the motors of wheels over a tick (W,) [N m], within what each can give.
+        """Compute the torques of the motors of the W reaction wheels over a tick (W,) [N m].
 
-        Where wheels turn the base they give the moment of `force`, with the least torques. Where thrusters push it they
-        unload the wheels, and thrusters give the balance, A tau, besides. Else they are 0. A torque accelerates its
+        If wheels turn the base, the torques are the smallest ones that give the moment of `force`. If thrusters push
+        the base, they unload the wheels: they bring the stored momenta back to the first ones, and the thrusters
+        balance their moment. Otherwise they are 0. All are within what the motors can give. A torque accelerates its
         wheel, and the base feels the opposite.
 
         Args:
@@ -367,8 +379,8 @@ class Command:
         F = self.force(time, state)
         driven = tuple(self.driven[self._tick_at(time)].tolist())
         h = self._momenta(state)
-        F, unloading = wheels.unloaded(F, h, driven, self.tick)
-        _, torques = wheels.turned(F, h, driven, self.tick, unloading)
+        F, unloading_torques = wheels.with_unloading(F, h, driven, self.tick)
+        _, torques = wheels.with_turning(F, h, driven, self.tick, unloading_torques)
         return torques
 
     def _tick_at(self, time: float) -> int:

@@ -29,7 +29,9 @@ class IdentificationStep(ABC):
         return memory
 
     @abstractmethod
-    def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
+    def after_measurement(
+        self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw
+    ) -> Memory:
         """Return the memory with what is known after a measurement.
 
         Args:
@@ -46,10 +48,13 @@ class IdentificationStep(ABC):
 
 
 def identification_steps(problem: Problem, noise: np.ndarray) -> Iterator[IdentificationStep]:
-    """Yield the steps of a problem, each after those that it counts with.
+    """Yield what a controller estimates at each sample besides the state of robot and object, in the order of use.
+
+    Masses of the robot come first, then the momentum of reaction wheels, then the load: a step uses what the steps
+    before it have found. A task has the steps that its robot and its keys ask for; most have none.
 
     Args:
-        problem: The problem.
+        problem: The task made computable.
         noise: Standard deviations of measured velocities (n,) [m/s, rad/s].
     """
     if problem.spec.finds_masses:
@@ -75,21 +80,35 @@ class _Inertias(IdentificationStep):
         """Return the memory with the described masses and inertias, and their deviations."""
         return replace(memory, inertia=self._estimator.first)
 
-    def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
+    def after_measurement(
+        self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw
+    ) -> Memory:
         """Return the memory with what the motion since the sample before tells of masses and inertias.
 
-        While hands hold what the law knows of, robot and load are a closed chain, and nothing is found out. Where the
-        delay of commands is uncertain, so is what acted whenever they changed.
+        Nothing is learned at the first sample, nor while grippers hold an object that the low-level law knows: robot
+        and object are a closed chain then.
+
+        If the delay of commands is uncertain, so are the accelerations that acted whenever commands changed. Their
+        deviation is the range of the commands that may have acted, times the part of the time that is in doubt; and it
+        is infinite if nothing is known of the delay.
+
+        Args:
+            memory: That of the sample before.
+            state: As it is measured; not used here.
+            estimate: The estimated state, and the commands that were sent.
+            is_held: Whether a gripper holds the object; not used here.
+            law: The low-level law; not used here, since commands remember the law that applied them.
         """
         before = memory.estimate
         is_loaded = memory.sequence.first in self._held_stages
         if before is None or (is_loaded and self._knows_load):
             return memory
         inertia = self._estimator.holding(memory.inertia, is_loaded, memory.time)
-        late = estimate.delay.seconds
+        # what acted between two measurements was sent earlier by the delay
+        delay = estimate.delay.seconds
         duration = estimate.time - before.time
-        acting = list(estimate.commands.acting(before.time - late, estimate.time - late))
-        changes = np.ptp(estimate.commands.commanded(before.time - late - duration, estimate.time - late), axis=0)
+        acting = list(estimate.commands.acting(before.time - delay, estimate.time - delay))
+        changes = np.ptp(estimate.commands.commanded(before.time - delay - duration, estimate.time - delay), axis=0)
         is_known = np.isfinite(estimate.delay.deviation)
         uncertain = (
             changes * min(estimate.delay.deviation / duration, 1.0) if is_known else np.full(len(changes), np.inf)
@@ -102,7 +121,7 @@ class _Inertias(IdentificationStep):
             v=(before.velocity + estimate.velocity) / 2,
             vdot=(estimate.velocity - before.velocity) / duration,
         )
-        return replace(memory, inertia=self._estimator.measured(inertia, motion, acting, uncertain))
+        return replace(memory, inertia=self._estimator.after_measurement(inertia, motion, acting, uncertain))
 
     def applied(self, law: LowLevelLaw, memory: Memory, is_held: bool) -> LowLevelLaw:
         """Return a law that counts with the most likely masses and inertias."""
@@ -115,7 +134,9 @@ class _Wheels(IdentificationStep):
     def __init__(self, problem: Problem) -> None:
         self._estimator = WheelEstimator(problem)
 
-    def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
+    def after_measurement(
+        self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw
+    ) -> Memory:
         """Return the memory with what wheels store.
 
         Where the robot was not measured what is known stays: angular momentum stays, too.
@@ -124,7 +145,7 @@ class _Wheels(IdentificationStep):
         if not isfinite(known.vector @ known.vector):
             return memory
         stage = memory.sequence.first
-        wheels = self._estimator.measured(memory.wheels, stage, estimate.time, known.Q, known.v, state.wheels)
+        wheels = self._estimator.after_measurement(memory.wheels, stage, estimate.time, known.Q, known.v, state.wheels)
         return replace(memory, wheels=wheels)
 
     def applied(self, law: LowLevelLaw, memory: Memory, is_held: bool) -> LowLevelLaw:
@@ -150,7 +171,9 @@ class _Load(IdentificationStep):
         """Return the memory with the prior of the load."""
         return replace(memory, load=self._estimator.first)
 
-    def measured(self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw) -> Memory:
+    def after_measurement(
+        self, memory: Memory, state: State, estimate: Estimate, is_held: bool, law: LowLevelLaw
+    ) -> Memory:
         """Return the memory with what the momentum of robot and load tells of the load."""
         load = memory.load
         motion = self._motion(memory, estimate, is_held)
@@ -160,7 +183,7 @@ class _Load(IdentificationStep):
             late = estimate.delay.seconds
             u = estimate.commands.commanded(memory.motion.time - late, estimate.time - late)
             law = self.applied(law, memory, motion.is_loaded)
-            load = self._estimator.measured(load, memory.motion, motion, u, law)
+            load = self._estimator.after_measurement(load, memory.motion, motion, u, law)
         return replace(memory, load=load, motion=motion)
 
 

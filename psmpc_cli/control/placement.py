@@ -17,6 +17,9 @@ from psmpc_cli.robot.model import RobotModel
 QUATERNION_FLIP_THRESHOLD = -0.17
 """Real part of an attitude's error at which the other sign of its quaternion is taken: an error of some 200 deg."""
 
+RECENT_SAMPLES = 1.5
+"""Age in samples up to which a measurement of the held object counts: that of the sample before does."""
+
 PREDICTION_SAMPLES = 9
 """Number of states of the plan in force at which constraints look for what comes near."""
 
@@ -73,32 +76,36 @@ class Placer:
         waypoints: Mapping[int, np.ndarray],
         at_planned_ends: bool = False,
     ) -> Placement:
-        """Place the stages at a sample.
+        """Return the stages of the task with their targets as numbers in the chart, which solvers need.
 
-        Targets relative to the object are where it is now.
+        A target may be relative to an object, and its attitude is one of two quaternions, q and -q. So the numbers
+        depend on where the object is, and on the robot's attitude. By default targets relative to the object are where
+        it is now.
 
         Args:
             time: Of the sample [s].
             x: Measured state in the chart (2n,).
-            chart: The chart.
+            chart: The chart, in which attitudes are rotation vectors from the measured one.
             sequence: The stages in the window.
             plan: The plan in force, in the chart; None before the first.
             target_object: What is known of the object.
             load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; empty where the task says them.
-            signs: Those of the sample before.
-            waypoints: Points of routes that costs follow, by stage index: numbers of its target.
+            signs: Signs of the targets' quaternions at the sample before.
+            waypoints: Targets that take the place of a stage's own one while the robot is on a route, by stage index.
             at_planned_ends: Targets relative to the object are where it is when their stage is planned to end, or at
                 the end of the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
         stages = self._stages
         if self.follows_object:
-            stages = self._at_object(time, sequence, target_object, at_planned_ends)
+            stages = self._with_targets_on_object(time, sequence, target_object, at_planned_ends)
         if self._problem.spec.routes is not None:
             stages = tuple(stage.with_waypoint(waypoints.get(stage.index)) for stage in stages)
-        plan = plan or resting_plan(time, self._horizon, 1, x, chart)
+        plan = plan or resting_plan(time, self._horizon, nodes=1, x=x, chart=chart)
         begins = dict(enumerate([time, *sequence.switch_times][: sequence.count], start=sequence.first))
         all_signs = {
-            stage.index: self._signs(stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {}))
+            stage.index: self._quaternion_signs(
+                stage, plan, begins.get(stage.index), sequence, signs.get(stage.index, {})
+            )
             for stage in stages
         }
         model = self._problem.model
@@ -110,7 +117,7 @@ class Placer:
         charted = tuple(stage.in_chart(chart.anchor, posture, all_signs[stage.index]) for stage in stages)
         return Placement(chart, charted, all_signs)
 
-    def arguments(
+    def sampled_arguments(
         self,
         time: float,
         sequence: MovingSequence,
@@ -119,10 +126,13 @@ class Placer:
         plan: Plan | None,
         target_object: ObjectEstimate,
         load: np.ndarray,
-        before: Mapping[str, np.ndarray],
+        arguments_before: Mapping[str, np.ndarray],
         wheels: WheelEstimate | None = None,
     ) -> dict[str, np.ndarray]:
-        """Return sampled constraint arguments by name; the first stage in the sequence that has one sets it.
+        """Return the numbers of constraints that are set anew at every sample, their arguments, by constraint.
+
+        An example is the pose of a moving obstacle from which the robot keeps clear. All stages in the window share an
+        argument: the first stage from the current one on in which the constraint has one sets it.
 
         Args:
             time: Of the sample [s].
@@ -132,8 +142,11 @@ class Placer:
             plan: The plan in force, in the chart; None before the first.
             target_object: What is known of the object.
             load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; empty where the task says them.
-            before: The arguments at the sample before.
-            wheels: What wheels store when the state was measured; None of a robot without any.
+            arguments_before: The arguments at the sample before.
+            wheels: Momenta that reaction wheels store at the time of the measurement; None of a robot without any.
+
+        Returns:
+            Arrays by name of the constraint; empty if no stage has such a constraint.
         """
         arguments = dict[str, np.ndarray]()
         sampled = [(stage, stage.sampled_constraints) for stage in self._stages[sequence.first :]]
@@ -143,7 +156,7 @@ class Placer:
             time=time,
             x=x,
             anchor=chart.anchor,
-            prediction=None if plan is None else _ahead(plan, time),
+            prediction=None if plan is None else _sampled_prediction(plan, time),
             object_state=target_object.at(time),
             load=load,
             plan=plan,
@@ -151,25 +164,28 @@ class Placer:
         stored: Mapping[int, np.ndarray] = {}
         if wheels is not None:
             view = replace(view, unseen=self._wheels.unseen(wheels))
-            stored = self._stored(wheels, sequence, plan)
+            stored = self._wheel_momenta_by_stage(wheels, sequence, plan)
         for stage, constraints in sampled:
             for name in constraints.keys() - arguments.keys():
                 at_stage = replace(
                     view,
                     is_current=stage.index == sequence.first,
-                    argument_before=before.get(name),
+                    argument_before=arguments_before.get(name),
                     stored=stored.get(stage.index),
                 )
-                argument = _argument(constraints[name], self._problem.model, at_stage)
+                argument = _sampled_argument(constraints[name], self._problem.model, at_stage)
                 if argument is not None:
                     arguments[name] = argument
         return arguments
 
-    def _stored(self, wheels: WheelEstimate, sequence: MovingSequence, plan: Plan | None) -> dict[int, np.ndarray]:
-        """Return what is known of wheels in the current stage and those after it, by index of the stage.
+    def _wheel_momenta_by_stage(
+        self, wheels: WheelEstimate, sequence: MovingSequence, plan: Plan | None
+    ) -> dict[int, np.ndarray]:
+        """Return what reaction wheels store in the current stage and in those after it, by index of the stage.
 
-        Of a stage that has not begun the plan in force says in which state it does: where its switch is planned, or at
-        the end of the plan.
+        Limits on wheels start from it, see `WheelEstimator.stored_in_stages`. It depends on the state in which a stage
+        begins. For a later stage that is the state of the plan in force at the planned switch time, or at the end of
+        the plan if no switch is planned. Without a plan it is the measured state.
         """
         begins = dict(zip(range(sequence.first + 1, len(self._stages)), sequence.switch_times, strict=False))
 
@@ -183,7 +199,7 @@ class Placer:
                 Q, v = plan.chart.from_chart(X)
                 yield stage.index, Q[0], v[0]
 
-        return self._wheels.in_stages(wheels, states())
+        return self._wheels.stored_in_stages(wheels, states())
 
     def _with_held_object(
         self,
@@ -193,16 +209,27 @@ class Placer:
         chart: Chart,
         target_object: ObjectEstimate,
     ) -> tuple[PlacedStage, ...]:
-        """Return the stages with the held object at its measured pose in the gripper, if it was measured recently."""
+        """Return the stages with the object at the place in the grippers where it was measured.
+
+        A grasp gives way, so that the object is not exactly where the task says it is held. If the object was not
+        measured at this sample or the one before, or the state is not known, the stages stay as they are.
+
+        Args:
+            stages: The stages of the task.
+            time: Of the sample [s].
+            x: Measured state in the chart (2n,).
+            chart: The chart.
+            target_object: What is known of the object.
+        """
         controller = self._problem.spec.controller
-        oldest = time - 1.5 * controller.sample_time
+        oldest = time - RECENT_SAMPLES * controller.sample_time
         if target_object.measured_at < oldest or not np.isfinite(x).all():
             return tuple(stages)
         model = self._problem.model
         xi = np.asarray(model.charted(x[: model.n], chart.anchor)).ravel()
         return target_object.hold(stages, time, {frame: xi[rows] for frame, rows in model.pose_rows.items()})
 
-    def _at_object(
+    def _with_targets_on_object(
         self, time: float, sequence: MovingSequence, target_object: ObjectEstimate, at_planned_ends: bool
     ) -> tuple[PlacedStage, ...]:
         ends = dict(enumerate(sequence.switch_times, start=sequence.first))
@@ -216,32 +243,49 @@ class Placer:
             placed[sequence.first] = target_object.follow(current, time, elapsed, self._horizon)
         return tuple(placed)
 
-    def _signs(
+    def _quaternion_signs(
         self, stage: PlacedStage, plan: Plan, begins: float | None, sequence: MovingSequence, signs: Mapping[str, float]
     ) -> Mapping[str, float]:
-        """Choose the signs of a stage's quaternions by frame; a trajectory counts where it is when the stage begins."""
+        """Choose between the quaternions q and -q of each attitude in a stage's target, by frame.
+
+        Both are the same attitude. The one is taken that is nearer to the robot's attitude when the stage begins, so
+        that the error is the shorter turn. The sign of the sample before is kept until that error passes 200 degrees:
+        errors that pass 180 degrees within a horizon stay smooth.
+
+        Args:
+            stage: The stage, with its target in numbers of before this sample.
+            plan: The plan in force, in which the robot's attitude is looked up.
+            begins: When the stage begins in the plan [s]; None if it does not, then the end of the plan counts.
+            sequence: The stages in the window.
+            signs: Signs at the sample before, 1 or -1 by frame.
+
+        Returns:
+            1 or -1 by frame; what was given for a stage without attitudes.
+        """
         if not stage.attitudes:
             return signs
         time = plan.end if begins is None else begins
+        # a target that moves along a trajectory counts where it is so long after the stage has begun [s]
         since = time - sequence.progress.entered if stage.index == sequence.first else 0.0
         wanted = stage.wanted(since)
         model = self._problem.model
         Q = plan.states_at(np.array([time]))[0, : model.n]
         xi = np.asarray(model.charted(Q, plan.chart.anchor)).ravel()
         new_signs = dict(signs)
-        for frame, at in stage.attitudes.items():
-            w = float(wanted[at : at + 4] @ xi[model.pose_rows[frame]][model.space.pose_attitude])
+        for frame, row in stage.attitudes.items():
+            # the inner product of two unit quaternions is the real part of the one that turns one into the other
+            real_part = float(wanted[row : row + 4] @ xi[model.pose_rows[frame]][model.space.pose_attitude])
             sign = signs.get(frame)
-            if sign is None or begins is None or sign * w < QUATERNION_FLIP_THRESHOLD:
-                new_signs[frame] = 1.0 if w >= 0 else -1.0
+            if sign is None or begins is None or sign * real_part < QUATERNION_FLIP_THRESHOLD:
+                new_signs[frame] = 1.0 if real_part >= 0 else -1.0
         return new_signs
 
 
-def _ahead(plan: Plan, time: float) -> tuple[np.ndarray, np.ndarray]:
+def _sampled_prediction(plan: Plan, time: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times and states of a plan from a time on [s], some of them."""
     times = np.linspace(time, max(time, plan.end), PREDICTION_SAMPLES)
     return times, plan.states_at(times)
 
 
-def _argument(constraint: ConstraintNumbers, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
+def _sampled_argument(constraint: ConstraintNumbers, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
     return None if constraint.at_sample is None else constraint.at_sample(model, sample)

@@ -166,7 +166,7 @@ class GraspProgress:
         """How often the grippers were to close on the object, the last time included."""
         return 1 + sum(self.returns.values())
 
-    def observed(
+    def after_report(
         self,
         sequence: MovingSequence,
         held: range,
@@ -174,17 +174,23 @@ class GraspProgress:
         holding: Mapping[str, bool],
         time: float,
     ) -> tuple["GraspProgress", GraspFault | None]:
-        """Return the progress after grippers have reported, and what is wrong with the grasps; None if nothing is.
+        """Take the reports of grippers into account: whether they hold the object, have missed it, or have lost it.
+
+        They have missed it if one reports that it holds nothing before all have reported that they hold it; later, they
+        have lost it. Reports from before the grippers closed do not count.
 
         Args:
             sequence: The stages in the window.
             held: The stages that hold the object.
             grippers: Those that are to hold it, by arm.
-            holding: Whether each gripper holds it, by arm; that of a gripper that does not report is not known.
-            time: When that was measured [s]. What was measured before the grippers closed does not count.
+            holding: Whether each gripper holds it, by arm; a gripper that does not report is left out.
+            time: When that was measured [s].
+
+        Returns:
+            The progress of the grasp with these reports, and what is wrong with it; None if nothing is.
         """
         closed = sequence.since_closing(held)
-        if not time > closed:
+        if not time > closed:  # infinite while the grippers are to be open
             return replace(self, is_taken=False), None
         empty = tuple(gripper for gripper, holds in holding.items() if not holds)
         if not empty:
@@ -202,8 +208,8 @@ class Switch(NamedTuple):
     time: float
 
 
-def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, list[Switch]]:
-    """Drop the stages whose planned switch time lies before now."""
+def drop_passed_stages(sequence: MovingSequence, now: float) -> tuple[MovingSequence, list[Switch]]:
+    """Return a sequence without the stages whose planned switch time has passed now [s], and their ends, in order."""
     switches = []
     while sequence.planned_end <= now + SHORTEST:
         switches.append(Switch(sequence.first, sequence.planned_end))
@@ -211,10 +217,14 @@ def drop_passed(sequence: MovingSequence, now: float) -> tuple[MovingSequence, l
     return sequence, switches
 
 
-def drop_met(
+def drop_met_stage(
     sequence: MovingSequence, stages: Sequence[PlacedStage], costs: StageCosts, now: float, x: np.ndarray
 ) -> tuple[MovingSequence, list[Switch]]:
-    """Drop the current stage if it is over, by the state x (2n,) measured now [s]; the task's last ends, and stays."""
+    """Return a sequence without its current stage if the state x (2n,), measured now [s], ends it, and that end.
+
+    If the stage goes on, these are the sequence as it was and an empty list. The task's last stage stays in the
+    sequence, with the time of its end.
+    """
     stage = stages[sequence.first]
     has_ended = np.isfinite(sequence.ended_at)
     if has_ended or not stage.end.is_over(sequence.progress, now, partial(_is_met, costs, stage, x)):
@@ -229,7 +239,7 @@ def _is_met(costs: StageCosts, stage: PlacedStage, x: np.ndarray) -> bool:
     return bool(costs.met(stage, x[None])[0])
 
 
-def detect(
+def with_detected_stage(
     sequence: MovingSequence,
     stages: Sequence[PlacedStage],
     costs: StageCosts,
@@ -237,15 +247,22 @@ def detect(
     margin: float,
     is_of_one_stage: bool = False,
 ) -> MovingSequence | None:
-    """Return the sequence with a further segment where the end of its last stage is seen in the prediction, else None.
+    """Detect whether the last stage of a sequence ends within the horizon; if so, append the stage that follows.
+
+    The stage that follows then enters the window, and its beginning is a free variable of the optimization. Paper
+    Algorithm 1.
 
     Args:
-        sequence: The sequence.
+        sequence: The stages in the window.
         stages: All stages of the task, placed at this sample.
-        costs: Their end conditions.
-        guess: The prediction.
-        margin: The detection margin: by how much tolerances of end conditions are widened.
-        is_of_one_stage: Windows hold the current stage alone, which continues after its own end.
+        costs: Evaluates their end conditions.
+        guess: The last plan from now on, in which the end is looked for.
+        margin: The detection margin, by which the tolerances of end conditions are widened.
+        is_of_one_stage: Windows hold the current stage alone. In place of the next stage it is appended itself, and
+            continues after its own end.
+
+    Returns:
+        The longer sequence, with the switch time at which the plan reaches the end; None if it does not.
     """
     if is_of_one_stage and len(sequence.segments) > 1:
         return None

@@ -519,7 +519,8 @@ def _floating(arrays: Arrays, problem: Problem) -> Iterator[FloatingStage]:
         Q, v = (arrays.get(f"state/{name}_true", arrays[f"state/{name}"])[samples] for name in ("Q", "Qdot"))
         momentum = model.momentum(Q, v)
         if "wheels/momentum" in arrays:
-            momentum = momentum + Wheels.of(model.spec).balance(Q, arrays["wheels/momentum"][samples])[:, :-1]
+            wheels = Wheels.of(model.spec)
+            momentum = momentum + wheels.momentum_and_energy(Q, arrays["wheels/momentum"][samples])[:, :-1]
         is_known = np.isfinite(momentum).all(axis=1)
         if not is_known.any():
             continue

@@ -12,9 +12,9 @@ import numpy as np
 
 from psmpc_cli.plant.base import JointFriction, limited_force
 from psmpc_cli.plant.grasp import Capture, GraspLaw
-from psmpc_cli.robot.actuators.wheels import Wheels, by_expressions
+from psmpc_cli.robot.actuators.wheels import Wheels, clip_expressions
 from psmpc_cli.robot.configuration import ConfigurationSpace
-from psmpc_cli.robot.dynamics import of_driven, with_stored
+from psmpc_cli.robot.dynamics import law_with_driven_coordinates, with_stored
 from psmpc_cli.robot.free_body import FreeBody
 from psmpc_cli.robot.held_load import held_force, pushed_held_force
 from psmpc_cli.robot.kinematics import runge_kutta
@@ -225,7 +225,7 @@ def _law(grasp_law: GraspLaw, object_is_known: bool, kind: TickKind) -> ca.Funct
     if kind.is_pushed:
         law_with_object = pushed_held_force(model, grasp_law.grippers)
     elif kind.varies:
-        law_with_object = of_driven(model.spec, held_force(model, grasp_law.grippers), driven)
+        law_with_object = law_with_driven_coordinates(model.spec, held_force(model, grasp_law.grippers), driven)
     else:
         law_with_object = held_force(model, grasp_law.grippers, model.driven())
     F_with_object = law_with_object(
@@ -255,7 +255,7 @@ def law_of(model: RobotModel, kind: TickKind) -> ca.Function:
     if not kind.varies:
         return model.law()
     every = (1.0,) * model.space.n_twist
-    return of_driven(model.spec, model.law(every), ca.SX.sym("driven", model.space.n_twist))
+    return law_with_driven_coordinates(model.spec, model.law(every), ca.SX.sym("driven", model.space.n_twist))
 
 
 def _pushed_task_law(model: RobotModel) -> ca.Function:
@@ -281,7 +281,7 @@ def _force_on_base(model: RobotModel, wheels: Wheels, tick: float) -> ca.Functio
     components = [*ca.vertsplit(wrench), *np.zeros(space.joints)]
     force = ca.vertcat(*space.along_inertial_axes(ca.vertsplit(Q), components))
     if wheels.count:
-        torques = wheels.unloading_torques(ca.vertsplit(momenta), tick, by_expressions)
+        torques = wheels.unloading_torques(ca.vertsplit(momenta), tick, clip_expressions)
         force[space.rotation] -= ca.vertcat(*wheels.along_base(torques))
     return ca.Function("force_on_base", [Q, wrench, momenta], [ca.cse(force[space.base])])
 
@@ -400,10 +400,10 @@ def _with_wheels(model: RobotModel, wheels: Wheels, kind: TickKind) -> Callable[
     # thrusters push the base where its first coordinate is driven; wheels turn it where only its attitude is
     is_pushed = driven[0]
     wheels_turn = (1 - driven[0]) * driven[-1]
-    unloading = is_pushed * ca.vertcat(*wheels.unloading_torques(stored, kind.tick, by_expressions))
+    unloading = is_pushed * ca.vertcat(*wheels.unloading_torques(stored, kind.tick, clip_expressions))
     with_unloading = ca.Function("unloads", [F, h, driven], [F + force_of_moment(unloading)])
     moment = ca.vertsplit(F[rotation])
-    turning = wheels_turn * ca.vertcat(*wheels.turning_torques(moment, stored, kind.tick, by_expressions))
+    turning = wheels_turn * ca.vertcat(*wheels.turning_torques(moment, stored, kind.tick, clip_expressions))
     torque = unloading + turning
     external = ca.SX(F)
     external[rotation] *= 1 - wheels_turn

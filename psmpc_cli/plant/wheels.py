@@ -47,7 +47,7 @@ class WheelDrive:
 
     def commanded(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:
         """Return the force of the low-level law (n,) with the balance of what unloads the wheels; `Wheels.unloaded`."""
-        F, self._unloading = self.wheels.unloaded(F, self.momentum, driven, self._tick)
+        F, self._unloading = self.wheels.with_unloading(F, self.momentum, driven, self._tick)
         return F
 
     def against_unloading(self, F: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ class WheelDrive:
 
     def begin_tick(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:
         """Return what of that force, within its limits (n,), acts over a tick that begins; `Wheels.turned`."""
-        F, self.torque = self.wheels.turned(F, self.momentum, driven, self._tick, self._unloading)
+        F, self.torque = self.wheels.with_turning(F, self.momentum, driven, self._tick, self._unloading)
         return F
 
     def of_thrusters(self, F: np.ndarray) -> np.ndarray:

@@ -140,7 +140,7 @@ class Dynamics:
     Attributes:
         H: Q, w -> (n, n) [kg, kg m, kg m^2]. Paper eq. (3).
         inverse: Q, v, vdot, w -> F (n,) [N, N m]. Paper eq. (3). It is the computed torque, eq. (7), of a base that is
-            moved at will; for others see `of_driven`.
+            moved at will; for others see `law_with_driven_coordinates`.
         forward: Q, v, F, w -> vdot (n,) [m/s^2, rad/s^2]. Paper eq. (3). A fixed base has none, whatever acts on it.
         momentum: Q, v, w -> linear [N s] and angular about the inertial origin [N m s], (3,) or (6,). Paper eq. (4).
             That of the bodies alone: the armature of joints has none, see above.
@@ -169,7 +169,7 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
     if spec.wheels:
         tree = _Tree(spec, Q)
-        momentum += ca.vertcat(*space.twist([0.0] * 3, matrix_vector(tree.turned, _stored(spec, w))))
+        momentum += ca.vertcat(*space.twist([0.0] * 3, matrix_vector(tree.base_rotation, _stored_momentum(spec, w))))
     motion = {"Q": Q, "v": v}
     acceleration = _acceleration(spec, H, F - bias)
     return Dynamics(
@@ -181,7 +181,9 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     )
 
 
-def of_driven(spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM, base_force: ca.SX | None = None) -> ca.Function:
+def law_with_driven_coordinates(
+    spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM, base_force: ca.SX | None = None
+) -> ca.Function:
     """Return a low-level law for a base that does not accelerate as commanded along all of its coordinates.
 
     With the rows of base and joints, and the bias c, paper eq. (3) is
@@ -229,7 +231,7 @@ def of_driven(spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM, base_for
     return function("law", arguments, {"F": ca.densify(ca.vertcat(of_base, F[base.stop :]))})
 
 
-def of_pushed(spec: RobotSpec, law: ca.Function) -> ca.Function:
+def law_with_base_force(spec: RobotSpec, law: ca.Function) -> ca.Function:
     """Return a low-level law for a base on which another force acts than the law asks for, as that of pulses.
 
     Under the torques of joints that it returns, and that force, the joints accelerate as commanded. The rows of the
@@ -245,7 +247,9 @@ def of_pushed(spec: RobotSpec, law: ca.Function) -> ca.Function:
     base = configuration_space(spec).base
     base_force = ca.SX.sym("base_force", base.stop)
     arguments = dict(zip(law.name_in(), law.sx_in(), strict=True))
-    reacting = of_driven(spec, law, ca.DM.zeros(base.stop), base_force)(*arguments.values(), base_force)
+    reacting = law_with_driven_coordinates(spec, law, ca.DM.zeros(base.stop), base_force)(
+        *arguments.values(), base_force
+    )
     F = ca.vertcat(law(*arguments.values())[base], reacting[base.stop :])
     return function("pushed_law", {**arguments, "base_force": base_force}, {"F": F})
 
@@ -334,8 +338,8 @@ def derive_task_space_dynamics(dynamics: Dynamics, J_C: ca.Function, Jdot_v: ca.
         F = J.T @ F_m
         acceleration = _solve_by_blocks(J, a - drift)
     else:
-        null_rate = ca.solve(LT, _rest(Y, LT @ v))
-        F = J.T @ F_m + L @ _rest(Y, ca.solve(L, F_0))
+        null_rate = ca.solve(LT, _orthogonal_part(Y, LT @ v))
+        F = J.T @ F_m + L @ _orthogonal_part(Y, ca.solve(L, F_0))
         acceleration = ca.solve(LT, Y @ ca.solve(R.T, a - drift)) - NULL_SPACE_DAMPING * null_rate
     motion = {"Q": Q, "v": v}
     return TaskSpaceDynamics(
@@ -364,7 +368,7 @@ def _solve_by_blocks(A: ca.SX, b: ca.SX) -> ca.SX:
     return x
 
 
-def _rest(Y: ca.SX, b: ca.SX) -> ca.SX:
+def _orthogonal_part(Y: ca.SX, b: ca.SX) -> ca.SX:
     """Return the part of b (n,) that is orthogonal to the orthonormal columns of Y (n, k)."""
     return b - Y @ (Y.T @ b)
 
@@ -382,7 +386,7 @@ def function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX
 
 
 @dataclass(frozen=True)
-class _Lump:
+class _RigidMass:
     """Mass fixed to a body: mass, centre and inertia matrix about the centre, in the frame of body number `body`."""
 
     body: int
@@ -424,8 +428,8 @@ def tool_motions(spec: RobotSpec, Q: ca.SX, v: ca.SX, vdot: ca.SX) -> dict[str, 
     """
     tree = _Tree(spec, Q)
     motions = tree.motions(v, vdot)
-    rotations = [tree.turned]
-    for joint, (E, _) in zip(tree.joints, tree.places, strict=True):
+    rotations = [tree.base_rotation]
+    for joint, (E, _) in zip(tree.joints, tree.joint_frames, strict=True):
         rotations.append(matrix_product(rotations[joint.at.body], E))
     tools = {}
     for arm, tool in spec.tools.items():
@@ -447,20 +451,20 @@ class _Tree:
     def __init__(self, spec: RobotSpec, Q: ca.SX) -> None:
         self.spec = spec
         self.space = configuration_space(spec)
-        self.turned = self.space.base_rotation(Q)
+        self.base_rotation = self.space.base_rotation(Q)
         joints = ca.vertsplit(Q)[self.space.joint_coordinates]
         self.joints = spec.joints
-        self.places = list(map(_joint_place, self.joints, joints))
+        self.joint_frames = list(map(_joint_frame, self.joints, joints))
 
     def motions(self, v: ca.SX, vdot: ca.SX) -> list[_Motion]:
         """Compute the motion of every body, each in its own frame."""
         base = self.space.base
         _, angular = self.space.twist_to_3d(ca.vertsplit(v[base]))
         pulled, twisted = self.space.twist_to_3d(ca.vertsplit(vdot[base]))
-        motions = [_Motion(angular, twisted, matrix_vector(transposed(self.turned), pulled))]
+        motions = [_Motion(angular, twisted, matrix_vector(transposed(self.base_rotation), pulled))]
         rates = zip(*(ca.vertsplit(derivative)[base.stop :] for derivative in (v, vdot)), strict=True)
-        for joint, place, rate in zip(self.joints, self.places, rates, strict=True):
-            motions.append(_carried(motions[joint.at.body], joint, *place, *rate))
+        for joint, place, rate in zip(self.joints, self.joint_frames, rates, strict=True):
+            motions.append(_motion_of_link(motions[joint.at.body], joint, *place, *rate))
         return motions
 
     def force(self, v: ca.SX, vdot: ca.SX, w: ca.SX) -> ca.SX:
@@ -469,7 +473,7 @@ class _Tree:
         changes = ca.vertsplit(vdot)[self.space.base.stop :]
         forces = [[0.0] * 3 for _ in motions]
         moments = [[0.0] * 3 for _ in motions]
-        for lump in _lumps(self.spec, w):
+        for lump in _rigid_masses(self.spec, w):
             motion = motions[lump.body]
             i = lump.body
             centre = add(motion.acceleration, point_acceleration(motion.omega, motion.alpha, lump.centre))
@@ -478,21 +482,21 @@ class _Tree:
             forces[i] = add(forces[i], f)
             moments[i] = add(moments[i], matrix_vector(lump.inertia, motion.alpha), spin, cross(lump.centre, f))
         if self.spec.wheels:
-            moments[0] = add(moments[0], cross(motions[0].omega, _stored(self.spec, w)))
+            moments[0] = add(moments[0], cross(motions[0].omega, _stored_momentum(self.spec, w)))
         along: list[Any] = []
         for i in range(len(motions) - 1, 0, -1):
             joint = self.joints[i - 1]
-            E, r = self.places[i - 1]
+            E, r = self.joint_frames[i - 1]
             on_link = dot(joint.axis, forces[i] if joint.prismatic else moments[i])
             along.insert(0, on_link + joint.armature * changes[i - 1])
             f = matrix_vector(E, forces[i])
             carrier = joint.at.body
             forces[carrier] = add(forces[carrier], f)
             moments[carrier] = add(moments[carrier], matrix_vector(E, moments[i]), cross(r, f))
-        return ca.SX(ca.vertcat(*self.space.twist(matrix_vector(self.turned, forces[0]), moments[0]), *along))
+        return ca.SX(ca.vertcat(*self.space.twist(matrix_vector(self.base_rotation, forces[0]), moments[0]), *along))
 
 
-def _joint_place(joint: Joint, q: Any) -> tuple[Matrix, Vector]:
+def _joint_frame(joint: Joint, q: Any) -> tuple[Matrix, Vector]:
     """Compute the rotation of a body's frame into that of its carrier, and its origin there, at joint coordinate q."""
     position = list(joint.at.position)
     at = np.array(matrix(exp(joint.at.rotation)))
@@ -503,8 +507,8 @@ def _joint_place(joint: Joint, q: Any) -> tuple[Matrix, Vector]:
     return transposed([matrix_vector(at, column) for column in columns]), position
 
 
-def _carried(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: Any, change: Any) -> _Motion:
-    """Compute the motion of a body from that of its carrier; E and r are those of `_joint_place`."""
+def _motion_of_link(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: Any, change: Any) -> _Motion:
+    """Compute the motion of a body from that of its carrier; E and r are those of `_joint_frame`."""
     back = transposed(E)
     omega = matrix_vector(back, before.omega)
     alpha = matrix_vector(back, before.alpha)
@@ -515,7 +519,7 @@ def _carried(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: Any, cha
     return _Motion(add(omega, scaled(joint.axis, rate)), add(alpha, scaled(joint.axis, change), turning), acceleration)
 
 
-def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
+def _rigid_masses(spec: RobotSpec, w: ca.SX) -> list[_RigidMass]:
     """Return the bodies' own masses and the loads of the grippers."""
     B = len(spec.bodies)
     A = len(spec.tools)
@@ -526,19 +530,19 @@ def _lumps(spec: RobotSpec, w: ca.SX) -> list[_Lump]:
     mass, moments, offsets, _, held, about = ca.vertsplit(w, np.cumsum(sizes).tolist())
     moments = ca.reshape(moments, B, k)
     offsets = ca.reshape(offsets, B, d)
-    lumps = list[_Lump]()
+    lumps = list[_RigidMass]()
     for i, body in enumerate(spec.bodies):
         moments_of_body = ca.horzsplit(moments[i, :])
         xx, yy, zz, xy, xz, yz = space.moments_to_3d(moments_of_body)
         centre = add(list(body.centre), [*ca.horzsplit(offsets[i, :]), 0.0][:3])
-        lumps.append(_Lump(i, mass[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        lumps.append(_RigidMass(i, mass[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     for a, tool in enumerate(spec.tools.values()):
         inertia = [[about[a] if i == j else 0.0 for j in range(3)] for i in range(3)]
-        lumps.append(_Lump(tool.body, held[a], list(tool.position), inertia))
+        lumps.append(_RigidMass(tool.body, held[a], list(tool.position), inertia))
     return lumps
 
 
-def _stored(spec: RobotSpec, w: ca.SX) -> Vector:
+def _stored_momentum(spec: RobotSpec, w: ca.SX) -> Vector:
     """Return what wheels store of inertial parameters w, (3,) along the base's axes."""
     space = configuration_space(spec)
     stored = ca.vertsplit(w[stored_in(spec, w)])

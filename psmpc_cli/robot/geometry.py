@@ -56,7 +56,7 @@ class Piece:
     @property
     def ends(self) -> Array:
         """Ends of the segment that it is about, in the frame of the body (2, 3) [m]."""
-        half = self.shape.size[1] / 2 * _turn(self.at)[:, 0]
+        half = self.shape.size[1] / 2 * _rotation_matrix(self.at)[:, 0]
         return np.asarray(self.at.position + np.multiply.outer([-1.0, 1.0], half))
 
     def frame(self, bodies: Sequence[Frame]) -> SpatialFrame:
@@ -70,10 +70,10 @@ def pieces_of(spec: RobotSpec) -> tuple[Piece, ...]:
     They are those of its `geometry`, boxes covered by capsules. A robot whose file says nothing of it has that of its
     drawings, see `RobotShape`: capsules between joints, a base's box covered by capsules, and one about every gripper.
     """
-    return tuple(_given(spec) if spec.geometry else _fitted(spec))
+    return tuple(_described_pieces(spec) if spec.geometry else _drawn_pieces(spec))
 
 
-def _given(spec: RobotSpec) -> Iterator[Piece]:
+def _described_pieces(spec: RobotSpec) -> Iterator[Piece]:
     """Give the capsules of a robot's description."""
     for number, body in enumerate(spec.bodies):
         for placed in spec.geometry.get(body.name, ()):
@@ -89,7 +89,7 @@ def _cover(shape: Shape) -> Cover:
     return Cover(np.array([[[-length / 2, 0.0, 0.0], [length / 2, 0.0, 0.0]]]), radius, 0.0)
 
 
-def _fitted(spec: RobotSpec) -> Iterator[Piece]:
+def _drawn_pieces(spec: RobotSpec) -> Iterator[Piece]:
     """Give the capsules of a robot's drawing."""
     shape = RobotShape(spec)
     base = cover_box((2 * shape.box[: spec.dimension]).tolist()).moved(shape.box_frame)
@@ -114,15 +114,15 @@ def capsules_of(part: str, body: int, cover: Cover) -> Iterator[Piece]:
     for start, end in cover.ends:
         along = end - start
         length = float(np.linalg.norm(along))
-        at = Attachment(body, _triple((start + end) / 2), _triple(_turn_to(along)))
+        at = Attachment(body, _triple((start + end) / 2), _triple(_rotation_vector_to(along)))
         yield Piece(part, at, Shape("capsule", (cover.radius, length)))
 
 
-def _turn(at: Attachment) -> Array:
+def _rotation_matrix(at: Attachment) -> Array:
     return np.asarray(Rotation.from_rotvec(at.rotation).as_matrix())
 
 
-def _turn_to(along: Array) -> Array:
+def _rotation_vector_to(along: Array) -> Array:
     """Return a rotation vector that turns the x axis along a line; about z in the plane."""
     if not np.linalg.norm(along):
         return np.zeros(3)
@@ -157,13 +157,13 @@ def own_pairs(model: RobotModel, pieces: Sequence[Piece]) -> tuple[tuple[int, in
     frames = [piece.frame(bodies) for piece in pieces]
     apart = [distance(pieces[i].shape, frames[i], pieces[j].shape, frames[j]) for i, j in pairs]
     of_postures = ca.Function("own_distances", [joints], ca.cse([ca.vertcat(*apart)])).map(POSTURES)
-    distances = of_postures(_postures(model).T).full()
+    distances = of_postures(_random_postures(model).T).full()
     distances = distances / model.shape.reach
     keep = (distances < NEAR).any(axis=1) & ((distances < TOUCHING).mean(axis=1) < TOGETHER)
     return tuple(pair for pair, kept in zip(pairs, keep, strict=True) if kept)
 
 
-def _postures(model: RobotModel) -> Array:
+def _random_postures(model: RobotModel) -> Array:
     """Return random coordinates of the joints (POSTURES, joints): within their limits, or a turn, or the reach.
 
     One in three is at a limit: there bodies are nearest that hardly meet.

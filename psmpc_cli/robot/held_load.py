@@ -13,8 +13,8 @@ from psmpc_cli.native.functions import ArrayFunction
 from psmpc_cli.robot.configuration import ConfigurationSpace
 from psmpc_cli.robot.dynamics import (
     InertialParameters,
-    of_driven,
-    of_pushed,
+    law_with_base_force,
+    law_with_driven_coordinates,
     point_acceleration,
     solve_spd,
     stored_in,
@@ -49,17 +49,17 @@ class HeldLoad:
         self.grasps = described_grasps(grippers, grasp)
         self._forces: dict[tuple[float, ...] | None, ArrayFunction] = {}
         self._grippers = grippers
-        self._followed: dict[int, ArrayFunction] = {}
+        self._attainable: dict[int, ArrayFunction] = {}
         self._object = body
 
     @cached_property
-    def _terms(self) -> ArrayFunction:
+    def _chain_terms_at(self) -> ArrayFunction:
         """See `_chain_terms`."""
         return ArrayFunction(_chain_terms(self._model, self._object, self._grippers))
 
     def prepare(self) -> None:
-        """Derive what `followed` needs, so that no sample waits for it."""
-        _followed_tick(self._model, self._grippers)
+        """Derive what `attainable_accelerations` needs, so that no sample waits for it."""
+        _attainable_tick(self._model, self._grippers)
 
     def force(
         self,
@@ -96,7 +96,9 @@ class HeldLoad:
         of_base = () if base_force is None else tuple(base_force)
         return np.asarray(self._forces[key](Q, v, u, grasps.ravel(), law.vector, body, *of_base)[0][0])
 
-    def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
+    def attainable_accelerations(
+        self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float
+    ) -> np.ndarray:
         """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.
 
         Args:
@@ -106,10 +108,10 @@ class HeldLoad:
             closed: Whether the grippers are closed at each of them (M,).
             tick: Length of a tick [s].
         """
-        if len(u) not in self._followed:
-            self._followed[len(u)] = ArrayFunction(_followed_tick(self._model, self._grippers).mapaccum(len(u)))
-        _, followed = self._followed[len(u)](np.concatenate([Q, v]), u, closed[:, None], self.grasps.ravel(), tick)
-        return followed
+        if len(u) not in self._attainable:
+            self._attainable[len(u)] = ArrayFunction(_attainable_tick(self._model, self._grippers).mapaccum(len(u)))
+        _, attainable = self._attainable[len(u)](np.concatenate([Q, v]), u, closed[:, None], self.grasps.ravel(), tick)
+        return attainable
 
     def largest_ratio(self, Q: np.ndarray) -> tuple[float, np.ndarray]:
         """Compute the largest ratio of the load's inertia to the robot's, over all motions that keep the closed chain.
@@ -128,7 +130,7 @@ class HeldLoad:
             The largest rho, and its motion v (n,), of kinetic energy 1/2 without the load.
         """
         n = self._model.n
-        S, W = self._terms(Q, self.grasps.ravel())
+        S, W = self._chain_terms_at(Q, self.grasps.ravel())
         S = S.T.reshape(len(self.grasps), -1, n)
         N = null_space((S[1:] - S[:1]).reshape(-1, n), rcond=SINGULAR)
         H = self._model.mass_matrix(Q)
@@ -151,7 +153,7 @@ def held_force(model: RobotModel, grippers: Sequence[str], driven: tuple[float, 
         F = H u' + c + sum_i S_i' f_i,    f_i = C_i (sum C)^-1 (M (S u' + s) + bias),
 
     where S u' + s, the object's acceleration, is that of any gripper. `HeldLoad` says why. F depends on u linearly:
-    coordinates of the base that are not driven react, see `of_driven`.
+    coordinates of the base that are not driven react, see `law_with_driven_coordinates`.
 
     Args:
         model: The robot.
@@ -164,13 +166,13 @@ def held_force(model: RobotModel, grippers: Sequence[str], driven: tuple[float, 
     def derive() -> ca.Function:
         if driven == all_driven:
             return _held_force(model, grippers)
-        return of_driven(model.spec, held_force(model, grippers), ca.DM(driven))
+        return law_with_driven_coordinates(model.spec, held_force(model, grippers), ca.DM(driven))
 
     return model.derived((held_force, tuple(grippers), driven), derive)
 
 
 def pushed_held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
-    """Return `held_force` where other forces act on the base than it asks for; see `of_pushed`.
+    """Return `held_force` where other forces act on the base than it asks for; see `law_with_base_force`.
 
     Its further arguments are the force on the base now, w, and the mean over a period of pulses, w_m, (n_twist,) each.
     The motion of the base does not strain the object: u_j is what the joints follow, whatever the base does. Robot and
@@ -192,7 +194,7 @@ def pushed_held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function
         joints = model.space.joint_rates
         Q, v, u, grasps, w, body = held.sx_in()
         now, mean = (ca.SX.sym(name, base.stop) for name in ("now", "mean"))
-        F = of_pushed(model.spec, held)(Q, v, u, grasps, w, body, mean)
+        F = law_with_base_force(model.spec, held)(Q, v, u, grasps, w, body, mean)
         alone = model.law((1.0,) * base.stop)(Q, v, u, w)
         pushed = model.pushed_law(Q, v, u, w, alone[base] + now - mean)
         F[joints] += pushed[joints] - alone[joints]
@@ -217,10 +219,10 @@ def held_momentum(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
         Q = ca.SX.sym("Q", model.nq)
         v = ca.SX.sym("v", model.n)
         p = ca.SX.sym("p", (space.n_pose + 2) * len(grippers))
-        hold = _hold(model, grippers[:1], Q, ca.SX.zeros(model.n), v, p[: space.n_pose + 2])
+        hold = _object_motions(model, grippers[:1], Q, ca.SX.zeros(model.n), v, p[: space.n_pose + 2])
         gripper, _ = space.to_3d(ca.vertsplit(model.g(Q)[model.pose_rows[grippers[0]]]))
         centre = add(gripper, scaled(ca.vertsplit(hold.levers), -1))
-        linear, angular = space.twist_to_3d(ca.vertsplit(_wrench(body, hold, hold.accelerations)))
+        linear, angular = space.twist_to_3d(ca.vertsplit(_object_wrench(body, hold, hold.accelerations)))
         momentum = space.twist(linear, add(angular, cross(centre, linear)))
         return ca.Function("held_momentum", [Q, v, p, numbers], [ca.cse(ca.vertcat(*momentum))])
 
@@ -260,10 +262,10 @@ def _held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     u = ca.SX.sym("u", model.n)
     p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
     w = ca.SX.sym("w", model.nominal.vector.size)
-    hold = _hold(model, grippers, Q, v, u, p)
+    hold = _object_motions(model, grippers, Q, v, u, p)
     closed = _closed_chain(hold, u)
-    borne = _borne(body.space, hold.levers, p, _wrench(body, hold, closed.acceleration))
-    force = model.dynamics.inverse(Q, v, closed.followed, w) + closed.S.T @ borne
+    borne = _shared_wrenches(body.space, hold.levers, p, _object_wrench(body, hold, closed.acceleration))
+    force = model.dynamics.inverse(Q, v, closed.attainable, w) + closed.S.T @ borne
     return ca.Function("held", [Q, v, u, p, w, numbers], [ca.cse(ca.densify(force))])
 
 
@@ -282,8 +284,8 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
     acceleration = ca.SX.sym("acceleration", size)
 
     # by z and u', at the acceleration of the object; as one Jacobian, so that its rows share what they have in common
-    hold = _hold(model, grippers, Q, v, u, p)
-    wrench = _wrench(body, hold, acceleration)
+    hold = _object_motions(model, grippers, Q, v, u, p)
+    wrench = _object_wrench(body, hold, acceleration)
     law = model.dynamics.inverse(Q, v, u, w)
     rows = ca.cse([law, hold.accelerations, wrench, hold.levers])
     explicit = ca.Function(
@@ -297,12 +299,12 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
         ],
     )
     closed = _closed_chain(hold, u)
-    by_motion, M, wrench, levers = explicit(joints, v, closed.followed, closed.acceleration, p, w, numbers)
+    by_motion, M, wrench, levers = explicit(joints, v, closed.attainable, closed.acceleration, p, w, numbers)
     first_rows = np.cumsum([0, *(each.numel() for each in rows)]).tolist()
     law_by, accelerations_by, wrench_by, levers_by = ca.vertsplit(ca.sparsify(by_motion), first_rows)
     accelerations_by = ca.horzcat(accelerations_by[:, :-n], closed.S)
 
-    borne, borne_by_levers, borne_by_wrench = _borne_with_jacobians(space, len(grippers))(levers, wrench, p)
+    borne, borne_by_levers, borne_by_wrench = _shared_wrenches_with_jacobians(space, len(grippers))(levers, wrench, p)
     S = closed.S
     by_wrench = S.T @ borne_by_wrench
     by_acceleration = by_wrench @ M
@@ -352,7 +354,7 @@ def _geometric_stiffness(space: ConfigurationSpace, S: ca.SX, wrenches: ca.SX) -
     return ca.sparsify(stiffness)
 
 
-def _followed_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
+def _attainable_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     """Return state [Q; v], u, closed, grasps, tick -> the state after the tick, u' of `held_force` (n,).
 
     Where the grippers are not closed u' is u. The state only says where the chain is: the turn's change of direction
@@ -368,17 +370,17 @@ def _followed_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
         grasps = ca.SX.sym("grasps", (model.space.n_pose + 2) * len(grippers))
         Q = state[: model.nq]
         v = state[model.nq :]
-        nearest = _closed_chain(_hold(model, grippers, Q, v, u, grasps), u).followed
-        followed = ca.if_else(closed, nearest, u)
-        step = tick * v + tick**2 / 2 * followed
-        after = ca.vertcat(*model.space.integrate(ca.vertsplit(Q), ca.vertsplit(step)), v + tick * followed)
-        return ca.Function("followed", [state, u, closed, grasps, tick], ca.cse([after, followed]))
+        nearest = _closed_chain(_object_motions(model, grippers, Q, v, u, grasps), u).attainable
+        attainable = ca.if_else(closed, nearest, u)
+        step = tick * v + tick**2 / 2 * attainable
+        after = ca.vertcat(*model.space.integrate(ca.vertsplit(Q), ca.vertsplit(step)), v + tick * attainable)
+        return ca.Function("attainable", [state, u, closed, grasps, tick], ca.cse([after, attainable]))
 
-    return model.derived((_followed_tick, tuple(grippers)), derive)
+    return model.derived((_attainable_tick, tuple(grippers)), derive)
 
 
 @dataclass(frozen=True)
-class _Hold:
+class _ObjectMotions:
     """The object as each gripper would move it if it were fixed to it; vectors are in the inertial frame.
 
     Attributes:
@@ -394,7 +396,9 @@ class _Hold:
     omega: Vector
 
 
-def _hold(model: RobotModel, grippers: Sequence[str], Q: ca.SX, v: ca.SX, vdot: ca.SX, p: ca.SX) -> _Hold:
+def _object_motions(
+    model: RobotModel, grippers: Sequence[str], Q: ca.SX, v: ca.SX, vdot: ca.SX, p: ca.SX
+) -> _ObjectMotions:
     """Derive how grippers move the object in grasps p, of each its pose in the object's frame and both stiffnesses."""
     space = model.space
     tools = tool_motions(model.spec, Q, v, vdot)
@@ -409,7 +413,7 @@ def _hold(model: RobotModel, grippers: Sequence[str], Q: ca.SX, v: ca.SX, vdot: 
         at_centre = add(tool.acceleration, point_acceleration(tool.omega, tool.alpha, scaled(lever, -1)))
         accelerations += space.twist(at_centre, tool.alpha)
         levers += lever
-    return _Hold(ca.vertcat(*accelerations), ca.vertcat(*levers), attitude, tools[grippers[0]].omega)
+    return _ObjectMotions(ca.vertcat(*accelerations), ca.vertcat(*levers), attitude, tools[grippers[0]].omega)
 
 
 @dataclass(frozen=True)
@@ -418,20 +422,20 @@ class _ClosedChain:
 
     Attributes:
         S: Velocities of the object by v, of one gripper below the other (A size, n).
-        followed: u' = u - S'strain (n,).
+        attainable: u' = u - S'strain (n,).
         acceleration: Of the object, by the first gripper, S_1 u' + s_1 (size,).
         strain: The multipliers lambda as wrenches of the grippers that add up to 0, one below the other (A size,).
         projector: (G G')^-1 G ((A - 1) size, n).
     """
 
     S: ca.SX
-    followed: ca.SX
+    attainable: ca.SX
     acceleration: ca.SX
     strain: ca.SX
     projector: ca.SX
 
 
-def _closed_chain(hold: _Hold, u: ca.SX) -> _ClosedChain:
+def _closed_chain(hold: _ObjectMotions, u: ca.SX) -> _ClosedChain:
     """Return the accelerations nearest to u, a symbol (n,), with which all grippers move the object alike.
 
     G G' is regularized, because in space it loses rank where arms are stretched. A single gripper leaves u as it is.
@@ -449,7 +453,7 @@ def _closed_chain(hold: _Hold, u: ca.SX) -> _ClosedChain:
     shift = S.T @ strain
     return _ClosedChain(
         S=S,
-        followed=u - shift,
+        attainable=u - shift,
         acceleration=hold.accelerations[:size] - S[:size, :] @ shift,
         strain=strain,
         projector=solved[:, :-1],
@@ -469,13 +473,13 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
     vdot = ca.SX.sym("vdot", model.n)
     p = ca.SX.sym("p", (body.space.n_pose + 2) * len(grippers))
     acceleration = ca.SX.sym("acceleration", body.space.n_twist)
-    hold = _hold(model, grippers, Q, ca.SX.zeros(model.n), vdot, p)
-    inertia = ca.jacobian(_wrench(body, hold, acceleration), acceleration)
+    hold = _object_motions(model, grippers, Q, ca.SX.zeros(model.n), vdot, p)
+    inertia = ca.jacobian(_object_wrench(body, hold, acceleration), acceleration)
     terms = ca.jacobian(hold.accelerations, vdot), inertia
     return ca.Function("chain", [Q, p], ca.cse([ca.densify(term) for term in terms]))
 
 
-def _wrench(body: FreeBody, hold: _Hold, acceleration: ca.SX) -> ca.SX:
+def _object_wrench(body: FreeBody, hold: _ObjectMotions, acceleration: ca.SX) -> ca.SX:
     """Return the wrench (size,) that an acceleration of the object (size,) needs: M acceleration + bias.
 
     With attitude R and principal moments I_0 it is (m a, I alpha + omega x I omega), I = R I_0 R', of which the
@@ -492,7 +496,7 @@ def _wrench(body: FreeBody, hold: _Hold, acceleration: ca.SX) -> ca.SX:
     return ca.SX(ca.vertcat(*space.twist(scaled(linear, body.mass), moment)))
 
 
-def _borne(space: ConfigurationSpace, levers: ca.SX, p: ca.SX, wrench: ca.SX) -> ca.SX:
+def _shared_wrenches(space: ConfigurationSpace, levers: ca.SX, p: ca.SX, wrench: ca.SX) -> ca.SX:
     """Share the wrench that moves an object among A grippers, so that all grasps deflect equally.
 
     Gripper i bears f_i = C_i (sum C)^-1 wrench, with C_i the stiffness of its grasp about the object's centre: then
@@ -508,7 +512,7 @@ def _borne(space: ConfigurationSpace, levers: ca.SX, p: ca.SX, wrench: ca.SX) ->
         The wrenches f_i about the object's centre, one after the other (A n_twist,).
     """
     stiffness = [
-        _at_centre(space, ca.vertsplit(lever), *ca.vertsplit(grasp)[-2:])
+        _stiffness_about_centre(space, ca.vertsplit(lever), *ca.vertsplit(grasp)[-2:])
         for lever, grasp in zip(ca.vertsplit(levers, 3), ca.vertsplit(p, space.n_pose + 2), strict=True)
     ]
     if len(stiffness) == 1:
@@ -517,17 +521,17 @@ def _borne(space: ConfigurationSpace, levers: ca.SX, p: ca.SX, wrench: ca.SX) ->
     return ca.SX(ca.vertcat(*(C @ deflection for C in stiffness)))
 
 
-def _borne_with_jacobians(space: ConfigurationSpace, grippers: int) -> ca.Function:
-    """Return levers, wrench, grasps -> `_borne`, its derivatives by levers and by the wrench."""
+def _shared_wrenches_with_jacobians(space: ConfigurationSpace, grippers: int) -> ca.Function:
+    """Return levers, wrench, grasps -> `_shared_wrenches`, its derivatives by levers and by the wrench."""
     levers = ca.SX.sym("levers", 3 * grippers)
     wrench = ca.SX.sym("wrench", space.n_twist)
     p = ca.SX.sym("p", (space.n_pose + 2) * grippers)
-    borne = _borne(space, levers, p, wrench)
+    borne = _shared_wrenches(space, levers, p, wrench)
     jacobians = ca.jacobian(borne, levers), ca.jacobian(borne, wrench)
     return ca.Function("borne", [levers, wrench, p], [borne, *jacobians])
 
 
-def _at_centre(space: ConfigurationSpace, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
+def _stiffness_about_centre(space: ConfigurationSpace, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
     """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
     displacement = ca.SX.sym("d", space.n_twist)
     moved, turned = space.twist_to_3d(ca.vertsplit(displacement))

@@ -103,10 +103,12 @@ class LowLevelLaw:
         return F
 
     def prepare(self) -> None:
-        """Derive what `followed` needs, so that no sample waits for it."""
+        """Derive what `attainable_accelerations` needs, so that no sample waits for it."""
 
-    def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
-        """Return the accelerations (M, n) that the robot has under commanded ones, see `HeldLoad.followed`."""
+    def attainable_accelerations(
+        self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float
+    ) -> np.ndarray:
+        """Return the robot's accelerations (M, n) under commanded ones, see `HeldLoad.attainable_accelerations`."""
         return u
 
 
@@ -155,9 +157,11 @@ class LoadedLaw(LowLevelLaw):
         """Derive what the closed chain leaves of commanded accelerations."""
         self._load.prepare()
 
-    def followed(self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float) -> np.ndarray:
+    def attainable_accelerations(
+        self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float
+    ) -> np.ndarray:
         """Return what the closed chain leaves of the commanded accelerations."""
-        return self._load.followed(Q, v, u, closed, tick) if closed.any() else u
+        return self._load.attainable_accelerations(Q, v, u, closed, tick) if closed.any() else u
 
 
 def low_level_law(model: RobotModel, body: FreeBody, grasp: GraspSpec) -> LowLevelLaw:

@@ -20,8 +20,8 @@ from psmpc_cli.robot.dynamics import (
     derive_dynamics,
     derive_task_space_dynamics,
     function,
-    of_driven,
-    of_pushed,
+    law_with_base_force,
+    law_with_driven_coordinates,
     stored_in,
 )
 from psmpc_cli.robot.kinematics import Frame, SpatialFrame, place
@@ -76,11 +76,11 @@ class RobotModel:
         self.n = self.space.n
         self.nq = self.space.nq
         Q = ca.SX.sym("Q", self.nq)
-        bodies, xi = self._placed(self.space.base_frame(Q), Q[self.space.joint_coordinates])
+        bodies, xi = self._frames_and_poses(self.space.base_frame(Q), Q[self.space.joint_coordinates])
         body_poses = ca.horzcat(*(frame.pose for frame in bodies))
         self.m = xi.numel()
-        self.parts = _rows(spec.parts)
-        self.pose_rows = _rows(dict.fromkeys(("base", *spec.tools), self.space.n_pose))
+        self.parts = _consecutive_slices(spec.parts)
+        self.pose_rows = _consecutive_slices(dict.fromkeys(("base", *spec.tools), self.space.n_pose))
         self.n_twists = self.space.n_twist * len(self.pose_rows)
         self.g = function("g", {"Q": Q}, {"xi": xi})
         self.body_poses = function("body_poses", {"Q": Q}, {"poses": body_poses})
@@ -103,7 +103,7 @@ class RobotModel:
         built: T = self._derived[key]
         return built
 
-    def _placed(self, base: Frame, joints: ca.SX) -> tuple[list[Frame], ca.SX]:
+    def _frames_and_poses(self, base: Frame, joints: ca.SX) -> tuple[list[Frame], ca.SX]:
         """Return the frames of the bodies, and the poses xi (m,), with the base at a frame and joints (joints,)."""
         bodies, tools = place(self.spec, base, joints)
         return bodies, ca.vertcat(bodies[0].pose, *(frame.pose for frame in tools.values()))
@@ -159,15 +159,15 @@ class RobotModel:
 
     def _law(self, driven: tuple[float, ...]) -> ca.Function:
         if not all(driven):
-            return of_driven(self.spec, self.law((1.0,) * len(driven)), ca.DM(driven))
+            return law_with_driven_coordinates(self.spec, self.law((1.0,) * len(driven)), ca.DM(driven))
         Q, v, u, w = self.dynamics.inverse.sx_in()
         return function("law", {"Q": Q, "v": v, "u": u, "w": w}, {"F": self.dynamics.inverse(Q, v, u, w)})
 
     @property
     def pushed_law(self) -> ca.Function:
-        """Q, v, u, w, force on the base (n_twist,) -> F (n,), where that force acts on it; see `of_pushed`."""
+        """Q, v, u, w, force that acts on the base (n_twist,) -> F (n,); see `law_with_base_force`."""
         every = (1.0,) * self.space.n_twist
-        return self.derived(("pushed law",), lambda: of_pushed(self.spec, self.law(every)))
+        return self.derived(("pushed law",), lambda: law_with_base_force(self.spec, self.law(every)))
 
     def law_jacobian(self, driven: tuple[float, ...] | None = None) -> ca.Function:
         """Return joints, v, u, w -> the derivatives of `law` by [joints; v; u] (n, joints + 2n), base at neutral.
@@ -196,7 +196,7 @@ class RobotModel:
         """Coordinates in a chart (n,), its anchor -> xi (m,)."""
         Q = ca.SX.sym("Q", self.n)
         anchor = ca.SX.sym("anchor", self.space.n_anchor)
-        _, xi = self._placed(self.space.charted_frame(Q, anchor), Q[self.space.joint_rates])
+        _, xi = self._frames_and_poses(self.space.charted_frame(Q, anchor), Q[self.space.joint_rates])
         return function("charted", {"Q": Q, "anchor": anchor}, {"xi": xi})
 
     @cached_property
@@ -365,7 +365,7 @@ class RobotModel:
             parameters: Inertial parameters of the robot; by default its own.
             driven: On which coordinates of the base something acts, see `driven`; by default as its description says.
             base_force: Force that acts on the base, whatever is commanded, its moment in space about the base's axes
-                (n_twist,) [N, N m]; see `of_pushed` for what is then returned. By default that of the law.
+                (n_twist,) [N, N m]; see `law_with_base_force` for what is then returned. By default that of the law.
         """
         if base_force is not None:
             return self._evaluate("pushed_law", Q, v, u, self._parameter_vector(parameters), base_force)
@@ -444,7 +444,7 @@ class RobotModel:
             InputError: Arguments are no numbers, or of the wrong size.
         """
         rows: tuple[int, ...] = ()
-        function, sizes = self._on_arrays(name)
+        function, sizes = self._batch_function(name)
         for (of, size), argument in zip(sizes.items(), arguments, strict=True):
             shape = shape_of(argument)
             if of == "Q" and shape:
@@ -460,7 +460,7 @@ class RobotModel:
         require("parameters", parameters, InertialParameters, "InertialParameters")
         return parameters.vector
 
-    def _on_arrays(self, name: str | tuple[float, ...]) -> tuple[BatchFunction, dict[str, int]]:
+    def _batch_function(self, name: str | tuple[float, ...]) -> tuple[BatchFunction, dict[str, int]]:
         """Return a CasADi function on arrays, and the sizes of its arguments by name, Q first."""
 
         def build() -> tuple[BatchFunction, dict[str, int]]:
@@ -553,7 +553,7 @@ def _frame_jacobian(spec: RobotSpec, bodies: Sequence[SpatialFrame], body: int, 
     return J
 
 
-def _rows(sizes: Mapping[str, int]) -> dict[str, slice]:
+def _consecutive_slices(sizes: Mapping[str, int]) -> dict[str, slice]:
     """Return consecutive slices of the given sizes."""
     rows = {}
     first = 0

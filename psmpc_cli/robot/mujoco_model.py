@@ -56,9 +56,11 @@ def mujoco_spec(
     base, *links = spec.bodies
     moves = spec.moved_by.moves
     # a fixed base may have no mass, which MuJoCo only takes of a body that says nothing of it
-    added: list[Any] = [robot.worldbody.add_body(name=base.name, **(_inertial(base, parameters, 0) if moves else {}))]
+    added: list[Any] = [
+        robot.worldbody.add_body(name=base.name, **(_inertia_fields(base, parameters, 0) if moves else {}))
+    ]
     if moves:
-        _let_move(added[0], "base", spec.dimension)
+        _add_free_joints(added[0], "base", spec.dimension)
     added[0].add_site(name="base")
     for name, wheel in zip(wheel_names(spec), spec.wheels, strict=True):
         about = {"inertia": [wheel.inertia] * 3, "mass": WHEEL_MASS, "ipos": [0, 0, 0], "explicitinertial": True}
@@ -67,11 +69,13 @@ def mujoco_spec(
         wheel_body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
     for number, (link, joint) in enumerate(zip(links, spec.joints, strict=True), start=1):
         carrier = added[joint.at.body]
-        added.append(carrier.add_body(name=link.name, **_place(joint.at), **_inertial(link, parameters, number)))
+        added.append(
+            carrier.add_body(name=link.name, **_frame_fields(joint.at), **_inertia_fields(link, parameters, number))
+        )
         kind = mujoco.mjtJoint.mjJNT_SLIDE if joint.prismatic else mujoco.mjtJoint.mjJNT_HINGE
         added[-1].add_joint(name=link.name, type=kind, axis=joint.axis, armature=joint.armature)
     for number, (name, tool) in enumerate(spec.tools.items()):
-        added[tool.body].add_site(name=name, **_place(tool))
+        added[tool.body].add_site(name=name, **_frame_fields(tool))
         held = {
             "mass": parameters.held_mass[number],
             "ipos": [0, 0, 0],
@@ -82,7 +86,7 @@ def mujoco_spec(
         body = robot.worldbody.add_body(
             name=OBJECT, mass=target_object.mass, inertia=target_object.moments, explicitinertial=True
         )
-        _let_move(body, OBJECT, spec.dimension)
+        _add_free_joints(body, OBJECT, spec.dimension)
     return robot
 
 
@@ -110,7 +114,7 @@ def _turning_z_to(axis: np.ndarray) -> np.ndarray:
     return np.asarray(q / np.linalg.norm(q))
 
 
-def _let_move(body: Any, name: str, dimension: int) -> None:
+def _add_free_joints(body: Any, name: str, dimension: int) -> None:
     """Add the joints of a free body."""
     import mujoco
 
@@ -122,7 +126,7 @@ def _let_move(body: Any, name: str, dimension: int) -> None:
     body.add_joint(name=f"{name}.angle", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
 
 
-def _inertial(body: Body, parameters: InertialParameters, number: int) -> dict[str, Any]:
+def _inertia_fields(body: Body, parameters: InertialParameters, number: int) -> dict[str, Any]:
     """Return the inertial parameters of a body."""
     offset = parameters.offset[number]
     moments = parameters.inertia[number]
@@ -131,6 +135,6 @@ def _inertial(body: Body, parameters: InertialParameters, number: int) -> dict[s
     return {"mass": parameters.mass[number], "ipos": centre, "explicitinertial": True, **inertia}
 
 
-def _place(at: Attachment) -> dict[str, Any]:
+def _frame_fields(at: Attachment) -> dict[str, Any]:
     """Return position [m] and orientation of a frame in its parent."""
     return {"pos": at.position, "quat": exp(at.rotation)}

@@ -112,7 +112,7 @@ def reach_of(
     base = _frame(robot, "base_pose", base_pose)
     target = _frame(robot, "pose", pose)
     low, high = limits or _joint_limits(robot, arm)
-    rows, sliding = _joints(robot, arm)
+    rows, sliding = _joint_rows_and_sliding(robot, arm)
     lengths = np.linalg.norm(robot.link_ends(arm), axis=1)
     slides = float(np.maximum(np.abs(low), np.abs(high))[sliding].sum())
     outer = float(lengths[:-1].sum()) + slides
@@ -125,7 +125,7 @@ def reach_of(
     wrist_distance = float(np.linalg.norm(wrist - first.position))
     within = inner - TOLERANCE <= wrist_distance <= outer + TOLERANCE
     start = np.zeros(len(low)) if near is None else np.asarray(near, dtype=float)
-    q, missed = _configuration(model, arm, base, target, low, high, start) if within else (None, (np.inf, np.inf))
+    q, missed = _find_configuration(model, arm, base, target, low, high, start) if within else (None, (np.inf, np.inf))
     return Reach(
         distance=float(np.linalg.norm(np.array(target.position) - first.position)),
         wrist_distance=wrist_distance,
@@ -139,7 +139,7 @@ def reach_of(
     )
 
 
-def _joints(robot: RobotSpec, arm: str) -> tuple[slice, Array]:
+def _joint_rows_and_sliding(robot: RobotSpec, arm: str) -> tuple[slice, Array]:
     """Return the rows of an arm in the joint coordinates of all arms, and which of its joints slide, (links,)."""
     parts = list(robot.parts)[1:]
     first = sum(robot.parts[part] for part in parts[: parts.index(arm)])
@@ -147,7 +147,7 @@ def _joints(robot: RobotSpec, arm: str) -> tuple[slice, Array]:
     return rows, np.array([joint.prismatic for joint in robot.joints[rows]])
 
 
-def _configuration(
+def _find_configuration(
     model: RobotModel, arm: str, base: SpatialFrame, target: SpatialFrame, low: Array, high: Array, near: Array
 ) -> tuple[Array | None, tuple[float, float]]:
     """Search for joint coordinates (links,) within the limits that take a pose, near some first; None if not found.
@@ -156,8 +156,8 @@ def _configuration(
     Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
     """
     frames = np.r_[tuple(base.position), tuple(base.quaternion), tuple(target.position), tuple(target.quaternion)]
-    miss, derivative = model.derived(("reach", arm), lambda: _miss(model.spec, arm))
-    _, sliding = _joints(model.spec, arm)
+    miss, derivative = model.derived(("reach", arm), lambda: _pose_error_functions(model.spec, arm))
+    _, sliding = _joint_rows_and_sliding(model.spec, arm)
 
     def error(q: Array) -> Array:
         return miss(q, frames)[0].ravel()
@@ -167,12 +167,12 @@ def _configuration(
     missing = (np.inf, np.inf)
     start_near = np.clip(near, low, high)
     if near.any():
-        start_near = _continued(error, derivative, frames, bounds, start_near)
-    for start in _starts(low, high, start_near):
+        start_near = _follow_to_pose(error, derivative, frames, bounds, start_near)
+    for start in _search_starts(low, high, start_near):
         solution = least_squares(
             error, start, lambda q: derivative(q, frames)[0].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
         )
-        angles = np.where(sliding, np.clip(solution.x, low, high), _nearest(solution.x, low, high, near))
+        angles = np.where(sliding, np.clip(solution.x, low, high), _nearest_turns(solution.x, low, high, near))
         off = error(angles)
         if np.linalg.norm(off) < best:
             best = float(np.linalg.norm(off))
@@ -182,7 +182,7 @@ def _configuration(
     return None, missing
 
 
-def _continued(
+def _follow_to_pose(
     error: Callable[[Array], Array],
     derivative: ArrayFunction,
     frames: Array,
@@ -210,13 +210,13 @@ def _continued(
     return q
 
 
-def _miss(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, ArrayFunction]:
+def _pose_error_functions(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, ArrayFunction]:
     """Return by how much the end-effector of an arm misses a pose (6,), and the derivative by the arm's joints.
 
     Both are functions of the joint coordinates (links,) and of [position and quaternion of the base, of the pose]
     (14,). Joints of other arms are at 0.
     """
-    rows, sliding = _joints(robot, arm)
+    rows, sliding = _joint_rows_and_sliding(robot, arm)
     q = ca.SX.sym("q", len(sliding))
     frames = ca.SX.sym("frames", 14)
     base_position, base_quaternion, position, quaternion = map(ca.vertsplit, ca.vertsplit(frames, [0, 3, 7, 10, 14]))
@@ -230,7 +230,7 @@ def _miss(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, ArrayFunction]:
     return ArrayFunction(value), ArrayFunction(ca.Function("miss_by_joints", [q, frames], [derivative]))
 
 
-def _starts(low: Array, high: Array, near: Array) -> Iterator[Array]:
+def _search_starts(low: Array, high: Array, near: Array) -> Iterator[Array]:
     """Yield the joint coordinates nearest to some, then random ones within one turn of each joint."""
     yield np.clip(near, low, high)
     random = np.random.default_rng(SEED)
@@ -239,7 +239,7 @@ def _starts(low: Array, high: Array, near: Array) -> Iterator[Array]:
         yield random.uniform(first, np.minimum(high, first + 2 * np.pi))
 
 
-def _nearest(q: Array, low: Array, high: Array, near: Array) -> Array:
+def _nearest_turns(q: Array, low: Array, high: Array, near: Array) -> Array:
     """Return the equivalent of each angle (links,) that is nearest to another one within its limits."""
     q = np.clip(q, low, high)
     turned = q - 2 * np.pi * np.round((q - near) / (2 * np.pi))

@@ -46,7 +46,7 @@ class RobotShape:
             if at.body or (np.abs(inside) > self.box + 1e-9).any():
                 ends[at.body].append(((0, 0, 0), at.position))
             if joint.prismatic:
-                along = np.multiply.outer(_travel(spec, number), _turn(at) @ joint.axis)
+                along = np.multiply.outer(_travel_limits(spec, number), _rotation_matrix(at) @ joint.axis)
                 ends[at.body].append((along + at.position).tolist())
         for tool in spec.tools.values():
             ends[tool.body].append(((0, 0, 0), tool.position))
@@ -57,7 +57,7 @@ class RobotShape:
         self.capsules: tuple[Array, ...] = tuple(np.reshape(of_body, (-1, 2, 3)) for of_body in seen)
         finger = FINGER * self.reach
         tools = spec.tools.items()
-        self.grippers = {arm: _gripper(spec.joints[tool.body - 1], tool, finger) for arm, tool in tools}
+        self.grippers = {arm: _gripper_outline(spec.joints[tool.body - 1], tool, finger) for arm, tool in tools}
 
 
 def _planar_box(spec: RobotSpec, longest: float) -> tuple[Array, Array]:
@@ -95,21 +95,21 @@ def _solid_box(base: Body, half: float) -> tuple[Array, Array]:
     return np.sqrt(np.maximum(squared_half_edges, 1e-3 * squared_half_edges.max())), frame
 
 
-def _travel(spec: RobotSpec, number: int) -> Array:
+def _travel_limits(spec: RobotSpec, number: int) -> Array:
     """Return the lower and upper limit of a body's joint [m], 0 where there is none."""
     arm, _, link = spec.bodies[number].name.rpartition(".")
     limits = limits_of_part(spec.limits, arm, "position")
     return np.array((limits and limits[int(link) - 1]) or (0.0, 0.0))
 
 
-def _turn(at: Attachment) -> Array:
+def _rotation_matrix(at: Attachment) -> Array:
     return np.asarray(Rotation.from_rotvec(at.rotation).as_matrix())
 
 
-def _gripper(joint: Joint, tool: Attachment, finger: float) -> Array:
+def _gripper_outline(joint: Joint, tool: Attachment, finger: float) -> Array:
     """Return the outline of a gripper, open along the last link, its fingers apart in the plane its joint turns in."""
     tip = np.array(tool.position)
-    turned = _turn(tool)
+    turned = _rotation_matrix(tool)
     along = tip / length if (length := np.linalg.norm(tip)) > 1e-9 else turned[:, 2]
     across = np.cross(joint.axis, along)
     if np.linalg.norm(across) < 0.1:  # a wrist that rolls

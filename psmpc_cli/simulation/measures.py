@@ -92,7 +92,7 @@ class Meter:
         if wheel_momenta is not None:
             self._expected_balance = (
                 self._expected_balance
-                + self._wheels.balance(initial_state[None, : problem.model.nq], wheel_momenta[None])[0]
+                + self._wheels.momentum_and_energy(initial_state[None, : problem.model.nq], wheel_momenta[None])[0]
             )
 
     def measure(
@@ -343,7 +343,7 @@ class Meter:
         known = [of_sample.momentum[-1] for of_sample in ticks if of_sample is not None]
         if len(known) < len(states):
             return 0.0
-        return self._wheels.balance(states[:, : self._problem.model.nq], np.array(known))
+        return self._wheels.momentum_and_energy(states[:, : self._problem.model.nq], np.array(known))
 
     def _torque_of_thrusters(self, ticks: Sequence[Ticks], torque_norms: np.ndarray) -> np.ndarray:
         """Compute norms of the torques on the base (K, M) without what wheels give: only thrusters use propellant.

@@ -30,7 +30,7 @@ def follow(true: np.ndarray, gain: float, samples: int, noise: float = 0.0, dela
     for k in range(samples):
         measured = State(np.zeros(3), v + noise * random.standard_normal(3))
         planned = np.tile([np.sin(k), np.cos(k), 0.1 * k], (TICKS, 1))
-        estimate, u = estimating.command(estimating.measured(estimate, k * T, measured), planned)
+        estimate, u = estimating.command(estimating.after_measurement(estimate, k * T, measured), planned)
         under_way.append(u.mean(axis=0))
         v = v + T * (under_way.pop(0) + true)
         found.append(estimate.disturbance)
@@ -55,26 +55,26 @@ def test_a_smaller_gain_lets_less_noise_through() -> None:
 
 def test_a_measurement_that_is_not_finite_changes_no_disturbance() -> None:
     estimating, u = estimator(gain=0.5), np.zeros((TICKS, 3))
-    estimate, _ = estimating.command(estimating.measured(None, 0.0, State(np.zeros(3), np.zeros(3))), u)
-    estimate = estimating.measured(estimate, T, State(np.zeros(3), np.array([np.nan, 1.0, 0.0])))
+    estimate, _ = estimating.command(estimating.after_measurement(None, 0.0, State(np.zeros(3), np.zeros(3))), u)
+    estimate = estimating.after_measurement(estimate, T, State(np.zeros(3), np.array([np.nan, 1.0, 0.0])))
     np.testing.assert_allclose(estimate.disturbance, [0.0, 5.0, 0.0])
 
 
 def test_without_delay_and_noise_the_measured_state_is_the_one_to_decide_from() -> None:
     state, estimating = State(np.zeros(3), np.ones(3)), estimator()
-    estimate, _ = estimating.command(estimating.measured(None, 0.0, state), np.ones((TICKS, 3)))
-    assert estimating.foreseen(estimating.measured(estimate, T, state)) is state
+    estimate, _ = estimating.command(estimating.after_measurement(None, 0.0, state), np.ones((TICKS, 3)))
+    assert estimating.predicted_over_delay(estimating.after_measurement(estimate, T, state)) is state
 
 
 def test_the_foreseen_state_follows_what_was_planned_since_the_measurement() -> None:
     """Two samples of 0.1 s under 1 and 2 m/s^2 from rest at 7: 7 + 0.005 + 0.01 + 0.01 m, and 0.3 m/s."""
     estimating, state = estimator(delay=2, offset_free=False), State(np.full(3, 7.0), np.zeros(3))
-    estimate = estimating.measured(None, 0.0, state)
-    np.testing.assert_allclose(estimating.foreseen(estimate).vector, state.vector)
+    estimate = estimating.after_measurement(None, 0.0, state)
+    np.testing.assert_allclose(estimating.predicted_over_delay(estimate).vector, state.vector)
     for k, u in enumerate((1.0, 2.0)):
         estimate, _ = estimating.command(estimate, np.full((TICKS, 3), u))
-        estimate = estimating.measured(estimate, (k + 1) * T, state)
-    np.testing.assert_allclose(estimating.foreseen(estimate).vector, [7.025] * 3 + [0.3] * 3, atol=1e-12)
+        estimate = estimating.after_measurement(estimate, (k + 1) * T, state)
+    np.testing.assert_allclose(estimating.predicted_over_delay(estimate).vector, [7.025] * 3 + [0.3] * 3, atol=1e-12)
 
 
 SIGMA = 1e-3
@@ -104,8 +104,8 @@ class Filtered:
         measured = State(np.array(self.space.integrate(self.true.Q, noise)), self.true.v)
         if not is_measured:
             measured = State(np.full_like(measured.Q, np.nan), np.full(n, np.nan))
-        estimate = self.estimator.measured(self.estimate, self.count * T, measured)
-        self.expected.append(self.estimator.foreseen(estimate))
+        estimate = self.estimator.after_measurement(self.estimate, self.count * T, measured)
+        self.expected.append(self.estimator.predicted_over_delay(estimate))
         if len(self.expected) > self.delay:
             self.errors.append(np.array(self.space.difference(self.true.Q, self.expected[self.count - self.delay].Q)))
         self.noises.append(noise)
@@ -168,12 +168,12 @@ def test_velocities_that_commands_do_not_explain_tell_of_no_delay() -> None:
     estimating = Estimator(spec, PlanarSpace(1), np.ones(4, bool), np.zeros(8), T / TICKS)
     found = dict[bool, float]()
     for is_unexplained in (False, True):
-        estimate = estimating.measured(None, 0.0, State(np.zeros(4), np.zeros(4)))
+        estimate = estimating.after_measurement(None, 0.0, State(np.zeros(4), np.zeros(4)))
         for k in range(30):
             estimate, _ = estimating.command(estimate, np.full((TICKS, 4), np.sin(k)))
             v = np.full(4, T * sum(np.sin(j) for j in range(k - 2)))  # three samples late
             state = State(np.zeros(4), v)
-            estimate = estimating.measured(estimate, (k + 1) * T, state, is_unexplained=is_unexplained)
+            estimate = estimating.after_measurement(estimate, (k + 1) * T, state, is_unexplained=is_unexplained)
         found[is_unexplained] = estimate.delay.seconds
     assert found[False] == pytest.approx(3 * T, abs=0.01)
     assert found[True] == 0.0

@@ -57,7 +57,7 @@ def test_a_robot_that_moves_brakes_at_once_where_its_first_solve_fails() -> None
 
 def test_a_plan_is_trusted_no_further_than_to_the_end_of_a_stage() -> None:
     plan = resting_plan(0.0, 8.0, 4, np.zeros(18))
-    plans = PlansInForce().on_success(plan, sequence_of(2, [3.0, 5.0])).measured()
+    plans = PlansInForce().on_success(plan, sequence_of(2, [3.0, 5.0])).fully_trusted()
     for stage, end in ((2, 3.0), (3, 5.0), (4, 8.0)):
         trusted = plans.trusted_to_end_of(stage)
         assert not trusted.expires_before_next(end - 0.11, 0.1)

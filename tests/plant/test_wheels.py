@@ -65,7 +65,7 @@ def accelerations(model: RobotModel, ticks: int) -> Array:
 def total(model: RobotModel, wheels: Wheels, X: Array, h: Array) -> Array:
     """Momentum and energy of bodies and wheels in states X (K, nq + n)."""
     Q, v = np.split(X, [model.nq], axis=1)
-    return np.asarray(model.balance(Q, v) + wheels.balance(Q, h))
+    return np.asarray(model.balance(Q, v) + wheels.momentum_and_energy(Q, h))
 
 
 @PLANTS

@@ -82,5 +82,5 @@ def test_what_a_robot_follows_keeps_the_relative_pose_of_closed_grippers(robot: 
         return float(np.abs(space.pose_error(relative(path[-1]), relative(Q))).max())
 
     assert drift(u) > 1e-3
-    assert drift(load.followed(Q, np.zeros(model.n), u, closed, 0.01)) < 1e-5
-    np.testing.assert_array_equal(load.followed(Q, np.zeros(model.n), u, ~closed, 0.01), u)
+    assert drift(load.attainable_accelerations(Q, np.zeros(model.n), u, closed, 0.01)) < 1e-5
+    np.testing.assert_array_equal(load.attainable_accelerations(Q, np.zeros(model.n), u, ~closed, 0.01), u)

@@ -36,8 +36,8 @@ def test_a_load_counts_while_hands_hold_it(model: RobotModel, motion: tuple[np.n
     Q, v, u = motion
     planned = np.tile(u, (3, 1))
     closed = np.array([False, True, True])
-    np.testing.assert_array_equal(law.followed(Q, v, planned, np.zeros(3, bool), 1e-3), planned)
-    followed = law.followed(Q, v, planned, closed, 1e-3)
+    np.testing.assert_array_equal(law.attainable_accelerations(Q, v, planned, np.zeros(3, bool), 1e-3), planned)
+    followed = law.attainable_accelerations(Q, v, planned, closed, 1e-3)
     np.testing.assert_array_equal(followed[0], u)
     assert np.abs(followed[1] - u).max() > 1e-3
 

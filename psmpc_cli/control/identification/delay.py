@@ -216,107 +216,137 @@ class DelayEstimator:
         """What is known before the first measurement: nothing, so that no delay is counted with."""
         return DelayEstimate(0.0, np.inf, np.zeros(len(self._delays)))
 
-    def measured(
+    def after_measurement(
         self, estimate: DelayEstimate, time: float, v: np.ndarray, commands: SentCommands, is_loaded: bool = False
     ) -> DelayEstimate:
-        """Return the estimate after a measurement.
+        """Return the estimate of the delay of commands after velocities were measured.
+
+        Measurements are collected in blocks of `BLOCK` samples. The velocities of a block are compared with those to
+        which the commands would have led under each delay. What a block has told is added to the *evidence*, the
+        log-likelihood of each delay, once the block is complete. Until then the block under way counts on top of it,
+        anew at every sample; but if the delay is well known already, it is looked at only when it is complete.
 
         Args:
             estimate: That of the sample before.
             time: Of the measurement [s].
-            v: Measured velocities (n,); where one is not finite the measurement is left out.
-            commands: What was commanded.
-            is_loaded: Grippers hold what the low-level law does not know.
+            v: Measured velocities (n,) [m/s, rad/s]; if one of them is not finite, the measurement is left out.
+            commands: What was commanded so far.
+            is_loaded: Grippers hold something that the low-level law does not know.
         """
         v = v[self._acted_on]
         if time < estimate.settled_at or not np.isfinite(v).all():
             return estimate
         times = (*estimate.times, time)
         velocities = (*estimate.velocities, v)
-        is_over = len(times) > BLOCK
+        is_complete = len(times) > BLOCK  # the first measurement of a block is the last of the block before
         estimate = replace(estimate, times=times, velocities=velocities)
         is_sure = estimate.deviation <= SURE
-        if len(times) == 1 or (is_sure and not is_over):
+        if len(times) == 1 or (is_sure and not is_complete):
             return estimate
-        block = np.array(times), np.array(velocities)
-        stride = self._stride * (FEWER if is_sure else 1)
-        in_force = round(estimate.seconds / self._tick)
-        log_likelihoods = self._likelihoods(*block, commands, is_loaded, stride, in_force)
+        log_likelihoods = self._log_likelihoods_of_block(
+            times=np.array(times),
+            v=np.array(velocities),
+            commands=commands,
+            is_loaded=is_loaded,
+            stride=self._stride * (FEWER if is_sure else 1),
+            in_force=round(estimate.seconds / self._tick),
+        )
+        evidence = estimate.evidence
         if log_likelihoods is not None:
-            estimate = self._updated(estimate, estimate.evidence + log_likelihoods)
-            log_likelihoods = estimate.evidence + log_likelihoods
-        if is_over:
-            evidence = (
-                estimate.evidence
-                if log_likelihoods is None
-                else np.maximum(log_likelihoods - log_likelihoods.max(), -DEPTH)
-            )
+            total = evidence + log_likelihoods
+            estimate = self._with_most_likely_delay(estimate, total)
+            evidence = np.maximum(
+                total - total.max(), -DEPTH
+            )  # no delay is ruled out for ever: the true one may change
+        if is_complete:
             estimate = replace(estimate, evidence=evidence, times=times[-1:], velocities=velocities[-1:])
         return estimate
 
     def unsettled(self, estimate: DelayEstimate, time: float) -> DelayEstimate:
-        """Return the estimate where commands do not explain velocities at a time [s]: the block does not count.
+        """Return the estimate without the block under way, since commands do not explain velocities at a time [s].
 
-        Grippers that close make them jump, and several that hold one body are a closed chain.
+        Grippers that close make velocities jump, and several grippers that hold one body are a closed chain.
         """
         return replace(estimate, times=(), velocities=(), settled_at=time + SETTLING)
 
-    def _likelihoods(
+    def _log_likelihoods_of_block(
         self, times: np.ndarray, v: np.ndarray, commands: SentCommands, is_loaded: bool, stride: int, in_force: int
     ) -> np.ndarray | None:
-        """Return the logarithm of the likelihood of each delay by measurements of a block (D,).
+        """Return the log-likelihood of each of D delays, by the measurements of one block.
 
-        Delays so many ticks apart are compared, and all that are near the one in force and the best one; between others
-        it is interpolated. None where nothing was commanded.
+        `DelayEstimator` has the model. The likelihood of a delay is that of the measured changes of velocity, given
+        those to which the commands led if they arrived so much later. It is computed for delays that are a stride
+        apart, and for all near the delay in force and near the most likely one; between others it is interpolated. If
+        the model explains velocities much worse than their noise allows, log-likelihoods are scaled down.
+
+        Args:
+            times: Of the measurements (K + 1,) [s].
+            v: Measured velocities on which commands act (K + 1, n) [m/s, rad/s].
+            commands: What was commanded so far.
+            is_loaded: Grippers hold something that the low-level law does not know.
+            stride: Distance of the delays that are compared first [ticks].
+            in_force: The delay that the controller counts with [ticks].
+
+        Returns:
+            The log-likelihoods of delays of 0, 1, ... ticks (D,); None if nothing was commanded, which tells nothing.
         """
         begin = times[0] - self._delays[-1]
         u = commands.commanded(begin, times[-1])[:, self._acted_on]
         if not u.any():
             return None
+        # what commands add to the velocity until the end of each tick
         summed = np.vstack([np.zeros(u.shape[1]), self._tick * np.cumsum(u, axis=0)])
         gain = GAIN_WITH_LOAD if is_loaded else GAIN
         share, least = WALK
         walk = (share * np.sqrt((u**2).mean()) + least) * self._sample_time
 
-        def reached(delays: np.ndarray) -> np.ndarray:
-            at = np.rint((times - self._delays[delays, None] - begin) / self._tick).astype(int)
-            return np.asarray(summed[np.clip(at, 0, len(u))])
+        def commanded_velocities(delays: np.ndarray) -> np.ndarray:
+            ticks = np.rint((times - self._delays[delays, None] - begin) / self._tick).astype(int)
+            return np.asarray(summed[np.clip(ticks, 0, len(u))])
 
-        first = np.union1d(np.arange(0, len(self._delays), stride), self._near(in_force))
+        first = np.union1d(np.arange(0, len(self._delays), stride), self._delays_within_stride(in_force))
         model = _VelocityModel(v, gain, walk, self._noise)
-        best, log_likelihoods, surplus = self._highest(first, reached, model)
+        best, log_likelihoods, surplus = self._refine_about_most_likely(first, commanded_velocities, model)
         if surplus > NOISIER:
-            model = model.with_noise_of(reached(np.array([best])))
-            _, log_likelihoods, surplus = self._highest(first, reached, model)
+            model = model.with_noise_of(commanded_velocities(np.array([best])))
+            _, log_likelihoods, surplus = self._refine_about_most_likely(first, commanded_velocities, model)
         return np.asarray(log_likelihoods / max(1.0, surplus))
 
-    def _highest(
-        self, first: np.ndarray, reached: Callable[[np.ndarray], np.ndarray], model: "_VelocityModel"
+    def _refine_about_most_likely(
+        self, first: np.ndarray, commanded_velocities: Callable[[np.ndarray], np.ndarray], model: "_VelocityModel"
     ) -> tuple[int, np.ndarray, float]:
-        """Return the most likely delay, the likelihoods of all (D,), and what its squares are over their number.
+        """Find the most likely delay: compare some delays, then all near the best of them, until it stays the best.
+
+        Delays are numbers of ticks.
 
         Args:
             first: Delays that are compared at first.
-            reached: Returns the velocities to which the commands lead under delays (D,), (D, K + 1, n).
-            model: What is known of the velocities.
+            commanded_velocities: Delays (D,) -> velocities to which the commands lead under each of them (D, K + 1, n).
+            model: Says how likely the measured velocities are, given these.
+
+        Returns:
+            The most likely delay; the log-likelihoods of all delays (D,), interpolated between those that were
+            compared; and the mean square of what the most likely delay leaves unexplained, over its variance: 1 if the
+            noise is as declared.
         """
         every = np.arange(len(self._delays))
         log_likelihoods = np.full(len(every), -np.inf)
         squares = np.zeros(len(every))
         wanted = first
         while len(wanted):
-            log_likelihoods[wanted], squares[wanted] = model.likelihoods(reached(wanted))
+            log_likelihoods[wanted], squares[wanted] = model.log_likelihoods_under(commanded_velocities(wanted))
             best = int(np.argmax(log_likelihoods))
+            # it is the highest nearby if both of its neighbours were compared, too
             is_highest = np.isfinite(log_likelihoods[max(best - 1, 0) : best + 2]).all()
-            wanted = every[:0] if is_highest else self._near(best)
+            wanted = every[:0] if is_highest else self._delays_within_stride(best)
         known = np.flatnonzero(np.isfinite(log_likelihoods))
         return best, np.interp(every, known, log_likelihoods[known]), float(squares[best]) / model.v[1:].size
 
-    def _near(self, delay: int) -> np.ndarray:
+    def _delays_within_stride(self, delay: int) -> np.ndarray:
         """Return the delays that are near one, all in ticks."""
         return np.arange(max(delay - self._stride, 0), min(delay + self._stride + 1, len(self._delays)))
 
-    def _updated(self, estimate: DelayEstimate, evidence: np.ndarray) -> DelayEstimate:
+    def _with_most_likely_delay(self, estimate: DelayEstimate, evidence: np.ndarray) -> DelayEstimate:
         """Return the estimate with the most likely delay, where it is clearly more likely than the one in force."""
         likely = evidence - self._delays / PRIOR
         best = int(np.argmax(likely))
@@ -347,16 +377,22 @@ class _VelocityModel:
     walk: float
     noise: np.ndarray
 
-    def likelihoods(self, reached: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return how well commands explain the velocities under each of D delays.
+    def log_likelihoods_under(self, commanded_velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return how likely the measured velocities are under each of D delays of the commands.
+
+        The measured changes of velocity since the block's beginning, less the commanded ones s, are normal with the
+        covariance gain^2 s s' + that of noise and random walk; gain^2 s s' is what an unknown gain of the commands
+        adds. With the Cholesky factor L of the covariance and the residual r, the log-likelihood is
+
+            -|L^-1 r|^2 / 2 - log det L + constant.
 
         Args:
-            reached: Velocities to which the commands lead (D, K + 1, n), from any velocity on.
+            commanded_velocities: Velocities to which the commands lead (D, K + 1, n), up to a constant.
 
         Returns:
-            Logarithms of the likelihoods (D,), and sums of squares over their variances (D,).
+            Log-likelihoods up to a constant (D,), and the sums of squares |L^-1 r|^2 (D,).
         """
-        s, residual = self._residual(reached)
+        s, residual = self._residual(commanded_velocities)
         squares = np.zeros(len(s))
         logarithms = np.zeros(len(s))
         for rows, unexplained in self._unexplained():
@@ -365,9 +401,9 @@ class _VelocityModel:
             logarithms += rows.sum() * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
         return -squares / 2 - logarithms, squares
 
-    def with_noise_of(self, reached: np.ndarray) -> "_VelocityModel":
+    def with_noise_of(self, commanded_velocities: np.ndarray) -> "_VelocityModel":
         """Return the model with the noise that is left where commands lead to velocities (1, K + 1, n)."""
-        s, residual = self._residual(reached)
+        s, residual = self._residual(commanded_velocities)
         noise = self.noise.copy()
         for rows, unexplained in self._unexplained():
             covariance = self.gain**2 * s[0] @ s[0].T + unexplained
@@ -375,9 +411,9 @@ class _VelocityModel:
             noise[rows] = max(noise[rows][0], np.sqrt((left**2).mean() / 2))
         return replace(self, noise=noise)
 
-    def _residual(self, reached: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _residual(self, commanded_velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the changes of velocity that commands lead to (D, K, n), and those measured less these."""
-        s = reached[:, 1:] - reached[:, :1]
+        s = commanded_velocities[:, 1:] - commanded_velocities[:, :1]
         return s, self.v[1:] - self.v[0] - s
 
     def _unexplained(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:

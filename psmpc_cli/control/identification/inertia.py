@@ -136,15 +136,21 @@ class InertiaEstimator:
     Sources: Atkeson, An, Hollerbach: Estimation of inertial parameters of manipulator loads and links (1986); Bell,
     Cathey: The iterated Kalman filter update as a Gauss-Newton method (1993).
 
-    Args:
-        model: The robot.
-        noise: Standard deviations of measured velocities (n,) [m/s, rad/s].
     """
 
     def __init__(self, model: RobotModel, noise: np.ndarray) -> None:
+        """Derive how the dynamics depend on masses and inertias, and lay out the vector of unknowns.
+
+        The unknowns are shares: for every body one by which its mass differs from the described one, then one for its
+        inertia, about all axes alike; then the masses and the inertias of what each gripper holds.
+
+        Args:
+            model: The robot.
+            noise: Standard deviations of measured velocities (n,) [m/s, rad/s].
+        """
         self._model = model
         self._noise = noise
-        self._moved = model.space.joint_rates if not model.spec.moved_by.moves else slice(0, model.n)
+        self._rows_that_move = model.space.joint_rates if not model.spec.moved_by.moves else slice(0, model.n)
         self._force_by = ArrayFunction(_force_by_parameters(model))
         described = model.nominal
         bodies = len(described.mass)
@@ -152,13 +158,15 @@ class InertiaEstimator:
         self._of_load = slice(2 * bodies, 2 * bodies + 2 * grippers)
         total = described.mass.sum()
         held = np.repeat(np.array(HELD) * total, grippers)
+        # parameters that a share of 1 stands for [kg, kg m^2]
         self._scales = np.concatenate([described.mass, described.inertia.T.ravel(), held])
         self._least = np.zeros(self._of_load.stop)
-        self._least[: 2 * bodies] = LEAST - 1
+        self._least[: 2 * bodies] = LEAST - 1  # a share of 0 is the described mass
+        # the derivative of all inertial parameters by the shares: all moments of a body have one share
         moments = described.inertia.shape[1]
         by_share = np.eye(self._of_load.stop)
         rows = [np.arange(bodies), *[bodies + np.arange(bodies)] * moments, np.arange(2 * bodies, len(by_share))]
-        self._by_share = self._scales[:, None] * by_share[np.concatenate(rows)]
+        self._parameters_by_share = self._scales[:, None] * by_share[np.concatenate(rows)]
 
     @property
     def first(self) -> InertiaEstimate:
@@ -196,25 +204,31 @@ class InertiaEstimator:
         covariance[of_load, of_load] = float(is_loaded)
         return replace(estimate, shares=shares, covariance=covariance, is_loaded=is_loaded, settled_at=time + SETTLING)
 
-    def measured(
+    def after_measurement(
         self,
         estimate: InertiaEstimate,
         motion: MeasuredMotion,
         acting: Sequence[Acting],
         uncertain: np.ndarray | None = None,
     ) -> InertiaEstimate:
-        """Return the estimate after a motion between two samples was measured.
+        """Return the estimate of masses and inertias after a motion between two samples was measured.
+
+        The accelerations that the robot had are compared with those that it would have under the applied force with
+        the estimated parameters. The update is that of an iterated extended Kalman filter, see `InertiaEstimator`:
+        derivatives are taken anew at each iterate. Accelerations that are far from what is expected get a larger noise,
+        so that an unmodelled blow does not spoil the estimate.
 
         Args:
             estimate: That of the sample before.
-            motion: The motion; where it was not measured, or grippers have not settled, it is left out.
+            motion: The motion. If it was not measured, or grippers have just closed or opened, it is left out.
             acting: The commands that acted meanwhile.
-            uncertain: Standard deviation of what they commanded (n,), by default 0; where it is not finite the motion
-                is left out.
+            uncertain: Standard deviation of the commanded accelerations (n,), by default 0. If it is not finite, the
+                motion is left out.
         """
         uncertain = np.zeros(self._model.n) if uncertain is None else uncertain
         if motion.begin < estimate.settled_at or not (motion.is_measured and np.isfinite(uncertain).all()):
             return estimate
+        # the mean force that the low-level law has applied
         F = np.zeros(self._model.n)
         stored = self._model.nominal.stored
         for command in acting:
@@ -226,19 +240,19 @@ class InertiaEstimator:
         unexplained = share * np.sqrt((u**2).mean()) + least
         duration = motion.end - motion.begin
         variance = 2 * (self._noise / duration) ** 2 + uncertain**2 + unexplained**2
-        noise = np.diag(variance[self._moved])
+        noise = np.diag(variance[self._rows_that_move])
         P = estimate.covariance
         shares = estimate.shares
         for iteration in range(ITERATIONS):
             parameters = self.parameters(replace(estimate, shares=shares), is_loaded=estimate.is_loaded)
             parameters = parameters.storing(stored)
             vdot = self._model.forward_dynamics(motion.Q, motion.v, F, parameters)
-            surplus = (motion.vdot - vdot)[self._moved]
+            surplus = (motion.vdot - vdot)[self._rows_that_move]
             # With Y at the measured accelerations the first step is exact without noise, however large it is.
-            rows = self._by_shares(motion, motion.vdot if iteration == 0 else vdot, parameters)
+            rows = self._acceleration_by_shares(motion, motion.vdot if iteration == 0 else vdot, parameters)
             if iteration == 0:
                 square = float(surplus @ np.linalg.solve(rows @ P @ rows.T + noise, surplus)) / len(surplus)
-                noise *= max(1.0, square / GATE**2)
+                noise *= max(1.0, square / GATE**2)  # `square` is the mean square of the deviations, in sigma^2
             gain = np.linalg.solve(rows @ P @ rows.T + noise, rows @ P).T
             before = shares
             shares = estimate.shares + gain @ (surplus - rows @ (estimate.shares - shares))
@@ -250,21 +264,24 @@ class InertiaEstimator:
         covariance = remaining @ P @ remaining.T + gain @ noise @ gain.T
         return replace(estimate, shares=shares, covariance=covariance)
 
-    def _by_shares(self, motion: MeasuredMotion, vdot: np.ndarray, parameters: InertialParameters) -> np.ndarray:
+    def _acceleration_by_shares(
+        self, motion: MeasuredMotion, vdot: np.ndarray, parameters: InertialParameters
+    ) -> np.ndarray:
         """Return derivatives of the accelerations under a given force by the shares, at accelerations vdot (n,).
 
         Of H vdot + C v = F, in which H and C are linear in the parameters: dvdot = -H^-1 Y dw.
         """
         [Y] = self._force_by(motion.Q, motion.v, vdot)
-        H = self._model.mass_matrix(motion.Q, parameters)[self._moved, self._moved]
-        return -np.linalg.solve(H, (Y.T @ self._by_share)[self._moved])
+        H = self._model.mass_matrix(motion.Q, parameters)[self._rows_that_move, self._rows_that_move]
+        return -np.linalg.solve(H, (Y.T @ self._parameters_by_share)[self._rows_that_move])
 
 
 def _force_by_parameters(model: RobotModel) -> ca.Function:
-    """Return the regressor of the dynamics: Q, v, vdot -> Y = dF / dtheta.
+    """Return the regressor of the dynamics, a function of Q, v, vdot: Y = dF / dtheta (n, parameters).
 
-    The generalized force F (n,) of a motion is linear in theta, the masses and inertias of the bodies and of held
-    loads. So forces and a measured motion tell of theta by linear least squares.
+    The generalized force F (n,) of a motion is linear in theta: masses and moments of inertia of the bodies, then
+    masses and inertias of what each gripper holds. So measured motions under known forces tell of theta by linear least
+    squares. The function is derived once for all models of the robot.
     """
 
     def derive() -> ca.Function:

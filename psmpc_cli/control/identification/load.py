@@ -176,7 +176,10 @@ class LoadEstimator:
     """
 
     def __init__(self, model: RobotModel, prior: LoadPrior, noise: np.ndarray) -> None:
-        """Derive the momentum and its derivatives.
+        """Derive the momentum and its derivatives, and lay out the vector of unknowns.
+
+        The unknowns are, in this order: factors e by which the masses of the robot's bodies are off, then their
+        moments; the numbers theta of the load, its mass and its moments; the momentum c at the beginning of a block.
 
         Args:
             model: The robot.
@@ -187,16 +190,17 @@ class LoadEstimator:
         self._prior = prior
         self._noise = noise
         self._momentum = ArrayFunction(_momentum(model))
-        spec = model.nominal
-        bodies = len(spec.mass)
-        moments = spec.inertia.size // bodies
-        nominal = np.concatenate([spec.mass, spec.inertia.T.ravel()])
-        factors = np.zeros((len(nominal), 2 * bodies))
-        factors[:bodies, :bodies] = np.diag(spec.mass)
+        described = model.nominal
+        bodies = len(described.mass)
+        moments = described.inertia.size // bodies
+        parameters = np.concatenate([described.mass, described.inertia.T.ravel()])
+        # derivative of masses and moments by the factors: each moment of a body is off by the same factor
+        by_factor = np.zeros((len(parameters), 2 * bodies))
+        by_factor[:bodies, :bodies] = np.diag(described.mass)
         for moment in range(moments):
             rows = slice(bodies * (1 + moment), bodies * (2 + moment))
-            factors[rows, bodies:] = np.diag(nominal[rows])
-        self._factors = factors
+            by_factor[rows, bodies:] = np.diag(parameters[rows])
+        self._parameters_by_factor = by_factor
         self._of_load = slice(2 * bodies, 2 * bodies + len(prior.mean))
         self._of_offset = slice(self._of_load.stop, self._of_load.stop + model.space.n_twist)
 
@@ -218,7 +222,7 @@ class LoadEstimator:
 
     def _with_prior(self, estimate: LoadEstimate) -> LoadEstimate:
         """Return an estimate with the prior of the load in place of what was found."""
-        marginal, right = _without(estimate.information, estimate.right, self._of_load)
+        marginal, right = _without_knowledge_of(estimate.information, estimate.right, self._of_load)
         of_load = np.arange(self._of_load.start, self._of_load.stop)
         marginal[of_load, of_load] = 1 / self._prior.deviation**2
         right[of_load] = self._prior.mean / self._prior.deviation**2
@@ -235,47 +239,64 @@ class LoadEstimator:
         """Return the estimate where grippers close or open at a time [s]: a new block begins later."""
         return replace(estimate, begun=np.inf, settled_at=time + SETTLING)
 
-    def measured(
+    def after_measurement(
         self, estimate: LoadEstimate, before: RobotAlone, now: RobotAlone, u: np.ndarray, law: LowLevelLaw
     ) -> LoadEstimate:
-        """Return the estimate after a measurement.
+        """Return the estimate of the load after a measurement of the robot, and of the object if it is held.
+
+        Momentum changes by the impulse of the base's force, and depends on the masses of robot and load: see
+        `LoadEstimator`. Momenta are compared over a block of samples that begins with an unknown momentum. A new block
+        begins when the old one is `BLOCK` long, when something is gripped or released, and after measurements that do
+        not count.
 
         Args:
             estimate: That of the sample before.
             before: What was measured then.
-            now: What is measured now. Where it is not finite the sample is left out, and a new block begins.
-            u: Accelerations that were commanded and acted in between (M, n).
-            law: The low-level law that applied them, with the load it then counted with.
+            now: What is measured now. If it is not finite, or grippers have just closed or opened, it does not count.
+            u: Accelerations that were commanded and acted in between (M, n) [m/s^2, rad/s^2].
+            law: The low-level law that applied them, with the load that it then assumed.
         """
         estimate = replace(estimate, dropped=False)
         is_measured = all(np.isfinite(each).all() for each in (before.Q, before.v, now.Q, now.v))
         if now.time < estimate.settled_at or not is_measured:
             return replace(estimate, begun=np.inf)
-        is_same = before.is_loaded == now.is_loaded
-        if now.time - estimate.begun > BLOCK or not (np.isfinite(estimate.begun) and is_same):
-            information, right = _without(estimate.information, estimate.right, self._of_offset)
-            none = np.zeros_like(estimate.impulse)
-            estimate = replace(estimate, information=information, right=right, begun=now.time, impulse=none)
+        is_under_way = np.isfinite(estimate.begun) and before.is_loaded == now.is_loaded
+        if now.time - estimate.begun > BLOCK or not is_under_way:
+            information, right = _without_knowledge_of(estimate.information, estimate.right, self._of_offset)
+            no_impulse = np.zeros_like(estimate.impulse)
+            estimate = replace(estimate, information=information, right=right, begun=now.time, impulse=no_impulse)
         else:
-            estimate = replace(estimate, impulse=estimate.impulse + self._impulse(before, now, u, law))
-        return self._updated(estimate, now)
+            estimate = replace(estimate, impulse=estimate.impulse + self._base_impulse(before, now, u, law))
+        return self._with_equations_at(estimate, now)
 
-    def _impulse(self, before: RobotAlone, now: RobotAlone, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
-        """Return the impulse of the base's force about the inertial origin between two samples [N s, N m s].
+    def _base_impulse(self, before: RobotAlone, now: RobotAlone, u: np.ndarray, law: LowLevelLaw) -> np.ndarray:
+        """Return the impulse of the base's force from one sample to the next, about the inertial origin [N s, N m s].
 
-        That is without the part of it that makes up for the gyroscopic moment of wheels.
+        The momentum of robot and load changes by this impulse. The force is that of the low-level law under the
+        commanded accelerations, at states between the two measured ones. The part of it that makes up for the
+        gyroscopic moment of reaction wheels is left out, since it only turns what they store.
+
+        Args:
+            before: Robot and load at the first sample.
+            now: Robot and load at the second sample.
+            u: Accelerations that were commanded and acted in between (M, n) [m/s^2, rad/s^2].
+            law: The low-level law that applied them.
+
+        Returns:
+            Linear and angular impulse (n_twist,).
         """
         space = self._model.space
         duration = (now.time - before.time) / PARTS
         grasps = law.grasps if now.is_loaded else None
         step = np.array(space.difference(before.Q, now.Q))
         impulse = np.zeros(space.n_twist)
-        for part, mean in enumerate(np.array_split(u, PARTS)):
-            share = (part + 0.5) / PARTS
+        for part, u_of_part in enumerate(np.array_split(u, PARTS)):
+            share = (part + 0.5) / PARTS  # the middle of the part, from 0 to 1
             Q = np.array(space.integrate(before.Q, share * step))
             v = (1 - share) * before.v + share * now.v
-            F = law.force(Q, v, mean.mean(axis=0), grasps=grasps)
+            F = law.force(Q, v, u_of_part.mean(axis=0), grasps=grasps)
             if law.parameters.stored.any():
+                # the gyroscopic moment is what the bias with stored momenta has more than the one without
                 F = (
                     F
                     - self._model.bias(Q, v, self._model.nominal.storing(law.parameters.stored))
@@ -284,12 +305,22 @@ class LoadEstimator:
             impulse += duration * np.array(space.external_wrench(Q, F), dtype=float)
         return impulse
 
-    def _updated(self, estimate: LoadEstimate, now: RobotAlone) -> LoadEstimate:
-        """Return the estimate with the equations of a measurement."""
+    def _with_equations_at(self, estimate: LoadEstimate, now: RobotAlone) -> LoadEstimate:
+        """Return the estimate with the equations of a measurement added to the normal equations of all unknowns.
+
+        The measured momentum P gives one linear equation for each of its components,
+
+            P + R e + L theta - c = impulse since the beginning of the block + noise,
+
+        where R e is what errors of the robot's masses add, L theta the momentum of the load and c the momentum at the
+        beginning of the block. Each is weighted by the covariance of its noise: that of measured velocities, and of
+        what nothing explains. While a load is held, the equations are then solved for it. If they have not fitted for
+        some time, what is known of the load is given up, and the estimate starts anew from the prior.
+        """
         [P], by_parameters, by_v = self._momentum(now.Q, now.v)
-        k = len(P)
+        k = len(P)  # 3 in the plane, 6 in space
         rows = np.zeros((k, self._of_offset.stop))
-        rows[:, : self._of_load.start] = by_parameters.T @ self._factors
+        rows[:, : self._of_load.start] = by_parameters.T @ self._parameters_by_factor
         rows[:, self._of_load] = now.load_momentum(self._model)
         rows[:, self._of_offset] = -np.eye(k)
         share, least = UNEXPLAINED
@@ -297,7 +328,7 @@ class LoadEstimator:
             2 * (by_v.T * self._noise**2) @ by_v + np.eye(k) * (share * np.linalg.norm(estimate.impulse) + least) ** 2
         )
         y = estimate.impulse - P
-        surprise = self._surprise(estimate, rows, y, covariance)
+        surprise = self._mean_surprise(estimate, rows, y, covariance)
         if surprise > FAR and now.is_loaded:
             fresh = self._with_prior(estimate)
             return replace(fresh, begun=np.inf, dropped=True)
@@ -308,12 +339,15 @@ class LoadEstimator:
         if not now.is_loaded:
             return estimate
         inverse = np.linalg.inv(information)
-        numbers = _as_body((inverse @ right)[self._of_load], LEAST * self._prior.mean)
+        numbers = _as_rigid_body((inverse @ right)[self._of_load], LEAST * self._prior.mean)
         deviation = np.sqrt(np.diagonal(inverse)[self._of_load])
         return replace(estimate, numbers=numbers, deviation=deviation)
 
-    def _surprise(self, estimate: LoadEstimate, rows: np.ndarray, y: np.ndarray, covariance: np.ndarray) -> float:
-        """Return the mean square of the last innovations over their variances."""
+    def _mean_surprise(self, estimate: LoadEstimate, rows: np.ndarray, y: np.ndarray, covariance: np.ndarray) -> float:
+        """Return the mean square of the last innovations over their variances, 1 if the estimate explains them.
+
+        An innovation is what the measured momentum differs by from what the estimate expects.
+        """
         if not estimate.information[self._of_offset, self._of_offset].any():
             return estimate.surprise
         inverse = np.linalg.inv(estimate.information)
@@ -322,8 +356,16 @@ class LoadEstimator:
         return (1 - MEMORY) * estimate.surprise + MEMORY * min(square, OUTLIER)
 
 
-def _without(information: np.ndarray, right: np.ndarray, unknowns: slice) -> tuple[np.ndarray, np.ndarray]:
-    """Return normal equations in which nothing is known of some unknowns any more; what was known of others stays."""
+def _without_knowledge_of(information: np.ndarray, right: np.ndarray, unknowns: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Return normal equations in which some unknowns are unknown again, while what is known of the others stays.
+
+    These unknowns are eliminated by the Schur complement, and their rows and columns are then 0.
+
+    Args:
+        information: Matrix of the normal equations (k, k).
+        right: Their right side (k,).
+        unknowns: Which unknowns.
+    """
     of_them = information[unknowns, unknowns]
     information = information.copy()
     right = right.copy()
@@ -337,7 +379,7 @@ def _without(information: np.ndarray, right: np.ndarray, unknowns: slice) -> tup
     return information, right
 
 
-def _as_body(numbers: np.ndarray, least: np.ndarray) -> np.ndarray:
+def _as_rigid_body(numbers: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Return mass and principal moments as a rigid body may have them: positive, none above the sum of the others."""
     numbers = np.maximum(numbers, least)
     moments = numbers[1:]
@@ -348,7 +390,7 @@ def _as_body(numbers: np.ndarray, least: np.ndarray) -> np.ndarray:
 
 
 def _momentum(model: RobotModel) -> ca.Function:
-    """Return Q, v -> momentum (n_twist,), its derivatives by masses and moments of inertia, and by v."""
+    """Return a function of Q and v: the momentum (n_twist,), its derivatives by masses and moments, and by v."""
 
     def derive() -> ca.Function:
         Q = ca.SX.sym("Q", model.nq)

@@ -168,14 +168,25 @@ class FilteredObject(ObjectEstimate):
         return self.body.predicted(self.pose, self.velocity, time - self.time)
 
     def with_measurement(self, time: float, pose: np.ndarray | None, grip: Grip | None = None) -> "FilteredObject":
-        """Return the estimate corrected by a measured pose."""
+        """Return the estimate corrected by a measured pose: one step of an alpha-beta filter.
+
+        The pose that is predicted for the time is corrected by the part alpha of its difference to the measured one.
+        The velocity of a free object is corrected by the part beta of this difference, over the time since the last
+        measurement. An object in a gripper is predicted to stay where it was in the gripper, and its velocity is that
+        of this place.
+
+        Args:
+            time: Of the measurement [s].
+            pose: The measured pose, (3,) or (7,); if it is None or not finite, the estimate stays as it is.
+            grip: The gripper that holds the object then; None if none does.
+        """
         if pose is None or not np.isfinite(pose).all():
             return self
         alpha = self.gain
         beta = gain_of_velocity(alpha)
         space = self.body.space
         predicted, velocity = self.at(time)
-        if grip is not None and self.grip is not None:
+        if grip is not None and self.grip is not None:  # held at both measurements
             predicted = space.composed(grip.pose, space.relative(self.pose, self.grip.pose))
         innovation = space.pose_error(pose, predicted)
         corrected = np.array(space.integrate(predicted, alpha * innovation))
@@ -212,25 +223,29 @@ class FilteredObject(ObjectEstimate):
 
 
 def to_be_closed(holding: range, sequence: MovingSequence, ticks: np.ndarray) -> np.ndarray:
-    """Tell at which ticks (M,) [s] the grippers are to be closed (M,).
+    """Tell at which ticks of the low-level loop the grippers are to be closed on the object.
 
-    From the first one at or after the planned switch time with which the stages begin that hold the object until that
-    with which they end.
+    They close with the first tick at or after the planned end of the stage before the stages that hold the object, and
+    open with the first one at or after the planned end of the last of these stages.
 
     Args:
-        holding: The stages that hold the object; empty of a task without one to hold.
+        holding: Indices of the stages that hold the object; empty of a task without an object to hold.
         sequence: The stages in the window, with their planned switch times.
-        ticks: Beginnings of the ticks [s].
+        ticks: Beginnings of the ticks (M,) [s].
+
+    Returns:
+        Whether they are to be closed, at each tick (M,).
     """
     if not holding:
         return np.zeros(len(ticks), bool)
 
-    def end(stage: int) -> float:
+    def planned_end(stage: int) -> float:
         if stage < sequence.first:
             return -np.inf
+        # of the stages in the window; after these of the task's last stage, if it is over
         ends = (*sequence.switch_times, sequence.ended_at, np.inf)
         return float(ends[min(stage - sequence.first, len(ends) - 1)])
 
-    taken = end(holding.start - 1)
-    released = end(holding.stop - 1)
-    return np.asarray((ticks >= taken - ROUNDING) & (ticks < released - ROUNDING))
+    closing = planned_end(holding.start - 1)
+    opening = planned_end(holding.stop - 1)
+    return np.asarray((ticks >= closing - ROUNDING) & (ticks < opening - ROUNDING))

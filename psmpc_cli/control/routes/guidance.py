@@ -67,7 +67,7 @@ class Guide(ABC):
     """Says which points the costs of stages follow on the way to their targets."""
 
     @abstractmethod
-    def followed(
+    def updated_progress(
         self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
     ) -> RouteProgress:
         """Return how far a robot has come on the routes of the current stage and those after it.
@@ -84,7 +84,7 @@ class Guide(ABC):
 class DirectGuide(Guide):
     """Guides the robot of a task without routes: straight to the targets."""
 
-    def followed(
+    def updated_progress(
         self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
     ) -> RouteProgress:
         """Return the progress as it was: there is no route to follow."""
@@ -101,23 +101,38 @@ class RouteGuide(Guide):
     """
 
     def __init__(self, problem: Problem) -> None:
+        """Plan a route to the target of each stage whose straight motion is blocked, if the task asks for routes.
+
+        Routes are planned once, before the run. A stage has none if something moves that it has to clear, or moves its
+        target, so that places are not known before the run; this is logged as a warning.
+        """
         self._problem = problem
         self.routes: dict[int, PlannedRoute] = {}
         self.blocked: list[int] = []
         self._groups = [groups_to_clear(problem.spec, problem.model, stage) for stage in range(len(problem.stages))]
+        # where the robot is at the start, and at the end of each stage
         stops = configurations(problem.task, problem.model, problem.stages)
-        moving = unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
+        reasons = unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
         planned = len(problem.stages) if problem.spec.routes else 0
         work = Work("stages", planned, title="planning routes", small_parts=True)
         for stage in range(len(problem.stages)):
-            if stage in moving:
-                logger.warning("no route to the target of %s: %s", problem.stages[stage].name, moving[stage])
+            if stage in reasons:
+                logger.warning("no route to the target of %s: %s", problem.stages[stage].name, reasons[stage])
             else:
-                self._plan(stage, stops[stage], stops[stage + 1])
+                self._plan_route(stage, stops[stage], stops[stage + 1])
             work.advance()
 
-    def _plan(self, stage: int, start: np.ndarray, goal: np.ndarray) -> None:
-        """Plan the route of a stage between coordinates (nq,)."""
+    def _plan_route(self, stage: int, start: np.ndarray, goal: np.ndarray) -> None:
+        """Plan a route for a stage, and add it to `routes`; to `blocked` if the planner has found none.
+
+        Nothing is added if the stage has nothing to clear, if a straight motion is clear, or if its target fixes no
+        configuration of the robot or moves.
+
+        Args:
+            stage: Index of the stage.
+            start: Coordinates with which it begins (nq,).
+            goal: Coordinates with which it ends (nq,).
+        """
         spec = self._problem.spec
         clearance = spec.clearance_of(stage)
         placed = self._problem.stages[stage]
@@ -131,12 +146,16 @@ class RouteGuide(Guide):
         held = stage in self._problem.held_stages
         limits = placed.limits
         moves = self._problem.model.spec.moved_by.moves
+        # robot and held object move as one body; a fixed base does not move
         free = np.arange(n)[space.base] if held else np.arange(0 if moves else space.n_twist, n)
         sample = SampleContext(
-            0.0, np.append(ends[0], np.zeros(n)), chart.anchor, object_state=self._nominal(stage, start)
+            time=0.0,
+            x=np.append(ends[0], np.zeros(n)),
+            anchor=chart.anchor,
+            object_state=self._object_state_during(stage, start),
         )
         margin = clearance.margin + spec.routes.spare
-        motions = self._motions(stage, chart, sample, margin)
+        motions = self._straight_motions(stage, chart, sample, margin)
         ends[1] = np.where(np.isin(np.arange(n), free), ends[1], ends[0])
         if motions is None or motions.is_clear(ends[0], ends[1]):
             return
@@ -154,11 +173,14 @@ class RouteGuide(Guide):
         if route is None:
             logger.warning("found no route to the target of %s: the stage is as without routes", placed.name)
             self.blocked.append(stage)
-        elif len(route.waypoints) > 2:
+        elif len(route.waypoints) > 2:  # not a straight motion
             self.routes[stage] = PlannedRoute(route, chart)
 
-    def _nominal(self, stage: int, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return where the object is while a stage leads from coordinates (nq,) on, and no velocity."""
+    def _object_state_during(self, stage: int, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the object's pose during a stage that begins at coordinates Q (nq,), and its velocity, 0.
+
+        None of a task without an object that has a mass.
+        """
         body = self._problem.body
         if body.mass == 0.0:
             return None
@@ -170,21 +192,34 @@ class RouteGuide(Guide):
             pose = np.array(body.pose_after_release)
         return pose, np.zeros(self._problem.model.space.n_twist)
 
-    def _motions(self, stage: int, chart: Chart, sample: SampleContext, margin: float) -> StraightMotions | None:
-        """Return straight motions that keep a margin as a sample finds what is around; None where nothing is."""
+    def _straight_motions(
+        self, stage: int, chart: Chart, sample: SampleContext, margin: float
+    ) -> StraightMotions | None:
+        """Return what tests straight motions of the robot for collisions, with all around at its place at a sample.
+
+        Args:
+            stage: Index of the stage, which says what has to keep clear of what.
+            chart: The chart in which motions are straight.
+            sample: Says where moving obstacles and the object are.
+            margin: Distance that bodies have to keep from all of these [m].
+
+        Returns:
+            Tests of motions, whose lengths are times at the limits of velocity [s]; None if there is nothing to clear.
+        """
         model = self._problem.model
         evaluated = list[tuple[BatchFunction, np.ndarray]]()
+        # pairs of bodies that share an obstacle or an object form a group
         for group in self._groups[stage].values():
             argument = argument_of(group, model, sample)
             if argument is not None:
-                taken = poses_at(group.pairs, model, argument, np.zeros(1))[0]
+                poses_now = poses_at(group.pairs, model, argument, np.zeros(1))[0]
                 distances = distances_on_arrays(model, group.pairs)
-                evaluated.append((distances, np.concatenate([chart.anchor, taken])))
+                evaluated.append((distances, np.concatenate([chart.anchor, poses_now])))
         if not evaluated:
             return None
 
         def clearance(Q: np.ndarray) -> np.ndarray:
-            X = np.hstack([Q, np.zeros_like(Q)])
+            X = np.hstack([Q, np.zeros_like(Q)])  # states at rest
             nearest = [distances(X, argument, rows=len(X))[0].min(axis=1) for distances, argument in evaluated]
             return np.asarray(np.min(nearest, axis=0) - margin)
 
@@ -193,10 +228,22 @@ class RouteGuide(Guide):
         scale = 1 / np.where(np.isfinite(rates) & (rates > 0), rates, UNLIMITED)
         return StraightMotions(clearance, scale, STEP)
 
-    def followed(
+    def updated_progress(
         self, before: RouteProgress, first: int, time: float, state: State, target_object: ObjectEstimate
     ) -> RouteProgress:
-        """Return how far the robot has come, see `Guide.followed`: to the farthest point that it sees."""
+        """Return how far the robot has come on its routes, and the points that the costs of stages follow there.
+
+        The cost of the current stage follows the farthest point of its route that a clear straight motion from the
+        robot reaches, and never one before the last. The routes of later stages are looked at from their first
+        waypoint. Once the end of a route is in sight the target itself counts.
+
+        Args:
+            before: How far it had come at the sample before.
+            first: Index of the current stage.
+            time: Of the sample [s].
+            state: The robot's.
+            target_object: What is known of the object.
+        """
         progress = dict(before.progress)
         waypoints = dict[int, np.ndarray]()
         n = self._problem.model.n
@@ -208,22 +255,23 @@ class RouteGuide(Guide):
             if stage == first and np.isfinite(state.Q).all():
                 Q = np.asarray(planned.chart.to_chart(state.Q[None], np.zeros((1, n))))[0, :n]
             object_state = target_object.at(time)
-            sample = SampleContext(time, np.append(Q, np.zeros(n)), planned.chart.anchor, object_state=object_state)
-            spec = self._problem.spec.clearance_of(stage)
-            motions = (
-                None if spec is None else self._motions(stage, planned.chart, sample, FOLLOWED_SHARE * spec.margin)
-            )
+            at_rest = np.append(Q, np.zeros(n))
+            sample = SampleContext(time, at_rest, planned.chart.anchor, object_state=object_state)
+            clearance = self._problem.spec.clearance_of(stage)
+            if clearance is None:
+                continue
+            motions = self._straight_motions(stage, planned.chart, sample, FOLLOWED_SHARE * clearance.margin)
             if motions is None:
                 continue
             reached, point = route.farthest_clear(Q, motions, progress.get(stage, 0.0))
             if stage == first:
                 progress[stage] = reached
             if reached < 1.0:
-                waypoints[stage] = self._numbers(stage, planned.chart, point)
+                waypoints[stage] = self._target_numbers_at(stage, planned.chart, point)
         return RouteProgress(progress, waypoints)
 
-    def _numbers(self, stage: int, chart: Chart, point: np.ndarray) -> np.ndarray:
-        """Return the numbers of a stage's target at a configuration (n,) in a chart."""
+    def _target_numbers_at(self, stage: int, chart: Chart, point: np.ndarray) -> np.ndarray:
+        """Return the numbers that the target of a stage would have to lead to a configuration (n,) in a chart."""
         model = self._problem.model
         Q, _ = chart.from_chart(np.append(point, np.zeros(model.n))[None])
         posture = Posture(Q[0], np.asarray(model.g(Q[0])).ravel())

@@ -37,6 +37,9 @@ SHORTEST = 1e-12
 ROUNDING = 1e-9
 """By how much the clearance of one configuration may differ between calls [m]."""
 
+ALLOWED_SHARE = 0.1
+"""Part of the distance from start to goal within which a route may be as near to obstacles as these are."""
+
 COARSE = 8
 """A motion is tested at every so many of its configurations before it is at the others."""
 
@@ -102,31 +105,33 @@ class Route:
         """Length of the route, in the metric."""
         return float(self.marks[-1])
 
-    def at(self, progress: np.ndarray) -> np.ndarray:
+    def configurations_at(self, progress: np.ndarray) -> np.ndarray:
         """Return the configurations (K, n) at shares of the route's length (K,), from 0 to 1."""
         marks = self.marks
         wanted = np.asarray(progress) * marks[-1]
         return np.stack([np.interp(wanted, marks, values) for values in self.waypoints.T], axis=-1)
 
     def farthest_clear(self, Q: np.ndarray, motions: StraightMotions, after: float) -> tuple[float, np.ndarray]:
-        """Return how far along the route clear straight motions reach, never to a point before the last.
+        """Return the farthest point of the route that a clear straight motion from a configuration reaches.
 
-        The end is tested first. If it is not in sight, points are bisected as if all before the farthest in sight were:
-        waypoints, and others at `FOLLOWED_POINTS` shares of the length. From a point of the route the next one is
-        always in sight, since no corner is between them.
+        It is the point that a robot on the route heads for; it never lies before the point of the sample before. The
+        end of the route is tested first. If no clear straight motion leads there, the point is found by bisection, as
+        if all points before the farthest reachable one could be reached, too. Candidates are the waypoints, and points
+        at `FOLLOWED_POINTS` even shares of the length. From a candidate on the route the next one can always be
+        reached, since no corner lies between them.
 
         Args:
             Q: Where the motion begins (n,).
-            motions: Tests it. Its margin should be less than the route was planned with: where Q itself is too near,
-                no motion is clear, and the progress stays as it is.
-            after: Progress of the last point, 0 at first.
+            motions: Tests it. Its margin should be less than that with which the route was planned. If Q itself is
+                nearer than the margin, no motion is clear, and the progress stays as it is.
+            after: Progress of the point at the sample before, 0 at first.
 
         Returns:
-            Its progress, as a share of the route's length from 0 to 1, and the configuration there (n,).
+            The progress of the point, its share of the route's length from 0 to 1, and the configuration there (n,).
         """
         shares = self.shares(FOLLOWED_POINTS)
         candidates = np.append(after, shares[shares > after])
-        points = self.at(candidates)
+        points = self.configurations_at(candidates)
         if motions.is_clear(Q, points[-1]):
             return float(candidates[-1]), points[-1]
         reached = 0
@@ -156,11 +161,11 @@ def find_route(
     iterations: int = ITERATIONS,
     slack: float = 0.0,
 ) -> Route | None:
-    """Return a short clear route; None if start or goal is not clear, or if so many iterations have found no route.
+    """Find a short route of clear straight motions from one configuration to another.
 
-    Where the straight motion is clear, it is the route. Others are planned, then shortened. The same arguments give the
-    same route, in every process and whatever was planned before, unless planning lasts `LONGEST_PLANNING`. OMPL draws
-    its seeds from one generator of the process: two threads must not plan at once.
+    If the straight motion is clear, it is the route. Others are planned by sampling, then shortened. The same arguments
+    give the same route, in every process and whatever was planned before, unless planning lasts `LONGEST_PLANNING`.
+    OMPL draws its seeds from one generator of the process: two threads must not plan at once.
 
     Args:
         start: Configuration at its beginning (n,); angles do not wrap.
@@ -172,8 +177,11 @@ def find_route(
         motions: Measures and tests motions.
         seed: An integer from 0 on.
         iterations: How often the planner looks whether it should stop: about how many configurations it draws.
-        slack: By how much start and goal may be nearer than the margin [m]. So may the route about one that is: the
-            less, the farther from it, and not at all a tenth of the distance from start to goal away.
+        slack: By how much start and goal may be nearer to obstacles than the margin [m]. If one of them is, the route
+            near it may be as well, and less so farther away: not at all at a tenth of the distance from start to goal.
+
+    Returns:
+        The route; None if start or goal is not clear, or if no route was found in so many iterations.
 
     Raises:
         InputError: A route has to be planned, and OMPL is not installed.
@@ -181,7 +189,7 @@ def find_route(
     moving = np.asarray(free, dtype=int)
     end = start.copy()
     end[moving] = goal[moving]
-    motions = _allowing_near_ends(motions, start, end, slack)
+    motions = _allowing_slack_near_ends(motions, start, end, slack)
     if np.any(motions.clearance(np.stack([start, end])) < 0.0):
         return None
     if motions.is_clear(start, end):
@@ -190,7 +198,7 @@ def find_route(
     reach = motions.length(start, end) / motions.scale
     lowest = np.minimum(start, end)
     highest = np.maximum(start, end)
-    waypoints = _plan(
+    waypoints = _plan_with_ompl(
         start,
         end,
         low=np.where(np.isfinite(low), np.minimum(low, lowest), lowest - reach),
@@ -205,14 +213,26 @@ def find_route(
     return _shortened(Route(waypoints, motions.scale), motions)
 
 
-def _allowing_near_ends(motions: StraightMotions, start: np.ndarray, end: np.ndarray, slack: float) -> StraightMotions:
-    """Return motions that may be as near as start and end (n,) about these, if they are within the slack [m]."""
+def _allowing_slack_near_ends(
+    motions: StraightMotions, start: np.ndarray, end: np.ndarray, slack: float
+) -> StraightMotions:
+    """Return motions with a smaller margin near a start or an end that is itself nearer to obstacles than the margin.
+
+    Otherwise no route could leave a start, or reach an end, where the robot is close to something on purpose. What is
+    missing to the margin there is allowed at the end itself, and fades to 0 within a tenth of the motion's length.
+
+    Args:
+        motions: The motions.
+        start: Where a route begins (n,).
+        end: Where it ends (n,).
+        slack: What may be missing to the margin at most [m]; an end that misses more is not clear.
+    """
     ends = np.stack([start, end])
     lacking = -motions.clearance(ends)
     allowed = np.where((lacking > 0.0) & (lacking <= slack), lacking + ROUNDING, 0.0)
     if not np.any(allowed):
         return motions
-    radius = max(0.1 * motions.length(start, end), SHORTEST)
+    radius = max(ALLOWED_SHARE * motions.length(start, end), SHORTEST)
 
     def clearance(configurations: np.ndarray) -> np.ndarray:
         distances = np.linalg.norm((configurations[:, None] - ends) * motions.scale, axis=2)
@@ -222,7 +242,7 @@ def _allowing_near_ends(motions: StraightMotions, start: np.ndarray, end: np.nda
     return replace(motions, clearance=clearance)
 
 
-def _plan(
+def _plan_with_ompl(
     start: np.ndarray,
     end: np.ndarray,
     *,
@@ -317,7 +337,7 @@ def _shortened(route: Route, motions: StraightMotions) -> Route:
     A pass takes the shortest path along straight clear motions between points of the route.
     """
     while True:
-        points = route.at(route.shares(SHORTENING_POINTS))
+        points = route.configurations_at(route.shares(SHORTENING_POINTS))
         shorter = Route(_shortest_path(points, motions), route.scale)
         if shorter.length > (1.0 - SHORTENING_GAIN) * route.length:
             return shorter
@@ -325,10 +345,18 @@ def _shortened(route: Route, motions: StraightMotions) -> Route:
 
 
 def _shortest_path(points: np.ndarray, motions: StraightMotions) -> np.ndarray:
-    """Return the points (W, n) of the shortest clear path from the first of some (P, n) to the last, in their order.
+    """Return the shortest clear path from the first of some points to the last, which may leave out points between.
 
-    The motion from each point to the next is clear. Shortest lengths from the first point are found in the order of the
-    points; a motion is tested only if it were part of a shorter path than those found.
+    It cuts the corners of a route. Points keep their order, so that dynamic programming finds the path: the shortest
+    length up to each point follows from those of the points before it. A motion is tested only if it would be part of a
+    shorter path than those found, because tests take most of the time.
+
+    Args:
+        points: Configurations (P, n); the motion from each to the next is clear.
+        motions: Measures and tests motions.
+
+    Returns:
+        The points of the path (W, n), the first and the last included.
     """
     lengths = np.zeros(len(points))
     previous = np.zeros(len(points), dtype=int)

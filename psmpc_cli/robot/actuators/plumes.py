@@ -61,17 +61,17 @@ class Plumes:
             at: Its frame, likewise.
         """
         back = conjugate(base.quaternion)
-        place = _rows(rotate(back, add(at.position, scaled(base.position, -1))))
+        place = _stacked(rotate(back, add(at.position, scaled(base.position, -1))))
         if shape.kind == "half_space":
-            return self._reach_below(_rows(rotate(back, rotate(at.quaternion, shape.size))), place)
+            return self._reach_half_spaces(_stacked(rotate(back, rotate(at.quaternion, shape.size))), place)
         radius, length = shape.size
-        along = _rows(rotate(back, rotate(at.quaternion, (length, 0.0, 0.0))))
+        along = _stacked(rotate(back, rotate(at.quaternion, (length, 0.0, 0.0))))
         is_near = np.linalg.norm(place, axis=1) <= self._reach_of_all + length / 2 + radius
         reached = np.zeros((len(place), len(self.axes)), bool)
         if is_near.any():
             start = (place - along / 2)[is_near]
             with np.errstate(invalid="ignore"):
-                reached[is_near] = self._to_segment(start, along[is_near]) <= radius
+                reached[is_near] = self._distances_to_segments(start, along[is_near]) <= radius
         return reached
 
     @cached_property
@@ -79,7 +79,7 @@ class Plumes:
         """How far from the base's origin plumes reach at most [m]."""
         return float(np.nanmax(np.linalg.norm(self.nozzles, axis=1) + self.lengths, initial=0.0))
 
-    def _reach_below(self, normal: Vector, place: Vector) -> NDArray[np.bool_]:
+    def _reach_half_spaces(self, normal: Vector, place: Vector) -> NDArray[np.bool_]:
         """Tell which reach below planes through places (N, 3) with normals (N, 3), see `reach`.
 
         The lowest point of a plume is its nozzle, or on its edge, or straight below the nozzle.
@@ -90,7 +90,7 @@ class Plumes:
         with np.errstate(invalid="ignore"):
             return np.asarray(height <= deepest)
 
-    def _to_segment(self, start: Vector, along: Vector) -> Vector:
+    def _distances_to_segments(self, start: Vector, along: Vector) -> Vector:
         """Compute the distances of segments (N, 3) from their starts on to each plume (N, T) [m].
 
         Along a segment the way ahead of a nozzle is linear, and the squared distance from it quadratic.
@@ -103,7 +103,7 @@ class Plumes:
         curvature = np.einsum("nk,nk->n", along, along)[:, None]
 
         def at(share: Vector) -> Vector:
-            return self._distance(ahead + share * rate, squared + share * (slope + share * curvature))
+            return self._distances_to_points(ahead + share * rate, squared + share * (slope + share * curvature))
 
         low = np.zeros_like(ahead)
         if not along.any():
@@ -127,7 +127,7 @@ class Plumes:
             at_outer = np.where(is_lower, at_kept, at_new)
         return np.minimum(at_inner, at_outer)
 
-    def _distance(self, ahead: Vector, squared: Vector) -> Vector:
+    def _distances_to_points(self, ahead: Vector, squared: Vector) -> Vector:
         """Compute the distances to each plume (N, T) [m] of points so far ahead of its nozzle, and from it, squared."""
         sine = np.sin(self.angles)
         cosine = np.cos(self.angles)
@@ -138,6 +138,6 @@ class Plumes:
         return np.asarray(np.where(aside * cosine <= ahead * sine, to_end, to_edge))
 
 
-def _rows(components: Sequence[Vector]) -> Vector:
+def _stacked(components: Sequence[Vector]) -> Vector:
     """Return vectors of components (N,) each as rows (N, 3)."""
     return np.stack(np.broadcast_arrays(*components), axis=-1)

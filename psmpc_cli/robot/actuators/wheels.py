@@ -133,7 +133,7 @@ class Wheels:
             torques.append(clip(within, -most, most))
         return torques
 
-    def unloaded(self, F: Array, h: Array, driven: tuple[float, ...], tick: float) -> tuple[Array, Array]:
+    def with_unloading(self, F: Array, h: Array, driven: tuple[float, ...], tick: float) -> tuple[Array, Array]:
         """Return a generalized force with the balance of what unloads wheels (n,), and the torques that do (W,).
 
         Args:
@@ -142,23 +142,23 @@ class Wheels:
             driven: On which coordinates of the base something acts, see `RobotModel.driven`.
             tick: For how long the torques hold [s].
         """
-        torques = driven[0] * np.array(self.unloading_torques(h.tolist(), tick, by_numbers))
+        torques = driven[0] * np.array(self.unloading_torques(h.tolist(), tick, clip_numbers))
         return self.with_moment(F, torques), torques
 
-    def turned(
+    def with_turning(
         self, F: Array, h: Array, driven: tuple[float, ...], tick: float, unloading: Array
     ) -> tuple[Array, Array]:
         """Return what of a generalized force acts on the base (n,), and the torques of the motors (W,).
 
         Args:
-            F: As `unloaded` returns it, within its limits (n,) [N, N m].
+            F: As `with_unloading` returns it, within its limits (n,) [N, N m].
             h: What the wheels store (W,) [N m s].
             driven: On which coordinates of the base something acts.
             tick: For how long the torques hold [s].
             unloading: Torques that unload the wheels (W,) [N m].
         """
         by_wheels = (1 - driven[0]) * driven[-1]
-        turning = np.array(self.turning_torques(F[self.space.rotation].tolist(), h.tolist(), tick, by_numbers))
+        turning = np.array(self.turning_torques(F[self.space.rotation].tolist(), h.tolist(), tick, clip_numbers))
         torques = unloading + by_wheels * turning
         F = F.copy()
         F[self.space.rotation] *= 1 - by_wheels
@@ -178,7 +178,7 @@ class Wheels:
         """Return what wheels that spin so (W,) store on a base of velocity v (n,), (W,) [N m s]."""
         return np.asarray(self.inertia * (spins + v[self.space.rotation] @ self.axes))
 
-    def balance(self, Q: Array, h: Array) -> Array:
+    def momentum_and_energy(self, Q: Array, h: Array) -> Array:
         """Return momentum about the inertial origin, then kinetic energy of the wheels, (K, 4) or (K, 7).
 
         The momentum is what they add to that of the bodies, R h_w; so is the energy, sum h^2 / 2 J.
@@ -195,11 +195,11 @@ class Wheels:
         return np.column_stack([*turned, (h**2 / (2 * self.inertia)).sum(axis=1)])
 
 
-def by_numbers(value: float, low: float, high: float) -> float:
+def clip_numbers(value: float, low: float, high: float) -> float:
     """Bound a number."""
     return min(max(value, low), high)
 
 
-def by_expressions(value: Any, low: Any, high: Any) -> Any:
+def clip_expressions(value: Any, low: Any, high: Any) -> Any:
     """Bound a CasADi expression."""
     return ca.fmin(ca.fmax(value, low), high)

@@ -25,7 +25,7 @@ def moved(
     v = np.zeros(N)
     level = random.uniform(-0.3, 0.3, N)
     for k in range(samples):
-        estimate = estimator.measured(estimate, k * T, v + noise * random.standard_normal(N), commands)
+        estimate = estimator.after_measurement(estimate, k * T, v + noise * random.standard_normal(N), commands)
         found.append(estimate)
         level = level + random.uniform(-0.1, 0.1, N)
         u = np.tile(level, (round(T / TICK), 1))
@@ -69,10 +69,10 @@ def test_what_is_not_measured_and_what_comes_after_a_jump_is_left_out() -> None:
     estimator = DelayEstimator(np.zeros(N), np.ones(N, bool), TICK, T, largest=4.0)
     u = np.full((100, N), 0.1)
     commands = SentCommands(N, TICK).after(Sent(0.0, u, u), oldest=-1.0)
-    begun = estimator.measured(estimator.first, 0.0, np.zeros(N), SentCommands(N, TICK))
-    unmeasured = estimator.measured(begun, 0.1, np.full(N, np.nan), commands)
+    begun = estimator.after_measurement(estimator.first, 0.0, np.zeros(N), SentCommands(N, TICK))
+    unmeasured = estimator.after_measurement(begun, 0.1, np.full(N, np.nan), commands)
     assert unmeasured.times == begun.times
-    after_jump = estimator.measured(estimator.unsettled(begun, 0.1), 0.2, np.full(N, 0.5), commands)
+    after_jump = estimator.after_measurement(estimator.unsettled(begun, 0.1), 0.2, np.full(N, 0.5), commands)
     assert (after_jump.seconds, after_jump.times) == (0.0, ())
 
 
@@ -81,8 +81,8 @@ def test_coordinates_that_no_command_acts_on_tell_nothing() -> None:
     estimator = DelayEstimator(np.zeros(N), acted_on, TICK, T, largest=4.0)
     u = np.full((100, N), 0.1)
     commands = SentCommands(N, TICK).after(Sent(0.0, u, u), oldest=-1.0)
-    estimate = estimator.measured(estimator.first, 0.0, np.zeros(N), SentCommands(N, TICK))
-    found = estimator.measured(estimate, 0.1, np.array([np.pi, 0.005, 0.005, 0.005]), commands)
+    estimate = estimator.after_measurement(estimator.first, 0.0, np.zeros(N), SentCommands(N, TICK))
+    found = estimator.after_measurement(estimate, 0.1, np.array([np.pi, 0.005, 0.005, 0.005]), commands)
     assert found.seconds == pytest.approx(0.05, abs=2e-3)
 
 

@@ -62,7 +62,7 @@ def moved(
         vdot = model.forward_dynamics(Q, v, law.force(Q, v, u), true)
         vdot = vdot + np.sqrt(2) * noise / T * random.standard_normal(model.n)
         motion = MeasuredMotion(10 + k * T, 10 + (k + 1) * T, Q, v, vdot)
-        estimate = estimator.measured(estimate, motion, [Acting(0.5, u, None), Acting(0.5, u, law)])
+        estimate = estimator.after_measurement(estimate, motion, [Acting(0.5, u, None), Acting(0.5, u, law)])
     return estimate
 
 
@@ -119,9 +119,9 @@ def test_what_is_not_measured_or_has_not_settled_or_acted_at_an_unknown_time_is_
     known = MeasuredMotion(1.0, 1.1, model.neutral, v, np.ones(model.n))
     closing = estimator.holding(estimator.first, is_loaded=True, time=0.9)
     for left in (
-        estimator.measured(closing, known, acting).shares,
-        estimator.measured(estimator.first, unknown, acting).shares,
-        estimator.measured(estimator.first, known, acting, np.full(model.n, np.inf)).shares,
+        estimator.after_measurement(closing, known, acting).shares,
+        estimator.after_measurement(estimator.first, unknown, acting).shares,
+        estimator.after_measurement(estimator.first, known, acting, np.full(model.n, np.inf)).shares,
     ):
         assert not left.any()
 

@@ -137,7 +137,7 @@ def test_what_does_not_explain_the_motion_is_given_up_for_the_prior() -> None:
         v = random.uniform(-0.5, 0.5, model.n)
         now = RobotAndObject(0.1 * k, model.neutral, v, (np.array([1.0, 0.0, 0.0]), v[:3]))
         if before is not None:
-            estimate = estimator.measured(estimate, before, now, u, problem.law)
+            estimate = estimator.after_measurement(estimate, before, now, u, problem.law)
         dropped.append(estimate.dropped)
         before = now
     assert any(dropped)
@@ -152,9 +152,9 @@ def test_a_sample_that_is_not_measured_begins_a_new_block() -> None:
     rest = [RobotAlone(0.1 * k, model.neutral, np.zeros(model.n)) for k in range(3)]
     unknown = RobotAlone(0.2, model.neutral, np.full(model.n, np.nan))
     u = np.zeros((100, model.n))
-    estimate = estimator.measured(estimator.first, rest[0], rest[1], u, problem.law)
+    estimate = estimator.after_measurement(estimator.first, rest[0], rest[1], u, problem.law)
     assert estimate.begun == 0.1
-    assert estimator.measured(estimate, rest[1], unknown, u, problem.law).begun == np.inf
+    assert estimator.after_measurement(estimate, rest[1], unknown, u, problem.law).begun == np.inf
 
 
 def test_unknowns_that_are_forgotten_leave_what_was_known_of_the_others() -> None:

@@ -70,7 +70,7 @@ def test_what_stages_to_come_start_from(tmp_path: Path) -> None:
         states.append((stage, Q, 0.1 * random.standard_normal(model.n)))
     _, Q, v = states[0]
     h = wheels.initial
-    stored = estimator.in_stages(WheelEstimate(h, 0.0, Q, v), states)
+    stored = estimator.stored_in_stages(WheelEstimate(h, 0.0, Q, v), states)
     np.testing.assert_allclose(stored[0], wheels.axes @ h, atol=1e-15)
     _, Q, v = states[1]
     L = model.momentum(Q, v, model.nominal.storing(wheels.axes @ h))[model.space.rotation]
@@ -86,10 +86,10 @@ def test_a_wheel_that_is_not_measured_follows(tmp_path: Path) -> None:
     model = problem.model
     estimator = WheelEstimator(problem)
     rest = np.zeros(model.n)
-    first = estimator.measured(None, 0, 0.0, model.neutral, rest, None)
+    first = estimator.after_measurement(None, 0, 0.0, model.neutral, rest, None)
     np.testing.assert_array_equal(first.momentum, estimator.wheels.initial)
     measured = np.array([0.2, np.nan, 0.1, np.nan])
-    then = estimator.measured(first, 0, 0.1, model.neutral, rest, measured)
+    then = estimator.after_measurement(first, 0, 0.1, model.neutral, rest, measured)
     np.testing.assert_allclose(then.momentum, [0.2, *estimator.wheels.initial[1:2], 0.1, 0.0], atol=1e-15)
 
 

@@ -74,12 +74,12 @@ def test_a_robot_sees_further_along_its_route_as_it_flies(guide: RouteGuide) -> 
     route = guide.routes[0].route
     before = RouteProgress()
     for share in (0.0, 0.3, 0.6, 0.9, 0.95):
-        state = State(route.at(np.array([share]))[0], np.zeros(9))
-        now = guide.followed(before, 0, 1.0, state, NO_OBJECT)
+        state = State(route.configurations_at(np.array([share]))[0], np.zeros(9))
+        now = guide.updated_progress(before, 0, 1.0, state, NO_OBJECT)
         assert now.progress[0] >= max(before.progress.get(0, 0.0), share - 1e-9)
         assert (0 in now.waypoints) == (now.progress[0] < 1)
         before = now
-    back = guide.followed(before, 0, 2.0, State(route.waypoints[0], np.zeros(9)), NO_OBJECT)
+    back = guide.updated_progress(before, 0, 2.0, State(route.waypoints[0], np.zeros(9)), NO_OBJECT)
     assert back.progress[0] == before.progress[0], "it never moves back"
 
 

@@ -75,7 +75,7 @@ def sagitta(radius: float) -> float:
 
 
 def finely(route: Route) -> np.ndarray:
-    return route.at(np.linspace(0.0, 1.0, 5001))
+    return route.configurations_at(np.linspace(0.0, 1.0, 5001))
 
 
 def test_a_motion_is_clear_if_it_is_so_all_along() -> None:
@@ -212,7 +212,7 @@ def test_what_a_clearance_raises_comes_through() -> None:
 def test_progress_is_a_share_of_the_length() -> None:
     route = Route(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([1.0, 3.0]))
     assert route.length == pytest.approx(4.0)
-    np.testing.assert_allclose(route.at(np.array([0.0, 0.125, 0.25, 0.625, 1.0])).tolist(), [
+    np.testing.assert_allclose(route.configurations_at(np.array([0.0, 0.125, 0.25, 0.625, 1.0])).tolist(), [
         [0.0, 0.0], [0.5, 0.0], [1.0, 0.0], [1.0, 0.5], [1.0, 1.0],
     ])  # fmt: skip
 
@@ -230,7 +230,7 @@ def test_the_farthest_point_in_sight_leads_along_the_route_and_never_back() -> N
         assert progress >= after
         motion = Route(np.stack([Q, waypoint]), route.scale)
         assert distances(finely(motion), SEVERAL_DISCS).min() > -sagitta(RADIUS + 0.2)
-        np.testing.assert_allclose(waypoint, route.at(np.array([progress]))[0])
+        np.testing.assert_allclose(waypoint, route.configurations_at(np.array([progress]))[0])
         passed.append(progress)
         towards = waypoint - Q
         Q = Q + towards * min(1.0, 0.05 / max(float(np.linalg.norm(towards)), 1e-12))
@@ -270,7 +270,7 @@ def test_where_nothing_is_in_sight_the_progress_stays() -> None:
     route = Route(np.array([START, [0.0, 1.0], GOAL]), np.ones(2))
     progress, waypoint = route.farthest_clear(np.zeros(2), motions_among(ONE_DISC), 0.3)
     assert progress == 0.3
-    np.testing.assert_allclose(waypoint, route.at(np.array([0.3]))[0])
+    np.testing.assert_allclose(waypoint, route.configurations_at(np.array([0.3]))[0])
     assert route.farthest_clear(START, motions_among(ONE_DISC), 1.0)[0] == 1.0
 
 

@@ -61,7 +61,8 @@ def test_what_follows_from_the_state_is_what_plants_store(tmp_path: Path, build:
     load = known_load(task.spec, model, 0)
     assert load.stores == FOLLOWS
     at_first = (
-        model.momentum(x[: model.nq], x[model.nq :]) + wheels.balance(x[None, : model.nq], drive.momentum[None])[0, :-1]
+        model.momentum(x[: model.nq], x[model.nq :])
+        + wheels.momentum_and_energy(x[None, : model.nq], drive.momentum[None])[0, :-1]
     )
     L = at_first[model.space.rotation]
     argument = np.r_[x[: model.nq][model.space.attitude], load.numbers[: -len(L)], L, wheels.unseen @ drive.momentum]

@@ -21,7 +21,7 @@ def model(tmp_path: Path) -> RobotModel:
 def test_motors_give_a_moment_with_the_least_torques(model: RobotModel) -> None:
     wheels = Wheels.of(model.spec)
     F = np.r_[0.1, -0.2, 0.3, 0.004, -0.003, 0.002, 0.0, 0.0, 0.0]
-    acts, torques = wheels.turned(F, wheels.initial, TURNED, 1e-3, np.zeros(4))
+    acts, torques = wheels.with_turning(F, wheels.initial, TURNED, 1e-3, np.zeros(4))
     np.testing.assert_allclose(acts[model.space.rotation], F[model.space.rotation], atol=1e-17)
     np.testing.assert_allclose(wheels.axes @ torques, -F[model.space.rotation], atol=1e-17)
     np.testing.assert_allclose(wheels.unseen @ torques, 0, atol=1e-17)
@@ -34,10 +34,10 @@ def test_a_full_wheel_gives_nothing_further(model: RobotModel) -> None:
     h = wheels.momentum - [1e-6, 0, 0.1, 0.1]
     F = np.zeros(model.n)
     F[model.space.rotation] = -wheels.axes @ np.full(4, 0.01)
-    _, torques = wheels.turned(F, h, TURNED, 1e-3, np.zeros(4))
+    _, torques = wheels.with_turning(F, h, TURNED, 1e-3, np.zeros(4))
     wanted = wheels.allocation @ wheels.axes @ np.full(4, 0.01)
     np.testing.assert_allclose(torques, [1e-3, 0, wanted[2], wanted[3]], atol=1e-12)
-    _, back = wheels.turned(-F, h, TURNED, 1e-3, np.zeros(4))
+    _, back = wheels.with_turning(-F, h, TURNED, 1e-3, np.zeros(4))
     np.testing.assert_allclose(back, -wanted, atol=1e-17)
 
 
@@ -50,7 +50,7 @@ def test_momentum_is_that_of_the_model_with_what_is_stored(tmp_path: Path, where
     Q = model.space.path(model.neutral, random.standard_normal((1, model.n)))
     v = random.standard_normal(model.n)
     h = random.standard_normal(wheels.count)
-    added = wheels.balance(Q[-1:], h[None])[0]
+    added = wheels.momentum_and_energy(Q[-1:], h[None])[0]
     stored = model.nominal.storing(wheels.axes @ h)
     np.testing.assert_allclose(model.momentum(Q[-1], v, stored) - model.momentum(Q[-1], v), added[:-1], atol=1e-13)
     assert added[-1] == pytest.approx((h**2 / wheels.inertia).sum() / 2)

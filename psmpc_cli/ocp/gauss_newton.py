@@ -17,7 +17,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from psmpc_cli.ocp.constraints import IntervalRows, interval_rows, node_rows
-from psmpc_cli.ocp.constraints.base import is_of
+from psmpc_cli.ocp.constraints.base import is_entry_of
 from psmpc_cli.ocp.constraints.boxes import shares_of_time
 from psmpc_cli.ocp.objective import ChangeFunctions, Intervals, force_residual, rate_residual, stage_functions
 from psmpc_cli.ocp.plan import Grid
@@ -152,7 +152,9 @@ class VelocityForm:
             (rows.functions, rows) for rows in self.interval_rows if isinstance(rows.functions, ChangeFunctions)
         ]
         self.residuals_are_curved = any(
-            is_of("mobility", name) or is_of("mount", name) for stage in shape.stages for name, _ in stage.constraints
+            is_entry_of("mobility", name) or is_entry_of("mount", name)
+            for stage in shape.stages
+            for name, _ in stage.constraints
         )
         rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
         self.curved = rows_are_curved or self.residuals_are_curved

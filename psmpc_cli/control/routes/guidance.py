@@ -16,7 +16,7 @@ from psmpc_cli.control.identification.tracking import ObjectEstimate
 from psmpc_cli.control.interface import State
 from psmpc_cli.control.routes.route import Route, StraightMotions, find_route
 from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, groups_to_clear, poses_at
+from psmpc_cli.ocp.constraints.clearance import distances_on_arrays, groups_to_clear, poses_at, poses_at_sample
 from psmpc_cli.ocp.feasibility.postures import configurations, held_pose, unforeseen
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.skills import Posture, skill_in
@@ -175,7 +175,7 @@ class RouteGuide(Guide):
         model = self._problem.model
         evaluated = list[tuple[BatchFunction, np.ndarray]]()
         for group in self._groups[stage].values():
-            argument = argument_of(group, model, sample)
+            argument = poses_at_sample(group, model, sample)
             if argument is not None:
                 taken = poses_at(group.pairs, model, argument, np.zeros(1))[0]
                 distances = distances_on_arrays(model, group.pairs)

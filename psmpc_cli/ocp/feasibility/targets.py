@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, groups_to_clear, poses_at
+from psmpc_cli.ocp.constraints.clearance import Group, distances_on_arrays, groups_to_clear, poses_at, poses_at_sample
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
 from psmpc_cli.ocp.feasibility.postures import arm_postures, held_pose, unforeseen
@@ -146,7 +146,7 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     at_rest_there = _at_rest(task, model, stage, Q)
     smallest = dict[tuple[str, str], float]()
     for group in groups_to_clear(task.spec, model, 0 if stage is None else stage.index).values():
-        argument = argument_of(group, model, at_rest_there)
+        argument = poses_at_sample(group, model, at_rest_there)
         if argument is None or (stage is not None and _has_moved(group, stage, at_rest_there)):
             continue
         poses = poses_at(group.pairs, model, argument, np.zeros(1))[0]

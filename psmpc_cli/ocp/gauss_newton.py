@@ -787,7 +787,7 @@ class _CostModel:
     ) -> np.ndarray:
         """Add weight times e' W e at some nodes to gradient and Hessian, and return e' W e at each of them.
 
-        With w = weight(tau) the residual is r = sqrt(w) e. The errors e depend on Q, with E = de/dQ, and, where a target
+        With w = weight(tau) the residual is r = sqrt(w) e. Errors e depend on Q, with E = de/dQ, and, where the target
         moves, on the stage's duration tau, with e_tau = de/dtau. So dr/dtau = sqrt(w) (e_tau + w' / (2 w) e), and the
         Gauss-Newton model is
 

@@ -17,7 +17,7 @@ from psmpc_cli.control.interface import State
 from psmpc_cli.control.routes.route import Route, StraightMotions, find_route
 from psmpc_cli.native.functions import BatchFunction
 from psmpc_cli.ocp.constraints.clearance import distances_on_arrays, groups_to_clear, poses_at, poses_at_sample
-from psmpc_cli.ocp.feasibility.postures import configurations, held_pose, unforeseen
+from psmpc_cli.ocp.feasibility.postures import configurations_at_stops, held_pose, reasons_unforeseen
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleContext
@@ -105,8 +105,8 @@ class RouteGuide(Guide):
         self.routes: dict[int, PlannedRoute] = {}
         self.blocked: list[int] = []
         self._groups = [groups_to_clear(problem.spec, problem.model, stage) for stage in range(len(problem.stages))]
-        stops = configurations(problem.task, problem.model, problem.stages)
-        moving = unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
+        stops = configurations_at_stops(problem.task, problem.model, problem.stages)
+        moving = reasons_unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
         planned = len(problem.stages) if problem.spec.routes else 0
         work = Work("stages", planned, title="planning routes", small_parts=True)
         for stage in range(len(problem.stages)):

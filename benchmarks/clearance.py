@@ -29,7 +29,7 @@ from performance_table import floating
 
 import psmpc_cli as psmpc
 from psmpc_cli.ocp.constraints import soft_row_violations
-from psmpc_cli.ocp.constraints.clearance import argument_of, distance_rows, groups, poses_at
+from psmpc_cli.ocp.constraints.clearance import distance_rows, groups, poses_at, poses_at_sample
 from psmpc_cli.ocp.feasibility.postures import configurations
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import SampleContext
@@ -171,7 +171,7 @@ def nearest(problem: Problem, Q: np.ndarray) -> float:
         x = np.asarray(chart.to_chart(Q_of_one[None], np.zeros((1, model.n))))[0]
         sample = SampleContext(0.0, x, chart.anchor)
         for group in groups(problem.spec, model, 0).values():
-            argument = argument_of(group, model, sample)
+            argument = poses_at_sample(group, model, sample)
             if argument is not None:
                 taken = np.concatenate([chart.anchor, poses_at(group.pairs, model, argument, np.zeros(1))[0]])
                 rows = model.cached((distance_rows, group.pairs), partial(distance_rows, model, group.pairs))

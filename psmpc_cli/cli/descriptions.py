@@ -89,7 +89,7 @@ def _drifts(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[str]:
         speed = f"{drift.stage.name}: the robot drifts at {drift.speed:.3g} m/s, with the momentum that {left} leaves"
         if not (drift.speed and np.isfinite(drift.spread)):
             continue
-        if len(drift.way) and not drift.miss:
+        if len(drift.displacement) and not drift.miss:
             after = drift.nearest_after
             yield f"{speed}; it is at its place after {after:.3g} s, give or take {drift.spread * after:.2g} m"
         elif drift.lasts:

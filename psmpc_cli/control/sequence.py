@@ -268,7 +268,7 @@ def with_detected_stage(
         return None
     stage = stages[sequence.last]
     progress = StageProgress(float(sequence.switch_times[-1])) if len(sequence.switch_times) else sequence.progress
-    switch_time = stage.end.foreseen(progress, guess, lambda X: costs.met(stage, X, margin))
+    switch_time = stage.end.predicted_end(progress, guess, lambda X: costs.met(stage, X, margin))
     if not np.isfinite(switch_time):
         return None
     return sequence.extended(sequence.last if is_of_one_stage else sequence.last + 1, switch_time)

@@ -47,7 +47,7 @@ from psmpc_cli.figures.solids import (
 from psmpc_cli.figures.timeline import runs_of
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility.posing import Posing, posings
-from psmpc_cli.ocp.feasibility.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations_at_stops
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
@@ -531,7 +531,7 @@ def plot_scenario(task: Task) -> Figure:
     """
     model = RobotModel(task.robot)
     stages = build_stages(task.spec, task.robot, model)
-    stops = configurations(task, model, stages)
+    stops = configurations_at_stops(task, model, stages)
     target_object = task.spec.object
     camera = CAMERAS[model.dimension]
     half = half_edges(target_object.shape if target_object else (0.0, 0.0))

@@ -173,8 +173,8 @@ class End(ABC):
         return centers
 
     @property
-    def counts(self) -> tuple[int, ...]:
-        """Number of components of each quantity that is bounded: 1 of a row or a rate, more of a vector."""
+    def component_numbers(self) -> tuple[int, ...]:
+        """How many components each bounded quantity has: 1 for a row of the error or its rate, more for a vector."""
         of_vectors = tuple(bound.components for bound in self.norms)
         return (*(1,) * (len(self.half_widths) - sum(of_vectors)), *of_vectors)
 
@@ -259,26 +259,28 @@ class End(ABC):
     def is_over(self, progress: StageProgress, now: float, is_met: Callable[[], bool]) -> bool:
         """Tell whether the stage is over, by what is measured at time now [s]."""
 
-    def foreseen(self, progress: StageProgress, plan: Plan, met: Callable[[np.ndarray], np.ndarray]) -> float:
-        """Predict when the stage will end, from a plan that so far goes on with the stage to the end of its horizon.
+    def predicted_end(self, progress: StageProgress, plan: Plan, met: Callable[[np.ndarray], np.ndarray]) -> float:
+        """Predict when the stage will end, so that the next stage can be added to the window behind it.
+
+        The prediction is read from a plan in which this is the last stage, which goes on to the end of the horizon.
 
         Args:
-            progress: Of the stage: when it was entered. For a stage that begins in the plan, that is its planned
-                beginning.
+            progress: Progress of the stage: when it was entered. For a stage that begins in the plan, that is its
+                planned beginning.
             plan: The plan, from now on.
             met: Tells at which states (K, 2n) the end condition holds within its detection margin (K,).
 
         Returns:
-            The time [s]; infinite if the plan does not reach the end, or windows never plan it (`is_planned`). A next
-            stage needs some time: within ten shortest durations of the horizon's end no end is predicted.
+            The time [s]; infinite if the plan does not reach the end, or windows never plan it (`is_planned`). The next
+            stage needs some time: no end is predicted within ten shortest durations of the horizon's end.
         """
         if not self.is_planned:
             return np.inf
         begins = max(plan.start, progress.entered)
-        return self._foreseen(progress, begins, plan.end - 10 * SHORTEST, plan, met)
+        return self._predicted_end(progress, begins, plan.end - 10 * SHORTEST, plan, met)
 
     @abstractmethod
-    def _foreseen(
+    def _predicted_end(
         self,
         progress: StageProgress,
         begins: float,
@@ -286,7 +288,15 @@ class End(ABC):
         plan: Plan,
         met: Callable[[np.ndarray], np.ndarray],
     ) -> float:
-        """Return the same of an end that windows may have, of a stage that goes on from `begins`, to `latest` [s]."""
+        """Return the same for one kind of end, that windows may plan.
+
+        Args:
+            progress: Progress of the stage.
+            begins: When the stage begins in the plan, at the earliest now [s].
+            latest: No end is predicted after this time [s].
+            plan: The plan, from now on.
+            met: Tells at which states (K, 2n) the end condition holds within its detection margin (K,).
+        """
 
     def accepts(self, planned: PlannedEnd) -> bool:
         """Tell whether the plan may end the stage.
@@ -330,7 +340,7 @@ class AtTime(End):
         """Tell whether the time has come, and the dwell time has passed."""
         return now - progress.entered >= self.dwell - ROUNDING and now >= self.at - SHORTEST
 
-    def _foreseen(
+    def _predicted_end(
         self,
         progress: StageProgress,
         begins: float,
@@ -370,7 +380,7 @@ class ByState(End):
         too_early = now - progress.entered < self.dwell - ROUNDING or self.hold_left(progress, now) > ROUNDING
         return not too_early and is_met()
 
-    def _foreseen(
+    def _predicted_end(
         self,
         progress: StageProgress,
         begins: float,
@@ -378,10 +388,11 @@ class ByState(End):
         plan: Plan,
         met: Callable[[np.ndarray], np.ndarray],
     ) -> float:
-        """Return when predicted states meet the end condition within its detection margin.
+        """Return when predicted states first meet the end condition within its detection margin [s]; else infinity.
 
-        A stage alone only creeps up to its target. The end of one that has to hold its end condition is seen once the
-        current state meets it, unless it was lost before: so that what follows cannot break the hold again and again.
+        A plan whose last stage this is only creeps up to the target, so the margin counts. An end condition that has to
+        be held for some time is treated otherwise: its end is predicted only once the measured state meets it, and not
+        after it was met and lost, so that the next stage cannot break the hold again and again.
         """
         earliest = max(begins, progress.entered + self.dwell)
         if self.hold > 0.0:

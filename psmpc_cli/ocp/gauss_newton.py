@@ -17,7 +17,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from psmpc_cli.ocp.constraints import IntervalRows, interval_rows, node_rows
-from psmpc_cli.ocp.constraints.base import is_of
+from psmpc_cli.ocp.constraints.base import is_entry_of
 from psmpc_cli.ocp.constraints.boxes import shares_of_time
 from psmpc_cli.ocp.objective import ChangeFunctions, Intervals, force_residual, rate_residual, stage_functions
 from psmpc_cli.ocp.plan import Grid
@@ -133,15 +133,18 @@ class VelocityForm:
             model: The robot.
             shape: The structure of the windows: stages, numbers of intervals, which constraints there are.
         """
+        # `stage_functions`, `node_rows` and `interval_rows` are built once for a robot and a shape.
         self.grid = Grid(model.n, shape.nodes)
         self.costs = [stage_functions(model, cost_shape(stage)) for stage in shape.stages]
         self.node_rows = node_rows(model, shape)
         self.interval_rows = [*interval_rows(model, shape), *_force_rows(model, shape), *_rate_rows(model, shape)]
+        # Rows about changes of the acceleration also depend on the velocities where the interval before begins.
         self.history = model.n if shape.has_rates else 0
         self.nodes = np.array(shape.nodes)
         self.weights = velocity_shares(shape.discretization)
         self._index_node_rows()
         self._index_interval_rows()
+        # Rows at nodes that determine some velocities by the others, with derivatives by these: `with_dependent_rates`.
         self._rows_with_dependent_rates = [
             (rows, rows.functions.solved_for, rows.functions.by_solved_for)
             for rows in self.node_rows
@@ -151,22 +154,27 @@ class VelocityForm:
         self._change_rows = [
             (rows.functions, rows) for rows in self.interval_rows if isinstance(rows.functions, ChangeFunctions)
         ]
+        # A base that nothing pushes, or that a mount holds.
         self.residuals_are_curved = any(
-            is_of("mobility", name) or is_of("mount", name) for stage in shape.stages for name, _ in stage.constraints
+            is_entry_of("mobility", name) or is_entry_of("mount", name)
+            for stage in shape.stages
+            for name, _ in stage.constraints
         )
         rows_are_curved = any(rows.functions.curvature is not None for rows in self.node_rows)
         self.curved = rows_are_curved or self.residuals_are_curved
 
     def _index_node_rows(self) -> None:
-        """Order the rows of all constraints at nodes by node, and note for each of them where it comes from.
+        """Number the rows of all constraints at nodes in the order of the quadratic programs, and index them.
 
-        A constraint has `count` rows at each of its nodes. In the order of the programs, (E,), rows of one node follow
-        each other. So each row knows its constraint, at which of its nodes and as which of its rows there it stands.
+        A constraint gives its rows together, `count` rows at each of its nodes. In the programs all E rows are ordered
+        by node. This sets the arrays that lead from one order to the other, and, for each of the E rows, its node, its
+        constraint, at which of that one's nodes and as which of its rows there it stands, and whether it is soft.
         """
         constraints = self.node_rows
-        # Node of each row; and where the rows of each constraint stand in that order.
+        # Node of each row (E,); and by constraint the numbers of its rows in the order of the programs.
         self._nodes_of_rows = [np.array(rows.nodes) for rows in constraints]
-        self.row_node, self._places = _ordered([np.repeat(rows.nodes, rows.functions.count) for rows in constraints])
+        self.row_node, self._places = _order_rows([np.repeat(rows.nodes, rows.functions.count) for rows in constraints])
+        # The inverse: where row by row of the programs stands if constraints follow each other.
         self._node_order = np.argsort(np.concatenate([np.zeros(0, int), *self._places]))
         row_count = len(self.row_node)
         self.row_is_soft = np.zeros(row_count, bool)
@@ -190,7 +198,7 @@ class VelocityForm:
 
     def _index_interval_rows(self) -> None:
         """Order the rows over intervals by interval, and note which of them have bounds over h."""
-        self.row_interval, self._interval_places = _ordered(
+        self.row_interval, self._interval_places = _order_rows(
             [np.repeat(rows.intervals, rows.functions.count) for rows in self.interval_rows]
         )
         self.interval_row_is_over_time = np.ones(len(self.row_interval), bool)
@@ -246,9 +254,12 @@ class VelocityForm:
     def residuals(self, point: Unknowns, p: Parameters[np.ndarray]) -> Residuals:
         """Evaluate objective and constraints of a window at a point, without derivatives.
 
+        A line search compares them. `linearize` computes them with derivatives.
+
         Args:
             point: States at the nodes and free durations.
-            p: The numbers of the window: target, weights, normalization of each stage.
+            p: The numbers of the window: target, weights, normalization of each stage; p.terminal is kappa, the weight
+                of the terminal cost.
         """
         tau = self.durations(point, float(p.horizon))
         interval_values = self.interval_row_values(point, p)
@@ -257,11 +268,11 @@ class VelocityForm:
         for s, (stage, N) in enumerate(zip(self.costs, self.grid.nodes, strict=True)):
             target_at_nodes, _ = reference(p, s, tau[s])
             X = point.X[self.intervals(s)]
-            # Control and force are left out of the cost here (0.0): they are added apart.
+            # Arguments of 0.0: control, its weights and load. What control and force cost is added apart.
             squared_error = stage.cost(X, 0.0, target_at_nodes[:N], p.weights[s], 0.0, 0.0, rows=N)[0]
-            _, control_effort = self.control(s, point, p, tau[s])
-            costs[s] += _cost(s, p, N, tau[s], squared_error, control_effort)
-        if p.terminal:  # of the last stage at the last node
+            _, control_effort = self.control_effort(s, point, p, tau[s])
+            costs[s] += _stage_cost(s, p, N, tau[s], squared_error, control_effort)
+        if p.terminal:  # of the last stage, which the loop has left in `stage` and `s`, at the last node
             squared_error = stage.cost(point.X[-1], 0.0, target_at_nodes[-1], p.weights[s], 0.0, 0.0)[0]
             terminal = _terminal_cost(p, squared_error)
         return self._residuals(point, p, costs, terminal, self.row_values(point, p), interval_values)
@@ -287,8 +298,15 @@ class VelocityForm:
         Qdot = point.X[:, self.grid.n :]
         return np.asarray(before * Qdot[:-1] + after * Qdot[1:])
 
-    def control(self, s: int, point: Unknowns, p: Parameters[np.ndarray], tau: float) -> tuple[np.ndarray, float]:
-        """Return dQdot over a stage's intervals (N_s, n), and |dQdot|^2_Wr N_s / tau_s, the same as |u|^2_Wr tau_s."""
+    def control_effort(
+        self, s: int, point: Unknowns, p: Parameters[np.ndarray], tau: float
+    ) -> tuple[np.ndarray, float]:
+        """Return what costs of the control of stage s are made of, the stage lasting tau [s].
+
+        Returns:
+            The change of velocity dQdot over each interval, (N_s, n), and the integral of the weighted square of the
+            acceleration u = dQdot N_s / tau, which is N_s / tau sum |dQdot|^2_Wr.
+        """
         dv = point.changes[self.intervals(s), self.grid.n :]
         W_r = p.control_weights[s][: self.grid.n]
         return dv, float((dv**2 @ W_r).sum() * self.grid.nodes[s] / tau)
@@ -321,8 +339,8 @@ class VelocityForm:
     def rows(self, point: Unknowns, p: Parameters[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Evaluate the rows of all constraints at nodes, and the derivatives of those that every program has.
 
-        Rows that are in programs only near their bounds (distances, many and long) get their derivatives later, for the
-        few that need them: see `with_node_rows`.
+        The rest, distances between bodies, are many and costly, and a quadratic program has only those near their
+        bounds. They get their derivatives when a program is built that has them, see `with_node_rows`.
 
         Args:
             point: States at the nodes and free durations.
@@ -339,6 +357,7 @@ class VelocityForm:
             is_permanent = np.isinf(rows.activation_distance)
             if is_permanent:
                 g, jacobian = rows.functions.with_jacobian(X, argument, rows=len(X))
+                # `permanent_rows` is ascending: this is where the rows `places` stand among them
                 by_x[np.searchsorted(self.permanent_rows, places)] = jacobian.reshape(len(places), -1)
             else:
                 (g,) = rows.functions.value(X, argument, rows=len(X))
@@ -348,15 +367,16 @@ class VelocityForm:
     def with_node_rows(
         self, model: Linearization, point: Unknowns, p: Parameters[np.ndarray], indices: np.ndarray
     ) -> Linearization:
-        """Return the model at a point with some more of the rows at nodes and their derivatives.
+        """Return the quadratic model at a point with more of the rows at nodes, and their derivatives.
 
-        For rows that are in a program only near their bounds; those that the model has already stay.
+        A model begins with the rows that every program has. Others, such as distances between bodies, are added when
+        they come near their bounds.
 
         Args:
-            model: The model.
-            point: The point that it is of.
+            model: The quadratic model, from `linearize` or from this function.
+            point: The point about which the model is.
             p: The numbers of the window.
-            indices: Which rows, of (E,), ascending.
+            indices: Numbers of the rows to add among all E rows, ascending; those that the model has already stay.
         """
         new_rows = indices[~mask(model.node_rows, len(self.row_node))[indices]]
         if not len(new_rows):
@@ -381,9 +401,10 @@ class VelocityForm:
     def with_dependent_rates(self, point: Unknowns, p: Parameters[np.ndarray]) -> Unknowns:
         """Return a point whose dependent rates meet the equations that determine them; itself if there are none.
 
-        An example are the velocities of a base without thrusters, which follow from those of the arms. Rows g that are
-        linear in such rates y, g = G y + ..., are solved by y - G^-1 g. So they hold at every iterate, as if y had been
-        eliminated. Of rows over intervals those are solved that say that something does not change (a momentum).
+        Dependent rates y are velocities that follow from the others, such as those of a base without thrusters from
+        those of the arms. The rows g that determine them are linear in them, g(y) = G y + ..., and y - G^-1 g(y) solves
+        g = 0. After this they hold at every iterate, as if y had been eliminated. Rows at nodes are solved first, then
+        those rows over intervals that say that something, a momentum, does not change.
 
         Args:
             point: States at the nodes and free durations.
@@ -404,15 +425,15 @@ class VelocityForm:
         return replace(point, X=X)
 
     def interval_jacobian(self, point: Unknowns, p: Parameters[np.ndarray], indices: np.ndarray) -> np.ndarray:
-        """Evaluate the derivatives of some of the rows over intervals, those that a program needs.
+        """Evaluate the derivatives of some of the rows over intervals, those that a quadratic program has.
 
-        Derivatives of all rows cost several times what a program does, and those of rows far from their bounds are not
-        needed. They are evaluated at the intervals that have one of the rows.
+        Derivatives of all rows would cost several times what solving the program does, and a program has no rows far
+        from their bounds. So only intervals with one of the wanted rows are evaluated.
 
         Args:
-            point: The point.
+            point: States at the nodes and free durations.
             p: The numbers of the window.
-            indices: Which rows, of (I,), (J,).
+            indices: Numbers of the J wanted rows among all I rows over intervals, (J,).
 
         Returns:
             (J, 4n + S + history): derivatives by the states at both ends of the row's interval, by the free durations,
@@ -517,20 +538,20 @@ class VelocityForm:
     ) -> Linearization:
         """Return the model with second derivatives by positions that the Gauss-Newton model does not have.
 
-        They are those of the rows at nodes, each times its multiplier: of the Lagrangian's second derivatives this is
-        the part that matters. The multipliers of an end condition are as large as what a second of waiting costs,
-        whatever the stage itself weighs. Without them steps overshoot in the motion that is flat in the costs, more
-        than twofold in places, and one iteration a sample chatters.
+        They are the second derivatives of the rows at nodes, each times its multiplier. Of the Lagrangian's second
+        derivatives this is the part that matters: the multipliers of an end condition are as large as what a second of
+        waiting costs, whatever the stage itself weighs. Without them steps overshoot in motions that hardly change the
+        costs, more than twofold in places, and with one iteration a sample the commands chatter.
 
-        Of a robot without thrusters also those of the residuals, 2 w sum_i W_i e_i d2e_i/dQ2. While it drifts it cannot
-        hold what is fixed in space: its residuals stay large, and without their curvature the iterations alternate
-        about the optimum. That of the terminal cost is left out.
+        For a robot whose base nothing pushes, the second derivatives of the residuals, 2 w sum_i W_i e_i d2e_i/dQ2, are
+        added too. Such a robot drifts and cannot hold what is fixed in space: its residuals stay large, and without
+        their curvature the iterations alternate about the optimum. The curvature of the terminal cost is left out.
 
         Args:
             model: The Gauss-Newton model.
-            point: The point that it is of.
+            point: The point about which it is.
             p: The numbers of the window.
-            multipliers: Of all rows at nodes, (E,).
+            multipliers: Multipliers of all rows at nodes, (E,).
         """
         H_QQ = model.H_QQ.copy()
         n = self.grid.n
@@ -559,9 +580,10 @@ class VelocityForm:
     def linearize(self, point: Unknowns, p: Parameters[np.ndarray]) -> Linearization:
         """Return the quadratic model at a point: Gauss-Newton of the costs, constraints linearized.
 
-        Of the rows at nodes and over intervals it has those that every program has. Derivatives by the durations of all
-        S + 1 stages become those by the S free ones through D = `stage_durations`, (S + 1, S): the last stage takes
-        what the others leave of the horizon.
+        A step of sequential quadratic programming minimizes it. It has the rows that every program has; the others are
+        added when they are near their bounds, see `with_node_rows`. Derivatives by the durations of all S + 1 stages
+        become those by the S free ones through D = `stage_durations`, (S + 1, S), since the last stage takes what the
+        others leave of the horizon.
 
         Args:
             point: States at the nodes and free durations.
@@ -599,15 +621,15 @@ class VelocityForm:
         )
 
     def _add_interval_gradient(self, gradient: np.ndarray, rows: np.ndarray, by_unknowns: np.ndarray) -> np.ndarray:
-        """Add gradients of rows over intervals to that by the states (K + 1, 2n), and return the sum of those by tau.
+        """Add the gradients of cost terms over intervals to that of the objective, in place.
 
         Args:
-            gradient: By the states at all nodes; it is changed.
-            rows: Which rows over intervals, (J,).
-            by_unknowns: Gradient of each in the columns of `interval_jacobian`, (J, 4n + S + history).
+            gradient: Gradient of the objective by the states at all nodes, (K + 1, 2n); the terms are added to it.
+            rows: Which rows over intervals the terms belong to, (J,).
+            by_unknowns: Gradient of each term in the columns of `interval_jacobian`, (J, 4n + S + history).
 
         Returns:
-            The gradient by the free durations, (S,).
+            The sum of the gradients by the free durations, (S,), which the caller adds.
         """
         n = self.grid.n
         k = self.row_interval[rows]
@@ -676,8 +698,15 @@ def _rate_weights(s: int, p: Parameters[np.ndarray]) -> np.ndarray:
     return np.asarray(p.rate_weights[s] / p.scale[s])
 
 
-def _ordered(by_constraint: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return the positions of the rows of several constraints, ascending, and where those of each of them stand."""
+def _order_rows(by_constraint: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Sort the rows of several constraints by node, or by interval.
+
+    Args:
+        by_constraint: Node, or interval, of each row of each constraint, (rows,) each.
+
+    Returns:
+        The same numbers of all rows, ascending; and by constraint where its rows stand in that order, (rows,) each.
+    """
     positions = np.concatenate([np.zeros(0, int), *by_constraint])
     order = np.argsort(positions, kind="stable")
     places = np.empty(len(order), int)
@@ -686,7 +715,7 @@ def _ordered(by_constraint: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.n
     return positions[order], np.split(places, np.cumsum(sizes)[:-1]) if sizes else []
 
 
-def _cost(s: int, p: Parameters[np.ndarray], N: int, tau: float, L: np.ndarray, effort: float) -> float:
+def _stage_cost(s: int, p: Parameters[np.ndarray], N: int, tau: float, L: np.ndarray, effort: float) -> float:
     """Return the cost integral of a stage of duration tau [s], L the weighted squares of its residual at nodes."""
     return float((tau * (L.sum() / N - p.offset[s]) + effort) / p.scale[s])
 
@@ -746,7 +775,7 @@ class _CostModel:
             squared_error = self._add_residuals(
                 s, form.intervals(s), slice(N), weight=weight_by_tau * tau, weight_by_tau=weight_by_tau
             )
-            self.costs[s] = _cost(s, p, N, tau, squared_error, self._add_control(s))
+            self.costs[s] = _stage_cost(s, p, N, tau, squared_error, self._add_control(s))
         if p.terminal:
             weight = p.terminal * p.omega[-1] / p.scale[-1]
             last_node = slice(K, K + 1)
@@ -758,8 +787,9 @@ class _CostModel:
     ) -> np.ndarray:
         """Add weight times e' W e at some nodes to gradient and Hessian, and return e' W e at each of them.
 
-        With w = weight(tau), the residual sqrt(w) e depends on Q, E = de/dQ, and on tau: d(sqrt(w) e)/dtau =
-        sqrt(w) (e_tau + w' / (2 w) e), where e_tau is due to a target that moves. So its Gauss-Newton model is
+        With w = weight(tau) the residual is r = sqrt(w) e. Errors e depend on Q, with E = de/dQ, and, where the target
+        moves, on the stage's duration tau, with e_tau = de/dtau. So dr/dtau = sqrt(w) (e_tau + w' / (2 w) e), and the
+        Gauss-Newton model is
 
             gradient by Q      2 w E' W e                    Hessian by Q, Q      2 w E' W E
             gradient by tau    2 w e' W e_tau + w' e' W e    Hessian by Q, tau    2 w E' W e_tau + w' E' W e
@@ -802,7 +832,7 @@ class _CostModel:
         p = self._p
         begins = self._form.intervals(s)  # nodes where the stage's intervals begin, and where they end
         ends = slice(begins.start + 1, begins.stop + 1)
-        dv, effort = self._form.control(s, self._point, p, tau)
+        dv, effort = self._form.control_effort(s, self._point, p, tau)
         weight = p.omega[s] / p.scale[s]
         b = 2 * weight * self._form.nodes[s] / tau * p.control_weights[s][:n]
         self.gradient[ends, n:] += b * dv

@@ -865,7 +865,7 @@ class StageCosts:
         """
         if not stage.end.has_condition:
             return np.nan
-        first_rows = np.cumsum([0, *stage.end.counts[:-1]])
+        first_rows = np.cumsum([0, *stage.end.component_numbers[:-1]])
         squares = np.square([self.ends(stage, x[None])[0], stage.end.half_widths + allowance])
         errors, tolerances = np.sqrt(np.add.reduceat(squares, first_rows, axis=1))
         return float(np.max(errors / tolerances))

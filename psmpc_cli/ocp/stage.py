@@ -117,18 +117,23 @@ class PlaceOnObject:
     inside: np.ndarray
     met_in: float = 0.0
 
-    def seen_from(self, pose: np.ndarray, v: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the place is, and at which velocity it is left.
+    def pose_and_velocity(self, pose: np.ndarray, v: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the place is, and the velocity at which a robot is to be there.
 
-        A robot that floats keeps its velocity, and nothing turns it about the object. So a place that is left for the
-        object is where the place will be when they meet, moved back at the constant velocity of the object's centre
-        and at its angular velocity then. Whoever leaves it at that velocity and `moving` is, when they meet, beside it
-        by `moving` times the time along the object's axes, and turns with the object.
+        A place with `met_in` is one from which the robot floats for that time until it meets the object. It keeps its
+        velocity, and nothing turns it about the object. So the place is where it will be, fixed to the object, when
+        they meet, moved back at the constant velocity of the object's centre and at its angular velocity then. A robot
+        that leaves with this velocity turns with the object when they meet, and is there displaced by `moving` times
+        `met_in`, along the object's axes.
 
         Args:
-            pose: Of the object, (3,) or (7,).
-            v: Its velocity, (3,) or (6,).
-            moving: Velocity relative to the object, linear along the object's axes, (3,) or (6,).
+            pose: Pose of the object, (3,) or (7,).
+            v: Velocity of the object, (3,) or (6,).
+            moving: Velocity that the robot is to have relative to the object, its linear part along the object's axes,
+                (3,) or (6,).
+
+        Returns:
+            Pose of the place, as `pose`, and the velocity there, `moving` added, as `v`.
         """
         space = self.body.space
         if self.met_in:
@@ -136,6 +141,7 @@ class PlaceOnObject:
         place = space.composed(pose, self.inside)
         velocity = space.carried_rate(pose, v, self.inside)
         if self.met_in:
+            # the linear part is that of the object's centre: it does not turn about the object
             velocity[: space.dimension] = v[: space.dimension]
             place = np.array(space.integrate(place, -self.met_in * velocity))
         if moving.any():
@@ -246,8 +252,8 @@ class Stage:
         return self.target if since is None else self.reference.at(since)[0]
 
     @property
-    def standing(self) -> np.ndarray:
-        """What a cost that does not move follows; else the target (numbers,)."""
+    def target_at_rest(self) -> np.ndarray:
+        """What a cost follows that is at rest, the target or a point of a route; of others the target (numbers,)."""
         return self.target if self.reference.moves else self.reference.points[0]
 
     def unplaced_copy(self) -> "PlacedStage":
@@ -303,21 +309,24 @@ class PlacedStage(Stage):
         return replace(self, constraints={**self.constraints, **sampled}) if sampled else self
 
     def at_object(self, pose: np.ndarray, v: np.ndarray) -> "PlacedStage":
-        """Return the stage with those parts of its target that are relative to the object where the object has them.
+        """Return the stage with its target placed on an object that moves, as each sample estimates it.
 
-        Its end condition then counts velocities relative to the target that moves. The angular rate of an error is that
-        near the target, where alone end conditions look at it.
+        The parts of the target that the task gives relative to the object become poses in the inertial frame. The end
+        condition then bounds velocities relative to the moving target. The angular rate of an error is taken as it is
+        near the target, since end conditions look at it only there.
 
         Args:
-            pose: Of the object, (n_pose,).
-            v: Its velocity, (n_twist,).
+            pose: Pose of the object, (n_pose,).
+            v: Velocity of the object, (n_twist,).
         """
         target = self.target.copy()
         target_rates = np.zeros(len(self.weights))
-        target_rates[: len(self.end.own_rates)] = self.end.own_rates
+        target_rates[: len(self.end.own_rates)] = self.end.own_rates  # relative to the object, as the task says them
         for frame, on_object in self.on_object.items():
             part = self.parts[frame]
-            target[part.numbers], target_rates[part.rows] = on_object.seen_from(pose, v, target_rates[part.rows])
+            target[part.numbers], target_rates[part.rows] = on_object.pose_and_velocity(
+                pose, v, target_rates[part.rows]
+            )
         return replace(
             self.with_target(target),
             end=self.end.with_target_rates(target_rates),
@@ -340,22 +349,25 @@ class PlacedStage(Stage):
         return replace(at_times[0], reference=Trajectory(elapsed + times, values, tuple(self.attitudes.values())))
 
     def in_chart(self, anchor: np.ndarray, joints: np.ndarray, signs: Mapping[str, float]) -> "PlacedStage":
-        """Return the stage with its target and reference as the windows of a spatial robot take them.
+        """Return the stage with its target and reference as the functions of windows take them at a sample.
 
-        In a window attitudes are coordinates in a chart, rotation vectors about an anchor. Quaternions of the target
-        get the signs that are meant. Behind the numbers of the skill stand those that a sample sets: anchor, posture of
-        redundant joints, and what the end says of object and load. A planar robot has only these last.
+        In a window attitudes are coordinates in a chart: rotation vectors about an anchor. The target keeps
+        quaternions; each gets the sign that is nearer to the robot's. Appended to the target's numbers are those that a
+        sample sets: the anchor, the posture of redundant joints, and what the end says of object and load. A planar
+        robot, which has no chart, has only these last.
 
         Args:
-            anchor: Attitude about which the chart is, (4,).
+            anchor: Attitude about which the chart is, (4,); (0,) for a planar robot.
             joints: Posture to which redundant joints are drawn, (joints,) [rad, m].
-            signs: Of the target's quaternions, by frame, 1 or -1: of the two for one attitude the one meant.
+            signs: 1 or -1 for each of the target's quaternions, by frame: q and -q are one attitude, and the errors
+                need the one meant.
         """
         sample_numbers = np.concatenate([anchor, joints, self.end.arguments])
         if not (self.attitudes or len(sample_numbers)):
             return self
 
         def completed(values: np.ndarray) -> np.ndarray:
+            """Return numbers of a target (..., numbers) with these signs, and with the sample's numbers appended."""
             values = values.copy()
             for frame, first in self.attitudes.items():  # where the quaternion of a frame begins
                 values[..., first : first + 4] *= signs[frame]
@@ -404,7 +416,10 @@ class StageShape:
 
 
 def stage_shape(stage: Stage) -> StageShape:
-    """Return the shape of a stage before the last of a window."""
+    """Return what of a stage decides the structure of optimizations, its end imposed; see `without_end` for the last.
+
+    Numbers of the stage are left out, so that what is compiled for one shape serves every window with such a stage.
+    """
     return StageShape(
         space=stage.space,
         input=stage.input,

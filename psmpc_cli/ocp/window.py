@@ -256,21 +256,25 @@ def _mapped(of: Callable[[Any], Any], found: Any) -> Any:
 
 
 def window_numbers(window: Window, switch_times: np.ndarray) -> Parameters[np.ndarray]:
-    """Return all numbers of a window as parameters of its optimization: what is compiled then serves any window.
+    """Return all numbers of a window as parameters of its optimization.
+
+    Optimizations are compiled for a structure and take all numbers as parameters, so that one serves any window of that
+    structure. `Parameters` says what each of them is.
 
     Args:
         window: The window.
         switch_times: The guessed switch times, (S,) [s], about which trajectories and moving obstacles are linear.
     """
-    # Kept stages, earlier ones whose costs HTMPC bounds, are numbered behind the stages of the window.
+    # Kept stages, earlier ones that HTMPC must not make worse, are numbered behind the stages of the window. Their
+    # costs are not shifted by an offset, only scaled.
     stages = (*window.stages, *(kept.stage for kept in window.kept))
     no_offsets = np.zeros(len(window.kept))
     return Parameters(
         x0=window.x0,
         horizon=np.array(window.horizon),
         before=_applied_before(window),
-        pending=np.array(window.pending_cost),
-        terminal=np.array(window.terminal_cost),
+        pending=np.array(window.pending_cost),  # delta: cost of each second that a stage waits
+        terminal=np.array(window.terminal_cost),  # kappa: weight of the last stage's cost at the end of the horizon
         omega=window.omega / float(np.max(window.omega)),
         offset=np.append(window.offset, no_offsets),
         scale=np.append(window.scale, [kept.scale for kept in window.kept]),
@@ -278,7 +282,7 @@ def window_numbers(window: Window, switch_times: np.ndarray) -> Parameters[np.nd
         control_weights=tuple(stage.control_weights for stage in stages),
         rate_weights=tuple(stage.rate_weights for stage in stages),
         loads=tuple(stage.load_numbers for stage in stages),
-        targets=tuple(stage.standing for stage in stages),
+        targets=tuple(stage.target_at_rest for stage in stages),
         paths=_paths(window, switch_times),
         constraints=_constraint_arguments(window, switch_times),
     )
@@ -293,15 +297,20 @@ def _applied_before(window: Window) -> np.ndarray:
 
 
 def _constraint_arguments(window: Window, switch_times: np.ndarray) -> tuple[dict[str, np.ndarray], ...]:
-    """Return the numbers that constraints take, by their name, for each stage of a window.
+    """Return the numbers that the functions of constraints take, by name of the constraint, for each stage of a window.
 
-    They are the anchor of the chart and the constraint's argument, (numbers,). Where obstacles or the object move, the
-    argument is another at each node of the stage after the first: (N_s, numbers), at the times that guessed switch
-    times (S,) [s] give. Constraints whose argument is not known have no rows, and are left out.
+    They are the anchor of the chart and the constraint's argument, (numbers,). Where obstacles or the object move, each
+    node of the stage after its first has an argument of its own, (N_s, numbers), at the time that it has with the
+    guessed switch times. Constraints whose argument is not known have no rows, and are left out.
+
+    Args:
+        window: The window, its stages placed at a sample.
+        switch_times: The guessed switch times, (S,) [s].
     """
     anchor = window.chart.anchor
 
     def completed(constraint: ConstraintNumbers, s: int) -> np.ndarray:
+        """Return the anchor and the argument of a constraint in stage s, at each node where that changes with time."""
         if constraint.at_nodes is None:
             return np.concatenate([anchor, constraint.of_functions])
         first = sum(window.nodes[:s])
@@ -328,7 +337,7 @@ def _paths(window: Window, switch_times: np.ndarray) -> tuple[np.ndarray, ...]:
     """
     tau = durations(switch_times, window.start, window.horizon)
     elapsed = [window.elapsed, *np.zeros(len(switch_times))]
-    paths = [_path(*each) for each in zip(window.stages, window.nodes, tau, elapsed, strict=True)]
+    paths = [_path_of_stage(*each) for each in zip(window.stages, window.nodes, tau, elapsed, strict=True)]
     return (*paths, *(_kept_path(each.stage, window, switch_times) for each in window.kept))
 
 
@@ -340,7 +349,7 @@ def _kept_path(stage: Stage, window: Window, switch_times: np.ndarray) -> np.nda
     return np.vstack([values, np.zeros_like(values)]).T
 
 
-def _path(stage: Stage, N: int, tau: float, elapsed: float) -> np.ndarray:
+def _path_of_stage(stage: Stage, N: int, tau: float, elapsed: float) -> np.ndarray:
     if not stage.reference.moves:
         return np.zeros((len(stage.target), 0))
     share = np.arange(N + 1) / N
@@ -422,8 +431,8 @@ def normalization(
         zeta: What is added to the scale, so that it is not 0.
         stages: The stages.
         begins: When each of them begins, (S + 1,) [s].
-        costs: The costs of the robot's stages.
-        prediction: The plan along which costs are looked at.
+        costs: Evaluates the costs of stages of this robot.
+        prediction: The plan along which costs are evaluated, of the sample before.
         step: Step of the uniform grid on which it is read [s], its control averaged over each step; None: it is read at
             its nodes, as line 9 of Algorithm 1 has it. There the maximum depends on the mesh, whose intervals shrink to
             nothing before a switch, and one tall control sets the scale of the next window (docs/decisions.md).
@@ -461,49 +470,56 @@ def node_counts(
 ) -> tuple[int, ...]:
     """Return how many intervals each stage gets (controller.nodes: auto): as few as the accuracy of J allows.
 
-    They are the counts with the smallest sum with which twice as many would change J by the tolerance at most. If the
-    error of stage s is c_s / N_s, the smallest sum with sum_s c_s / N_s = 2 tolerance J has N_s in proportion to
-    sqrt(c_s). No interval is longer than a step of the prediction, the sample: a plan's first control is to be that of
-    the sample.
+    With N_s intervals the sum over nodes that stands for the integral of J has an error of c_s / N_s in stage s. Twice
+    as many intervals change J by half of that, which may be tolerance J at most: sum_s c_s / N_s = 2 tolerance J. Of
+    all such N_s those with the smallest sum are in proportion to sqrt(c_s):
+
+        N_s = sqrt(c_s) sum_r sqrt(c_r) / (2 tolerance J).
+
+    No interval is longer than `step`, the sample time: the first control of a plan is to be that of one sample.
 
     Args:
-        window: The window; its own nodes do not matter.
+        window: The window; its own numbers of intervals are not used.
         plan: The prediction, with the switch times of the window (S,) [s].
-        costs: The costs of the robot's stages.
-        step: Longest time between two states that are looked at [s].
-        tolerance: Of J, relative.
-        before: Number of intervals each stage had in the window before, None where it was not in that, (S + 1,).
+        costs: Evaluates the costs of stages of this robot.
+        step: Longest interval, and longest time between two states at which costs are evaluated [s].
+        tolerance: Largest change of J, relative to J.
+        before: Number of intervals of each stage in the window of the sample before, (S + 1,), None for a stage that it
+            did not have. A number stays while it is enough and at most `SPARE` times too large.
     """
     tau = durations(plan.switch_times, window.start, window.horizon)
-    errors, J = _quadrature(window, plan, tau, costs, step)  # N_s times the error of each stage
+    errors, J = _quadrature_errors(window, plan, tau, costs, step)
     root = np.sqrt(errors)
     needed = np.maximum(root * root.sum() / (2 * tolerance * J), tau / step)
-    return tuple(_count(need, had) for need, had in zip(needed, before, strict=True))
+    return tuple(_fewest_intervals(need, had) for need, had in zip(needed, before, strict=True))
 
 
 def first_counts(window: Window, switch_times: np.ndarray, tolerance: float, step: float) -> tuple[int, ...]:
     """Return the counts of a window without a plan before it: its costs may fall from their largest to nothing."""
     tau = durations(switch_times, window.start, window.horizon)
-    return tuple(_count(need, None) for need in np.maximum(1 / (2 * tolerance) * tau / window.horizon, tau / step))
+    return tuple(
+        _fewest_intervals(need, None) for need in np.maximum(1 / (2 * tolerance) * tau / window.horizon, tau / step)
+    )
 
 
-def _quadrature(
+def _quadrature_errors(
     window: Window, plan: Plan, tau: np.ndarray, costs: StageCosts, step: float
 ) -> tuple[np.ndarray, float]:
-    """Return how the error of J depends on the number of intervals of each stage, and J itself, along the prediction.
+    """Return how large the error of J is for a number of intervals of each stage, and J itself, along the prediction.
 
-    J is a sum over nodes; its error falls as 1 / N_s with the number of intervals N_s of a stage. A cost that falls and
-    rises again counts with both, as if the errors of its parts did not cancel. The cost of the control is left out.
+    J is an integral that windows replace by a sum over nodes. Its error falls as c_s / N_s with the number of intervals
+    N_s of a stage. A cost that falls and rises again counts with both, as if the errors of its parts did not cancel.
+    The cost of the control is left out.
 
     Args:
         window: The window.
         plan: The prediction.
         tau: Durations of the stages, (S + 1,) [s].
-        costs: The costs of the robot's stages.
-        step: Longest time between two states that are looked at [s].
+        costs: Evaluates the costs of stages of this robot.
+        step: Longest time between two states at which costs are evaluated [s].
 
     Returns:
-        N_s times the error of each stage, (S + 1,), and J, at least the smallest float.
+        c_s of each stage, (S + 1,), and J, at least the smallest positive float since errors are divided by it.
     """
     omega = window.omega / window.omega.max()
     begins = np.r_[window.start, plan.switch_times]
@@ -516,12 +532,13 @@ def _quadrature(
         weight = omega[s] * tau[s] / window.scale[s]
         # A sum over left ends of intervals misses half of what the cost changes over each of them.
         errors[s] = weight / 2 * float(np.abs(np.diff(L)).sum())
+        # The trapezoidal rule; absolute, so that normalized costs below their offset do not cancel others.
         J += weight * abs(float((L[:-1] + L[1:]).mean()) / 2 - window.offset[s])
     return errors, max(J, np.finfo(float).tiny)
 
 
-def _count(needed: float, before: int | None) -> int:
-    """Return the number of intervals for a need."""
+def _fewest_intervals(needed: float, before: int | None) -> int:
+    """Return the number before if it serves, else the smallest of `COUNTS` that is large enough, or its largest."""
     if before is not None and needed <= before <= SPARE * needed:
         return before
     return next((count for count in COUNTS if count >= needed), COUNTS[-1])

@@ -319,7 +319,7 @@ class MujocoStep:
         )
 
     def _apply_bushing(self, site: int, parameters: np.ndarray) -> float:
-        """Apply the bushing between a gripper and the object to both bodies; return the power that it takes from them [W].
+        """Apply the bushing between a gripper and the object to both, and return the power that it takes from them [W].
 
         A bushing is a spring and damper between the pose of the gripper and the one that it has in the object's frame.
         Its wrench acts on the gripper and, with the opposite sign, on the object, both at the gripper's point.

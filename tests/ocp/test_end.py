@@ -30,14 +30,14 @@ def planned(instant: float, is_renewed: bool = True, moves_grippers: bool = Fals
 
 def test_a_stage_without_an_end_goes_on() -> None:
     assert not NEVER.is_over(StageProgress(0.0), 1e9, lambda: True)
-    assert NEVER.foreseen(StageProgress(0.0), PLAN, met_from(0.0)) == np.inf
+    assert NEVER.predicted_end(StageProgress(0.0), PLAN, met_from(0.0)) == np.inf
     assert not NEVER.has_condition
     assert not NEVER.shape.is_fixed
 
 
 @pytest.mark.parametrize(("at", "seen"), [(1.9, np.inf), (3.0, 3.0), (6.5, np.inf)])
 def test_a_given_time_is_seen_inside_the_window(at: float, seen: float) -> None:
-    assert AtTime(at=at).foreseen(StageProgress(0.0), PLAN, met_from(0.0)) == seen
+    assert AtTime(at=at).predicted_end(StageProgress(0.0), PLAN, met_from(0.0)) == seen
     assert (AtTime(at=at).earliest, AtTime(at=at).latest) == (at, at)
 
 
@@ -49,9 +49,9 @@ def test_a_given_time_ends_a_stage_that_has_lasted_its_dwell_time() -> None:
 
 
 def test_an_end_condition_is_seen_where_the_plan_meets_it_after_the_dwell_time() -> None:
-    seen = BY_STATE.foreseen(StageProgress(0.0), PLAN, met_from(3.45))
+    seen = BY_STATE.predicted_end(StageProgress(0.0), PLAN, met_from(3.45))
     assert seen == pytest.approx(3.5)
-    waiting = replace(BY_STATE, dwell=2.0).foreseen(StageProgress(3.0), PLAN, met_from(0.0))
+    waiting = replace(BY_STATE, dwell=2.0).predicted_end(StageProgress(3.0), PLAN, met_from(0.0))
     assert waiting >= 5.0
 
 
@@ -60,7 +60,7 @@ def test_bounds_are_those_of_rows_then_rates_then_the_object() -> None:
     moving = BY_STATE.with_target_rates(np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(moving.centers, [0, 0, 1.0, 3.0])
     np.testing.assert_allclose(BY_OBJECT.half_widths, [0.05, *[0.02 / np.sqrt(2)] * 2, 0.03])
-    assert BY_OBJECT.counts == (1, 2, 1)
+    assert BY_OBJECT.component_numbers == (1, 2, 1)
     assert BY_OBJECT.shape.measures == ("position", "angle")
 
 

@@ -59,7 +59,7 @@ def test_the_rows_are_the_components_that_the_object_has_in_the_gripper(task: st
         error = space.pose_error(pose, end.destination)
         angle = 2 * np.sin(np.linalg.norm(error[d:]) / 2)
         expected = [np.linalg.norm(error[:d]), angle, np.linalg.norm(rate[:d]), np.linalg.norm(rate[d:])]
-        of_object = end.counts[-len(BOUNDS) :]
+        of_object = end.component_numbers[-len(BOUNDS) :]
         rows = problem.costs.ends(placed, x[None])[0][-sum(of_object) :]
         found = np.split(rows, np.cumsum(of_object)[:-1])
         np.testing.assert_allclose([np.linalg.norm(each) for each in found], expected, rtol=1e-6, atol=1e-9)
@@ -71,7 +71,7 @@ def test_windows_keep_the_lengths_within_their_tolerances() -> None:
     """A corner of the box that bounds the components is at the tolerance."""
     placed, *_ = at_random(carrying("catch_tumbling", "carry", BOUNDS), 2, seed=0)
     end = by_object(placed)
-    of_object = end.counts[-len(BOUNDS) :]
+    of_object = end.component_numbers[-len(BOUNDS) :]
     corners = np.split(end.half_widths[-sum(of_object) :], np.cumsum(of_object)[:-1])
     assert [np.linalg.norm(corner) for corner in corners] == pytest.approx(list(BOUNDS.values()))
 

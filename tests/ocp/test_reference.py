@@ -71,7 +71,7 @@ def test_a_target_at_rest_is_the_same_at_all_times() -> None:
 def test_a_waypoint_is_followed_in_place_of_the_target_and_ends_nothing(trace: Stage) -> None:
     placed = trace.unplaced_copy()
     on_way = placed.with_waypoint(placed.target + 1.0)
-    np.testing.assert_array_equal(on_way.standing, placed.target + 1.0)
+    np.testing.assert_array_equal(on_way.target_at_rest, placed.target + 1.0)
     np.testing.assert_array_equal(on_way.target, placed.target)
     assert not on_way.end.is_planned
     off_it = placed.with_waypoint(None)

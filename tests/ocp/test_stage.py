@@ -73,7 +73,7 @@ def test_who_floats_from_a_place_to_the_object_is_beside_it_when_they_meet(
     """It keeps its velocity; the object turns about a principal axis."""
     duration = 25.0
     space = body.space
-    place, velocity = PlaceOnObject(body, inside, met_in=duration).seen_from(pose, v, moving)
+    place, velocity = PlaceOnObject(body, inside, met_in=duration).pose_and_velocity(pose, v, moving)
     arrived = np.array(space.integrate(place, duration * velocity))
     met, v_met = body.predicted(pose, v, duration)
     beside = inside.copy()
@@ -85,9 +85,9 @@ def test_who_floats_from_a_place_to_the_object_is_beside_it_when_they_meet(
 def test_a_place_that_nobody_leaves_floating_moves_rigidly_with_the_object() -> None:
     body, pose, v = IN_THE_PLANE
     inside = np.array([0.2, -2.0, 0.1])
-    place, velocity = PlaceOnObject(body, inside).seen_from(pose, v, np.zeros(3))
+    place, velocity = PlaceOnObject(body, inside).pose_and_velocity(pose, v, np.zeros(3))
     np.testing.assert_array_equal(place, body.space.composed(pose, inside))
-    later, _ = PlaceOnObject(body, inside).seen_from(*body.predicted(pose, v, 1e-6), np.zeros(3))
+    later, _ = PlaceOnObject(body, inside).pose_and_velocity(*body.predicted(pose, v, 1e-6), np.zeros(3))
     np.testing.assert_allclose((later - place) / 1e-6, velocity, atol=1e-7)
 
 

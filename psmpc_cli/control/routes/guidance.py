@@ -16,8 +16,8 @@ from psmpc_cli.control.identification.tracking import ObjectEstimate
 from psmpc_cli.control.interface import State
 from psmpc_cli.control.routes.route import Route, StraightMotions, find_route
 from psmpc_cli.native.functions import BatchFunction
-from psmpc_cli.ocp.constraints.clearance import argument_of, distances_on_arrays, groups_to_clear, poses_at
-from psmpc_cli.ocp.feasibility.postures import configurations, held_pose, unforeseen
+from psmpc_cli.ocp.constraints.clearance import distances_on_arrays, groups_to_clear, poses_at, poses_at_sample
+from psmpc_cli.ocp.feasibility.postures import configurations_at_stops, held_pose, reasons_unforeseen
 from psmpc_cli.ocp.problem import Problem
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleContext
@@ -111,8 +111,8 @@ class RouteGuide(Guide):
         self.blocked: list[int] = []
         self._groups = [groups_to_clear(problem.spec, problem.model, stage) for stage in range(len(problem.stages))]
         # where the robot is at the start, and at the end of each stage
-        stops = configurations(problem.task, problem.model, problem.stages)
-        reasons = unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
+        stops = configurations_at_stops(problem.task, problem.model, problem.stages)
+        reasons = reasons_unforeseen(problem.spec, problem.stages) if problem.spec.routes else {}
         planned = len(problem.stages) if problem.spec.routes else 0
         work = Work("stages", planned, title="planning routes", small_parts=True)
         for stage in range(len(problem.stages)):
@@ -210,7 +210,7 @@ class RouteGuide(Guide):
         evaluated = list[tuple[BatchFunction, np.ndarray]]()
         # pairs of bodies that share an obstacle or an object form a group
         for group in self._groups[stage].values():
-            argument = argument_of(group, model, sample)
+            argument = poses_at_sample(group, model, sample)
             if argument is not None:
                 poses_now = poses_at(group.pairs, model, argument, np.zeros(1))[0]
                 distances = distances_on_arrays(model, group.pairs)

@@ -84,29 +84,32 @@ def missing_row_violation(model: RobotModel, window: Window, plan: Plan) -> floa
 
 
 def soft_row_violations(model: RobotModel, window: Window, plan: Plan) -> tuple[float, float]:
-    """Return by how much a plan violates soft constraints at worst, apart from what the measured state does already.
+    """Return by how much a plan violates soft constraints at worst, so that the controller can refuse it.
 
-    Different units (m, rad, m/s, rad/s) count alike, as in the penalty.
+    What the measured state violates already is returned apart: no plan can change it. Limits on single states are not
+    among these constraints, see `boxes`. Violations have the units of their rows, m, rad, m/s or rad/s; the largest
+    number counts, whatever its unit, as in the penalty.
 
     Args:
         model: The robot.
         window: The window.
-        plan: A plan on its mesh.
+        plan: A plan whose nodes are those of the window.
 
     Returns:
-        The largest violation at the nodes after the first, which the plan has chosen; and at the first, the measured
-        state, which no plan can change. 0 where there is none.
+        The largest violation at the nodes after the first, and the largest at the first node, the measured state. 0
+        where there is none.
     """
     soft = [rows for rows in node_rows(model, window_shape(window)) if rows.soft]
     if not soft:
         return 0.0, 0.0
     p = window_numbers(window, plan.switch_times)
+    # the largest violation of each constraint; 0 for none
     at_later_nodes = [0.0]
     at_first_node = [0.0]
     for rows in soft:
-        X = plan.X[[0, *rows.nodes]]
+        X = plan.X[[0, *rows.nodes]]  # the first node has no rows in a program, but counts here
         values = rows.functions.value(X, rows.argument_from_first(p), rows=len(X))[0]
-        violations = scaled_violations(values, *rows.bounds(window)).max(axis=1) / PENALTY
+        violations = scaled_violations(values, *rows.bounds(window)).max(axis=1) / PENALTY  # by node
         at_first_node.append(float(violations[0]))
         at_later_nodes.append(float(violations[1:].max()))
     return max(at_later_nodes), max(at_first_node)

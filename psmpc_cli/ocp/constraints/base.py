@@ -31,7 +31,7 @@ __all__ = [
     "argument_of",
     "bounds_of",
     "entries",
-    "is_of",
+    "is_entry_of",
     "load_at_sample",
     "named_for_stage",
     "rows_at_nodes",
@@ -160,8 +160,11 @@ def numbers_by_name(
     return {f"{name} {entry}": constraint for entry, constraint in entries_of_stage.items()}
 
 
-def is_of(name: str, entry_name: str) -> bool:
-    """Tell whether a stage's entry of this name is one of the constraint `name`, which may have several in a stage."""
+def is_entry_of(name: str, entry_name: str) -> bool:
+    """Tell whether the entry `entry_name` of a stage belongs to the constraint `name`, which may have several of them.
+
+    An entry is what a stage holds of a constraint under one name: its structure, numbers and bounds.
+    """
     return entry_name == name or entry_name.startswith(f"{name} ")
 
 
@@ -171,20 +174,22 @@ def rows_at_nodes(
     soft: Callable[[Any], bool] = lambda structure: False,
     activation_distance: float = np.inf,
 ) -> RowsOfShape:
-    """Return the function by which a constraint yields its rows at the nodes of the stages that it concerns.
+    """Return the `rows` function of a constraint whose rows are functions of the state at single nodes.
 
-    A stage's rows are at its nodes after the first, its last one (the switch) among them: there the rows of the stage
-    that ends count, and at the first node of a window, its measured state, none.
+    A file of a constraint gives it to its `Constraint`. An entry is what a stage holds of a constraint under one name;
+    stages that the constraint does not concern have none. Rows are at the nodes of a stage after its first, up to the
+    switch that ends it. The first node of a window is its measured state, which no plan can change: it has no rows.
 
     Args:
-        name: Of the constraint in the table.
-        functions: Robot, structure -> x, [anchor of the chart; argument] -> the rows. The structure is what decides the
-            expressions beside the robot; all numbers are in the argument.
-        soft: Structure -> whether the rows may be violated at a cost.
-        activation_distance: Rows further from their bounds than this are not part of a program.
+        name: Name of the constraint in the table `CONSTRAINTS`.
+        functions: Called with the robot and the structure of an entry; returns the rows as functions of the state x and
+            of [anchor of the chart; argument]. The structure is what decides their expressions beside the robot; all
+            numbers are in the argument.
+        soft: Called with the structure; tells whether the rows may be violated at a cost.
+        activation_distance: Rows further from their bounds than this are left out of a quadratic program.
 
     Returns:
-        Robot, shape of windows -> one `NodeRows` for each entry that a stage has of the constraint.
+        Function of the robot and the shape of windows that yields one `NodeRows` for each entry of the constraint.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
@@ -209,17 +214,21 @@ def rows_over_intervals(
     permanent: bool = False,
     over_time: bool = True,
 ) -> RowsOfShape:
-    """Return the function by which a constraint yields its rows over the intervals of the stages that it concerns.
+    """Return the `rows` function of a constraint whose rows are functions of the states at both ends of an interval.
+
+    A file of a constraint gives it to its `Constraint`. An entry is what a stage holds of a constraint under one name;
+    stages that the constraint does not concern have none.
 
     Args:
-        name: Of the constraint in the table.
-        functions: Robot, structure -> the rows, their argument [anchor of the chart; argument]. The structure is what
-            decides the expressions beside the robot; all numbers are in the argument.
+        name: Name of the constraint in the table `CONSTRAINTS`.
+        functions: Called with the robot and the structure of an entry; returns the rows, whose argument is [anchor of
+            the chart; argument]. The structure is what decides their expressions beside the robot; all numbers are in
+            the argument.
         permanent: All rows are part of every program, see `IntervalRows`.
-        over_time: The rows are integrals over the interval, so their bounds are those of the rows over its length.
+        over_time: The rows are integrals over the interval: their bounds hold for the rows divided by its length.
 
     Returns:
-        Robot, shape of windows -> one `IntervalRows` for each entry that a stage has of the constraint.
+        Function of the robot and the shape of windows that yields one `IntervalRows` for each entry of the constraint.
     """
 
     def rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
@@ -240,10 +249,10 @@ def rows_over_intervals(
 
 
 def entries(name: str, shape: WindowShape) -> Iterator[tuple[int, str, Any]]:
-    """Yield number, name and structure of what the stages of windows of a shape hold of a constraint."""
+    """Yield the entries of a constraint in the stages of windows of a shape: number of the stage, name, structure."""
     for s, stage in enumerate(shape.stages):
         yield from (
-            (s, entry_name, structure) for entry_name, structure in stage.constraints if is_of(name, entry_name)
+            (s, entry_name, structure) for entry_name, structure in stage.constraints if is_entry_of(name, entry_name)
         )
 
 

@@ -134,19 +134,21 @@ class Group:
 def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     """Return all pairs of bodies that can be kept apart in a stage, in groups by name, whatever the task asks for.
 
-    There is one group of the robot with itself, one with each obstacle, and one or more with the object: with the robot
-    while it moves freely; with robot and each obstacle while a gripper holds it. Hands that hold it in the stage, or in
-    the next one, may touch it and are left out.
+    Besides constraints, measured clearances of runs are made of them. There is a group of the robot with itself, and
+    one of the robot with each obstacle. If the task has an object with a mass there are also: while it moves freely,
+    one of the robot with the object; while a gripper holds it, one of the object with the robot, and one of the object
+    with each obstacle. The hands of the grippers may touch the object and are left out, from the stage before the
+    object is first held, in which they approach it.
 
     Args:
         task: The task.
         model: The robot.
         stage: Index of the stage.
     """
-    pieces, robot_pairs = model.derived(groups, lambda: _robot(model))  # capsules on bodies of the robot
+    pieces, robot_pairs = model.derived(groups, lambda: _solids_of_robot(model))  # capsules on bodies of the robot
     by_name = {ITSELF: Group(Pairs(robot_pairs))}
     obstacles = {  # shape of each, and where it is at a sample
-        obstacle_spec.name: (_solid(obstacle_spec), partial(state_of_obstacle, obstacle_spec, model))
+        obstacle_spec.name: (_solid_of_obstacle(obstacle_spec), partial(state_of_obstacle, obstacle_spec, model))
         for obstacle_spec in task.obstacles
     }
     for name, (obstacle, state) in obstacles.items():
@@ -155,10 +157,10 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
         return by_name
     is_held = stage in task.held_stages
     hands = {f"{arm}.{model.spec.parts[arm]}" for arm in task.body.grippers}
-    may_touch = hands if stage >= task.held_stages.start - 1 else set()
+    may_touch = hands if stage >= task.held_stages.start - 1 else set()  # held_stages: in which grippers hold it
     clear_pieces = [piece for piece in pieces if piece.part not in may_touch]
     if not is_held:
-        body = Solid(OBJECT, _box(task.body.shape), _NO_OFFSET, "object")
+        body = Solid(OBJECT, _box_of_object(task.body.shape), _NO_OFFSET, "object")
         by_name[OBJECT] = Group(Pairs(tuple((piece, body) for piece in clear_pieces)), _state_of_object)
         return by_name
     # A held object is capsules that cover it: the first solid of a pair has to be one, here against the robot's
@@ -172,8 +174,8 @@ def groups(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     return by_name
 
 
-def _robot(model: RobotModel) -> tuple[list[Solid], tuple[tuple[Solid, Solid], ...]]:
-    """Return the pieces of the robot, and the pairs of them."""
+def _solids_of_robot(model: RobotModel) -> tuple[list[Solid], tuple[tuple[Solid, Solid], ...]]:
+    """Return the pieces of the robot as solids, and those pairs of them that can come near each other."""
     pieces = pieces_of(model.spec)
     solids = [Solid.of(piece) for piece in pieces]
     return solids, tuple((solids[i], solids[j]) for i, j in own_pairs(model, pieces))
@@ -182,20 +184,20 @@ def _robot(model: RobotModel) -> tuple[list[Solid], tuple[tuple[Solid, Solid], .
 _NO_OFFSET = Attachment(0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def _solid(obstacle: ObstacleSpec) -> Solid:
+def _solid_of_obstacle(obstacle: ObstacleSpec) -> Solid:
     return Solid(obstacle.name, obstacle.shape.shape, _NO_OFFSET, "obstacle")
 
 
 def solids_of_obstacle(obstacle: ObstacleSpec) -> tuple[Solid, ...]:
     """Return an obstacle as capsules that cover it, or as a half-space."""
-    solid = _solid(obstacle)
+    solid = _solid_of_obstacle(obstacle)
     if solid.shape.kind != "box":
         return (solid,)
     covering = capsules_of(obstacle.name, 0, cover_box(solid.shape.edges))
     return tuple(Solid(obstacle.name, piece.shape, piece.at, "obstacle") for piece in covering)
 
 
-def _box(lengths: tuple[float, ...]) -> Shape:
+def _box_of_object(lengths: tuple[float, ...]) -> Shape:
     return Shape("box", (*lengths, DEEP)[:3])
 
 
@@ -211,10 +213,10 @@ def state_of_obstacle(obstacle: ObstacleSpec, model: RobotModel, sample: SampleC
     v[: len(obstacle.velocity)] = obstacle.velocity
     if not v.any():
         return np.array(obstacle.pose, dtype=float), v
-    return _free(model).predicted(obstacle.pose, v, sample.time)
+    return _free_sphere(model).predicted(obstacle.pose, v, sample.time)
 
 
-def _free(model: RobotModel) -> FreeBody:
+def _free_sphere(model: RobotModel) -> FreeBody:
     """Return a body that moves freely in the robot's space; it turns about its axes as if it were a sphere."""
     return FreeBody(1.0, np.ones(model.space.n_principal))
 
@@ -236,7 +238,7 @@ def distance_limits(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, 
     return by_name
 
 
-def _excepted(pair: tuple[Solid, Solid], spec: ClearanceSpec) -> bool:
+def _is_excepted(pair: tuple[Solid, Solid], spec: ClearanceSpec) -> bool:
     """Tell whether two solids need not keep clear of each other; the name of an arm means all of its bodies."""
     first, second = ({solid.part, solid.part.rpartition(".")[0]} for solid in pair)
     return any((a in first and b in second) or (b in first and a in second) for a, b in spec.excepted)
@@ -251,33 +253,33 @@ def _numbers(group: Group, spec: ClearanceSpec, model: RobotModel) -> Constraint
         argument=np.full(1 + in_gripper + in_world, np.nan),
         low=np.full(pairs.rows, spec.margin),
         high=np.full(pairs.rows, np.inf),
-        at_sample=partial(_at_sample, group, spec),
+        at_sample=partial(_argument_if_near, group, spec),
         at_nodes=partial(poses_at, pairs, model) if pairs.moves else None,
     )
 
 
-def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
-    """Return where object and obstacle are at a sample, for a group of distances; NaN where it needs no rows.
+def _argument_if_near(group: Group, spec: ClearanceSpec, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
+    """Return the argument of a group's distances at a sample: poses of what is not on the robot; NaN for no rows.
 
-    A group needs none while plan and measured state are far from the margin. Of the two groups that a stage has of the
-    same pairs where `hard` is asked for, hard and soft, one counts: the soft one where the robot is inside the margin
-    already, so that it can be pushed out.
+    A group has no rows in programs while measured state and plan are farther from the margin than `GROUP_ACTIVATION`.
+    Where the task asks for hard limits a stage has each group twice, hard and soft, and a sample turns one of them off:
+    the hard one if the robot starts inside the margin, so that soft rows can push it out, else the soft one.
 
     Args:
-        group: The pairs, and where their poses come from.
-        spec: Margin and whether rows are hard on request.
+        group: The pairs of bodies, and where a sample has the pose of what moves by itself.
+        spec: The margin [m], and whether the task asks for hard limits.
         model: The robot.
-        sample: The sample.
+        sample: The sample: measured state, plan in force, state of the object.
 
     Returns:
-        A 0, the object's pose in its gripper, pose and velocity of what moves by itself, as far as the group has them.
-        Where they are not known (an object that is not held yet), what the sample before had, or None.
+        The argument as `poses_at_sample` has it, (numbers,), all NaN if the group has no rows. Where poses are not
+        known (of an object that is not held yet) the argument of the sample before, or None if it had none.
     """
-    argument = argument_of(group, model, sample)
+    argument = poses_at_sample(group, model, sample)
     if argument is None:
         return sample.argument_before
     pairs = group.pairs
-    # The distances now, and along the plan in force.
+    # The distances now, in the first row, and along the plan in force.
     since = np.zeros(1)
     X = sample.x[None]
     if sample.prediction is not None:
@@ -293,17 +295,18 @@ def _at_sample(group: Group, spec: ClearanceSpec, model: RobotModel, sample: Sam
     return np.full(len(argument), np.nan) if is_far or other_group_counts else argument
 
 
-def argument_of(group: Group, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
-    """Return where the object and the obstacle of a group are at a sample, as the distances of the group take it.
+def poses_at_sample(group: Group, model: RobotModel, sample: SampleContext) -> np.ndarray | None:
+    """Return where the object and the obstacle of a group are at a sample, from which its distances are computed.
 
     Args:
-        group: The pairs, and where a sample has the pose of what moves by itself.
+        group: The pairs of bodies, and where a sample has the pose of what moves by itself.
         model: The robot.
-        sample: The sample.
+        sample: The sample: measured state, state of the object.
 
     Returns:
-        A 0, then, if a gripper holds the object, its pose in that gripper (n_pose,), then, if something moves by
-        itself, its pose (n_pose,) and velocity (n_twist,). None where one of them is not known.
+        A 0 (NaN in its place would say that the group has no rows), then, if a gripper holds the object, its pose in
+        that gripper (n_pose,), then, if an obstacle or a free object is in the group, its pose (n_pose,) and velocity
+        (n_twist,). None where one of these is not known: of a held object before the stage has begun.
     """
     argument = np.zeros(1)
     if group.pairs.gripper is not None:
@@ -341,7 +344,7 @@ def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.nd
     """Return the poses (N, n_pose) of a body that moves freely at times (N,) [s] after a pose and a velocity."""
     space = model.space
     if space.has_quaternion and v[space.rotation].any():
-        return _free(model).predicted(pose, v, since)[0]
+        return _free_sphere(model).predicted(pose, v, since)[0]
     moving = slice(space.dimension) if space.has_quaternion else slice(None)
     poses = np.empty((len(since), len(pose)))
     poses[:] = pose
@@ -352,8 +355,8 @@ def poses_after(model: RobotModel, pose: np.ndarray, v: np.ndarray, since: np.nd
 def groups_to_clear(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Group]:
     """Return the pairs of bodies that a task asks to keep apart in a stage, in groups; none if it asks for nothing.
 
-    Pairs that the task excepts are left out. A group with many distances is split by arms: a part of it then has rows
-    in programs only while these arms come near.
+    These groups become constraints of the stage. Pairs that the task excepts are left out. A group with more than
+    `MOST_ROWS` distances is split by arms: a part of it then has rows in programs only while these arms come near.
 
     Args:
         task: The task.
@@ -368,7 +371,7 @@ def groups_to_clear(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, 
         return {}
     by_name = dict[str, Group]()
     for name, group in groups(task, model, stage).items():
-        to_clear = tuple(pair for pair in group.pairs.pairs if not _excepted(pair, spec))
+        to_clear = tuple(pair for pair in group.pairs.pairs if not _is_excepted(pair, spec))
         is_small = replace(group.pairs, pairs=to_clear).rows <= MOST_ROWS
         parts = {name: to_clear} if is_small else _by_limbs(name, to_clear)
         for part_name, pairs_of_part in parts.items():
@@ -392,7 +395,7 @@ def distance_rows(model: RobotModel, pairs: Pairs) -> ConstraintFunctions:
 
     The argument has the poses of what is among the solids.
     """
-    x, argument, placed = _placed(model, pairs)
+    x, argument, placed = _shapes_and_frames(model, pairs)
     apart = [distance for pair in placed for distance in distances(*pair)]
     return ConstraintFunctions(x, argument, ca.vertcat(*apart), is_convex=True)
 
@@ -404,30 +407,32 @@ def distances_on_arrays(model: RobotModel, pairs: Pairs) -> BatchFunction:
 
 def nearest_points(model: RobotModel, pairs: Pairs) -> BatchFunction:
     """Return x, [anchor; 0; poses] -> the points of both surfaces that are nearest, pair by pair, (6 pairs,) [m]."""
-    x, argument, placed = _placed(model, pairs)
+    x, argument, placed = _shapes_and_frames(model, pairs)
     points = [ca.vertcat(*point, *other_point) for point, other_point in (witnesses(*pair) for pair in placed)]
     return BatchFunction(ca.Function("nearest_points", [x, argument], ca.cse([ca.densify(ca.vertcat(*points))])))
 
 
-def _placed(
+def _shapes_and_frames(
     model: RobotModel, pairs: Pairs
 ) -> tuple[ca.SX, ca.SX, list[tuple[Shape, SpatialFrame, Shape, SpatialFrame]]]:
-    """Return where the two shapes of every pair are, as expressions of the state and the poses of other bodies.
+    """Return the two shapes of every pair with their frames, as expressions of the state and the poses of other bodies.
+
+    Distances and nearest points are derived from them.
 
     Args:
         model: The robot.
-        pairs: The pairs of solids.
+        pairs: The pairs of solids. Each solid is carried by a body of the robot, by the object or by an obstacle.
 
     Returns:
-        The state x, a symbol (2n,); the argument [anchor of the chart; a number that is not used; pose of the object;
-        pose of the obstacle], the poses as far as these are among the solids; and for each pair shape and frame of the
-        first solid, shape and frame of the second.
+        The state x, a symbol (2n,); the argument, symbols [anchor of the chart; a number that no expression uses; pose
+        of the object; pose of the obstacle], each pose only if such a solid is in a pair; and for each pair the shape
+        and frame of its first solid, and those of its second, frames in the inertial frame.
     """
     space = model.space
     carriers = [carrier for carrier in ("object", "obstacle") if pairs.has(carrier)]
     x, anchor, bodies, tools = model.derived("frames at a state", lambda: _frames(model))
     poses = ca.SX.sym("poses", len(carriers) * space.n_pose)
-    argument = ca.vertcat(anchor, ca.SX.sym("is_used"), poses)
+    argument = ca.vertcat(anchor, ca.SX.sym("is_used"), poses)  # is_used: NaN for a group without rows, see `poses_at`
     frame_of_carrier = dict[str, SpatialFrame]()
     for i, carrier in enumerate(carriers):
         pose = poses[i * space.n_pose : (i + 1) * space.n_pose]

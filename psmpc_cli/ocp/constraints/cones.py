@@ -68,14 +68,16 @@ class Cone:
         return [-reach] * SIDES, [reach] * SIDES
 
     def rows(self, line: ca.SX, angle: ca.SX, space: ConfigurationSpace) -> list[ca.SX]:
-        """Return the rows that keep the axis inside or outside the cone, within the bounds of `bounds`.
+        """Return the rows [rad] that keep the axis inside or outside the cone while they are within `bounds`.
 
-        Outside it is one row of the angle between axis and line. Inside they are linear in the rotation that brings the
-        axis onto the line, which an angle is not at 0: in the plane that rotation itself, in space its components along
-        the normals of a polygon, which is inside the circle of the largest rotations.
+        Outside it is one row, a smooth function of the angle between axis and line. Inside the rows are linear in the
+        rotation that brings the axis onto the line, since a row in the angle itself has a kink at 0, where cameras
+        look. In the plane that rotation is one number. In space it is a vector of two, whose length has to be at most
+        `angle`: that circle is replaced by a polygon inside it, with one row for each pair of opposite sides.
 
         Args:
-            line: Unit direction (dimension,) of what the cone is about, in a frame whose x-axis is the axis.
+            line: Unit direction (dimension,) of the point or direction that the cone is about, in a frame whose x-axis
+                is the axis.
             angle: Half the opening of the cone [rad].
             space: Configuration space of the robot.
         """
@@ -92,19 +94,19 @@ def cone_limits(task: TaskSpec, model: RobotModel, stage: int) -> dict[str, Cons
     """Return the cones of a stage by their numbers: the pose of the axis, what it is about, and the angle of each."""
     by_name = dict[str, ConstraintNumbers]()
     for number, spec in enumerate(task.stages[stage].cones):
-        is_within, axis, angle = _narrow(spec)
+        is_within, axis, angle = _narrowed(spec)
         cone = Cone(spec.frame, spec.of.point is not None, is_within, not spec.hard)
         low, high = cone.bounds(angle, model.space)
         by_name[str(number)] = ConstraintNumbers(
             structure=cone,
-            argument=np.concatenate([_pose_of_axis(spec, axis, model.space), _target(spec), [angle]]),
+            argument=np.concatenate([_pose_of_axis(spec, axis, model.space), _point_or_direction(spec), [angle]]),
             low=np.array(low),
             high=np.array(high),
         )
     return by_name
 
 
-def _narrow(spec: ConeSpec) -> tuple[bool, np.ndarray, float]:
+def _narrowed(spec: ConeSpec) -> tuple[bool, np.ndarray, float]:
     """Return whether the axis stays within a cone, the unit axis (dimension,), and the angle [rad], at most pi / 2.
 
     Within an angle beyond 90 deg is outside of the rest to 180 deg about the opposite axis.
@@ -130,13 +132,13 @@ def angle_of_axis(spec: ConeSpec, pose: np.ndarray, space: ConfigurationSpace) -
     position, quaternion = space.to_3d(pose)
     axis = rotate(quaternion, [*spec.axis, 0.0][:3])
     apex = add(position, rotate(quaternion, [*(spec.apex or np.zeros(space.dimension)), 0.0][:3]))
-    line = [*_target(spec), 0.0][:3]
+    line = [*_point_or_direction(spec), 0.0][:3]
     if spec.of.point is not None:
         line = add(line, scaled(apex, -1))
     return float(np.arctan2(np.linalg.norm(cross(axis, line)), dot(axis, line)))
 
 
-def _target(spec: ConeSpec) -> np.ndarray:
+def _point_or_direction(spec: ConeSpec) -> np.ndarray:
     """Return the point of a cone [m], or its unit direction, (dimension,)."""
     if spec.of.point is not None:
         return np.array(spec.of.point)
@@ -148,12 +150,15 @@ def cone_rows(model: RobotModel, cone: Cone) -> ConstraintFunctions:
     """Return the rows of a cone constraint as functions of x and of [anchor; pose of the axis; target; angle].
 
     The axis of the cone, that of a camera for example, is the x-axis of a pose that is fixed to a frame of the robot.
-    The target, a point or a direction in the inertial frame, has to stay inside or outside the cone about it. Its
-    direction from the apex, in the frame of the axis, is all that rows depend on.
+    The target, a point or a direction in the inertial frame, has to stay inside or outside the cone about the axis. All
+    that rows depend on is the direction of the target from the apex, the origin of that pose, in the frame of the axis.
 
     Args:
         model: The robot.
-        cone: Frame of the axis, whether the target is a point, and on which side it stays.
+        cone: The frame to which the axis is fixed, whether the target is a point, and on which side it stays.
+
+    Returns:
+        The rows in rad, see `Cone.rows`, with bounds as in `Cone.bounds`.
     """
     space = model.space
     d = space.dimension
@@ -165,7 +170,7 @@ def cone_rows(model: RobotModel, cone: Cone) -> ConstraintFunctions:
     xi = model.charted(x[: model.n], anchor)
     frame_position, frame_attitude = space.to_3d(ca.vertsplit(xi[model.pose_rows[cone.frame]]))
     position_in_frame, attitude_in_frame = space.to_3d(ca.vertsplit(axis_pose))
-    line = [*ca.vertsplit(target), ca.SX(0)][:3]
+    line = [*ca.vertsplit(target), ca.SX(0)][:3]  # in 3-D, z = 0 for a planar robot
     if cone.has_point:
         apex = add(frame_position, rotate(frame_attitude, position_in_frame))
         line = add(line, scaled(apex, -1))

@@ -17,12 +17,16 @@ from psmpc_cli.robot.model import RobotModel
 def end_condition_rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRows]:
     """Yield the end conditions of a window as rows at nodes: where a stage ends, its errors are within tolerances.
 
-    They hold at the last node of each stage that ends in the window. A kept stage, an earlier one of HTMPC whose cost
-    must not get worse, is numbered behind the stages of the window; if it ends, it does so at the first switch.
+    They hold at the last node of each stage that ends in the window. HTMPC, which solves for one stage after the other,
+    also has kept stages in a window: earlier ones whose cost must not get worse. They are numbered behind the stages of
+    the window, and if one ends, it does so at the first switch.
 
     Args:
         model: The robot.
-        shape: The structure of the windows.
+        shape: The structure of the windows: stages, kept stages, numbers of intervals.
+
+    Yields:
+        Rows at a single node, for each stage whose end imposes anything.
     """
     last_nodes = Grid(model.n, shape.nodes).first_node[1:]
     stages = [*shape.stages, *shape.kept]
@@ -34,12 +38,12 @@ def end_condition_rows(model: RobotModel, shape: WindowShape) -> Iterator[NodeRo
                 name="end condition",
                 nodes=(int(node),),
                 functions=functions.end,
-                argument=partial(_target, s),
+                argument=partial(_target_of_stage, s),
                 bounds=partial(_bounds, s),
             )
 
 
-def _target(s: int, p: Parameters[Any]) -> Any:
+def _target_of_stage(s: int, p: Parameters[Any]) -> Any:
     return p.targets[s]
 
 

@@ -66,14 +66,18 @@ def force_limits(
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
     """Return the limits of what thrusters, wheels and motors give in a stage as a constraint; None if there are none.
 
-    Its rows are generalized forces over inertias: first the coordinates with a limit of their own, then the
+    Its rows are generalized forces divided by inertias: first those of coordinates with a limit of their own, then the
     combinations of base forces that thrusters or wheels bound together. Each is limited at both ends of an interval.
-    Where thrusters also balance what unloads wheels, they have that much less for the rest.
+    Unloading wheels means to take momentum out of them; thrusters balance the torque of that, so all limits of forces
+    of the base are nearer to 0 by that much.
 
     Args:
         task: The task.
         model: The robot.
         stage: Index of the stage.
+
+    Returns:
+        The constraint, under its stage's own name where samples set what wheels store or which thrusters are shut.
 
     Raises:
         InputError: The robot's thrusters would take too many rows.
@@ -82,7 +86,7 @@ def force_limits(
     moved_by = task.moved_by(stage, model.spec)
     limits = resolve_limits(model.spec, task.limits, skill.limits, moved_by=moved_by)
     is_limited = np.isfinite(limits.force_low) | np.isfinite(limits.force_high)
-    actuator_bounds = attainable_by(model, moved_by)
+    actuator_bounds = _forces_of_actuators(model, moved_by)
     plumes = PlumeForecast.of(task, model, stage) if task.avoids_plumes(stage, model.spec) else None
     row_count = int(is_limited.sum()) + len(actuator_bounds.normals)
     if row_count == 0:
@@ -107,25 +111,32 @@ def force_limits(
         high=np.tile(high, 2),
     )
     if plumes is not None:
-        constraint = _avoiding(plumes, model, load, constraint)
+        constraint = _tighter_where_plumes_reach(plumes, model, load, constraint)
     return named_for_stage(stage, load, constraint)
 
 
-def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, constraint: ConstraintNumbers) -> ConstraintNumbers:
+def _tighter_where_plumes_reach(
+    plumes: PlumeForecast, model: RobotModel, load: Load, constraint: ConstraintNumbers
+) -> ConstraintNumbers:
     """Return the limits of forces of a stage, tighter where thrusters are shut because their plumes would reach a body.
 
-    Which thrusters are shut is forecast at every sample along the plan in force, and appended to the argument of the
-    constraint: the functions of its rows do not take it, their bounds over each interval do. With thrusters shut the
-    planes that bound what the others give are the same, with bounds nearer to each other.
+    The set of forces that thrusters can give is bounded by pairs of planes. With some thrusters shut the planes keep
+    their normals and come nearer to each other: the rows stay the same functions, and only their bounds change. Which
+    thrusters are shut is forecast at every sample along the plan in force. The forecast is appended to the argument of
+    the constraint, from which the bounds over each interval are computed; the functions of the rows do not take it.
 
     Args:
-        plumes: The forecast.
+        plumes: How to forecast which thrusters are shut.
         model: The robot.
-        load: What the grippers are known to hold.
+        load: What the grippers are known to hold; its numbers are the rest of the argument.
         constraint: The limits with all thrusters.
+
+    Returns:
+        `constraint` with a longer argument, set at each sample, and with bounds for each interval.
     """
-    normals = attainable(model).normals
+    normals = _forces_of_thrusters(model).normals
     unloading = _largest_unloading(model, normals)
+    # The rows come twice, for the force at the beginning and at the end of an interval.
     rows_at_begin, rows_at_end = np.split(np.arange(len(constraint.low)), 2)
 
     def at_sample(model: RobotModel, sample: SampleContext) -> np.ndarray | None:
@@ -138,7 +149,7 @@ def _avoiding(plumes: PlumeForecast, model: RobotModel, load: Load, constraint: 
         high = np.tile(constraint.high, (interval_count, 1))
         low_of_thrusters, high_of_thrusters = plumes.bounds(normals, unloading, numbers, since)
         for rows in (rows_at_begin, rows_at_end):
-            rows_of_thrusters = rows[len(rows) - len(normals) :]  # the last at either end
+            rows_of_thrusters = rows[len(rows) - len(normals) :]  # they follow those of single coordinates
             low[:, rows_of_thrusters] = low_of_thrusters
             high[:, rows_of_thrusters] = high_of_thrusters
         return low, high
@@ -157,45 +168,50 @@ def inertia(model: RobotModel) -> np.ndarray:
     return np.diag(model.mass_matrix(model.neutral))
 
 
-def attainable(model: RobotModel) -> HalfSpaces:
+def _forces_of_thrusters(model: RobotModel) -> HalfSpaces:
     """Return what thrusters can give as bounds of rows N F_base, scaled; without thrusters there are none."""
 
     def build() -> HalfSpaces:
         if not model.spec.thrusters:
             return no_half_spaces(model.space.n_twist)
-        return _scaled(model, Thrusters.of(model.spec.thrusters).half_spaces)
+        return _with_unit_normals(model, Thrusters.of(model.spec.thrusters).half_spaces)
 
-    return model.cached(attainable, build)
+    return model.cached(_forces_of_thrusters, build)
 
 
-def attainable_by(model: RobotModel, moved_by: MobilityTraits) -> HalfSpaces:
-    """Return the forces that the actuators which move the base in a stage can give together, as half-spaces.
+def _forces_of_actuators(model: RobotModel, moved_by: MobilityTraits) -> HalfSpaces:
+    """Return the forces on the base that its actuators can give together in a stage, as half-spaces.
 
-    They are low <= N F_base <= high, N scaled to changes of velocity. Thrusters keep back what unloads wheels. Wheels
-    bound moments alone: each gives its share of the moment, up to its motor's torque. No half-spaces where neither
-    acts.
+    They are low <= N F_base <= high with one row of N for each bound, scaled by the robot's inertia so that the rows
+    are comparable to changes of velocity. Thrusters keep back the force that balances the unloading of wheels, which
+    takes momentum out of them. Wheels bound moments alone: each gives its share of the moment, up to its motor's
+    torque.
 
     Args:
         model: The robot.
         moved_by: What moves the base in the stage: thrusters, wheels, or nothing.
+
+    Returns:
+        Normals N (rows, n_twist), low and high (rows,); without rows where neither thrusters nor wheels act.
     """
     if moved_by.is_pushed:
-        by_thrusters = attainable(model)
+        by_thrusters = _forces_of_thrusters(model)
         unloading = _largest_unloading(model, by_thrusters.normals)
         return HalfSpaces(
             by_thrusters.normals,
-            low=np.minimum(by_thrusters.low + unloading, 0.0),
+            low=np.minimum(by_thrusters.low + unloading, 0.0),  # no force at all stays possible
             high=np.maximum(by_thrusters.high - unloading, 0.0),
         )
     wheels = Wheels.of(model.spec)
     wheels_act = moved_by.is_turned and wheels.count > 0
     if not wheels_act:
         return no_half_spaces(model.space.n_twist)
+    # The torques of the motors are -A^+ M, M the moment on the base and A^+ the allocation.
     normals = np.hstack([np.zeros((wheels.count, model.dimension)), -wheels.allocation])
-    return _scaled(model, HalfSpaces(normals, low=-wheels.torque, high=wheels.torque))
+    return _with_unit_normals(model, HalfSpaces(normals, low=-wheels.torque, high=wheels.torque))
 
 
-def _scaled(model: RobotModel, wrenches: HalfSpaces) -> HalfSpaces:
+def _with_unit_normals(model: RobotModel, wrenches: HalfSpaces) -> HalfSpaces:
     """Return the same half-spaces with normals whose factors of F_i / H_ii are a unit vector."""
     length = np.linalg.norm(wrenches.normals * inertia(model)[model.space.base], axis=1)
     return HalfSpaces(wrenches.normals / length[:, None], wrenches.low / length, wrenches.high / length)
@@ -211,13 +227,17 @@ def force_rows(model: RobotModel, structure: ForceStructure) -> IntervalFunction
     """Return the rows of limited forces, at the beginning and at the end of an interval.
 
     They are h F / H_ii of the limited coordinates, then h N F_base of the combinations N that thrusters or wheels
-    bound. With h in them they have no 1 / h where intervals become short. F is the computed torque, paper eq. (7), and
+    bound. F is the computed torque of an acceleration u that is held over an interval of length h, paper eq. (7). With
+    the factor h the rows have no 1 / h where intervals become short: F is linear in u and quadratic in v, so
 
-        h F(Q, v, u) = F(Q, sqrt(h) v, h u),    h u = dv.
+        h F(Q, v, u) = F(Q, sqrt(h) v, h u),    h u = dv, the change of velocity over the interval.
 
     Args:
         model: The robot.
         structure: Which coordinates and combinations, and the kind of load that the grippers hold.
+
+    Returns:
+        Functions of x, dv, h and [anchor of the chart; numbers of the load]; twice the rows, for `ends` 0 and 1.
     """
     n = model.n
     x = ca.SX.sym("x", 2 * n)
@@ -237,7 +257,7 @@ def force_rows(model: RobotModel, structure: ForceStructure) -> IntervalFunction
     rows = ca.vertcat(F[coordinates] * scale, combinations @ F[model.space.base])
 
     def jacobian() -> ca.SX:
-        # shorter than what CasADi derives from the rows
+        # shorter than what CasADi derives from the rows; `rows` again, with derivatives of F in the place of F
         F_by = load.own_force_jacobian(model, motion, numbers, by=ca.vertcat(x, dv, h))
         return ca.SX(ca.vertcat(ca.diag(scale) @ F_by[coordinates, :], combinations @ F_by[model.space.base, :]))
 

@@ -21,9 +21,9 @@ from psmpc_cli.specs.task import TaskSpec
 def hand_limits(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
     """Return the constraint that hands which hold one object keep their relative pose; None if less than two hold it.
 
-    Its rows are relative velocities, of each other hand against the first. Their bounds let the hands move against each
-    other over a whole horizon by as much as their grasps are taken to give way, `half_widths` (displacement [m], angle
-    [rad]).
+    Its rows are the velocities of each other hand relative to the first [m/s, rad/s]. Grasps give way a little, by
+    `half_widths` (displacement [m], angle [rad]): a velocity at its bound takes a whole horizon for that. The argument
+    is the pose of each other hand in the frame of the first, as the task has it, and from each sample on as measured.
 
     Args:
         task: The task.
@@ -61,13 +61,17 @@ def _relative_poses(grippers: tuple[str, ...], model: RobotModel, sample: Sample
 def hand_rates(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFunctions:
     """Return x, [anchor; relative poses at the sample] -> the velocities of the other hands relative to the first.
 
-    With the poses (p_0, q_0) of the first gripper, (p, q) of another one, and (r, q_r) of that in the frame of the
-    first at the sample, the rows are the rates of R_0' (p - p_0) - r, and of twice the vector of the quaternion
-    q_r* q_0* q, which is the rotation vector but for the third power of its angle, and smooth.
+    Let (p_0, q_0) be the pose of the first gripper, R_0 its rotation matrix, (p, q) the pose of another gripper, and
+    (r, q_r) the pose of that one in the frame of the first at the sample. The rows are the rates of the displacement
+    R_0' (p - p_0) - r and of twice the vector part of the quaternion q_r* q_0* q. The latter differs from the rotation
+    vector only in the third power of its angle, and is smooth.
 
     Args:
         model: The robot.
-        grippers: The arms that hold the object, the first one first.
+        grippers: The arms that hold the object; velocities are relative to the hand of the first.
+
+    Returns:
+        Rows [m/s, rad/s], n_twist for each of the other grippers.
     """
     space = model.space
     others = len(grippers) - 1
@@ -83,7 +87,7 @@ def hand_rates(model: RobotModel, grippers: tuple[str, ...]) -> ConstraintFuncti
         moved = add(rotate(conjugate(q_0), add(p, scaled(p_0, -1))), scaled(r, -1))
         turned = product(conjugate(q_r), product(conjugate(q_0), q))
         displacements += space.twist(moved, scaled(turned[1:], 2))
-    rates = ca.jtimes(ca.vertcat(*displacements), x[: model.n], x[model.n :])
+    rates = ca.jtimes(ca.vertcat(*displacements), x[: model.n], x[model.n :])  # d/dQ times Qdot
     return ConstraintFunctions(x, argument, rates, has_curvature=False)
 
 

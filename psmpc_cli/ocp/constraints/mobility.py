@@ -39,15 +39,19 @@ from psmpc_cli.specs.task import TaskSpec
 def conserved_momentum(
     task: TaskSpec, model: RobotModel, stage: int
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
-    """Return what of the momentum stays in a stage; None for a base that is moved at will, or that a mount holds.
+    """Return the constraint that momentum is conserved in a stage; None if thrusters push the base or a mount holds it.
 
-    Of a free-floating base all of it is conserved over every interval, or, where wheels turn the base, the linear
-    momentum. Nothing more than that decides how the base moves.
+    It decides how a free-floating base moves when the arms do. Its rows are changes of the momentum of robot and load
+    over an interval, all of them 0: of linear and angular momentum, or, where wheels turn the base, of the linear
+    momentum alone.
 
     Args:
         task: The task.
         model: The robot.
         stage: Index of the stage.
+
+    Returns:
+        The constraint; its argument is the numbers of the load that grippers are known to hold.
     """
     moved_by = task.moved_by(stage, model.spec)
     if not moved_by.reacts:

@@ -87,8 +87,8 @@ class PlumeForecast:
     def of(cls, task: TaskSpec, model: RobotModel, stage: int) -> "PlumeForecast":
         """Return the forecast for a stage of a task in which thrusters are shut while their plume would reach a body.
 
-        Such bodies are obstacles and the object, which is free or in the gripper that holds it in the stage. The
-        forecast looks once a sample time over the horizon.
+        The bodies that plumes are kept off are the obstacles and, if it has a mass, the object, which is free or in the
+        gripper that holds it in the stage. The forecast has one entry for each sample time over the horizon.
 
         Args:
             task: The task.
@@ -108,6 +108,7 @@ class PlumeForecast:
                     solids=tuple(cover_of_object(body.shape)),
                     state=lambda sample: sample.object_state,
                     gripper=body.holder if is_held else None,
+                    # `grasp.at` is the pose of the gripper on the object; the object in the gripper is its inverse
                     inside=space.relative(space.neutral, np.array(body.grasp.at[body.holder])),
                 )
             )
@@ -133,6 +134,9 @@ class PlumeForecast:
     def numbers(self, model: RobotModel, sample: SampleContext) -> np.ndarray:
         """Forecast which thrusters are shut from a sample on, the robot moving as the plan in force says.
 
+        A thruster is shut while its plume reaches a body. Beyond the end of the plan the robot stays where that ends;
+        bodies whose pose is not known are left out.
+
         Args:
             model: The robot.
             sample: The sample: measured state, plan in force, pose and velocity of the object.
@@ -145,6 +149,7 @@ class PlumeForecast:
         if sample.plan is not None:
             X[1:] = sample.plan.states_at(np.minimum(sample.time + self.since[1:], sample.plan.end))
         space = model.space
+        # a configuration with the attitude of the anchor makes the chart that the states are in
         Q_at_anchor = np.array(model.neutral)
         Q_at_anchor[space.attitude] = sample.anchor
         Q, _ = space.chart_at(Q_at_anchor).from_chart(X)
@@ -174,13 +179,14 @@ class PlumeForecast:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return what the thrusters that are not shut can give over the intervals of a plan.
 
-        A thruster counts as shut over an interval if the forecast has it shut at a time inside it or next to it.
+        A thruster counts as shut over an interval if the forecast has it shut at one of its times inside the interval,
+        or at the nearest one before or after it.
 
         Args:
             normals: Combinations of the force on the base that are bounded, (K, d), see `Thrusters.bounds`.
-            unloading: By how much what unloads wheels may change each of them, (K,).
+            unloading: What thrusters keep back of each combination to balance the unloading of wheels, (K,).
             numbers: The forecast of a sample, (size,), see `numbers`.
-            since: The times (N + 1,) between which the intervals are, since the sample [s].
+            since: The times (N + 1,) at which the intervals begin and end, counted from the sample [s].
 
         Returns:
             Low and high of each combination over each interval, (N, K) each.
@@ -193,6 +199,7 @@ class PlumeForecast:
         shut_up_to_last = times_shut_before[np.minimum(last + 1, len(self.since))]
         shut_before_first = times_shut_before[np.minimum(first, len(self.since) - 1)]
         low, high = self.thrusters.bounds(normals, shut_up_to_last - shut_before_first > 0)
+        # no force at all stays possible: low <= 0 <= high
         low = np.minimum(low + unloading, 0.0)
         high = np.maximum(high - unloading, 0.0)
         # Bounds that meet leave an interior-point method no interior: they are moved apart a little.

@@ -38,9 +38,9 @@ NO_LIMIT = 1e12
 def position_limits(task: TaskSpec, model: RobotModel, stage: int) -> ConstraintNumbers | None:
     """Return the limits of positions between nodes in a stage as a constraint; None where no position is limited.
 
-    Limits hold at nodes by themselves; these rows keep a coordinate that turns round within an interval inside as well.
-    The attitude of a spatial base has no such row. The argument is the limits of the positions and of their
-    accelerations, low then high of either.
+    Bounds at nodes do not keep a coordinate inside that turns round within an interval, between two nodes; these rows
+    do. The attitude of a spatial base has no such row. The argument is low and high of the limited positions, then low
+    and high of their accelerations. Positions and their bounds are in units of `UNIT`.
 
     Args:
         task: The task.
@@ -58,7 +58,7 @@ def position_limits(task: TaskSpec, model: RobotModel, stage: int) -> Constraint
     accelerations = (limits.acceleration_low[is_limited], limits.acceleration_high[is_limited])
     return ConstraintNumbers(
         structure=tuple(np.flatnonzero(is_limited).tolist()),
-        argument=np.clip(np.concatenate([low, high, *accelerations]), -NO_LIMIT, NO_LIMIT),
+        argument=np.clip(np.concatenate([low, high, *accelerations]), -NO_LIMIT, NO_LIMIT),  # finite for functions
         low=low / UNIT,
         high=high / UNIT,
     )
@@ -67,20 +67,24 @@ def position_limits(task: TaskSpec, model: RobotModel, stage: int) -> Constraint
 def extreme_position_rows(model: RobotModel, shape: WindowShape) -> Iterator[IntervalRows]:
     """Yield the rows that keep limited positions inside between nodes, over the intervals of every stage of a window.
 
-    The very first interval has functions of its own: it begins at the measured state, which no plan can change, so that
-    its rows allow what even the strongest braking cannot avoid. There are no rows where limits are soft or the
-    integration is by Euler, whose motion is straight between nodes.
+    A coordinate whose rate changes its sign within an interval turns round there, further out than at both nodes. The
+    very first interval of a window has functions of its own: it begins at the measured state, which no plan can change,
+    so its rows allow what even the strongest braking cannot avoid. There are no rows where limits are soft, or where
+    the integration is by explicit Euler, whose motion is straight between nodes.
 
     Args:
         model: The robot.
         shape: The structure of the windows.
+
+    Yields:
+        For each stage with limited positions, rows over the window's first interval, then over the other intervals.
     """
     if shape.soft or shape.discretization == "euler":
         return
     first_node = Grid(model.n, shape.nodes).first_node
     for s, name, coordinates in entries("turns", shape):
         stage_intervals = range(int(first_node[s]), int(first_node[s + 1]))
-        first_count = 1 if s == 0 else 0
+        first_count = 1 if s == 0 else 0  # only the first stage has the window's first interval
         for intervals, is_first in ((stage_intervals[:first_count], True), (stage_intervals[first_count:], False)):
             if len(intervals):
                 key = (extreme_positions, coordinates, is_first)
@@ -96,15 +100,21 @@ def extreme_position_rows(model: RobotModel, shape: WindowShape) -> Iterator[Int
 
 
 def extreme_positions(model: RobotModel, coordinates: tuple[int, ...], is_first: bool) -> IntervalFunctions:
-    """Return the extreme position E of some coordinates over an interval, where a coordinate may turn round inside it.
+    """Return the extreme position E of some coordinates over an interval of constant acceleration, in units of `UNIT`.
 
-    With rates v and v+ at its ends, E = Q + h / 2 v^2 / (v - v+) where they have different signs (at rest in between),
-    else Q + h / 2 (v + v+), the position at its end.
+    With the position Q at its beginning, its length h, and the rates v and v+ at its ends,
+
+        E = Q + h / 2 v^2 / (v - v+)    where v and v+ have different signs: E is where the rate is 0;
+        E = Q + h / 2 (v + v+)          elsewhere: the position at the end of the interval.
 
     Args:
         model: The robot.
         coordinates: Which coordinates are limited.
-        is_first: It is the first interval of the window: what its measured state cannot avoid is subtracted.
+        is_first: It is the first interval of a window. How far the measured state must go beyond a limit, even if the
+            coordinate brakes as hard as it can, is then taken off E, so that a plan can meet the limit.
+
+    Returns:
+        Functions of x, dv = v+ - v, h and [anchor; low, high; low, high of the accelerations], see `position_limits`.
     """
     n = model.n
     x = ca.SX.sym("x", 2 * n)
@@ -120,11 +130,13 @@ def extreme_positions(model: RobotModel, coordinates: tuple[int, ...], is_first:
     twice_mean_rate = ca.if_else(turns_round, v**2 / ca.if_else(turns_round, v - v_next, 1), v + v_next)
     extreme = Q + h / 2 * twice_mean_rate
     if is_first:  # how far beyond low and high it gets even if it brakes
-        extreme += _unavoidable(low - Q, -v, acceleration_high, h) - _unavoidable(Q - high, v, -acceleration_low, h)
+        extreme += _unavoidable_excess(low - Q, -v, acceleration_high, h) - _unavoidable_excess(
+            Q - high, v, -acceleration_low, h
+        )
     return IntervalFunctions(x, dv, h, argument, extreme / UNIT, ends=(0,))
 
 
-def _unavoidable(beyond: ca.SX, v: ca.SX, strongest: ca.SX, h: ca.SX) -> ca.SX:
+def _unavoidable_excess(beyond: ca.SX, v: ca.SX, strongest: ca.SX, h: ca.SX) -> ca.SX:
     """Return how far beyond a limit a coordinate gets even if it brakes.
 
     Args:

@@ -36,8 +36,9 @@ def wheel_limits(
 ) -> ConstraintNumbers | Mapping[str, ConstraintNumbers] | None:
     """Return the limits of what reaction wheels store in a stage as a constraint; None if they do not turn the base.
 
-    Rows are momenta of wheels over the robot's inertia about their axes, which are rates of rotation. The argument is
-    the numbers of the load, then the part of the momenta that adds up to nothing, which motors leave as it is.
+    Rows are the momenta of the wheels, each divided by the robot's moment of inertia about the axis of the wheel: rates
+    of rotation [rad/s]. The argument is the numbers of the load, then a part of the momenta of the wheels that adds up
+    to nothing on the base: more than three wheels have such a part, and motors leave it as it is.
 
     Args:
         task: The task.
@@ -45,7 +46,7 @@ def wheel_limits(
         stage: Index of the stage.
     """
     load = known_load(task, model, stage)
-    if load.stores != FOLLOWS:
+    if load.stores != FOLLOWS:  # what wheels store does not follow from the motion: they do not turn the base
         return None
     wheels = Wheels.of(model.spec)
     largest = wheels.momentum * _scale(model, wheels)

@@ -21,7 +21,7 @@ from psmpc_cli.ocp.feasibility.forecast import (
     tolerances_of,
 )
 from psmpc_cli.ocp.feasibility.posing import posing_remarks
-from psmpc_cli.ocp.feasibility.postures import largest_load_ratio, unforeseen
+from psmpc_cli.ocp.feasibility.postures import largest_load_ratio, reasons_unforeseen
 from psmpc_cli.ocp.feasibility.targets import clearance_remarks, cone_remarks, monitor_faults
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.problem import in_own_chart
@@ -61,14 +61,14 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), *, f
         reference: The name of a built-in task, the path of a file, or the task itself as a mapping of its keys.
         set: Keys of the task to change: a mapping of paths to values, such as `{"controller.nodes": "auto"}` or
             `{"stages.capture.priority": 10}`, or a sequence of texts `path=value` and options short for them.
-        feasibility: Whether start and targets within limits, poses within reach and the order of events count too,
-            which takes up to a second for long tasks of spatial robots. Without it a task that no run can complete
-            is loaded, and runs as it is.
+        feasibility: Whether to check also that start and targets are within limits, that poses are within reach, and
+            that stages can end in the order of the task. This takes up to a second for long tasks of spatial robots.
+            Without it a task that no run can complete is loaded, and runs as it is.
 
     Raises:
         InputError: The reference or the changes are of another type.
-        SpecError: Something is wrong with the task, the robot's file or a change, or stands against the task; the
-            message lists all of it, located in the task's file.
+        SpecError: The task, the robot's file or a change is not valid, or the task cannot be done; the message lists
+            all faults with their places in the task's file.
     """
     require("feasibility", feasibility, bool, "True or False")
     task = load_valid_task(reference, set)
@@ -76,10 +76,10 @@ def load_task(reference: str | Path | Mapping[str, Any], set: Changes = (), *, f
 
 
 def ensure_feasible(task: Task) -> Task:
-    """Return a task if nothing stands against it.
+    """Return a task if it can be done as far as can be decided before a run.
 
     Raises:
-        SpecError: Something does; the message has all of it, located in the task's file.
+        SpecError: It cannot; the message lists all faults with their places in the task's file.
     """
     if problems := review(task):
         raise SpecError(task.source.report(problems))
@@ -87,33 +87,38 @@ def ensure_feasible(task: Task) -> Task:
 
 
 def review(task: Task) -> list[Fault]:
-    """Return everything that stands against a task."""
+    """Return all faults by which a task cannot be done: what `psmpc check` reports as errors."""
     forecasts = forecast_stages(task)
     return [
-        *_initial(task, forecasts[0].stage),
-        *(problem for forecast in forecasts for problem in _targets(task, forecast.stage)),
+        *_start_outside_limits(task, forecasts[0].stage),
+        *(problem for forecast in forecasts for problem in _targets_outside_limits(task, forecast.stage)),
         *(problem for forecast in forecasts for problem in _beyond_momentum(task, forecast)),
         *(problem for forecast in forecasts for problem in _out_of_reach(task, forecast, certain=True)),
-        *(problem for now, then in pairwise(forecasts) for problem in _handover(task, now.stage, then.stage)),
-        *_times(task, forecasts),
+        *(
+            problem
+            for now, then in pairwise(forecasts)
+            for problem in _ends_outside_next_limits(task, now.stage, then.stage)
+        ),
+        *_impossible_ends(task, forecasts),
         *_singular_postures(task, forecasts),
-        *_grasps(task, forecasts),
+        *_arrivals_outside_grasps(task, forecasts),
         *monitor_faults(task, forecasts[0].model),
     ]
 
 
-def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Yield faults of a capture: its grippers may arrive where the object's grasps do not close.
+def _arrivals_outside_grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
+    """Yield faults of a capture in which grippers may arrive where they cannot close on the object.
 
-    Grippers close while position, angle and velocities relative to the grasp are within the grasp's envelope. The stage
-    before the capture has to guarantee that: by its target, and by the tolerances of its end condition.
+    A gripper closes while position, angle and velocities of the hand relative to its grasp on the object are within the
+    envelope of the grasp. The stage before the capture has to guarantee that, by its target and by the tolerances of
+    its end condition. Nothing is said where that stage has no such tolerances, or does not bring all grippers to poses.
 
     Args:
         task: The task.
-        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
+        forecasts: What is known of each stage before a run; here only the stages themselves count.
     """
     target_object = task.spec.body
-    stage = forecasts[task.spec.held_stages.start - 1].stage
+    stage = forecasts[task.spec.held_stages.start - 1].stage  # grippers close at its end, and hold in those that follow
     poses = stage.poses_of_arms
     brings_grippers_there = len(stage.end.rows) > 0 and set(target_object.grippers) <= set(poses)
     if target_object.mass == 0.0 or not brings_grippers_there:
@@ -121,10 +126,12 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     envelope = target_object.grasp.envelope
 
     def norms(motion: np.ndarray) -> list[float]:
+        """Return the norms of the linear and the angular part."""
         linear, angular = np.split(motion, [task.robot.dimension])
         return [float(np.linalg.norm(linear)), float(np.linalg.norm(angular))]
 
     space = configuration_space(task.robot)
+    # By row of the error; infinite where the end condition does not bound it.
     tolerance_of_row = np.full(len(stage.weights), np.inf)
     tolerance_of_row[list(stage.end.rows)] = stage.end.tolerance
     rate_tolerance_of_row = np.full(len(stage.weights), np.inf)
@@ -154,28 +161,28 @@ def _grasps(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
             yield Fault(("object", "grasp", "envelope", key), message)
 
 
-def _initial(task: Task, first: Stage) -> Iterator[Fault]:
-    """Give what of the initial state the first stage does not allow."""
+def _start_outside_limits(task: Task, first: Stage) -> Iterator[Fault]:
+    """Yield the coordinates of the initial state that are outside the limits of the first stage."""
     Q, v = initial_state(task)
     space = configuration_space(task.robot)
     position = coordinates_of(space, first, Q)
     for key, kind, values in (("initial", "position", position), ("initial_velocity", "velocity", v)):
-        for row in _outside(values, *bounds_of(first, kind)):
-            yield Fault(_location(task, (key,), row), _beyond(task, row, values[row], first, kind))
+        for row in _rows_out_of_bounds(values, *bounds_of(first, kind)):
+            yield Fault(_location(task, (key,), row), _out_of_bounds_message(task, row, values[row], first, kind))
 
 
-def _targets(task: Task, stage: Stage) -> Iterator[Fault]:
-    """Give what of a stage's target, or of any row of its trajectory, lies outside its limits."""
+def _targets_outside_limits(task: Task, stage: Stage) -> Iterator[Fault]:
+    """Yield the coordinates of a stage's target, or of a point of its trajectory, that are outside its limits."""
     space = configuration_space(task.robot)
     for index, waypoint in enumerate(stage.reference.points):
         values = coordinates_of(space, stage, waypoint)
-        for row in _rows_outside(stage, values):
-            yield Fault(_location(task, stage, row, index), _beyond(task, row, values[row], stage))
+        for row in _forbidden_coordinates(stage, values):
+            yield Fault(_location(task, stage, row, index), _out_of_bounds_message(task, row, values[row], stage))
 
 
-def _rows_outside(stage: Stage, values: np.ndarray) -> list[int]:
+def _forbidden_coordinates(stage: Stage, values: np.ndarray) -> list[int]:
     """Return the coordinates whose values (n,) the stage asks for but its limits forbid."""
-    return [row for row in _outside(values, *bounds_of(stage, "position")) if is_asked_for(stage, [row])]
+    return [row for row in _rows_out_of_bounds(values, *bounds_of(stage, "position")) if is_asked_for(stage, [row])]
 
 
 def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterator[Fault]:
@@ -183,31 +190,32 @@ def _out_of_reach(task: Task, forecast: StageForecast, certain: bool) -> Iterato
 
     Args:
         task: The task.
-        forecast: The stage, with the reach of its arms at each of its waypoints.
-        certain: Yield those of which that is proven (faults); else those of which a search has found no joint
-            coordinates, although there may be some (remarks).
+        forecast: The stage, with how far each arm is from its pose at each of the target's waypoints.
+        certain: True: yield the poses that are proven to be out of reach, as faults. False: yield those for which a
+            search has found no joint coordinates although there may be some, as remarks.
     """
     base_pose = configuration_space(task.robot).format_pose
-    for index, (waypoint, reaches) in enumerate(zip(forecast.stage.reference.points, forecast.along, strict=True)):
+    for index, (waypoint, reaches) in enumerate(
+        zip(forecast.stage.reference.points, forecast.reaches_at_waypoints, strict=True)
+    ):
         for arm, reach in reaches.items():
             if not reach.reachable:
-                is_proven, message = _missed_pose(task, arm, reach, f"with the base at {base_pose(waypoint)}")
+                is_proven, message = _why_out_of_reach(task, arm, reach, f"with the base at {base_pose(waypoint)}")
                 if is_proven == certain:
                     yield Fault(_location_of_part(task, forecast.stage, arm, index), f"found {message}")
 
 
-def _missed_pose(task: Task, arm: str, reach: Reach, base: str) -> tuple[bool, str]:
-    """Say why an arm does not take a pose.
+def _why_out_of_reach(task: Task, arm: str, reach: Reach, base: str) -> tuple[bool, str]:
+    """Return whether a pose is proven to be out of an arm's reach, and why it is, in words for a message.
+
+    It is proven if the pose is farther away, or nearer, than the lengths of the links allow. If only joint limits keep
+    the arm from it, that is proven for planar arms of up to `ALL_KNOWN` links, whose solutions are all known.
 
     Args:
         task: The task.
         arm: Name of the arm.
-        reach: How far the pose is from its first joint (the shoulder), and how far the arm goes.
+        reach: How far the pose is from the arm's first joint, the shoulder, and how far the arm reaches.
         base: Where the base is, in words.
-
-    Returns:
-        Whether that is proven, and the words. Beyond the length of the links it is; where joint limits alone are in the
-        way, it is for short planar arms, whose solutions are all known.
     """
     far = f"{reach.distance:.4g} m from"
     if reach.distance > reach.full_reach:
@@ -236,10 +244,15 @@ def _missed_pose(task: Task, arm: str, reach: Reach, base: str) -> tuple[bool, s
 def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
     """Yield a fault where an end condition wants a floating base to be where its momentum cannot bring it.
 
-    Nothing pushes such a base: the common centre of mass moves at p / M, whatever the arms do, and the base stays
-    within the length of the stretched arms of it. The stage ends between its earliest end and the time limit. Distances
-    are compared axis by axis, so that a fault is certain. Nothing is said once the base was pushed or held in some
-    stage, or where an object or uncertainty changes the momentum.
+    Nothing pushes such a base. So the common centre of mass of robot and arms moves at p / M, linear momentum over
+    mass, whatever the arms do, and the base cannot be farther from it than stretched arms allow. The stage ends at some
+    time between its earliest possible end and the time limit of the task. The least distance in that time is taken axis
+    by axis, which is never too large, so that a fault is certain. Nothing is said once the base was pushed or held in
+    this or an earlier stage, or where an object or uncertainty changes the momentum.
+
+    Args:
+        task: The task.
+        forecast: The stage, with the time before which it cannot end.
     """
     model = forecast.model
     stage = forecast.stage
@@ -252,7 +265,8 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
     masses = np.array([body.mass for body in task.robot.bodies])
     velocity_of_centre = model.momentum(Q, v)[:d] / masses.sum()
     end_times = np.array([forecast.earliest_end, max(task.spec.time_limit, forecast.earliest_end)])
-    centres = model.centre_of_mass(Q) + end_times[:, None] * velocity_of_centre  # first and last one at the end
+    # where the centre of mass is if the stage ends at the first, and at the last, of these times
+    centres = model.centre_of_mass(Q) + end_times[:, None] * velocity_of_centre
     tolerances = {row: tolerance for row, tolerance in tolerances_of(model.space, stage).items() if row < d}
     axes = list(tolerances)
     wanted = stage.target[axes]
@@ -268,21 +282,21 @@ def _beyond_momentum(task: Task, forecast: StageForecast) -> Iterator[Fault]:
         yield Fault(_location_of_part(task, stage, "base", len(stage.reference.points) - 1), message)
 
 
-def _handover(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
-    """Give the coordinates that a stage leaves where the limits of the next one do not allow them."""
+def _ends_outside_next_limits(task: Task, stage: Stage, then: Stage) -> Iterator[Fault]:
+    """Yield the coordinates that a stage ends with where the limits of the next stage do not allow them."""
     space = configuration_space(task.robot)
     values = coordinates_of(space, stage, stage.target)
     tolerances = tolerances_of(space, stage)
-    rows = np.array(sorted(tolerances.keys() - {len(values), *_rows_outside(stage, values)}), int)
+    rows = np.array(sorted(tolerances.keys() - {len(values), *_forbidden_coordinates(stage, values)}), int)
     within = np.array([tolerances[row] for row in rows])
     low, high = bounds_of(then, "position")
-    for row in rows[_outside(values[rows], low[rows] - within, high[rows] + within)]:
-        message = f"{_beyond(task, row, values[row], then)}, where {quoted(then.name)} keeps it"
+    for row in rows[_rows_out_of_bounds(values[rows], low[rows] - within, high[rows] + within)]:
+        message = f"{_out_of_bounds_message(task, row, values[row], then)}, where {quoted(then.name)} keeps it"
         yield Fault(("stages", stage.index, "ends_when"), message)
 
 
 def _singular_postures(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Give the nearly singular postures in which a stage begins or ends whose control is the acceleration of poses."""
+    """Yield the nearly singular postures in which a stage begins or ends whose control is the acceleration of poses."""
     if not task.spec.acts_in_task_space:
         return
     stops = forecast_configurations(task, forecasts)
@@ -298,14 +312,14 @@ def _singular_postures(task: Task, forecasts: Sequence[StageForecast]) -> Iterat
 
 
 def _rates_beyond_limits(task: Task, stage: Stage) -> Iterator[Fault]:
-    """Give rates at which a stage is to end that its limits of velocity do not allow."""
+    """Yield rates at which a stage is to end that its limits of velocity do not allow."""
     space = configuration_space(task.robot)
     low, high = bounds_of(stage, "velocity")
     names = labels(task.robot, "joint")
     for row, wanted, within in _ends_in_motion(stage):
         is_of_velocity = row < space.n_twist or stage.space == "joint"
         if is_of_velocity and not low[row] - within <= wanted <= high[row] + within:
-            limits = _span(task, row, stage, "velocity")
+            limits = _limits_in_words(task, row, stage, "velocity")
             message = f"found {names[row]} at {wanted:g} at the end, expected within its limits of velocity, {limits}"
             yield Fault(("stages", stage.index, "ends_when", "moving"), message)
 
@@ -317,15 +331,16 @@ def _ends_in_motion(stage: Stage) -> Iterator[tuple[int, float, float]]:
         yield from zip(stage.end.rows, *rates, strict=True)
 
 
-def _times(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Yield faults of when stages end: conditions that velocity limits never let be met, and times that are too early.
+def _impossible_ends(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
+    """Yield faults of stages that cannot end as the task says.
 
-    A stage cannot end before the one before it; how early that ends at best follows from velocity limits, dwell times
-    and fixed times (`StageForecast.earliest_end`).
+    They are end conditions that velocity limits never let be met, and fixed times that come before the stage can have
+    begun and lasted for its dwell time. A stage begins when the one before it ends; how early that is at best follows
+    from velocity limits, dwell times and fixed times (`StageForecast.earliest_end`).
 
     Args:
         task: The task.
-        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
+        forecasts: Each stage, with the time before which it cannot end.
     """
     earliest_start = 0.0
     for forecast in forecasts:
@@ -350,7 +365,9 @@ def _stuck_coordinates(task: Task, forecast: StageForecast) -> Iterator[Fault]:
         if is_of_base and not forecast.stage.moved_by.moves:
             yield Fault(path, f"found {names[row]} to be moved, expected it where it is: it is fixed")
             continue
-        limits = _span(task, 3 if row == attitude else row, forecast.stage, "velocity")  # row 3: a first angular rate
+        limits = _limits_in_words(
+            task, 3 if row == attitude else row, forecast.stage, "velocity"
+        )  # row 3: a first angular rate
         message = f"found {names[row]} to be moved, expected velocity limits that allow it, not {limits}"
         yield Fault(path, message)
 
@@ -358,18 +375,19 @@ def _stuck_coordinates(task: Task, forecast: StageForecast) -> Iterator[Fault]:
 def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
     """Return what is probably not meant in a task that can be done: advice of `psmpc check`, not errors.
 
-    It is about a base that is kept where it is not left, poses that were not found to be in reach, trajectories and
-    time limits that no run keeps, tolerances below the noise, loads that outweigh the robot, momentum that carries a
-    robot elsewhere than a stage without thrusters wants it, what is kept clear, weights without effect, and more of the
-    like: a function each.
+    One function yields each kind of remark: targets that want the base elsewhere than the stage before leaves it, poses
+    for which no joint coordinates were found, trajectories and time limits that no run can keep, tolerances below the
+    noise, loads that outweigh the robot, momentum that carries a robot elsewhere than a stage without thrusters wants
+    it, bodies that are nearer than they should keep, weights without effect, and others.
 
     Args:
         task: The task.
-        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
+        forecasts: What is known of each stage before a run: the stage, how far its targets are for the arms, how early
+            it can end.
     """
     stages = [forecast.stage for forecast in forecasts]
     model = forecasts[0].model
-    stops = forecast_configurations(task, forecasts)
+    stops = forecast_configurations(task, forecasts)  # coordinates at the start and at every stage's target
     return [
         *(problem for forecast in forecasts for problem in _out_of_reach(task, forecast, certain=False)),
         *(problem for before, forecast in pairwise(forecasts) for problem in _far_base(task, before.stage, forecast)),
@@ -390,10 +408,12 @@ def remarks(task: Task, forecasts: Sequence[StageForecast]) -> list[Fault]:
 
 
 def _idle_weights(task: Task) -> Iterator[Fault]:
-    """Yield weights of the base that have no effect: in no stage of their skill does something push, or turn, the base.
+    """Yield weights of a skill that have no effect, since nothing moves the base along their axes in any of its stages.
 
-    Weights of control, force and rate are idle for each such coordinate, weights of the error for the base's position.
-    A single number for all coordinates means those that something acts on, and is no fault.
+    Where thrusters push the base, in some stage of the skill, all weights count. Where only wheels turn it, weights of
+    its position have no effect; where neither does, weights of its whole pose. That is so for weights of control, force
+    and rate; of the weights of the error only those of a position that wheels cannot move are looked at. A weight that
+    is a single number for all coordinates means those that something acts on, and is not reported.
     """
     d = task.robot.dimension
     axes = ERROR_AXES[d]
@@ -425,8 +445,8 @@ def _idle_weights(task: Task) -> Iterator[Fault]:
 def _full_wheels(task: Task, model: RobotModel) -> Iterator[Fault]:
     """Yield an angular momentum at the start that is more than reaction wheels can store: the robot would keep turning.
 
-    Nothing pushes the base in the first stage, so momentum stays, and bringing the base to rest leaves all of it to the
-    wheels: the angular momentum about the common centre of mass, with what the wheels store at first.
+    It is checked where only wheels act on the base in the first stage. Momentum is then conserved: once the base is at
+    rest, the wheels store the robot's angular momentum about its common centre of mass and what they store at first.
     """
     wheels = Wheels.of(task.robot)
     first_moved_by = task.spec.moved_by(0, task.robot)
@@ -435,7 +455,8 @@ def _full_wheels(task: Task, model: RobotModel) -> Iterator[Fault]:
         return
     Q, v = initial_state(task)
     linear, angular = np.split(model.momentum(Q, v), [model.dimension])
-    # Momentum about the origin less that of the drifting centre of mass; vectors of planar robots with zeros.
+    # Momentum about the origin less that of the drifting centre of mass. `np.cross` takes vectors of three: those of a
+    # planar robot are filled up with zeros, its momentum being the component along z.
     of_drift = np.cross([*model.centre_of_mass(Q), 0.0][:3], [*linear, 0.0][:3])
     about_centre = [0.0, 0.0, *angular][-3:] - of_drift
     _, quaternion = model.space.to_3d(Q[model.space.base_coordinates])
@@ -452,12 +473,14 @@ def _full_wheels(task: Task, model: RobotModel) -> Iterator[Fault]:
 
 
 def _drifts_elsewhere(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Yield stages without thrusters that want the base where the momentum that the stage before leaves does not lead.
+    """Yield stages without thrusters that want the base elsewhere than where the robot drifts.
 
-    What the start decides is certain, and no remark: see `_beyond_momentum`.
+    Such a stage goes on with the momentum that an earlier stage leaves, and that one's end condition decides. Where the
+    momentum at the start of the task decides, the base certainly cannot get there, which `_beyond_momentum` reports as
+    a fault.
     """
     for drift in drifts(task, forecasts):
-        if drift.before is None or not len(drift.way):
+        if drift.before is None or not len(drift.displacement):
             continue
         before = drift.before
         path = ("stages", before.index, "ends_when")
@@ -466,16 +489,16 @@ def _drifts_elsewhere(task: Task, forecasts: Sequence[StageForecast]) -> Iterato
             wanted = f"a velocity of the base, or momentum: {{linear: ...}}: nothing pushes it to its place in {name}"
             yield Fault(path, f"found an end of {quoted(before.name)} at any velocity of the base, expected {wanted}")
         elif drift.miss:
-            away = " away from it" if drift.way @ drift.velocity < 0 else ""
+            away = " away from it" if drift.displacement @ drift.velocity < 0 else ""
             found = f"found a robot that drifts{away} at {drift.speed:.3g} m/s"
-            distance = f"{np.linalg.norm(drift.way):.3g} m from where it wants its centre of mass"
+            distance = f"{np.linalg.norm(drift.displacement):.3g} m from where it wants its centre of mass"
             wanted = f"momentum that carries it there, by the {quoted('moving')} of that end: nothing pushes it"
             yield Fault(path, f"{found} in {name}, {distance}, expected {wanted}")
 
 
 def _not_routed(task: Task, stages: Sequence[Stage]) -> Iterator[Fault]:
     """Yield stages that have no route since places of theirs are not known before the run."""
-    for stage, reason in unforeseen(task.spec, stages).items() if task.spec.routes else ():
+    for stage, reason in reasons_unforeseen(task.spec, stages).items() if task.spec.routes else ():
         wanted = "what rests: routes are planned before the run, and this stage has none"
         yield Fault(("routes",), f"found stage {quoted(stages[stage].name)}, where {reason}, expected {wanted}")
 
@@ -493,12 +516,14 @@ docs/capture_results.md has runs.
 def _unknown_load(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Yield an object so heavy that the low-level law, which does not know of it, moves the robot far too slowly.
 
-    Where the object has rho times the inertia of the robot in a motion, the robot does 1 / (1 + rho) of an acceleration
-    that is commanded there. The largest rho at the start and at the targets of all stages counts.
+    The low-level law computes forces for the accelerations that the controller commands. If it counts with the robot
+    alone, and the held object has rho times the inertia of the robot in a motion, only 1 / (1 + rho) of a commanded
+    acceleration is left in that motion. The largest rho counts, over the postures at the targets of the stages that
+    take and hold the object.
 
     Args:
         task: The task.
-        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
+        forecasts: The stages, with how far their targets are for the arms, from which postures are computed.
     """
     target_object = task.spec.body
     if target_object.grasp.known:
@@ -528,14 +553,14 @@ docs/limits.md has the runs, of horizons from 2 to 12 s.
 def _early_release(task: Task) -> Iterator[Fault]:
     """Yield a priority of a stage that lets an object go at which grippers may open while they still carry it.
 
-    Windows before the switch weigh that stage too: with a large priority it pays to open the grippers early. It is
-    about an object without a mass, whose hands a monitor alone watches; hands that hold one with a mass keep their
-    relative pose, whatever the priorities.
+    Windows before the switch have the costs of that stage too: with a large priority it pays to open the grippers
+    early. Only an object without a mass is looked at: there nothing but a monitor watches the hands. Hands that hold an
+    object with a mass keep their relative pose by a constraint, whatever the priorities.
     """
     spec = task.spec
     traits = spec.controller.traits
     releasing = spec.held_stages.stop  # index of the stage that lets go
-    is_released = 0 < releasing < len(spec.stages)
+    is_released = 0 < releasing < len(spec.stages)  # not if no stage holds an object, or it is held to the end
     if not is_released or spec.body.mass or traits.one_stage:
         return
     carrying_stage = spec.stages[releasing - 1]
@@ -568,12 +593,13 @@ def _bunched_commands(task: Task) -> Iterator[Fault]:
 def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
     """Yield end conditions that are met by chance: a tolerance is below three standard deviations of the noise.
 
-    The noise is that of the measurements that the controller counts with. Its effect on each row of an end condition is
-    evaluated at the stage's target.
+    The noise is that of the measurements that the controller counts with. Its standard deviation in each row of an end
+    condition (an error of the target) is computed linearly, for the robot at rest at the stage's target. Of each end
+    condition the row is reported whose noise is the largest against its tolerance.
 
     Args:
         task: The task.
-        forecasts: What is known of each stage before a run: reaches, postures, how early it can end.
+        forecasts: The stages, with how far their targets are for the arms, from which postures are computed.
     """
     noise = task.spec.measurement_noise
     if not noise.of_state:
@@ -601,7 +627,7 @@ def _below_noise(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fau
 
 
 def _too_short(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault]:
-    """Give a time limit that stops every run before its last stage can end."""
+    """Yield a time limit that stops every run before its last stage can end."""
     earliest = max(forecast.earliest_end for forecast in forecasts)
     if earliest > task.spec.time_limit:
         message = (
@@ -614,13 +640,13 @@ def _too_short(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[Fault
 def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]:
     """Yield a target that wants the base elsewhere than the stage before leaves it, where an arm could not reach.
 
-    One of the two poses of the base may be a misprint. It is looked at for stages in task space whose base is moved at
-    will: not where arms or momentum move it.
+    The arm reaches its own target from the one pose of the base and not from the other: one of the two may be a
+    misprint. Only arms at poses are looked at, and no stages in which the base reacts to the arms.
 
     Args:
         task: The task.
-        before: The stage before, whose end condition has all coordinates of the base.
-        then: The stage that follows, with the reach of its arms.
+        before: The stage before; nothing is said unless its end condition has all coordinates of the base.
+        then: Forecast of the stage that follows, with how far its targets are for the arms.
     """
     d = task.robot.dimension
     stage = then.stage
@@ -630,7 +656,7 @@ def _far_base(task: Task, before: Stage, then: StageForecast) -> Iterator[Fault]
     base_left = before.target[configuration_space(task.robot).base_coordinates]
     if not set(range(task.robot.parts["base"])) <= set(before.end.rows):
         return
-    from_target = then.along[0]  # reaches with the base where the target has it, and where it is left
+    from_target = then.reaches_at_waypoints[0]  # reaches with the base where the target has it, and where it is left
     from_left = reaches_of(stage, then.model, first_waypoint, base_left)
     out_of_reach = [
         arm for arm, reach in from_left.items() if reach.distance > reach.full_reach and not reach.reachable
@@ -681,21 +707,21 @@ def _too_fast(task: Task, stage: Stage) -> Iterator[Fault]:
             rate = _with_unit(task, i, rates[worst, i], "velocity")
             message = (
                 f"found {name} to move at {rate} from {times[worst]:g} s to {times[worst + 1]:g} s, expected within "
-                f"its velocity limits {_span(task, i, stage, 'velocity')}: the robot falls behind"
+                f"its velocity limits {_limits_in_words(task, i, stage, 'velocity')}: the robot falls behind"
             )
             yield Fault(_location(task, stage, i, worst + 1), message)
 
 
-def _outside(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]:
-    """Return the rows whose values are out of bounds."""
+def _rows_out_of_bounds(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> list[int]:
+    """Return the rows whose values are below `low` or above `high` by more than `SLACK`."""
     return [int(row) for row in np.flatnonzero((values < low - SLACK) | (values > high + SLACK))]
 
 
-def _beyond(task: Task, row: int, value: float, stage: Stage, kind: str = "position") -> str:
-    """Say that a coordinate is out of a stage's bounds."""
+def _out_of_bounds_message(task: Task, row: int, value: float, stage: Stage, kind: str = "position") -> str:
+    """Return the message that a coordinate is out of a stage's bounds."""
     name = labels(task.robot, "joint")[row]
     value_text = _with_unit(task, row, value, kind)
-    return f"found {name} at {value_text}, expected within its limits {_span(task, row, stage, kind)}"
+    return f"found {name} at {value_text}, expected within its limits {_limits_in_words(task, row, stage, kind)}"
 
 
 def _with_unit(task: Task, row: int, value: float, kind: str) -> str:
@@ -704,7 +730,7 @@ def _with_unit(task: Task, row: int, value: float, kind: str) -> str:
     return written if kind == "position" else f"{written}/s"
 
 
-def _span(task: Task, row: int, stage: Stage, kind: str) -> str:
+def _limits_in_words(task: Task, row: int, stage: Stage, kind: str) -> str:
     """Write a stage's bounds of a coordinate with their unit."""
     low, high = (_with_unit(task, row, bound[row], kind) for bound in bounds_of(stage, kind))
     return f"[{low}, {high}]"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from psmpc_cli.ocp.feasibility.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations_at_stops
 from psmpc_cli.ocp.problem import build_stages
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import ConfigurationSpace, configuration_space
@@ -23,22 +23,23 @@ class StageForecast:
     Attributes:
         model: The robot.
         stage: The stage.
-        along: For each waypoint, by arm, how far it is with the base at its own pose, under the limits in force; empty
-            in joint space, and for arms (or with a base) whose place neither weights nor the end condition ask for.
+        reaches_at_waypoints: For each waypoint of the target, by arm, how far the arm's pose is with the base at its
+            own pose, under the limits in force; empty in joint space, and for arms (or with a base) whose place neither
+            weights nor the end condition ask for.
         earliest_end: Time before which the stage cannot end [s]: from velocity limits, dwells and fixed times.
         stuck: Coordinates that its end condition wants elsewhere but velocity limits let not move that way.
     """
 
     model: RobotModel
     stage: Stage
-    along: Sequence[Mapping[str, Reach]]
+    reaches_at_waypoints: Sequence[Mapping[str, Reach]]
     earliest_end: float
     stuck: tuple[int, ...] = ()
 
     @property
     def reaches(self) -> Mapping[str, Reach]:
         """By arm, how far its target is: of a trajectory, the last row's."""
-        return self.along[-1]
+        return self.reaches_at_waypoints[-1]
 
 
 def forecast_stages(task: Task) -> tuple[StageForecast, ...]:
@@ -54,20 +55,24 @@ def forecast_stages(task: Task) -> tuple[StageForecast, ...]:
 def forecast_configurations(task: Task, forecasts: Sequence[StageForecast]) -> list[np.ndarray]:
     """Return the robot's coordinates at the start and at every stage's target, (nq,) each."""
     stages = [forecast.stage for forecast in forecasts]
-    return configurations(task, forecasts[0].model, stages, [forecast.reaches for forecast in forecasts])
+    return configurations_at_stops(task, forecasts[0].model, stages, [forecast.reaches for forecast in forecasts])
 
 
 def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tuple[int, ...]]]:
     """Return how early every stage of a task can end, by velocity and acceleration limits alone: a lower bound.
 
-    A coordinate that one stage leaves at its target, and a later one must have at another, takes at least their
-    distance over its largest velocity in between; the tolerances are taken off the distance. From the start on it has
-    to gain that velocity, too. The attitude of a spatial base, a row of its own behind the others, moves by the angle
-    to its target, as fast as all limits of the angular velocity together allow.
+    A coordinate that one end condition asks for at one place, and a later one at another, needs at least the time to go
+    there as fast as the limits of the stages in between allow, less the tolerances of both. From the start of the task
+    it has to gain that velocity first. The attitude of a spatial base has a row of its own, the last: it moves by the
+    angle to its target, as fast as all limits of the angular velocity together allow.
+
+    Args:
+        task: The task.
+        stages: Its stages.
 
     Returns:
-        For each stage the time [s], and the coordinates that its end condition wants elsewhere but whose limits let
-        them not move that way (stuck).
+        For each stage the time before which it cannot end [s], and the coordinates of v that are stuck: its end
+        condition wants them elsewhere, but their limits do not let them move that way. Number n is the attitude.
     """
     Q, v = initial_state(task)
     space = configuration_space(task.robot)
@@ -77,18 +82,18 @@ def earliest_ends(task: Task, stages: Sequence[Stage]) -> list[tuple[float, tupl
     value = np.append(space.in_order_of_v(Q), 0.0)
     tolerance = np.zeros(len(value))
     since = np.zeros(len(value))
-    fastest_since = np.zeros((4, len(value)))
+    fastest_since = np.zeros((4, len(value)))  # velocity up and down, acceleration up and down
     initial_speed = np.append(v, np.linalg.norm(v[space.rotation]))
     has_been_asked = np.zeros(len(value), bool)
     ends = list[tuple[float, tuple[int, ...]]]()
     end = 0.0
     for stage in stages:
-        rates = largest_rates(space, stage)  # up and down
+        rates = largest_rates(space, stage)  # (4, n + 1), as `fastest_since`
         if not stage.moved_by.moves:
             rates[:, space.base] = 0.0
             rates[:, -1] = 0.0
         fastest_since = np.maximum(fastest_since, rates)
-        asked = tolerances_of(space, stage)
+        asked = tolerances_of(space, stage)  # tolerance by coordinate that the end condition asks for
         rows = np.array(list(asked), int)
         within = np.array(list(asked.values()))
         angle = angle_between(attitude, stage.target[space.attitude])
@@ -192,9 +197,10 @@ def is_asked_for(stage: Stage, rows: Sequence[int]) -> bool:
 
 
 def reaches_of(stage: Stage, model: RobotModel, target: np.ndarray, base: np.ndarray | None = None) -> dict[str, Reach]:
-    """Return by arm how far its pose in a target is from its shoulder, and whether it reaches it within joint limits.
+    """Return for each arm how far its pose in a target is from its shoulder, and whether it can take it.
 
-    Only poses that weights or the end condition ask for count; there are none where they do not ask for the base's.
+    It can if some joint coordinates within their limits take the pose. Arms are left out whose pose neither weights nor
+    the end condition ask for; all are if these do not ask for the pose of the base, which then may be anywhere.
 
     Args:
         stage: The stage.

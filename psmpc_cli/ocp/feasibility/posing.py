@@ -11,8 +11,8 @@ from itertools import product
 import numpy as np
 
 from psmpc_cli.ocp.feasibility.forecast import coordinate_of_row, earliest_ends, is_asked_for, shortest_time
-from psmpc_cli.ocp.feasibility.postures import unforeseen
-from psmpc_cli.ocp.feasibility.quickest import Begin, RestToRest, quickest
+from psmpc_cli.ocp.feasibility.postures import reasons_unforeseen
+from psmpc_cli.ocp.feasibility.quickest import Begin, RestToRest, earliest_arrival
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.model import RobotModel
 from psmpc_cli.robot.reach import reach_of
@@ -54,11 +54,11 @@ def posings(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Seque
         task: The task.
         model: Its robot.
         stages: Its stages.
-        stops: The robot's coordinates at the start and at every stage's target, of `configurations`.
+        stops: The robot's coordinates at the start and at every stage's target, of `configurations_at_stops`.
     """
     for stage in stages[:-1]:
-        if _may_pose(task, stages, stage.index):
-            yield from _posing(task, model, stages, stops, stage.index)
+        if _may_pose_arms(task, stages, stage.index):
+            yield from _worthwhile_posing(task, model, stages, stops, stage.index)
 
 
 def posing_remarks(
@@ -88,11 +88,18 @@ def _joints(task: Task, model: RobotModel, posing: Posing, arm: str) -> str:
     return f"[{', '.join(written)}]"
 
 
-def _may_pose(task: Task, stages: Sequence[Stage], index: int) -> bool:
-    """Tell whether the arms of a stage may be elsewhere, and the next stage is known to need them somewhere.
+def _may_pose_arms(task: Task, stages: Sequence[Stage], index: int) -> bool:
+    """Tell whether arms could be posed in a stage for the next one: another target there does no harm.
 
-    They may not where they hold an object, follow a trajectory, or where cones, clearance or a monitor are about them;
-    nor where they move the base. Where the next stage needs them is not known if its target moves.
+    They could not if the stage has no target for the joints of all arms, or if they hold an object, follow a
+    trajectory, move the base by their reactions, or are what cones, clearance or a monitor are about. Nor could they if
+    it is not known before the run where the next stage needs them, since its target or something else moves, or if that
+    stage ends at a fixed time, which posing does not bring forward.
+
+    Args:
+        task: The task.
+        stages: Its stages.
+        index: Index of the stage; it is not the last.
     """
     stage = stages[index]
     then = stages[index + 1]
@@ -108,20 +115,32 @@ def _may_pose(task: Task, stages: Sequence[Stage], index: int) -> bool:
         or spec.stages[index].cones
         or spec.clearance_of(index) is not None
         or any(monitor.during == stage.name for monitor in spec.monitors)
-        or unforeseen(spec, stages).keys() & {index, index + 1}
+        or reasons_unforeseen(spec, stages).keys() & {index, index + 1}
     )
 
 
-def _posing(
+def _worthwhile_posing(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray], index: int
 ) -> Iterator[Posing]:
-    """Yield what posing the arms in a stage saves, if it saves enough."""
-    switch = _switch(task, model, stages, stops, index)
+    """Yield the advice to pose arms in a stage, if that saves more than `LEAST_GAIN`; nothing otherwise.
+
+    Two forecasts of what follows the switch to the next stage are compared: with the arms held where the stage's
+    target has them, and with them where the next stage needs them.
+
+    Args:
+        task: The task.
+        model: Its robot.
+        stages: Its stages.
+        stops: The robot's coordinates at the start and at every stage's target, (nq,) each.
+        index: Index of the stage.
+    """
+    switch = _switch_after(task, model, stages, stops, index)
     if not switch.is_held.any() or not switch.postures:
         return
     needed = min(switch.postures, key=switch.nearness)
     need = model.space.in_order_of_v(needed)
     limits = switch.stage.limits
+    # No advice where the limits of this stage do not allow the posture.
     beyond = (need < limits.position_low) | (need > limits.position_high)
     if beyond[switch.is_held].any():
         return
@@ -129,6 +148,7 @@ def _posing(
     held = switch.forecast(switch.hold)
     posed = switch.forecast(_with_joints(model, switch.hold, needed, switch.is_held))
     saved = held.time - posed.time
+    # Coordinates that, held where they are, arrive after the posed robot would: they are what is worth posing.
     late = switch.is_held & (switch.arrivals(held.begin, needed) > posed.arrival)
     if not (np.isfinite(saved) and saved > LEAST_GAIN and late.any()):
         return
@@ -172,7 +192,7 @@ class _Switch:
         hold: Those of its target (nq,).
         goal: Those of the target of `after` (nq,); of no meaning without it.
         postures: Coordinates that take the target of the next stage, (nq,) each.
-        asked: Coordinates of v for which the end of the next stage waits (n,).
+        awaited: Coordinates of v for which the end of the next stage waits (n,).
         is_held: Of these those of arms that the stage holds although its end does not ask for them (n,).
         duration: How long the stage lasts [s].
         lead: How long before the switch the next stage is in the window [s].
@@ -188,7 +208,7 @@ class _Switch:
     hold: np.ndarray
     goal: np.ndarray
     postures: Sequence[np.ndarray]
-    asked: np.ndarray
+    awaited: np.ndarray
     is_held: np.ndarray
     duration: float
     lead: float
@@ -209,25 +229,32 @@ class _Switch:
     def arrivals(self, begin: Begin, posture: np.ndarray) -> np.ndarray:
         """Return how long after the switch coordinates that the next stage asks for are those of a posture (n,) [s]."""
         times = self.next_motion.times(np.array(self.model.space.difference(begin.Q, posture)))
-        return np.where(self.asked & (times > 0), times - begin.ahead, 0.0)
+        return np.where(self.awaited & (times > 0), times - begin.ahead, 0.0)
 
     def forecast(self, hold: np.ndarray) -> _Forecast:
         """Return what follows the switch if the stage holds the robot at some coordinates (nq,)."""
         space = self.model.space
         begin, posture = self._begin_of_next(hold)
-        step = np.where(self.asked, space.difference(begin.Q, posture), 0.0)
+        step = np.where(self.awaited, space.difference(begin.Q, posture), 0.0)
         end = np.array(space.integrate(begin.Q.tolist(), step.tolist()))
-        poses = {arm: pose for arm, pose in self.then.poses_of_arms.items() if self.asked[self.model.parts[arm]].any()}
-        is_free = self.asked & ~_rows_of_coordinates(self.model, self.then)
-        arrival, Q = quickest(self.model, self.next_motion, begin, end, poses, is_free)
+        poses = {
+            arm: pose for arm, pose in self.then.poses_of_arms.items() if self.awaited[self.model.parts[arm]].any()
+        }
+        is_free = self.awaited & ~_coordinates_in_end(self.model, self.then)
+        arrival, Q = earliest_arrival(self.model, self.next_motion, begin, end, poses, is_free)
         lasts = max(self.then.end.dwell, arrival + self.then.end.hold, self.sample_time)
         return _Forecast(lasts + self._flight_after(Q, lasts), arrival, begin)
 
     def _begin_of_next(self, hold: np.ndarray) -> tuple[Begin, np.ndarray]:
-        """Return where and when the next stage begins to move the robot, and the posture nearest to there (nq,).
+        """Return where and when the next stage begins to move the robot, and which posture it then takes (nq,).
 
-        A joint that is still on its way when the next stage comes into the window, and goes on in the same direction,
-        does not stop in between.
+        Of the postures that take the target of the next stage it is the one that is reached first. Idle joints, which
+        the end of this stage does not ask for, move on when the next stage comes into the window, `lead` before the
+        switch; until then they have come as far towards `hold` as time allows. A joint that is still on its way there,
+        and then goes on in the same direction, does not stop in between: its motion counts from where it began.
+
+        Args:
+            hold: Coordinates at which this stage holds the robot (nq,).
         """
         space = self.model.space
         joints = space.joint_coordinates
@@ -236,13 +263,13 @@ class _Switch:
         motion = _motion_of(self.model, self.stage)
         has_weight = self.stage.weights[space.joint_rates] > 0
         reach = motion.distances(np.full(self.model.n, self.duration - self.lead))[space.joint_rates]
-        reach = np.where(has_weight, reach, 0.0)
+        reach = np.where(has_weight, reach, 0.0)  # nothing moves a joint without a weight
         first = self.begin[joints]
         moved = first + np.clip(hold[joints] - first, -reach, reach)
         start = hold.copy()
         start[joints] = np.where(is_idle[space.joint_rates], moved, hold[joints])
         ahead = np.where(is_idle, self.lead, 0.0)
-        ahead[space.base] = -self.settling
+        ahead[space.base] = -self.settling  # negative: the base comes to rest after the switch
         stopped = Begin(start, ahead)
         posture = min(self.postures, key=lambda posture: float(self.arrivals(stopped, posture).max()))
 
@@ -254,67 +281,83 @@ class _Switch:
         return Begin(Q, earlier), posture
 
     def _flight_after(self, Q: np.ndarray, lasts: float) -> float:
-        """Return how long the base flies in the stage after the next, from coordinates Q (nq,) [s].
+        """Return how long the base flies to its target in the stage after the next [s]; 0 if there is no such stage.
+
+        A base that the flight before has not let come to rest in time has to stop first, if it turns round. If it flies
+        on in the same direction it keeps its speed and saves that time instead.
 
         Args:
-            Q: Coordinates at which the next stage ends.
-            lasts: How long the next stage lasts [s]. A base that has not come to rest in this time has to do so first,
-                unless it flies on in the same direction, which spares it the time to gain speed again.
+            Q: Coordinates at which the next stage ends (nq,).
+            lasts: How long the next stage lasts [s].
         """
         if self.after is None:
             return 0.0
         space = self.model.space
-        flown = np.array(space.difference(self.begin, self.hold))[space.base]
+        flown = np.array(space.difference(self.begin, self.hold))[space.base]  # in this stage
         displacements = np.array(space.difference(Q, self.goal))
         flight = _motion_of(self.model, self.after).times(displacements)[space.base]
         unsettled = np.maximum(self.settling - lasts, 0.0)
         times = flight + np.where(flown * displacements[space.base] > 0, -unsettled, unsettled)
-        of_base = _rows_of_coordinates(self.model, self.after)[space.base]
+        of_base = _coordinates_in_end(self.model, self.after)[space.base]
         return float(times[of_base].max(initial=0.0))
 
 
-def _switch(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray], index: int) -> _Switch:
-    """Return the switch at the end of a stage."""
+def _switch_after(
+    task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray], index: int
+) -> _Switch:
+    """Collect what is known of the switch at the end of a stage: where the robot is, and what the next stage needs.
+
+    Args:
+        task: The task.
+        model: Its robot.
+        stages: Its stages.
+        stops: The robot's coordinates at the start and at every stage's target, (nq,) each.
+        index: Index of the stage; it is not the last.
+    """
     stage = stages[index]
     then = stages[index + 1]
-    has_after = index + 2 < len(stages) and index + 2 not in unforeseen(task.spec, stages)
-    asked = _rows_asked(model, then)
-    is_held = asked & (stage.weights[: model.n] > 0)
+    has_after = index + 2 < len(stages) and index + 2 not in reasons_unforeseen(task.spec, stages)
+    awaited = _awaited_coordinates(model, then)
+    is_held = awaited & (stage.weights[: model.n] > 0)
     is_held[model.space.base] = False
     is_held[list(stage.end.rows)] = False
-    duration, settling = _duration(task, model, stages, stops, index)
+    duration, settling = _duration_and_settling(task, model, stages, stops, index)
     controller = task.spec.controller
     return _Switch(
         model=model,
         stage=stage,
         then=then,
         after=stages[index + 2] if has_after else None,
-        begin=stops[index],
+        begin=stops[index],  # the target of the stage before, or the start
         hold=stops[index + 1],
         goal=stops[index + 3 if has_after else index + 2],
-        postures=_postures(model, then, *stops[index : index + 3]),
-        asked=asked,
+        postures=_postures_at_poses(model, then, *stops[index : index + 3]),
+        awaited=awaited,
         is_held=is_held,
         duration=duration,
+        # A controller whose windows have one stage knows of the next one only from the switch on.
         lead=0.0 if controller.traits.one_stage else min(controller.horizon, duration),
         settling=settling,
         sample_time=controller.sample_time,
     )
 
 
-def _postures(
+def _postures_at_poses(
     model: RobotModel, stage: Stage, begin: np.ndarray, hold: np.ndarray, target: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the postures that take a stage's poses, on all branches that are found, (nq,) each.
+    """Return the coordinates with which the robot takes the poses of a stage's target, (nq,) each.
 
-    There is none where a pose is out of reach.
+    Inverse kinematics of an arm has several branches (elbow up or down). It is solved from several coordinates, and
+    every combination of the solutions that are found for the arms is one posture. There is none where a pose is out of
+    reach.
 
     Args:
         model: The robot.
-        stage: The stage.
-        begin: Where the stage before begins (nq,); a posture may be on a branch that leads on from there.
-        hold: Where it holds the robot (nq,), likewise.
-        target: Where the motion from there leads, of `configurations` (nq,).
+        stage: The stage whose target is to be taken.
+        begin: Coordinates at which the stage before begins (nq,), near which one solution is sought.
+        hold: Coordinates at which that stage holds the robot (nq,), likewise.
+        target: Coordinates at the stage's target as `configurations_at_stops` has them (nq,), likewise; the base and
+            joints that no pose is about stay as they are there.
     """
     if not is_asked_for(stage, range(model.space.base.stop)):
         return [target]  # it is not known where arms have to be
@@ -337,45 +380,57 @@ def _postures(
 
 
 def _with_joints(model: RobotModel, Q: np.ndarray, other: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return coordinates (nq,) with the joints of another configuration in some rows of v (n,)."""
+    """Return a copy of Q (nq,) with joint coordinates of `other` (nq,) where the mask `rows` of v (n,) is true."""
     mixed = Q.copy()
     joints = model.space.joint_coordinates
     mixed[joints] = np.where(rows[model.space.joint_rates], other[joints], Q[joints])
     return mixed
 
 
-def _rows_of_coordinates(model: RobotModel, stage: Stage) -> np.ndarray:
-    """Return the coordinates of v for which the end of a stage waits by themselves (n,)."""
+def _coordinates_in_end(model: RobotModel, stage: Stage) -> np.ndarray:
+    """Return a mask of the coordinates of v that the end condition of a stage bounds themselves (n,)."""
     rows = np.zeros(model.n, bool)
     coordinates = coordinate_of_row(stage)
     rows[[coordinates[row] for row in stage.end.rows if row in coordinates]] = True
     return rows
 
 
-def _rows_asked(model: RobotModel, stage: Stage) -> np.ndarray:
-    """Return the coordinates of v for which the end of a stage waits (n,).
+def _awaited_coordinates(model: RobotModel, stage: Stage) -> np.ndarray:
+    """Return a mask of the coordinates of v for which the end of a stage waits (n,).
 
-    For those of an arm and of the base it waits through the pose of an end-effector, where all of the pose is wanted.
+    It waits for those that its end condition bounds, and for all coordinates of an arm and of the base if the end
+    condition has rows of the pose of that arm's end-effector. The latter only if the stage asks for all of that pose
+    and of the base's: otherwise the joints need not be at known coordinates.
     """
-    asked = _rows_of_coordinates(model, stage)
+    awaited = _coordinates_in_end(model, stage)
     ends = set(stage.end.rows)
     base = range(model.space.base.stop)
     for arm in stage.poses_of_arms:
         part = stage.parts[arm]
         rows = range(part.rows.start, part.rows.stop)
         if ends & set(rows) and is_asked_for(stage, [*base, *rows]):
-            asked[model.parts[arm]] = True
-            asked[list(base)] = True
-    return asked
+            awaited[model.parts[arm]] = True
+            awaited[list(base)] = True
+    return awaited
 
 
-def _duration(
+def _duration_and_settling(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray], index: int
 ) -> tuple[float, np.ndarray]:
-    """Return how long a stage lasts from the target of the one before on [s], and when the base could be at rest.
+    """Estimate how long a stage lasts, and how long after it the base takes to come to rest.
 
-    The latter is how long after the stage each of its coordinates could be, (3,) or (6,) [s]: a stage whose end does
-    not ask for rest is over when the base arrives.
+    Every coordinate moves as fast as the limits allow, from the target of the stage before, at rest. A stage whose end
+    does not ask for rest is over when the last coordinate arrives, at full speed.
+
+    Args:
+        task: The task.
+        model: Its robot.
+        stages: Its stages.
+        stops: The robot's coordinates at the start and at every stage's target, (nq,) each.
+        index: Index of the stage.
+
+    Returns:
+        The duration [s], and for each coordinate of the base how long after it that could be at rest, (3,) or (6,) [s].
     """
     stage = stages[index]
     motion = _motion_of(model, stage)
@@ -386,6 +441,7 @@ def _duration(
         lasts = max(stage.end.latest - before, 0.0)
     else:
         at_speed = shortest_time(np.abs(displacements), motion.velocity, motion.acceleration, np.zeros(model.n))
+        # A coordinate that cannot move takes infinitely long, which `shortest_time` does not return.
         arrivals = np.where(stage.end.shape.has_rates | np.isinf(at_rest), at_rest, at_speed)
         lasts = max(stage.end.dwell, float(arrivals[list(stage.end.rows)].max(initial=0.0)) + stage.end.hold)
     return lasts, np.maximum(at_rest[model.space.base] - lasts, 0.0)

@@ -52,20 +52,21 @@ class LoadRatio:
     stage: str
 
 
-def configurations(
+def configurations_at_stops(
     task: Task, model: RobotModel, stages: Sequence[Stage], reaches: Sequence[Mapping[str, Reach]] = ()
 ) -> list[np.ndarray]:
-    """Return the robot's coordinates at the start and at every stage's target, (nq,) each.
+    """Return the robot's coordinates at its stops: at the start and at every stage's target, (nq,) each.
 
-    Where a target wants arms at poses they are those of inverse kinematics, on the branch to which the motion from the
-    posture before leads; an arm that cannot reach stays as it was.
+    Checks of a task look at clearances, loads and thrusters there, and routes are planned between them. Where a target
+    wants arms at poses, inverse kinematics finds their joint coordinates. Of several solutions it is the one nearest to
+    where the motion from the posture before leads. An arm that cannot reach its pose stays as it was.
 
     Args:
         task: The task.
         model: Its robot.
         stages: Its stages.
-        reaches: What is known already of the arms at the target of each stage; by default nothing. Arms that cannot
-            reach are not looked at again.
+        reaches: Of each stage, how far its target is for the arms, by arm, as far as that is known already: arms that
+            cannot reach are then not tried again. By default all are tried.
     """
     stops = [stack(task.spec.initial, task.robot, "joint")]
     for stage, reach_by_arm in zip(stages, reaches or [{}] * len(stages), strict=True):
@@ -86,11 +87,11 @@ def configurations(
     return stops
 
 
-def unforeseen(task: TaskSpec, stages: Sequence[Stage]) -> dict[int, str]:
-    """Return what keeps places of a stage from being known before the run, by the index of the stages where there is.
+def reasons_unforeseen(task: TaskSpec, stages: Sequence[Stage]) -> dict[int, str]:
+    """Return why places of stages are not known before the run, in words, by index of those stages.
 
     Something moves: an obstacle; the object, before grippers hold it; or the place where the stage begins or ends is on
-    an object that moves.
+    an object that moves. Routes are not planned for such stages, and distances there not checked.
     """
     object_moves = task.body.motion.moves
     moving = [obstacle.name for obstacle in task.obstacles if any(obstacle.velocity)]
@@ -107,14 +108,18 @@ def unforeseen(task: TaskSpec, stages: Sequence[Stage]) -> dict[int, str]:
 
 
 def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> Iterator[ArmPosture]:
-    """Yield each arm at the target of each stage that says where the arms are: at joint coordinates, or at a pose.
+    """Yield the posture of each arm at each target that says where the arm is, by joint coordinates or by a pose.
 
-    None of a stage whose base reacts to its arms: where the base is at a target depends on the way there.
+    `psmpc check` prints them. Stages whose base reacts to the arms are left out: there the place of the base, and with
+    it the posture, depends on the way to the target.
 
     Args:
         model: The robot.
         stages: The stages of a task.
-        stops: Their `configurations`.
+        stops: The robot's coordinates at the start and at every stage's target, (nq,) each.
+
+    Yields:
+        An `ArmPosture`, without joint coordinates where the arm cannot take its pose.
     """
     for stage, Q in zip(stages, stops[1:], strict=True):
         if stage.moved_by.reacts:
@@ -130,14 +135,15 @@ def arm_postures(model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.
 
 
 def largest_load_ratio(task: Task, model: RobotModel, stops: Sequence[np.ndarray]) -> LoadRatio | None:
-    """Find where the object is largest against the robot; None where there is no object with a mass.
+    """Find the motion in which the inertia of a held object is largest over that of the robot; None without a mass.
 
-    The robot is looked at where the stages lead that take the object and hold it.
+    A low-level law that does not know of the object moves the robot the more slowly, the larger this ratio is. It is
+    computed with the robot at the targets of the stages that take the object and hold it.
 
     Args:
         task: The task.
         model: Its robot.
-        stops: The `configurations` of its stages.
+        stops: The robot's coordinates at the start and at every stage's target, (nq,) each.
     """
     target_object = task.spec.body
     if target_object.mass == 0.0:
@@ -149,7 +155,7 @@ def largest_load_ratio(task: Task, model: RobotModel, stops: Sequence[np.ndarray
     for index in range(held.start - 1, last):
         Q = stops[index + 1]
         ratio, v = load.largest_ratio(Q)
-        mostly = int(np.argmax(v * (model.mass_matrix(Q) @ v)))
+        mostly = int(np.argmax(v * (model.mass_matrix(Q) @ v)))  # coordinate with most of the kinetic energy
         ratios.append(LoadRatio(ratio, labels(task.robot, "joint")[mostly], task.spec.stages[index].name))
     return max(ratios, key=lambda ratio: ratio.ratio)
 

@@ -75,7 +75,7 @@ class Begin:
     ahead: np.ndarray
 
 
-def quickest(
+def earliest_arrival(
     model: RobotModel,
     motion: RestToRest,
     begin: Begin,
@@ -85,17 +85,19 @@ def quickest(
 ) -> tuple[float, np.ndarray]:
     """Return the earliest time at which end-effectors take poses [s], and the coordinates with which they do (nq,).
 
-    Base and arms share the motion. With delta for the step from coordinates Q that nearly take the poses,
+    Base and arms share the motion, and many coordinates take the same poses: those are sought that are reached first.
+    With delta for the step from coordinates Q that nearly take the poses,
 
         minimize t  subject to  J(Q) delta = -error(Q)  and  |Q + delta - Q_begin| <= d(t + ahead)
 
-    where the distances d are linearized in t. They are convex, so that the linearization allows nothing that they
-    forbid. It is repeated at Q + delta, and comes to a local minimum near the coordinates that it starts from.
+    where the distances d, that coordinates can go in a time, are linearized in t. They are convex, so that the
+    linearization allows nothing that they forbid. It is repeated at Q + delta, and comes to a local minimum near the
+    coordinates that it starts from. It stops early at time 0, and where no step has a solution.
 
     Args:
         model: The robot.
-        motion: How its coordinates move.
-        begin: Where the motion begins, and when.
+        motion: The fastest motion of each coordinate from rest to rest, which gives d.
+        begin: Where the motion begins, and how long before time 0 each coordinate begins to move.
         end: Coordinates that take the poses (nq,), from which the search starts.
         poses: The pose of each end-effector, (3,) or (7,) [m, rad], by arm.
         is_free: Coordinates of v that may end elsewhere than at those of `end` (n,).
@@ -106,7 +108,7 @@ def quickest(
     for largest in STEPS if poses else ():
         if time <= 0 or not np.isfinite(time):
             break
-        step = _step(model, motion, begin, Q, poses, np.where(is_free, largest, 0.0), time)
+        step = _step_of_linear_program(model, motion, begin, Q, poses, np.where(is_free, largest, 0.0), time)
         if step is None:
             break
         Q = np.array(space.integrate(Q.tolist(), step.tolist()))
@@ -120,7 +122,7 @@ def _time_of(model: RobotModel, motion: RestToRest, begin: Begin, Q: np.ndarray)
     return float(np.max(times - begin.ahead, where=times > 0, initial=0.0))
 
 
-def _step(
+def _step_of_linear_program(
     model: RobotModel,
     motion: RestToRest,
     begin: Begin,
@@ -129,21 +131,35 @@ def _step(
     largest: np.ndarray,
     time: float,
 ) -> np.ndarray | None:
-    """Solve the linear program of `quickest` about Q and a time [s]; return its step (n,), None if it has no solution.
+    """Solve the linear program of `earliest_arrival` about coordinates Q and a time, both linearization points.
 
-    No coordinate moves by more than the largest step (n,).
+    Its unknowns are the positive and the negative part of the step delta, (n,) each, and the time t. It minimizes t,
+    and `PER_LENGTH` times the length of the step.
+
+    Args:
+        model: The robot.
+        motion: The fastest motion of each coordinate from rest to rest.
+        begin: Where the motion begins, and how long before time 0 each coordinate begins to move.
+        Q: Coordinates that nearly take the poses (nq,).
+        poses: The pose of each end-effector, (3,) or (7,) [m, rad], by arm.
+        largest: Largest step of each coordinate (n,) [m, rad]; 0 where it has to stay.
+        time: Time about which distances are linearized [s].
+
+    Returns:
+        The step delta (n,); None if the program has no solution.
     """
     from scipy.optimize import linprog
 
     space = model.space
-    error, jacobian = _errors(model, Q, poses)
+    error, jacobian = _pose_errors(model, Q, poses)
     moved = np.array(space.difference(begin.Q, Q))
     times = time + begin.ahead
     reach = motion.distances(times)
     slope = motion.slopes(times)
-    limited = np.flatnonzero(np.isfinite(reach))
+    limited = np.flatnonzero(np.isfinite(reach))  # coordinates without limits may go anywhere
     rows = np.hstack([np.eye(model.n), -np.eye(model.n)])[limited]  # of the step's positive and negative parts
     at_zero = reach[limited] - slope[limited] * time  # the linearized distance at t = 0
+    # Both signs of |moved + delta| <= at_zero + slope t.
     A = np.block([[rows, -slope[limited, None]], [-rows, -slope[limited, None]]])
     b = np.concatenate([at_zero - moved[limited], at_zero + moved[limited]])
     coordinates = np.nan_to_num(space.in_order_of_v(Q))  # an attitude has no limits
@@ -160,13 +176,15 @@ def _step(
     return np.subtract(*np.split(solved.x[:-1], 2)) if solved.status == 0 else None
 
 
-def _errors(model: RobotModel, Q: np.ndarray, poses: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Return by how much end-effectors miss poses (rows,) [m, rad], and the derivative by the step (rows, n).
+def _pose_errors(model: RobotModel, Q: np.ndarray, poses: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return by how much end-effectors miss poses (rows,) [m, rad], and the derivative of that by v (rows, n).
 
-    The derivative is that near the poses, where an error of the attitude turns with the axes of the end-effector.
+    The derivative holds near the poses, where the rate of an error of the attitude is the angular velocity about the
+    axes of the end-effector.
     """
     frames = list(model.pose_rows)
     at = model.poses(Q)
+    # Columns of all Jacobians: the twists of the frames for a unit velocity of each coordinate.
     twists = model.twists(np.tile(Q, (model.n, 1)), np.eye(model.n)).reshape(model.n, len(frames), -1)
     errors = []
     jacobians = []

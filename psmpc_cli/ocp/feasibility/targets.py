@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from psmpc_cli.ocp.constraints.clearance import Group, argument_of, distances_on_arrays, groups_to_clear, poses_at
+from psmpc_cli.ocp.constraints.clearance import Group, distances_on_arrays, groups_to_clear, poses_at, poses_at_sample
 from psmpc_cli.ocp.constraints.cones import angle_of_axis
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
-from psmpc_cli.ocp.feasibility.postures import arm_postures, held_pose, unforeseen
+from psmpc_cli.ocp.feasibility.postures import arm_postures, held_pose, reasons_unforeseen
 from psmpc_cli.ocp.skills import Posture, skill_in
 from psmpc_cli.ocp.stage import SampleContext, Stage
 from psmpc_cli.robot.model import RobotModel
@@ -46,9 +46,11 @@ class CloseParts:
 def clearance_remarks(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
 ) -> Iterator[Fault]:
-    """Yield parts that are nearer than the task keeps them at its start or at a target, where no plan could keep clear.
+    """Yield remarks on parts that are too near each other at the start or at a target, where no plan could keep clear.
 
-    And a remark on obstacles of no use: they are for what keeps clear, and for thrusters that avoid plumes.
+    A part is a body of the robot, the object or an obstacle. Too near means nearer than the margin that the task asks
+    for. One more remark is about obstacles that have no effect, since neither clearance nor the plumes of thrusters
+    are about them.
 
     Args:
         task: The task.
@@ -77,11 +79,11 @@ def clearance_remarks(
 def _close_parts(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
 ) -> Iterator[CloseParts]:
-    """Yield where parts of robot and surroundings are nearer than a task keeps them: one `CloseParts` for each place.
+    """Yield where parts of robot and surroundings are nearer than the task's margin: one `CloseParts` for each place.
 
-    Places are the start and the targets that say all of the posture. At a target the margin is that of its stage. What
-    has moved since the start, by itself or because it was let go, is left out there; so is all but the robot itself
-    where the base reacts to the arms.
+    Places are the start, and those targets that determine all joints. At a target the margin is that of its stage.
+    Parts whose place at a target is not known are left out there: what moves by itself, an object that was let go, and
+    everything but the robot itself where the base reacts to the arms.
 
     Args:
         task: The task.
@@ -96,7 +98,7 @@ def _close_parts(
         spec = task.spec.clearance_of(0 if stage is None else stage.index)
         if spec is None:
             continue
-        distances = _distances(task, model, stage, Q)
+        distances = _known_distances(task, model, stage, Q)
         inside = {parts: distance for parts, distance in distances.items() if distance < spec.margin - SLACK}
         if inside:
             nearest = min(inside, key=lambda parts: inside[parts])
@@ -104,11 +106,11 @@ def _close_parts(
 
 
 def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]) -> set[str]:
-    """Return the names of the stages whose targets say where all joints are, so that distances there can be checked.
+    """Return the names of the stages whose targets determine all joints, so that distances there can be checked.
 
-    In task space inverse kinematics say where joints are, if a solution was found. A target says less where weights
-    leave coordinates free, where the base reacts to the arms, or where it is on an object that drifts: all of this
-    depends on how the robot gets there.
+    Poses of a target in task space determine joints by inverse kinematics, if a solution was found. Targets do not
+    determine joints where weights leave coordinates free, where the base reacts to the arms, or where the target is on
+    an object that drifts: there the posture depends on how the robot gets there.
 
     Args:
         task: The task.
@@ -131,8 +133,8 @@ def _known_postures(task: Task, model: RobotModel, stages: Sequence[Stage], stop
     return {stage.name for stage in stages if says_all_joints(stage)} - without_solution
 
 
-def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> dict[tuple[str, str], float]:
-    """Compute the distances of all parts that a task keeps apart and whose places are known, by the names of both.
+def _known_distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> dict[tuple[str, str], float]:
+    """Compute the distances of all pairs of parts that the task keeps apart and whose places are known.
 
     Args:
         task: The task.
@@ -141,16 +143,17 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
         Q: Coordinates of the robot there, (nq,).
 
     Returns:
-        The smallest distance of each two parts [m], which may have several shapes; negative where they overlap.
+        The distance of the parts by their two names [m], the smallest over the shapes that they consist of; negative
+        where they overlap.
     """
-    at_rest_there = _at_rest(task, model, stage, Q)
+    at_rest_there = _sample_at_rest(task, model, stage, Q)
     smallest = dict[tuple[str, str], float]()
     for group in groups_to_clear(task.spec, model, 0 if stage is None else stage.index).values():
-        argument = argument_of(group, model, at_rest_there)
-        if argument is None or (stage is not None and _has_moved(group, stage, at_rest_there)):
+        argument = poses_at_sample(group, model, at_rest_there)
+        if argument is None or (stage is not None and _may_have_moved(group, stage, at_rest_there)):
             continue
         poses = poses_at(group.pairs, model, argument, np.zeros(1))[0]
-        taken = np.concatenate([at_rest_there.anchor, poses])
+        taken = np.concatenate([at_rest_there.anchor, poses])  # the argument of the function of distances
         (distances,) = distances_on_arrays(model, group.pairs)(at_rest_there.x, taken)
         for pair, distance in zip(group.pairs.pair_of_row, distances.ravel().tolist(), strict=True):
             names = group.pairs.names[pair]
@@ -158,7 +161,7 @@ def _distances(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray
     return smallest
 
 
-def _at_rest(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> SampleContext:
+def _sample_at_rest(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) -> SampleContext:
     """Return what constraints see with the robot at rest at Q (nq,), at the start or at the target of a stage."""
     chart = model.space.chart_at(Q)
     x = np.asarray(chart.to_chart(Q[None], np.zeros((1, model.n)))[0])
@@ -170,30 +173,35 @@ def _at_rest(task: Task, model: RobotModel, stage: Stage | None, Q: np.ndarray) 
 def shut_thrusters(
     task: Task, model: RobotModel, stages: Sequence[Stage], stops: Sequence[np.ndarray]
 ) -> dict[str, tuple[int, ...] | None]:
-    """Return the numbers, from 1 on, of thrusters that are shut at the targets of stages that avoid plumes.
+    """Return which thrusters are shut at the targets of the stages that keep plumes off object and obstacles.
 
-    By the name of the stage; None where something moves, so that they are not known before the run.
+    `psmpc check` prints them.
 
     Args:
         task: The task.
         model: Its robot.
         stages: Its stages.
-        stops: Their `configurations`.
+        stops: The robot's coordinates at the start and at the target of every stage, (nq,) each.
+
+    Returns:
+        The numbers of the thrusters, from 1 on, by name of the stage; None where something moves, so that they are not
+        known before the run.
     """
-    moving = unforeseen(task.spec, stages)
+    moving = reasons_unforeseen(task.spec, stages)
     shut: dict[str, tuple[int, ...] | None] = {}
     for stage, Q in zip(stages, stops[1:], strict=True):
         if not task.spec.avoids_plumes(stage.index, task.robot):
             continue
         shut[stage.name] = None
         if stage.index not in moving:
+            # A forecast for one time alone: with the robot at rest at the target.
             forecast = replace(PlumeForecast.of(task.spec, model, stage.index), since=np.zeros(1))
-            (is_shut,) = forecast.is_shut(forecast.numbers(model, _at_rest(task, model, stage, Q)))
+            (is_shut,) = forecast.is_shut(forecast.numbers(model, _sample_at_rest(task, model, stage, Q)))
             shut[stage.name] = tuple(int(number) for number in np.flatnonzero(is_shut) + 1)
     return shut
 
 
-def _has_moved(group: Group, stage: Stage, start: SampleContext) -> bool:
+def _may_have_moved(group: Group, stage: Stage, start: SampleContext) -> bool:
     """Tell whether an obstacle of a group is elsewhere at a target than at the start, seen from a base that reacts."""
     has_poses = group.pairs.has("object") or group.pairs.has("obstacle")
     if stage.moved_by.reacts and has_poses:
@@ -234,8 +242,8 @@ def monitor_faults(task: Task, model: RobotModel) -> Iterator[Fault]:
 def cone_remarks(task: Task, model: RobotModel, stages: Sequence[Stage]) -> Iterator[Fault]:
     """Yield cones that the target of their own stage violates, so that the stage cannot both reach it and keep them.
 
-    A cone keeps an axis of a frame (a camera's) within an angle of a point or direction, or outside of it. Frames count
-    whose pose the target says.
+    A cone keeps an axis of a frame, such as a camera's, within an angle of a point or direction, or outside that angle.
+    Cones of frames whose pose the target does not determine are left out.
     """
     for stage in stages:
         cones = task.spec.stages[stage.index].cones
@@ -256,9 +264,10 @@ def cone_remarks(task: Task, model: RobotModel, stages: Sequence[Stage]) -> Iter
 
 
 def _poses_at_target(model: RobotModel, stage: Stage) -> dict[str, np.ndarray]:
-    """Return the poses (n_pose,) of those frames that a stage's target determines, by name.
+    """Return the poses (n_pose,) of base and end-effectors that a stage's target determines, by name.
 
-    Weights or end condition have to ask for a pose. That of an arm at joint coordinates also needs the base's.
+    Weights or end condition have to ask for all of a part: a pose of the base or an arm is then the target's own. The
+    pose of an arm whose target is joint coordinates follows from them and from the base, if they ask for that too.
     """
     neutral = Posture(model.space.neutral.copy(), np.zeros(model.m))
     Q = skill_in(stage.space).after(model, neutral, stage.target).Q  # neutral where the target says nothing

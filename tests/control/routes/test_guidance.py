@@ -13,7 +13,7 @@ from psmpc_cli.errors import SpecError
 from psmpc_cli.logs.run import Run
 from psmpc_cli.ocp.feasibility.checks import remarks
 from psmpc_cli.ocp.feasibility.forecast import forecast_stages
-from psmpc_cli.ocp.feasibility.postures import unforeseen
+from psmpc_cli.ocp.feasibility.postures import reasons_unforeseen
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.simulation.replay import replay
 from psmpc_cli.simulation.run import simulate
@@ -148,9 +148,9 @@ def test_an_object_that_moves_leaves_routes_from_where_it_is_held_on() -> None:
     """Retract begins where the object was taken, wherever that is; of what follows all places are known."""
     task = load_task("catch_drifting", {"routes": {"iterations": 500}, "clearance": {}})
     stages = build_problem(task).stages
-    names = [stages[index].name for index in unforeseen(task.spec, stages)]
+    names = [stages[index].name for index in reasons_unforeseen(task.spec, stages)]
     assert names == [stage.name for stage in stages[: task.spec.held_stages.start + 1]]
-    assert unforeseen(load_task("transport_grasp").spec, stages) == {}
+    assert reasons_unforeseen(load_task("transport_grasp").spec, stages) == {}
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 
 from psmpc_cli.control import State
 from psmpc_cli.ocp.constraints import interval_rows, node_rows
-from psmpc_cli.ocp.constraints.base import is_of
+from psmpc_cli.ocp.constraints.base import is_entry_of
 from psmpc_cli.ocp.constraints.wheels import wheel_momenta
 from psmpc_cli.ocp.loads import FOLLOWS, NOTHING, STAYS, LoadKind, known_load
 from psmpc_cli.ocp.objective import Intervals
@@ -168,13 +168,13 @@ def utilization(model: RobotModel, window: Window, plan: Plan) -> float:
     largest = 0.0
     h = np.diff(plan.times)[:, None]
     for rows in interval_rows(model, shape):
-        if is_of("forces", rows.name):
+        if is_entry_of("forces", rows.name):
             k = np.array(rows.intervals)
             at = Intervals(plan.X, h, p.before, k)
             values = rows.functions.values(at, np.asarray(rows.argument(p))) / h[k]
             largest = max(largest, float(np.abs(values / rows.bounds(window)[1]).max()))
     for of_nodes in node_rows(model, shape):
-        if is_of("wheels", of_nodes.name):
+        if is_entry_of("wheels", of_nodes.name):
             X = plan.X[list(of_nodes.nodes)]
             (values,) = of_nodes.functions.value(X, np.asarray(of_nodes.argument(p)), rows=len(X))
             largest = max(largest, float(np.abs(values / of_nodes.bounds(window)[1]).max()))

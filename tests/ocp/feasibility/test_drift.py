@@ -22,11 +22,11 @@ def test_a_stage_that_ends_in_motion_says_how_the_next_one_drifts() -> None:
     coast, capture = drifts_of()
     assert (coast.stage.name, capture.stage.name) == ("coast", "capture")
     np.testing.assert_allclose(coast.velocity, [0, 0.04], atol=1e-9)
-    np.testing.assert_allclose(coast.way, [0, 1], atol=1e-9)
+    np.testing.assert_allclose(coast.displacement, [0, 1], atol=1e-9)
     assert coast.spread == pytest.approx(np.hypot(0.002, 0.005))
     assert coast.nearest_after == pytest.approx(25)
     assert coast.miss == 0
-    assert not len(capture.way)
+    assert not len(capture.displacement)
 
 
 def test_a_target_on_an_object_moves_with_it() -> None:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from psmpc_cli.ocp.feasibility.quickest import Begin, RestToRest, quickest
+from psmpc_cli.ocp.feasibility.quickest import Begin, RestToRest, earliest_arrival
 from psmpc_cli.robot.model import RobotModel, load_robot
 
 LIMITS = st.floats(0.05, 5.0) | st.just(np.inf)
@@ -56,10 +56,10 @@ def test_a_base_that_may_move_shortens_the_motion_and_the_poses_are_taken(robot:
     motion = motion_of(0.15, 0.5, model.n)
     at_rest = Begin(begin, np.zeros(model.n))
     fixed = np.zeros(model.n, bool)
-    alone, _ = quickest(model, motion, at_rest, end, poses, is_free=fixed)
+    alone, _ = earliest_arrival(model, motion, at_rest, end, poses, is_free=fixed)
     assert alone == pytest.approx(0.6 / 0.15 + 0.15 / 0.5)
 
-    together, Q = quickest(model, motion, at_rest, end, poses, is_free=~fixed)
+    together, Q = earliest_arrival(model, motion, at_rest, end, poses, is_free=~fixed)
     assert 0.0 < together < 0.9 * alone
     for arm, pose in poses.items():
         reached = model.poses(Q)[list(model.pose_rows).index(arm)]
@@ -74,9 +74,9 @@ def test_what_begins_ahead_arrives_earlier() -> None:
     fixed = np.zeros(model.n, bool)
     ahead = np.zeros(model.n)
     ahead[model.space.joint_rates] = 3.0
-    alone, _ = quickest(model, motion, Begin(begin, ahead), end, poses, is_free=fixed)
+    alone, _ = earliest_arrival(model, motion, Begin(begin, ahead), end, poses, is_free=fixed)
     assert alone == pytest.approx(0.6 / 0.15 + 0.15 / 0.5 - 3.0)
-    nothing_left, Q = quickest(model, motion, Begin(begin, 3 * ahead), end, poses, is_free=~fixed)
+    nothing_left, Q = earliest_arrival(model, motion, Begin(begin, 3 * ahead), end, poses, is_free=~fixed)
     assert nothing_left == 0.0
     np.testing.assert_array_equal(Q, end)
 
@@ -88,8 +88,8 @@ def test_limits_of_places_are_kept() -> None:
     near = RestToRest(free.velocity, free.acceleration, low=begin - margin, high=begin + margin)
     at_rest = Begin(begin, np.zeros(model.n))
     is_free = np.ones(model.n, bool)
-    within, Q = quickest(model, near, at_rest, end, poses, is_free=is_free)
-    sooner, elsewhere = quickest(model, free, at_rest, end, poses, is_free=is_free)
+    within, Q = earliest_arrival(model, near, at_rest, end, poses, is_free=is_free)
+    sooner, elsewhere = earliest_arrival(model, free, at_rest, end, poses, is_free=is_free)
     assert (np.abs(Q - begin) <= margin + 1e-9).all()
     assert (np.abs(elsewhere - begin) > margin + 0.01).any()
     assert sooner < within

@@ -192,7 +192,8 @@ def law_with_driven_coordinates(
     """Return a low-level law for a base of which not all coordinates accelerate as commanded.
 
     Without thrusters, for example, the base cannot be pushed: it reacts to the motion of the joints. The law that is
-    given has the base accelerate as commanded; the one that is returned accounts for the reaction. With the rows of base and joints, and the bias c, paper eq. (3) is
+    given has the base accelerate as commanded; the one that is returned accounts for the reaction. With the rows of
+    base and joints, and the bias c, paper eq. (3) is
 
         H_bb vdot_b + H_bj vdot_j + c_b = F_b,    H_jb vdot_b + H_jj vdot_j + c_j = F_j.
 

@@ -100,9 +100,9 @@ class Plumes:
     def _distances_to_segments(self, start: Vector, along: Vector) -> Vector:
         """Compute the distances between N segments and the T plumes, by a golden section search along each segment.
 
-        The distance to a plume, a convex set, is convex along a segment: so the search finds the least one. It takes two
-        numbers of a point: how far it is ahead of the nozzle along the plume's axis, which is linear along the segment,
-        and the square of its distance from the nozzle, which is quadratic.
+        The distance to a plume, a convex set, is convex along a segment: so the search finds the least one. It follows
+        from two numbers of a point: how far it is ahead of the nozzle along the plume's axis, which is linear along the
+        segment, and the square of its distance from the nozzle, which is quadratic.
 
         Args:
             start: Where the segments begin, in the frame of the base (N, 3) [m].

@@ -65,7 +65,7 @@ def distances(first: Shape, at_first: SpatialFrame, second: Shape, at_second: Sp
     """
     radius, length = first.size
     if second.kind == "half_space":
-        normal = rotate(at_second.quaternion, second.size)
+        normal = rotate(at_second.quaternion, second.size)  # the size of a half-space is its outward normal
         middle = dot(normal, add(at_first.position, scaled(at_second.position, -1))) - radius
         end = length / 2 * dot(normal, _axis(at_first)) if length else 0.0
         return [middle - end, middle + end] if length else [middle]
@@ -103,8 +103,9 @@ def witnesses(
     """
     radius, length = first.size
     if second.kind == "half_space":
-        normal = rotate(at_second.quaternion, second.size)
+        normal = rotate(at_second.quaternion, second.size)  # the size of a half-space is its outward normal
         axis = _axis(at_first)
+        # the end of the capsule's axis that is deepest, or its middle if both are as deep
         end = add(at_first.position, scaled(axis, -length / 2 * ca.sign(dot(normal, axis))))
         height = dot(normal, add(end, scaled(at_second.position, -1)))
         return add(end, scaled(normal, -radius)), add(end, scaled(normal, -height))

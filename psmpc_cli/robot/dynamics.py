@@ -170,7 +170,7 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     inverse = ca.Function("inverse", [Q, v, vdot, w], [force])
     bias = inverse(Q, v, 0, w)
     Hv = inverse(Q, 0, v, w)
-    H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
+    H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))  # symmetric to the last digit
     momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))  # about the inertial origin
     if spec.wheels:
         tree = _Tree(spec, Q)
@@ -338,7 +338,7 @@ def derive_task_space_dynamics(dynamics: Dynamics, J_C: ca.Function, Jdot_v: ca.
     L = LT.T
     Y, R = ca.qr(ca.solve(L, J.T))
     bias = dynamics.inverse(Q, v, 0, w)
-    whitened_bias = ca.solve(L, bias)
+    whitened_bias = ca.solve(L, bias)  # L^-1 C v
     drift = Jdot_v(Q, v)
 
     inverse_R = ca.solve(R, ca.SX.eye(J_rows))
@@ -507,9 +507,9 @@ class _Tree:
             spin = cross(motion.omega, matrix_vector(rigid.inertia, motion.omega))
             forces[i] = add(forces[i], f)
             moments[i] = add(moments[i], matrix_vector(rigid.inertia, motion.alpha), spin, cross(rigid.centre, f))
-        if self.spec.wheels:
+        if self.spec.wheels:  # the gyroscopic moment omega x h_w
             moments[0] = add(moments[0], cross(motions[0].omega, _stored_momentum(self.spec, w)))
-        along: list[Any] = []
+        along: list[Any] = []  # forces along the joints, in their order
         for i in range(len(motions) - 1, 0, -1):
             joint = self.joints[i - 1]
             E, r = self.joint_frames[i - 1]

@@ -66,7 +66,7 @@ class HeldLoad:
         Q: np.ndarray,
         v: np.ndarray,
         u: np.ndarray,
-        law: InertialParameters,
+        parameters: InertialParameters,
         grasps: np.ndarray,
         body: np.ndarray,
         driven: tuple[float, ...] | None = None,
@@ -80,7 +80,7 @@ class HeldLoad:
             Q: Position of the robot (nq,).
             v: Velocity (n,).
             u: Commanded acceleration (n,).
-            law: Inertial parameters that the law assumes for the robot.
+            parameters: Inertial parameters that the law assumes for the robot.
             grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9).
             body: Mass and principal moments of the object.
             driven: On which coordinates of the base something acts, see `RobotModel.driven`; by default as the robot's
@@ -89,7 +89,7 @@ class HeldLoad:
                 (2, n_twist), see `LowLevelLaw.force`; by default the base gets the force that is returned.
         """
         is_pushed = base_force is not None
-        key = None if is_pushed else driven or self._model.driven()  # a given force leaves nothing driven to tell
+        key = None if is_pushed else driven or self._model.driven()  # a given force acts whatever is driven
         if key not in self._forces:
             self._forces[key] = ArrayFunction(
                 pushed_held_force(self._model, self._grippers)
@@ -97,12 +97,16 @@ class HeldLoad:
                 else held_force(self._model, self._grippers, key)
             )
         of_base = () if base_force is None else tuple(base_force)
-        return np.asarray(self._forces[key](Q, v, u, grasps.ravel(), law.vector, body, *of_base)[0][0])
+        return np.asarray(self._forces[key](Q, v, u, grasps.ravel(), parameters.vector, body, *of_base)[0][0])
 
     def attainable_accelerations(
         self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float
     ) -> np.ndarray:
-        """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.
+        """Return the accelerations that the robot has under commanded ones, over the ticks of a sample.
+
+        While grippers are closed on the object, robot and object are a closed chain, which cannot follow commands that
+        would move the grippers differently. The accelerations are then the nearest ones that the chain allows, u' of
+        `held_force`; else they are the commanded ones.
 
         Args:
             Q: Position of the robot at the first tick (nq,).
@@ -110,6 +114,9 @@ class HeldLoad:
             u: Commanded accelerations over the ticks (M, n).
             closed: Whether the grippers are closed at each of them (M,).
             tick: Length of a tick [s].
+
+        Returns:
+            The accelerations (M, n) [m/s^2, rad/s^2].
         """
         if len(u) not in self._attainable:
             self._attainable[len(u)] = ArrayFunction(_attainable_tick(self._model, self._grippers).mapaccum(len(u)))
@@ -389,6 +396,7 @@ def _attainable_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
     """
 
     def derive() -> ca.Function:
+        """Derive state after a tick and attainable acceleration, of state, u, closed, grasps, tick."""
         n = model.n
         state = ca.SX.sym("state", model.nq + n)
         u = ca.SX.sym("u", n)
@@ -482,7 +490,8 @@ def _closed_chain(hold: _ObjectMotions, u: ca.SX) -> _ClosedChain:
         u: These accelerations, a symbol (n,).
     """
     S = ca.jacobian(hold.accelerations, u)
-    size = hold.accelerations.numel() // (hold.levers.numel() // 3)
+    grippers = hold.levers.numel() // 3
+    size = hold.accelerations.numel() // grippers
     # the differences to the first gripper, [G, G u + g], and (G G')^-1 times both: the projector and lambda
     first, *others = ca.vertsplit(ca.horzcat(S, hold.accelerations), size)
     differences = ca.vertcat(ca.SX(0, u.numel() + 1), *(other - first for other in others))

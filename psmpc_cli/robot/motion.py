@@ -154,11 +154,11 @@ def ramped_control(u: Array, times: Array, edges: Array, before: Array) -> Array
     tick = edges[1] - edges[0]
     middles = (times[:-1] + times[1:]) / 2
     first = int(middles.searchsorted(edges[0]))
-    end = times[-1:] + (times[-1] - times[-2]) / 2
+    end = times[-1:] + (times[-1] - times[-2]) / 2  # past the plan accelerations have fallen to 0
     knots = np.concatenate([[edges[0] - tick / 2], middles[first:], end])
     values = np.concatenate([before[None], u[first:], np.zeros((1, u.shape[1]))])
-    at = (edges[:-1] + edges[1:]) / 2
-    return np.stack([np.interp(at, knots, of_coordinate) for of_coordinate in values.T], axis=1)
+    tick_middles = (edges[:-1] + edges[1:]) / 2
+    return np.stack([np.interp(tick_middles, knots, of_coordinate) for of_coordinate in values.T], axis=1)
 
 
 def averaged_control(u: Array, times: Array, edges: Array, before: Array, width: Array | float) -> Array:
@@ -181,7 +181,7 @@ def averaged_control(u: Array, times: Array, edges: Array, before: Array, width:
     """
     begins = edges[:-1] - width / 2
     ends = edges[1:] + width / 2
-    first = min(times[0], begins.min())
+    first = min(times[0], begins.min())  # until the first node what was applied before goes on
     durations = np.concatenate([[times[0] - first], np.diff(times)])
     velocities = np.cumsum(durations[:, None] * np.vstack([before, u]), axis=0)
     knots = np.concatenate([[first], times])
@@ -212,9 +212,10 @@ def slew_limited(u: Array, before: Array, low: Array, high: Array) -> Array:
     if ((low <= changes) & (changes <= high)).all():
         return u
     limited = np.empty_like(u)
+    last = before
     for tick in range(len(u)):
-        before = np.clip(u[tick], before + low[tick], before + high[tick])
-        limited[tick] = before
+        last = np.clip(u[tick], last + low[tick], last + high[tick])
+        limited[tick] = last
     return limited
 
 

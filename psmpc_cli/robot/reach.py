@@ -111,6 +111,9 @@ def reach_of(
         near: Joint coordinates from which the search starts (links,) [rad, m]. Of several solutions of the inverse
             kinematics it then finds the one to which a motion from there leads. By default 0.
 
+    Returns:
+        Distances, whether the pose is reached, and joint coordinates with which it is.
+
     Raises:
         InputError: The robot has no such arm, or a pose has not as many numbers.
     """
@@ -187,8 +190,8 @@ def _find_configuration(
         return pose_error(q, frames)[0].ravel()
 
     bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
-    best = np.inf
-    missing = (np.inf, np.inf)
+    least_norm = np.inf
+    least_miss = (np.inf, np.inf)  # in position, in attitude
     start_near = np.clip(near, low, high)
     if near.any():
         start_near = _follow_to_pose(error, derivative, frames, bounds, start_near)
@@ -197,13 +200,13 @@ def _find_configuration(
             error, start, lambda q: derivative(q, frames)[0].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
         )
         angles = np.where(sliding, np.clip(solution.x, low, high), _nearest_turns(solution.x, low, high, near))
-        off = error(angles)
-        if np.linalg.norm(off) < best:
-            best = float(np.linalg.norm(off))
-            missing = (float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:])))
-        if np.abs(off).max() <= TOLERANCE:
-            return angles, missing
-    return None, missing
+        miss = error(angles)
+        if np.linalg.norm(miss) < least_norm:
+            least_norm = float(np.linalg.norm(miss))
+            least_miss = (float(np.linalg.norm(miss[:3])), float(np.linalg.norm(miss[3:])))
+        if np.abs(miss).max() <= TOLERANCE:
+            return angles, least_miss
+    return None, least_miss
 
 
 def _follow_to_pose(
@@ -256,7 +259,8 @@ def _pose_error_functions(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, Ar
     base_position, base_quaternion, position, quaternion = map(ca.vertsplit, ca.vertsplit(frames, [0, 3, 7, 10, 14]))
     joints = ca.SX.zeros(len(robot.bodies) - 1)
     joints[rows.start : rows.stop] = q
-    tip = place(robot, SpatialFrame(base_position, base_quaternion), joints)[1][arm]
+    _, tools = place(robot, SpatialFrame(base_position, base_quaternion), joints)
+    tip = tools[arm]
     turned = shorter(product(conjugate(quaternion), tip.quaternion))
     missed = ca.densify(ca.vertcat(*add(tip.position, scaled(position, -1)), *log(turned)))
     derivative = ca.densify(ca.jacobian(missed, q))

@@ -68,7 +68,7 @@ class Plumes:
         to_base_axes = conjugate(base.quaternion)
         place = _stacked(rotate(to_base_axes, add(at.position, scaled(base.position, -1))))
         if shape.kind == "half_space":
-            normal = _stacked(rotate(to_base_axes, rotate(at.quaternion, shape.size)))
+            normal = _stacked(rotate(to_base_axes, rotate(at.quaternion, shape.size)))  # its size is its normal
             return self._reach_half_spaces(normal, place)
         radius, length = shape.size
         along = _stacked(rotate(to_base_axes, rotate(at.quaternion, (length, 0.0, 0.0))))

@@ -34,6 +34,9 @@ MOST_FACETS = 200
 MOST_SETS = 200_000
 """Sets of directions that are looked at in search of facets."""
 
+ROUNDING = 1e-9
+"""By how much a number of ticks may be off a whole one and still count as it."""
+
 NOTHING = 1e-9
 """Error below which a wrench is attained, as a part of the largest thrust."""
 
@@ -132,6 +135,7 @@ class Thrusters:
         Returns:
             The least and the largest values, (N, K) each.
         """
+        # what n . w gets from each thruster at its largest thrust (K, T)
         parts = self.force * (normals @ self.wrenches)
         is_open = (~is_shut).astype(float)
         return is_open @ np.minimum(parts, 0).T, is_open @ np.maximum(parts, 0).T
@@ -224,13 +228,13 @@ class Thrusters:
         """
         throttles = self.smallest_force < self.force
         width = thrusts / self.smallest_force * ticks  # of the wanted pulse [ticks]
-        shortest = np.maximum(np.ceil(self.shortest_pulse / tick - 1e-9), 1.0)
+        shortest = np.maximum(np.ceil(self.shortest_pulse / tick - ROUNDING), 1.0)  # pulse [ticks]
         # one that throttles makes up for a pulse of whole ticks by its force
-        whole = np.where(throttles, np.floor(width + 1e-9), np.round(width))
+        whole = np.where(throttles, np.floor(width + ROUNDING), np.round(width))
         count = np.minimum(np.maximum(whole, shortest), ticks).astype(int)
         level = np.where(throttles, np.clip(thrusts * ticks / count, self.smallest_force, self.force), self.force)
         fires = width >= shortest / 2
-        number = np.arange(ticks)[:, None]
+        number = np.arange(ticks)[:, None]  # of each tick
         start = (ticks - count) // 2
         return np.where(fires & (number >= start) & (number < start + count), level, 0.0)
 

@@ -132,6 +132,7 @@ class Wheels:
         Returns:
             The torques (W,) [N m]. A torque turns the base the other way, hence the sign.
         """
+        # a wheel's shares are its row of the pseudoinverse of the axes: with them the norm of all torques is least
         torques = []
         wheels = zip(self.allocation.tolist(), h, self.torque.tolist(), self.momentum.tolist(), strict=True)
         for shares, stored, largest_torque, largest_momentum in wheels:

@@ -118,12 +118,12 @@ class Attempts:
             return Attempt(sequence, replace(solved, outcome=Outcome.INFEASIBLE), unfinished)
         if len(sequence.segments) == 1:
             return Attempt(sequence, solved, unfinished)
-        if solved.warm:
+        if solved.warm:  # step 3
             cold = self._solve(sequence, unfinished, self._solver, is_warm=False)
             if cold.outcome.usable and self._keeps_limits(cold):
                 return Attempt(sequence, _with_total_time(solved, cold), unfinished)
             solved = _with_total_time(cold, solved)
-        current_solved = self._solve(sequence.current_only, unfinished, self._solver)
+        current_solved = self._solve(sequence.current_only, unfinished, self._solver)  # step 4
         better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, current_solved)
         if current_solved.outcome.usable and better:
             return Attempt(sequence.current_only, _with_total_time(current_solved, solved), unfinished)

@@ -182,17 +182,16 @@ class ControlLaw:
         """
         stop_at = perf_counter() + self.solver.deadline  # infinite without a deadline
         memory, situation = self._estimate_situation(memory, measurement)
-        memory, situation = self._drop_ended_stages(memory, situation)  # stages that are over leave the window
-        memory, situation = self._retry_missed_grasp(memory, measurement, situation)  # back where the object was missed
-        memory, situation = self._complete_for_solves(memory, situation)  # the object where stages are to end
+        memory, situation = self._drop_ended_stages(memory, situation)
+        memory, situation = self._retry_missed_grasp(memory, measurement, situation)
+        memory, situation = self._complete_for_solves(memory, situation)
         prediction = self._shifted_plan(memory, situation)  # the last plan, from now on
-        longer = self._detect_next_stage(
-            memory, situation, prediction
-        )  # the next stage enters when its switch is predicted
+        # the next stage enters the window when its switch is predicted; targets on an object are then placed anew
+        longer = self._detect_next_stage(memory, situation, prediction)
         situation = self._with_targets_at_stage_ends(longer, memory, situation)
         attempts = self._attempts(memory, situation, prediction, stop_at)
         attempt = attempts.solve_longest(memory.sequence, longer)
-        decision = self._accept_or_fall_back(memory, situation, attempt, prediction, stop_at)  # or fall back
+        decision = self._accept_or_fall_back(memory, situation, attempt, prediction, stop_at)
         events = self._names_of_events(memory, measurement, situation, longer, decision)
         estimate, command = self._build_command(memory, situation, decision, events)
         return _memory_after(memory, situation, decision, estimate), command
@@ -210,7 +209,7 @@ class ControlLaw:
         """
         measured_at = measurement.time
         estimate = self._estimate_robot(memory, measurement)
-        time = estimate.acts_at
+        time = estimate.acts_at  # when the command begins to act
         grip = self._holding_gripper(memory.sequence, measured_at, estimate.state)
         target_object = memory.target_object.with_measurement(measured_at, measurement.object_pose, grip)
         expected = self._estimator.predicted_over_delay(estimate)
@@ -598,7 +597,7 @@ class ControlLaw:
         """
         happened = {
             "appended": decision.sequence.last > memory.sequence.last,
-            "postponed": decision.sequence.last < (longer or memory.sequence).last,  # fewer stages than was tried
+            "postponed": decision.sequence.last < (longer or memory.sequence).last,  # fewer stages than tried first
             "solve_failed": not decision.solved,
             "braking": decision.plans.braking is not None,
             "unmeasured": not situation.is_measured,

@@ -91,7 +91,7 @@ class Placer:
             target_object: What is known of the object.
             load: Mass [kg] and principal moments [kg m^2] that a load is taken to have; empty where the task says them.
             signs: Signs of the targets' quaternions at the sample before.
-            waypoints: Targets that take the place of a stage's own one while the robot is on a route, by stage index.
+            waypoints: By stage index, points of routes as targets, which costs follow while the robot is on a route.
             at_planned_ends: Targets relative to the object are where it is when their stage is planned to end, or at
                 the end of the horizon. A current stage whose end is never planned follows the object over the horizon.
         """
@@ -101,6 +101,7 @@ class Placer:
         if self._problem.spec.routes is not None:
             stages = tuple(stage.with_waypoint(waypoints.get(stage.index)) for stage in stages)
         plan = plan or resting_plan(time, self._horizon, nodes=1, x=x, chart=chart)
+        # when stages begin, by index: the current one counts from now
         begins = dict(enumerate([time, *sequence.switch_times][: sequence.count], start=sequence.first))
         all_signs = {
             stage.index: self._quaternion_signs(

@@ -46,7 +46,7 @@ class WheelDrive:
         return np.array(self.wheels.along_base(self.momentum.tolist()))
 
     def commanded(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:
-        """Return the force of the low-level law (n,) with the balance of what unloads the wheels; `Wheels.unloaded`."""
+        """Return the force of the low-level law (n,) with what balances motors that unload wheels, by `Wheels`."""
         F, self._unloading = self.wheels.with_unloading(F, self.momentum, driven, self._tick)
         return F
 
@@ -55,7 +55,7 @@ class WheelDrive:
         return self.wheels.with_moment(F, -self._unloading)
 
     def begin_tick(self, F: np.ndarray, driven: tuple[float, ...]) -> np.ndarray:
-        """Return what of that force, within its limits (n,), acts over a tick that begins; `Wheels.turned`."""
+        """Return what of that force, within its limits (n,), acts over a tick that begins; `Wheels.with_turning`."""
         F, self.torque = self.wheels.with_turning(F, self.momentum, driven, self._tick, self._unloading)
         return F
 

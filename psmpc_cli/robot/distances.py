@@ -51,14 +51,21 @@ def distance(first: Shape, at_first: SpatialFrame, second: Shape, at_second: Spa
 
 
 def distances(first: Shape, at_first: SpatialFrame, second: Shape, at_second: SpatialFrame) -> list[Any]:
-    """Compute the signed distances of parts of the first shape [m], the least of which is that of the shapes.
+    """Compute the signed distances of parts of the first shape to the second [m]; the least one is that of the shapes.
 
-    Their gradients do not jump where another part comes nearest: parts are the ends of a capsule against a half-space,
-    and the spheres that cover it against a box. Against another capsule there is one part.
+    Parts are the two ends of a capsule against a half-space, and the spheres that cover it against a box. Against
+    another capsule there is one part. Constraints bound each part's distance, since its gradient is smooth, while that
+    of the least one jumps where another part comes nearest.
+
+    Args:
+        first: A capsule, a sphere if its length is 0.
+        at_first: Its frame, of expressions or numbers.
+        second: A capsule, box or half-space.
+        at_second: Its frame.
     """
     radius, length = first.size
     if second.kind == "half_space":
-        normal = rotate(at_second.quaternion, second.size)
+        normal = rotate(at_second.quaternion, second.size)  # the size of a half-space is its outward normal
         middle = dot(normal, add(at_first.position, scaled(at_second.position, -1))) - radius
         end = length / 2 * dot(normal, _axis(at_first)) if length else 0.0
         return [middle - end, middle + end] if length else [middle]
@@ -79,36 +86,42 @@ def part_count(first: Shape, second: Shape) -> int:
 def witnesses(
     first: Shape, at_first: SpatialFrame, second: Shape, at_second: SpatialFrame
 ) -> tuple[list[Any], list[Any]]:
-    """Compute the points of both surfaces that are nearest to each other, or deepest in the other shape, (3,) each [m].
+    """Compute the points of both surfaces that are nearest to each other, or deepest in the other shape.
 
-    They are as far apart as `distance` says. Of a capsule against a box, the first is on the sphere that covers it
-    there. Of capsules whose axes cross both are where they cross: no direction leads out of each other.
+    They are as far apart as `distance` says. For a capsule against a box, the first point is on one of the spheres that
+    cover the capsule. For two capsules whose axes cross, both points are where they cross, since no direction leads
+    them apart.
 
     Args:
         first: A capsule.
         at_first: Its frame, of expressions or numbers.
         second: A capsule, box or half-space.
         at_second: Its frame.
+
+    Returns:
+        The point of the first shape and that of the second, (3,) each [m], in the frame in which both are placed.
     """
     radius, length = first.size
     if second.kind == "half_space":
-        normal = rotate(at_second.quaternion, second.size)
+        normal = rotate(at_second.quaternion, second.size)  # the size of a half-space is its outward normal
         axis = _axis(at_first)
+        # the end of the capsule's axis that is deepest, or its middle if both are as deep
         end = add(at_first.position, scaled(axis, -length / 2 * ca.sign(dot(normal, axis))))
         height = dot(normal, add(end, scaled(at_second.position, -1)))
         return add(end, scaled(normal, -radius)), add(end, scaled(normal, -height))
     if second.kind == "capsule":
         on_first, on_second = _nearest_on_axes(first, at_first, second, at_second)
-        apart = add(on_second, scaled(on_first, -1))
-        towards = scaled(apart, 1 / _norm(apart))
-        return add(on_first, scaled(towards, radius)), add(on_second, scaled(towards, -second.size[0]))
+        difference = add(on_second, scaled(on_first, -1))
+        towards_second = scaled(difference, 1 / _norm(difference))
+        return add(on_first, scaled(towards_second, radius)), add(on_second, scaled(towards_second, -second.size[0]))
+    # the nearest of the spheres that cover the capsule; its centre, as a choice that CasADi can express
     centres, covering = _spheres_in_box_frame(first, at_first, at_second)
     centre = centres[0]
     nearest = _to_box(second, centre)
     for other in centres[1:]:
-        far = _to_box(second, other)
-        centre = [ca.if_else(far < nearest, new, old) for new, old in zip(other, centre, strict=True)]
-        nearest = ca.fmin(nearest, far)
+        distance_of_other = _to_box(second, other)
+        centre = [ca.if_else(distance_of_other < nearest, new, old) for new, old in zip(other, centre, strict=True)]
+        nearest = ca.fmin(nearest, distance_of_other)
     outward = _out_of_box(second, centre)
     points = (add(centre, scaled(outward, -covering)), add(centre, scaled(outward, -nearest)))
     on_first, on_second = (add(at_second.position, rotate(at_second.quaternion, point)) for point in points)
@@ -158,9 +171,19 @@ def _nearest_on_axes(
 ) -> tuple[list[Any], list[Any]]:
     """Compute the points of two capsules' axes that are nearest to each other.
 
-    |w + s a - t b|^2 is least over s and t where s = t (a b) - a w and t = s (a b) + b w, with the vector w between
-    the centres and the axes a and b. Where that s is beyond an end, the end counts; t follows from s, its ends count
-    too, and s follows from t. Ericson: Real-time collision detection (2005), section 5.1.9.
+    Points of the axes are p + s a and q + t b, with the centres p and q, unit vectors a and b, and s and t between the
+    ends. With w = p - q, the squared distance |w + s a - t b|^2 is least where s = t (a b) - a w and t = s (a b) + b w.
+    First s is computed without regard to t, and clipped at its ends; then t from s, clipped too; then s from t.
+    Ericson: Real-time collision detection (2005), section 5.1.9.
+
+    Args:
+        first: A capsule, a sphere if its length is 0; its axis is then its centre.
+        at_first: Its frame, of expressions or numbers.
+        second: Another capsule.
+        at_second: Its frame.
+
+    Returns:
+        The point on the first axis and that on the second, (3,) each [m].
     """
     p = at_first.position
     q = at_second.position

@@ -155,7 +155,12 @@ class Dynamics:
 
 
 def derive_dynamics(spec: RobotSpec) -> Dynamics:
-    """Derive the equations of motion of a robot."""
+    """Derive the equations of motion of a robot as CasADi functions.
+
+    The recursive Newton-Euler algorithm gives the generalized force F of a motion, F = H vdot + C v. It is linear in
+    vdot, so its Jacobian is the mass matrix H, and F at vdot = 0 is the bias C v. H v is F of the rates v at rest: its
+    rows of the base are the momentum, and v' H v / 2 is the kinetic energy.
+    """
     space = configuration_space(spec)
     n = space.n
     Q = ca.SX.sym("Q", space.nq)
@@ -165,8 +170,8 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
     inverse = ca.Function("inverse", [Q, v, vdot, w], [force])
     bias = inverse(Q, v, 0, w)
     Hv = inverse(Q, 0, v, w)
-    H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))
-    momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))
+    H = ca.triu2symm(ca.triu(ca.jacobian(force, vdot)))  # symmetric to the last digit
+    momentum = ca.vertcat(*space.external_wrench(ca.vertsplit(Q), ca.vertsplit(Hv)))  # about the inertial origin
     if spec.wheels:
         tree = _Tree(spec, Q)
         momentum += ca.vertcat(*space.twist([0.0] * 3, matrix_vector(tree.base_rotation, _stored_momentum(spec, w))))
@@ -184,9 +189,11 @@ def derive_dynamics(spec: RobotSpec) -> Dynamics:
 def law_with_driven_coordinates(
     spec: RobotSpec, law: ca.Function, driven: ca.SX | ca.DM, base_force: ca.SX | None = None
 ) -> ca.Function:
-    """Return a low-level law for a base that does not accelerate as commanded along all of its coordinates.
+    """Return a low-level law for a base of which not all coordinates accelerate as commanded.
 
-    With the rows of base and joints, and the bias c, paper eq. (3) is
+    Without thrusters, for example, the base cannot be pushed: it reacts to the motion of the joints. The law that is
+    given has the base accelerate as commanded; the one that is returned accounts for the reaction. With the rows of
+    base and joints, and the bias c, paper eq. (3) is
 
         H_bb vdot_b + H_bj vdot_j + c_b = F_b,    H_jb vdot_b + H_jj vdot_j + c_j = F_j.
 
@@ -202,25 +209,29 @@ def law_with_driven_coordinates(
     Args:
         spec: The robot.
         law: Q, v, u, ... -> F (n,), the force under which the robot accelerates by u; linear in u.
-        driven: 1 of coordinates of the base that are driven, 0 of others (n_twist,); a symbol is the last argument of
-            what is returned.
-        base_force: Force on the base (n_twist,), of which the rows count that are not driven; by default 0. A symbol is
-            the very last argument of what is returned.
+        driven: 1 for each coordinate of the base that is driven, 0 for the others (n_twist,). If it is a symbol, the
+            law that is returned has it as its last argument.
+        base_force: w_f, a given force on the base (n_twist,), of which the rows count that are not driven; by default
+            0. It is a symbol, and the very last argument of the law that is returned.
+
+    Returns:
+        Q, v, u, ... -> F (n,): the force under which joints and driven coordinates accelerate by u.
     """
     base = configuration_space(spec).base
     Q, v, u, *others = law.sx_in()
     driven = ca.SX(driven)
-    reaction = ca.SX.sym("reaction", base.stop)
+    reaction = ca.SX.sym("reaction", base.stop)  # accelerations of the coordinates that are not driven
     F = law(Q, v, ca.vertcat(driven * u[base] + (1 - driven) * reaction, u[base.stop :]), *others)
-    reacts = ca.SX.zeros(base.stop)
+    solved_reaction = ca.SX.zeros(base.stop)
     if spec.moved_by.moves:
+        # the matrix keeps its size whatever is driven: driven rows are those of the identity, with right side 0
         free = ca.diag(1 - driven)
         H_ff = free @ ca.jacobian(F[base], reaction) @ free + ca.diag(driven)
-        missing = -ca.substitute(F[base], reaction, reacts)
+        missing_force = -ca.substitute(F[base], reaction, ca.SX.zeros(base.stop))
         if base_force is not None:
-            missing += base_force
-        reacts = ca.solve(H_ff, free @ missing)
-    F = ca.substitute(F, reaction, reacts)
+            missing_force += base_force
+        solved_reaction = ca.solve(H_ff, free @ missing_force)
+    F = ca.substitute(F, reaction, solved_reaction)
     of_base = driven * F[base]
     arguments = dict(zip(law.name_in(), (Q, v, u, *others), strict=True))
     if driven.is_valid_input():
@@ -232,10 +243,11 @@ def law_with_driven_coordinates(
 
 
 def law_with_base_force(spec: RobotSpec, law: ca.Function) -> ca.Function:
-    """Return a low-level law for a base on which another force acts than the law asks for, as that of pulses.
+    """Return a low-level law for a base on which a given force acts, such as that of thrusters that fire in pulses.
 
-    Under the torques of joints that it returns, and that force, the joints accelerate as commanded. The rows of the
-    base are those of the law: the force that would make the base accelerate as commanded too.
+    This force differs from the one that the law asks for. The torques of the joints that are returned account for the
+    difference: with them and the given force, the joints accelerate as commanded, and the base as it must. The rows of
+    the base are unchanged: the force that would make the base accelerate as commanded, too.
 
     Args:
         spec: The robot.
@@ -297,13 +309,14 @@ class TaskSpaceDynamics:
 
 
 def derive_task_space_dynamics(dynamics: Dynamics, J_C: ca.Function, Jdot_v: ca.Function) -> TaskSpaceDynamics:
-    """Derive the equations of motion in task space.
+    """Derive the equations of motion of the velocities J v of base and end-effectors, as CasADi functions.
 
-    With `H = L L'` and the factors of `L^-1 J' = Y R`, where `Y'Y = I` and R is triangular, it is `H_x = R^-1 R^-T` and
-    `Jbar = L^-T Y R^-T`. Neither forms J H^-1 J', whose condition number is the square of that of J.
+    `TaskSpaceDynamics` has the equations. Here they are computed from the Cholesky factor of `H = L L'` and the QR
+    factors of `L^-1 J' = Y R`, where `Y'Y = I` and R is triangular: `H_x = R^-1 R^-T` and `Jbar = L^-T Y R^-T`. That
+    avoids J H^-1 J', whose condition number is the square of that of J.
 
     Args:
-        dynamics: Those of Q and v.
+        dynamics: Equations of motion in the coordinates Q and v.
         J_C: Q -> J (k, n), of full row rank.
         Jdot_v: Q, v -> Jdot v (k,).
 
@@ -325,7 +338,7 @@ def derive_task_space_dynamics(dynamics: Dynamics, J_C: ca.Function, Jdot_v: ca.
     L = LT.T
     Y, R = ca.qr(ca.solve(L, J.T))
     bias = dynamics.inverse(Q, v, 0, w)
-    whitened_bias = ca.solve(L, bias)
+    whitened_bias = ca.solve(L, bias)  # L^-1 C v
     drift = Jdot_v(Q, v)
 
     inverse_R = ca.solve(R, ca.SX.eye(J_rows))
@@ -351,20 +364,22 @@ def derive_task_space_dynamics(dynamics: Dynamics, J_C: ca.Function, Jdot_v: ca.
 
 
 def _solve_by_blocks(A: ca.SX, b: ca.SX) -> ca.SX:
-    """Solve A x = b (n,) block by block of the block triangular form of A: each arm by itself, after the base.
+    """Solve A x = b (n,) for a sparse square matrix of symbols, block by block.
 
-    Blocks of up to three rows are inverted by their adjugates: derivatives then have a tenth of the operations of those
-    of a factorization. Duff, Reid: An implementation of Tarjan's algorithm for the block triangularization of a matrix
-    (1978).
+    Rows and columns are permuted so that A is block triangular. For the Jacobian of base and end-effectors this means:
+    the base first, then each arm by itself. Blocks of up to three rows are inverted by their adjugates, whose
+    derivatives have a tenth of the operations of those of a factorization. Duff, Reid: An implementation of Tarjan's
+    algorithm for the block triangularization of a matrix (1978).
     """
     count, rows, columns, first_row, first_column, *_ = A.sparsity().btf()
     x = ca.SX.zeros(A.size2())
-    for k in range(count):  # lower triangular
-        at = rows[first_row[k] : first_row[k + 1]]
-        of = columns[first_column[k] : first_column[k + 1]]
-        block = ca.densify(A[at, of])
-        left = b[at] - A[at, :] @ x
-        x[of] = ca.inv_minor(block) @ left if len(at) <= 3 else ca.solve(block, left)
+    for k in range(count):  # CasADi's form is lower triangular: a block needs the unknowns of those before it
+        block_rows = rows[first_row[k] : first_row[k + 1]]
+        block_columns = columns[first_column[k] : first_column[k + 1]]
+        block = ca.densify(A[block_rows, block_columns])
+        remaining = b[block_rows] - A[block_rows, :] @ x  # entries of x that are not solved for yet are 0
+        is_small = len(block_rows) <= 3
+        x[block_columns] = ca.inv_minor(block) @ remaining if is_small else ca.solve(block, remaining)
     return x
 
 
@@ -422,9 +437,10 @@ class ToolMotion:
 
 
 def tool_motions(spec: RobotSpec, Q: ca.SX, v: ca.SX, vdot: ca.SX) -> dict[str, ToolMotion]:
-    """Derive the motions of the end-effectors by arm, at Q (nq,), v (n,) and vdot (n,).
+    """Derive the motions of the end-effector frames, by arm, at Q (nq,), v (n,) and vdot (n,).
 
-    Their expressions are those of the inverse dynamics, which therefore share derivatives with them.
+    A held object moves with them. Their expressions are those of the inverse dynamics, so that both share their
+    derivatives.
     """
     tree = _Tree(spec, Q)
     motions = tree.motions(v, vdot)
@@ -468,27 +484,37 @@ class _Tree:
         return motions
 
     def force(self, v: ca.SX, vdot: ca.SX, w: ca.SX) -> ca.SX:
-        """Compute the generalized force (n,) with inertial parameters w."""
+        """Compute the generalized force (n,) of a motion, by the recursive Newton-Euler algorithm.
+
+        First the force and the moment that the motion of each mass needs are added up by body. Then, from the tips
+        inward, the force along each joint is read off, and force and moment are handed on to the body that carries it.
+
+        Args:
+            v: Velocity (n,).
+            vdot: Its rates (n,).
+            w: Vector of inertial parameters, see `InertialParameters`.
+        """
         motions = self.motions(v, vdot)
-        changes = ca.vertsplit(vdot)[self.space.base.stop :]
+        joint_accelerations = ca.vertsplit(vdot)[self.space.base.stop :]
+        # of each body, about its frame's origin and along its axes
         forces = [[0.0] * 3 for _ in motions]
         moments = [[0.0] * 3 for _ in motions]
-        for lump in _rigid_masses(self.spec, w):
-            motion = motions[lump.body]
-            i = lump.body
-            centre = add(motion.acceleration, point_acceleration(motion.omega, motion.alpha, lump.centre))
-            f = scaled(centre, lump.mass)
-            spin = cross(motion.omega, matrix_vector(lump.inertia, motion.omega))
+        for rigid in _rigid_masses(self.spec, w):
+            motion = motions[rigid.body]
+            i = rigid.body
+            at_centre = add(motion.acceleration, point_acceleration(motion.omega, motion.alpha, rigid.centre))
+            f = scaled(at_centre, rigid.mass)
+            spin = cross(motion.omega, matrix_vector(rigid.inertia, motion.omega))
             forces[i] = add(forces[i], f)
-            moments[i] = add(moments[i], matrix_vector(lump.inertia, motion.alpha), spin, cross(lump.centre, f))
-        if self.spec.wheels:
+            moments[i] = add(moments[i], matrix_vector(rigid.inertia, motion.alpha), spin, cross(rigid.centre, f))
+        if self.spec.wheels:  # the gyroscopic moment omega x h_w
             moments[0] = add(moments[0], cross(motions[0].omega, _stored_momentum(self.spec, w)))
-        along: list[Any] = []
+        along: list[Any] = []  # forces along the joints, in their order
         for i in range(len(motions) - 1, 0, -1):
             joint = self.joints[i - 1]
             E, r = self.joint_frames[i - 1]
             on_link = dot(joint.axis, forces[i] if joint.prismatic else moments[i])
-            along.insert(0, on_link + joint.armature * changes[i - 1])
+            along.insert(0, on_link + joint.armature * joint_accelerations[i - 1])
             f = matrix_vector(E, forces[i])
             carrier = joint.at.body
             forces[carrier] = add(forces[carrier], f)
@@ -520,26 +546,31 @@ def _motion_of_link(before: _Motion, joint: Joint, E: Matrix, r: Vector, rate: A
 
 
 def _rigid_masses(spec: RobotSpec, w: ca.SX) -> list[_RigidMass]:
-    """Return the bodies' own masses and the loads of the grippers."""
+    """Return all rigid masses of a robot, with their parameters taken from the vector w: bodies, then held loads.
+
+    The vector has the masses of all bodies, then each of their moments of inertia for all bodies, then the offsets of
+    their centres likewise; what wheels store; masses, then inertias of the loads in the grippers. See
+    `InertialParameters.vector`.
+    """
     B = len(spec.bodies)
     A = len(spec.tools)
     space = configuration_space(spec)
     d = space.dimension
     k = space.n_moments
     sizes = [0, B, k * B, d * B, n_stored(spec), A, A]
-    mass, moments, offsets, _, held, about = ca.vertsplit(w, np.cumsum(sizes).tolist())
+    mass, moments, offsets, _, held_mass, held_inertia = ca.vertsplit(w, np.cumsum(sizes).tolist())
     moments = ca.reshape(moments, B, k)
     offsets = ca.reshape(offsets, B, d)
-    lumps = list[_RigidMass]()
+    rigid_masses = list[_RigidMass]()
     for i, body in enumerate(spec.bodies):
         moments_of_body = ca.horzsplit(moments[i, :])
         xx, yy, zz, xy, xz, yz = space.moments_to_3d(moments_of_body)
         centre = add(list(body.centre), [*ca.horzsplit(offsets[i, :]), 0.0][:3])
-        lumps.append(_RigidMass(i, mass[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    for a, tool in enumerate(spec.tools.values()):
-        inertia = [[about[a] if i == j else 0.0 for j in range(3)] for i in range(3)]
-        lumps.append(_RigidMass(tool.body, held[a], list(tool.position), inertia))
-    return lumps
+        rigid_masses.append(_RigidMass(i, mass[i], centre, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    for a, tool in enumerate(spec.tools.values()):  # a load counts as a point with the same inertia about every axis
+        inertia = [[held_inertia[a] if i == j else 0.0 for j in range(3)] for i in range(3)]
+        rigid_masses.append(_RigidMass(tool.body, held_mass[a], list(tool.position), inertia))
+    return rigid_masses
 
 
 def _stored_momentum(spec: RobotSpec, w: ca.SX) -> Vector:

@@ -80,9 +80,18 @@ class FreeBody:
         return (self.mass * dot(linear, linear) + turning) / 2
 
     def predicted(self, Q: Any, v: Any, time: ArrayLike) -> tuple[Array, Array]:
-        """Return pose (..., n_pose) and velocity (..., n) after a time or several (...,) [s] of free motion.
+        """Return pose and velocity of the body after times of free motion, with no force on it.
 
-        A body that turns about a principal axis keeps its velocity; of any other Euler's equations are integrated.
+        A body in the plane, or one that turns about a principal axis, keeps its velocity, so that its pose follows in
+        one step. For any other body Euler's equations are integrated, in steps of `STEP` at most.
+
+        Args:
+            Q: Pose at the beginning, (3,) or (7,).
+            v: Velocity then, (3,) or (6,) [m/s, rad/s].
+            time: A time, or several at once (...,) [s]; negative ones are earlier.
+
+        Returns:
+            Poses (..., 3) or (..., 7), and velocities (..., 3) or (..., 6).
         """
         Q = np.asarray(Q, dtype=float)
         v = np.asarray(v, dtype=float)
@@ -92,7 +101,7 @@ class FreeBody:
             return Q + time[..., None] * v, np.broadcast_to(v, (*time.shape, len(v)))
         omega = v[space.rotation]
         spin = [moment * rate for moment, rate in zip(self.moments, omega.tolist(), strict=True)]
-        if not any(cross(omega.tolist(), spin)):
+        if not any(cross(omega.tolist(), spin)):  # about a principal axis: no gyroscopic moment
             poses = space.integrate(Q, np.multiply.outer(v, time))
             return np.stack(np.broadcast_arrays(*poses), axis=-1), np.broadcast_to(v, (*time.shape, len(v)))
         turned = np.abs(time).max(initial=0.0) * float(np.linalg.norm(v[space.rotation]))
@@ -103,7 +112,7 @@ class FreeBody:
             of_pose, of_velocity = self.rates(y[: space.nq], y[space.nq :], no_wrench)
             return np.array([*of_pose, *of_velocity])
 
-        y = np.multiply.outer(np.concatenate([Q, v]), np.ones(time.shape))
+        y = np.multiply.outer(np.concatenate([Q, v]), np.ones(time.shape))  # all times in steps of the same number
         for _ in range(steps):
             y = runge_kutta(rate, y, time / steps)
         y = np.moveaxis(y, 0, -1)

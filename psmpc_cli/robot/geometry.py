@@ -137,11 +137,19 @@ def _triple(values: Array) -> Triple:
 
 
 def own_pairs(model: RobotModel, pieces: Sequence[Piece]) -> tuple[tuple[int, int], ...]:
-    """Return the pairs of pieces of a robot that are to keep apart from each other, by their numbers.
+    """Return the pairs of pieces of a robot that are to keep apart from each other.
 
-    All pairs of different bodies but neighbours, which a joint connects, pairs that touch in nearly all postures, and
-    pairs that never come near each other, by random postures within the limits of the joints: the same ones every time.
-    After the setup assistant of MoveIt.
+    These are all pairs of pieces on different bodies, without three kinds: pieces on bodies that a joint connects,
+    pieces that touch in nearly all postures, and pieces that never come near each other. The last two kinds are found
+    from random postures within the limits of the joints, the same ones every time. The setup assistant of MoveIt does
+    the same.
+
+    Args:
+        model: The robot.
+        pieces: The capsules that it is made of.
+
+    Returns:
+        The pairs (i, j), i < j, of numbers of pieces.
     """
     neighbours = {(joint.at.body, number) for number, joint in enumerate(model.spec.joints, start=1)}
     pairs = [
@@ -155,12 +163,12 @@ def own_pairs(model: RobotModel, pieces: Sequence[Piece]) -> tuple[tuple[int, in
     joints = ca.SX.sym("joints", len(model.spec.joints))
     bodies, _ = place(model.spec, model.space.base_frame(ca.SX(model.neutral)), joints)
     frames = [piece.frame(bodies) for piece in pieces]
-    apart = [distance(pieces[i].shape, frames[i], pieces[j].shape, frames[j]) for i, j in pairs]
-    of_postures = ca.Function("own_distances", [joints], ca.cse([ca.vertcat(*apart)])).map(POSTURES)
-    distances = of_postures(_random_postures(model).T).full()
+    expressions = [distance(pieces[i].shape, frames[i], pieces[j].shape, frames[j]) for i, j in pairs]
+    in_postures = ca.Function("own_distances", [joints], ca.cse([ca.vertcat(*expressions)])).map(POSTURES)
+    distances = in_postures(_random_postures(model).T).full()  # (pairs, postures)
     distances = distances / model.shape.reach
-    keep = (distances < NEAR).any(axis=1) & ((distances < TOUCHING).mean(axis=1) < TOGETHER)
-    return tuple(pair for pair, kept in zip(pairs, keep, strict=True) if kept)
+    is_relevant = (distances < NEAR).any(axis=1) & ((distances < TOUCHING).mean(axis=1) < TOGETHER)
+    return tuple(pair for pair, relevant in zip(pairs, is_relevant, strict=True) if relevant)
 
 
 def _random_postures(model: RobotModel) -> Array:

@@ -66,27 +66,30 @@ class HeldLoad:
         Q: np.ndarray,
         v: np.ndarray,
         u: np.ndarray,
-        law: InertialParameters,
+        parameters: InertialParameters,
         grasps: np.ndarray,
         body: np.ndarray,
         driven: tuple[float, ...] | None = None,
         base_force: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Compute the generalized force (n,) [N, N m] for an acceleration u (n,).
+        """Compute the generalized force (n,) [N, N m] by which the robot, with its load, accelerates by u.
+
+        The force is evaluated by a function that is derived once for each set of driven coordinates.
 
         Args:
             Q: Position of the robot (nq,).
             v: Velocity (n,).
             u: Commanded acceleration (n,).
-            law: Inertial parameters that the law has for the robot's.
+            parameters: Inertial parameters that the law assumes for the robot.
             grasps: Of each gripper its pose in the object's frame and both stiffnesses, (A, 5) or (A, 9).
             body: Mass and principal moments of the object.
             driven: On which coordinates of the base something acts, see `RobotModel.driven`; by default as the robot's
                 description says.
-            base_force: Force that acts on the base, whatever is commanded, see `LowLevelLaw.force` (2, n_twist).
+            base_force: Force that acts on the base, whatever is commanded, and its mean over a period of pulses
+                (2, n_twist), see `LowLevelLaw.force`; by default the base gets the force that is returned.
         """
         is_pushed = base_force is not None
-        key = None if is_pushed else driven or self._model.driven()
+        key = None if is_pushed else driven or self._model.driven()  # a given force acts whatever is driven
         if key not in self._forces:
             self._forces[key] = ArrayFunction(
                 pushed_held_force(self._model, self._grippers)
@@ -94,12 +97,16 @@ class HeldLoad:
                 else held_force(self._model, self._grippers, key)
             )
         of_base = () if base_force is None else tuple(base_force)
-        return np.asarray(self._forces[key](Q, v, u, grasps.ravel(), law.vector, body, *of_base)[0][0])
+        return np.asarray(self._forces[key](Q, v, u, grasps.ravel(), parameters.vector, body, *of_base)[0][0])
 
     def attainable_accelerations(
         self, Q: np.ndarray, v: np.ndarray, u: np.ndarray, closed: np.ndarray, tick: float
     ) -> np.ndarray:
-        """Return the accelerations (M, n) that the robot has under commanded ones: u' while grippers are closed.
+        """Return the accelerations that the robot has under commanded ones, over the ticks of a sample.
+
+        While grippers are closed on the object, robot and object are a closed chain, which cannot follow commands that
+        would move the grippers differently. The accelerations are then the nearest ones that the chain allows, u' of
+        `held_force`; else they are the commanded ones.
 
         Args:
             Q: Position of the robot at the first tick (nq,).
@@ -107,6 +114,9 @@ class HeldLoad:
             u: Commanded accelerations over the ticks (M, n).
             closed: Whether the grippers are closed at each of them (M,).
             tick: Length of a tick [s].
+
+        Returns:
+            The accelerations (M, n) [m/s^2, rad/s^2].
         """
         if len(u) not in self._attainable:
             self._attainable[len(u)] = ArrayFunction(_attainable_tick(self._model, self._grippers).mapaccum(len(u)))
@@ -116,12 +126,14 @@ class HeldLoad:
     def largest_ratio(self, Q: np.ndarray) -> tuple[float, np.ndarray]:
         """Compute the largest ratio of the load's inertia to the robot's, over all motions that keep the closed chain.
 
-        It says what a law that does not know of the load makes of a commanded acceleration u. At rest its force is
-        H u, and the robot with the load does (H + S'WS) vdot = H u. With u along the motion v that fulfils
+        It says how wrong a low-level law is that does not know of the load. At rest the force of such a law is H u for
+        a commanded acceleration u, and robot and load together do (H + S'WS) vdot = H u: H is the mass matrix of the
+        robot, armatures included, W the inertia of the object, and S v its velocity. With u along a motion v with
 
-            S'WS v = rho H v,    S_i v the same for all i,
+            S'WS v = rho H v,    S_i v the same for all grippers i,
 
-        that is vdot = u / (1 + rho). Armatures are part of H.
+        the robot accelerates by u / (1 + rho) alone. The largest rho and its v are a generalized eigenvalue and its
+        vector, in the space N of motions that move all grippers alike.
 
         Args:
             Q: Position of the robot (nq,).
@@ -134,7 +146,7 @@ class HeldLoad:
         S = S.T.reshape(len(self.grasps), -1, n)
         N = null_space((S[1:] - S[:1]).reshape(-1, n), rcond=SINGULAR)
         H = self._model.mass_matrix(Q)
-        SN = S.mean(axis=0) @ N
+        SN = S.mean(axis=0) @ N  # all S_i N are the same
         ratios, motions = eigh(SN.T @ W @ SN, N.T @ H @ N)
         return float(ratios[-1]), N @ motions[:, -1]
 
@@ -145,20 +157,24 @@ def described_grasps(grippers: Sequence[str], grasp: GraspSpec) -> np.ndarray:
 
 
 def held_force(model: RobotModel, grippers: Sequence[str], driven: tuple[float, ...] | None = None) -> ca.Function:
-    """Return Q, v, u, grasps, inertial parameters of the robot, object -> the force of the low-level law (n,).
+    """Return the low-level law of a robot that holds an object with all grippers, as a CasADi function.
 
-    With G and g the differences S_i - S_1 and s_i - s_1 of the other grippers to the first, one below the other,
+    It is a function of Q, v, u, grasps, inertial parameters of the robot and of the object; its value is the force
+    (n,). The acceleration of the object by gripper i is S_i u + s_i. With G and g the differences S_i - S_1 and
+    s_i - s_1 of the other grippers to the first, one below the other, and C_i the stiffness of grasp i,
 
         u' = u - G' lambda,    lambda = (G G')^-1 (G u + g),
         F = H u' + c + sum_i S_i' f_i,    f_i = C_i (sum C)^-1 (M (S u' + s) + bias),
 
-    where S u' + s, the object's acceleration, is that of any gripper. `HeldLoad` says why. F depends on u linearly:
-    coordinates of the base that are not driven react, see `law_with_driven_coordinates`.
+    where u' is the acceleration nearest to u that the closed chain of robot and object allows, f_i what gripper i bears
+    of the force on the object, and S u' + s the object's acceleration, the same by any gripper. `HeldLoad` says why. F
+    depends on u linearly: coordinates of the base that are not driven react, see `law_with_driven_coordinates`.
 
     Args:
         model: The robot.
         grippers: Those that hold the object, which is given as `FreeBody.vector`.
-        driven: On which coordinates of the base something acts, see `RobotModel.driven`; None: on all.
+        driven: 1 for each coordinate of the base on which something acts, else 0, see `RobotModel.driven`; by default
+            something acts on all.
     """
     all_driven = (1.0,) * model.space.n_twist
     driven = driven or all_driven
@@ -172,12 +188,14 @@ def held_force(model: RobotModel, grippers: Sequence[str], driven: tuple[float, 
 
 
 def pushed_held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
-    """Return `held_force` where other forces act on the base than it asks for; see `law_with_base_force`.
+    """Return `held_force` for a base on which a given force acts, such as that of thrusters that fire in pulses.
 
-    Its further arguments are the force on the base now, w, and the mean over a period of pulses, w_m, (n_twist,) each.
-    The motion of the base does not strain the object: u_j is what the joints follow, whatever the base does. Robot and
-    object together react to the mean. Grasps are elastic, and the object is behind what is shorter than they take to
-    deflect: the robot alone reacts to the difference,
+    The function has two further arguments: the force on the base now, w, and its mean over a period of pulses, w_m,
+    (n_twist,) each. The torques of the joints account for what these differ by from the force that the law asks for,
+    so that the joints accelerate as commanded, whatever the base does.
+
+    Robot and object together react to the mean. Grasps are elastic: changes that are shorter than they take to deflect
+    do not reach the object, so that the robot alone reacts to the difference,
 
         F_j = F_j of robot and object under w_m + H_jb H_bb^-1 (w - w_m).
 
@@ -195,6 +213,7 @@ def pushed_held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function
         Q, v, u, grasps, w, body = held.sx_in()
         now, mean = (ca.SX.sym(name, base.stop) for name in ("now", "mean"))
         F = law_with_base_force(model.spec, held)(Q, v, u, grasps, w, body, mean)
+        # what the torques of the robot alone differ by where now - mean acts on its base besides
         alone = model.law((1.0,) * base.stop)(Q, v, u, w)
         pushed = model.pushed_law(Q, v, u, w, alone[base] + now - mean)
         F[joints] += pushed[joints] - alone[joints]
@@ -204,9 +223,10 @@ def pushed_held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function
 
 
 def held_momentum(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
-    """Return Q, v, grasps, object -> its momentum, linear and angular about the inertial origin (n_twist,).
+    """Return the momentum of a held object as a CasADi function of Q, v, grasps and the object's inertial parameters.
 
-    It moves as if it were fixed to the first of the grippers.
+    The momentum is linear, then angular about the inertial origin (n_twist,) [N s, N m s]. The object is taken to move
+    as if it were fixed to the first of the grippers.
 
     Args:
         model: The robot.
@@ -219,6 +239,7 @@ def held_momentum(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
         Q = ca.SX.sym("Q", model.nq)
         v = ca.SX.sym("v", model.n)
         p = ca.SX.sym("p", (space.n_pose + 2) * len(grippers))
+        # with velocity 0 and v in place of vdot the accelerations are S v: velocities without terms of v^2
         hold = _object_motions(model, grippers[:1], Q, ca.SX.zeros(model.n), v, p[: space.n_pose + 2])
         gripper, _ = space.to_3d(ca.vertsplit(model.g(Q)[model.pose_rows[grippers[0]]]))
         centre = add(gripper, scaled(ca.vertsplit(hold.levers), -1))
@@ -230,22 +251,10 @@ def held_momentum(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
 
 
 def held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
-    """Return joints, v, u, grasps, inertial parameters, object -> derivatives of `held_force` (n, joints + 2n).
+    """Return the Jacobian of `held_force`, as a CasADi function of joints, v, u, grasps and inertial parameters.
 
-    They are those by [joints; v; u], and by what wheels store, with the base at its neutral pose, as
-    `RobotModel.law_jacobian` has those of the robot alone. The closed chain is differentiated as the system that it
-    solves, not as the solution. With F = phi(z, u') and z = [joints; v], and by z alone, lambda and u' held,
-    differentials
-
-        dphi, dP of G' lambda, dE of G u' + g,
-
-    the system u' + G' lambda = u, G u' + g = 0 gives du' = du - dP - G' dlambda and
-
-        dF = dphi + Y (du - dP) - X dE,    X = phi_u' G' (G G')^-1,    Y = phi_u' - X G,
-
-    where Y are the derivatives by u. Griewank, Walther: Evaluating Derivatives (2008), section 15.1. The forward mode
-    through the solution would carry each of the directions through both factorizations, and takes twice the
-    operations.
+    It has the derivatives by [joints; v; u] (n, joints + 2n), and then those by what wheels store, with the base at its
+    neutral pose, as `RobotModel.law_jacobian` has them of the robot alone. Optimizations that limit forces need them.
 
     Args:
         model: The robot.
@@ -270,7 +279,25 @@ def _held_force(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
 
 
 def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
-    """Derive what `held_force_jacobian` returns."""
+    """Derive what `held_force_jacobian` returns.
+
+    The closed chain is differentiated as the system of equations that it solves, not as its solution. In the symbols of
+    `held_force`, let the force be F = phi(z, u') with z = [joints; v]. With lambda and u' held, z alone causes the
+    differentials
+
+        dphi, dP of G' lambda, dE of G u' + g.
+
+    The system u' + G' lambda = u, G u' + g = 0 then gives du' = du - dP - G' dlambda and
+
+        dF = dphi + Y (du - dP) - X dE,    X = phi_u' G' (G G')^-1,    Y = phi_u' - X G,
+
+    where Y are the derivatives of F by u. Griewank, Walther: Evaluating Derivatives (2008), section 15.1. The forward
+    mode through the solution would carry each of the directions through both factorizations, and takes twice the
+    operations.
+
+    In the code names that end in `_by` are derivatives by the columns [joints; v; u]. `strain` is lambda as wrenches of
+    all grippers, `projector` is (G G')^-1 G, and `borne` are the wrenches f_i by which grippers move the object.
+    """
     space = model.space
     n = model.n
     size = space.n_twist
@@ -278,12 +305,12 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
     joints = ca.SX.sym("joints", space.joints)
     v = ca.SX.sym("v", n)
     u = ca.SX.sym("u", n)
-    p = ca.SX.sym("p", (space.n_pose + 2) * len(grippers))
+    p = ca.SX.sym("p", (space.n_pose + 2) * len(grippers))  # grasps
     w = ca.SX.sym("w", model.nominal.vector.size)
     Q = space.at_neutral_base(joints)
     acceleration = ca.SX.sym("acceleration", size)
 
-    # by z and u', at the acceleration of the object; as one Jacobian, so that its rows share what they have in common
+    # explicit derivatives by [z; u'] with the object's acceleration held; as one Jacobian, so that rows share terms
     hold = _object_motions(model, grippers, Q, v, u, p)
     wrench = _object_wrench(body, hold, acceleration)
     law = model.dynamics.inverse(Q, v, u, w)
@@ -302,9 +329,10 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
     by_motion, M, wrench, levers = explicit(joints, v, closed.attainable, closed.acceleration, p, w, numbers)
     first_rows = np.cumsum([0, *(each.numel() for each in rows)]).tolist()
     law_by, accelerations_by, wrench_by, levers_by = ca.vertsplit(ca.sparsify(by_motion), first_rows)
-    accelerations_by = ca.horzcat(accelerations_by[:, :-n], closed.S)
+    accelerations_by = ca.horzcat(accelerations_by[:, :-n], closed.S)  # S is known: its derivation is shared
 
     borne, borne_by_levers, borne_by_wrench = _shared_wrenches_with_jacobians(space, len(grippers))(levers, wrench, p)
+    # the law, and what grippers bear: by the wrench on the object, by its acceleration, by the levers
     S = closed.S
     by_wrench = S.T @ borne_by_wrench
     by_acceleration = by_wrench @ M
@@ -316,6 +344,7 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
         + (S.T @ borne_by_levers) @ levers_by
         + ca.horzcat(by_first, -X) @ accelerations_by
     )
+    # S' lambda and S' borne also change with S, where joints turn
     Y = F_by[:, -n:]
     P_by = _geometric_stiffness(space, S, closed.strain)
     F_by[:, : space.joints] += _geometric_stiffness(space, S, borne) - Y @ P_by
@@ -325,7 +354,7 @@ def _held_force_jacobian(model: RobotModel, grippers: Sequence[str]) -> ca.Funct
 
 
 def _geometric_stiffness(space: ConfigurationSpace, S: ca.SX, wrenches: ca.SX) -> ca.SX:
-    """Return the derivatives by joints (n, joints) of S'f for wrenches f that are held in the inertial frame.
+    """Return the derivatives of the generalized force S'f by the joints, with wrenches f fixed in the inertial frame.
 
     With the columns of S as linear and angular velocity (l; w), and those of a gripper in their order from the base
     outward, joint k turns the axes that come after it, and moves the point that those before it turn:
@@ -338,6 +367,9 @@ def _geometric_stiffness(space: ConfigurationSpace, S: ca.SX, wrenches: ca.SX) -
         space: That of the robot.
         S: Velocities of the object's centre by v, of one gripper below the other (A size, n).
         wrenches: One below the other (A size,).
+
+    Returns:
+        The derivatives (n, joints).
     """
     size = space.n_twist
     stiffness = ca.SX(space.n, space.joints)
@@ -349,19 +381,22 @@ def _geometric_stiffness(space: ConfigurationSpace, S: ca.SX, wrenches: ca.SX) -
             turned = add(cross(linear, force), cross(angular, moment))
             moved = cross(force, angular)
             for k, (linear_k, angular_k) in twists.items():
-                if k >= size:
+                if k >= size:  # a joint; the first columns are those of the base
                     stiffness[c, k - size] += dot(angular_k, turned) if k < c else dot(linear_k, moved)
     return ca.sparsify(stiffness)
 
 
 def _attainable_tick(model: RobotModel, grippers: Sequence[str]) -> ca.Function:
-    """Return state [Q; v], u, closed, grasps, tick -> the state after the tick, u' of `held_force` (n,).
+    """Return one tick of `HeldLoad.attainable_accelerations`, as a CasADi function.
 
-    Where the grippers are not closed u' is u. The state only says where the chain is: the turn's change of direction
-    within a tick does not count.
+    It is a function of the state [Q; v], the commanded acceleration u, whether the grippers are closed, the grasps and
+    the length of the tick. Its values are the state after the tick, and the acceleration u' of `held_force` (n,), which
+    is u while the grippers are open. The state is only needed to know where the chain is: that the axis of a rotation
+    turns within a tick does not count.
     """
 
     def derive() -> ca.Function:
+        """Derive state after a tick and attainable acceleration, of state, u, closed, grasps, tick."""
         n = model.n
         state = ca.SX.sym("state", model.nq + n)
         u = ca.SX.sym("u", n)
@@ -399,7 +434,16 @@ class _ObjectMotions:
 def _object_motions(
     model: RobotModel, grippers: Sequence[str], Q: ca.SX, v: ca.SX, vdot: ca.SX, p: ca.SX
 ) -> _ObjectMotions:
-    """Derive how grippers move the object in grasps p, of each its pose in the object's frame and both stiffnesses."""
+    """Derive how each gripper would move the object if it were fixed to it.
+
+    Args:
+        model: The robot.
+        grippers: Those that hold the object, by arm.
+        Q: Position of the robot (nq,).
+        v: Velocity (n,).
+        vdot: Rates of v (n,).
+        p: Grasps, of each gripper its pose in the object's frame and both stiffnesses.
+    """
     space = model.space
     tools = tool_motions(model.spec, Q, v, vdot)
     accelerations = list[Any]()
@@ -436,18 +480,25 @@ class _ClosedChain:
 
 
 def _closed_chain(hold: _ObjectMotions, u: ca.SX) -> _ClosedChain:
-    """Return the accelerations nearest to u, a symbol (n,), with which all grippers move the object alike.
+    """Return the accelerations nearest to commanded ones with which all grippers move the object alike.
 
-    G G' is regularized, because in space it loses rank where arms are stretched. A single gripper leaves u as it is.
+    `held_force` has the equations. G G' is regularized, because in space it loses rank where arms are stretched. With a
+    single gripper nothing can differ, and the commanded accelerations stay.
+
+    Args:
+        hold: How each gripper moves the object under the commanded accelerations.
+        u: These accelerations, a symbol (n,).
     """
     S = ca.jacobian(hold.accelerations, u)
-    size = hold.accelerations.numel() // (hold.levers.numel() // 3)
+    grippers = hold.levers.numel() // 3
+    size = hold.accelerations.numel() // grippers
+    # the differences to the first gripper, [G, G u + g], and (G G')^-1 times both: the projector and lambda
     first, *others = ca.vertsplit(ca.horzcat(S, hold.accelerations), size)
-    apart = ca.vertcat(ca.SX(0, u.numel() + 1), *(other - first for other in others))
-    G = ca.sparsify(apart[:, :-1])
-    solved = apart
+    differences = ca.vertcat(ca.SX(0, u.numel() + 1), *(other - first for other in others))
+    G = ca.sparsify(differences[:, :-1])
+    solved = differences
     if others:
-        solved = solve_spd(G @ G.T + REGULARIZATION * ca.SX.eye(apart.size1()), apart)
+        solved = solve_spd(G @ G.T + REGULARIZATION * ca.SX.eye(differences.size1()), differences)
     of_others = ca.vertsplit(solved[:, -1], size) if others else []
     strain = ca.vertcat(-sum(of_others, ca.SX.zeros(size)), *of_others)
     shift = S.T @ strain
@@ -480,10 +531,18 @@ def _chain_terms(model: RobotModel, body: FreeBody, grippers: list[str]) -> ca.F
 
 
 def _object_wrench(body: FreeBody, hold: _ObjectMotions, acceleration: ca.SX) -> ca.SX:
-    """Return the wrench (size,) that an acceleration of the object (size,) needs: M acceleration + bias.
+    """Return the wrench that an acceleration of the object needs, about its centre of mass, along inertial axes.
 
-    With attitude R and principal moments I_0 it is (m a, I alpha + omega x I omega), I = R I_0 R', of which the
-    components that count are left.
+    With the attitude R and principal moments I_0 it is (m a, I alpha + omega x I omega), I = R I_0 R'. In the plane the
+    components that do not count are left out.
+
+    Args:
+        body: The object.
+        hold: Has its attitude and angular velocity.
+        acceleration: Of its centre and of its rotation, (3,) or (6,) [m/s^2, rad/s^2].
+
+    Returns:
+        Force and moment, (3,) or (6,) [N, N m].
     """
     space = body.space
 
@@ -497,7 +556,7 @@ def _object_wrench(body: FreeBody, hold: _ObjectMotions, acceleration: ca.SX) ->
 
 
 def _shared_wrenches(space: ConfigurationSpace, levers: ca.SX, p: ca.SX, wrench: ca.SX) -> ca.SX:
-    """Share the wrench that moves an object among A grippers, so that all grasps deflect equally.
+    """Divide the wrench that moves an object among A grippers, so that all grasps deflect equally.
 
     Gripper i bears f_i = C_i (sum C)^-1 wrench, with C_i the stiffness of its grasp about the object's centre: then
     (sum C)^-1 wrench is the deflection of each. One gripper bears all of it.
@@ -532,7 +591,14 @@ def _shared_wrenches_with_jacobians(space: ConfigurationSpace, grippers: int) ->
 
 
 def _stiffness_about_centre(space: ConfigurationSpace, lever: Vector, k: ca.SX, kappa: ca.SX) -> ca.SX:
-    """Return the stiffness of a bushing at a lever from the object's centre as the wrench about it, by displacement."""
+    """Return the stiffness matrix of an elastic grasp about the object's centre: wrench by displacement of the object.
+
+    Args:
+        space: Of the object's poses.
+        lever: From the object's centre to the grasp (3,) [m].
+        k: Stiffness against translation [N/m].
+        kappa: Stiffness against rotation [N m/rad].
+    """
     displacement = ca.SX.sym("d", space.n_twist)
     moved, turned = space.twist_to_3d(ca.vertsplit(displacement))
     force = scaled(add(moved, cross(turned, lever)), k)

@@ -73,28 +73,31 @@ class LowLevelLaw:
         driven: tuple[float, ...] | None = None,
         base_force: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Compute the generalized force (n,) [N, N m] over a tick.
+        """Compute the generalized force (n,) [N, N m] that is applied over a tick, by inverse dynamics.
 
-        That of the base is along the axes of the inertial frame, in space its moment about the base's axes.
+        It is the computed torque for commanded accelerations u, paper eq. (7); or the law in task space for commanded
+        rates of the velocities of base and end-effectors, paper eqs. (5) and (6). The force on the base is along the
+        axes of the inertial frame; its moment, in space, is about the base's own axes.
 
         Args:
             Q: Position of the robot (nq,).
             v: Velocity (n,).
-            u: Commanded rates of v (n,), by eq. (7); with a known load that all hands hold, those of the closed chain.
-            twist_rates: Commanded rates of the velocities J_C v (k,), by (5) and (6), instead of u where the hands do
-                not hold a known load; None where u counts.
-            grasps: Of the object that all hands hold; None while they do not.
-            parameters: Inertial parameters that the law has for the robot's; by default its own.
-            driven: On which coordinates of the base something acts in this tick; by default its own.
-            base_force: Force that acts on the base in this tick, as that of pulses, and its mean over their period, the
-                moments in space about the base's axes (2, n_twist); by default the one that is returned. The torques of
-                joints are those under which they accelerate as commanded all the same. The rows of the base are not
-                changed by it. The mean counts for a known load alone, see `pushed_held_force`.
+            u: Commanded rates of v (n,); while all hands hold a known load, rates that the closed chain allows.
+            twist_rates: Commanded rates of the velocities J_C v (k,), which count instead of u unless the hands hold a
+                known load; by default u counts.
+            grasps: How hands hold the known object; by default they do not.
+            parameters: Inertial parameters that the law assumes for the robot; by default its own.
+            driven: 1 for each coordinate of the base on which something acts in this tick, else 0; by default its own.
+            base_force: Force that acts on the base in this tick whatever is commanded, such as that of pulses, and its
+                mean over their period (2, n_twist); moments in space are about the base's axes. By default the force
+                that is returned acts. The torques of the joints are those under which they accelerate as commanded all
+                the same, and the rows of the base stay as they are. The mean counts for a known load alone, see
+                `pushed_held_force`.
         """
         parameters = parameters or self.parameters
         if twist_rates is None:
-            now = None if base_force is None else base_force[0]
-            return self.model.computed_torque(Q, v, u, parameters, driven or self.driven, now)
+            base_force_now = None if base_force is None else base_force[0]
+            return self.model.computed_torque(Q, v, u, parameters, driven or self.driven, base_force_now)
         F = self.model.task_space_force(Q, v, twist_rates, parameters)
         if base_force is not None:
             u = self.model.task_space_acceleration(Q, v, twist_rates, parameters)
@@ -147,7 +150,11 @@ class LoadedLaw(LowLevelLaw):
         driven: tuple[float, ...] | None = None,
         base_force: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Compute the force of the closed chain while all hands hold the object."""
+        """Compute the generalized force over a tick, see `LowLevelLaw.force`.
+
+        While all hands hold the object (`grasps` is given), it is the force of the closed chain of robot and object, by
+        `HeldLoad.force`. It then accelerates by u, and `twist_rates` do not count.
+        """
         if grasps is None:
             return super().force(Q, v, u, twist_rates, grasps, parameters, driven, base_force)
         robot = parameters or self.parameters

@@ -68,6 +68,11 @@ class RobotModel:
     """
 
     def __init__(self, spec: RobotSpec) -> None:
+        """Derive the kinematics of a robot; equations of motion and what takes longer are derived on first use.
+
+        Args:
+            spec: Its description, as a robot file has it.
+        """
         self._cache: dict[Hashable, Any] = {}
         self._derived = _derived_from(spec)
         self.spec = spec
@@ -249,10 +254,12 @@ class RobotModel:
 
     @cached_property
     def f_2(self) -> ca.Function:
-        """x, u, anchor -> xdot (2n,), x = [Q; Qdot] in the chart, u = rates of J_C v (n_twists,). Below paper eq. (8).
+        """x, u, anchor -> xdot (2n,): how the state changes under inputs in task space. Below paper eq. (8).
 
-        In the plane u is the acceleration of xi. The paper's state is [xi; xidot], a double integrator under u. x are
-        other coordinates of the same state, in which limits of joints are boxes, and which other stages share.
+        u are the rates of the velocities J_C v of base and end-effectors (n_twists,), in the plane the accelerations of
+        their poses xi. x = [Q; Qdot] is the state in a chart, whose attitudes are rotation vectors about the anchor.
+        The paper's state is [xi; xidot], a double integrator under u. Here x are other coordinates of the same state:
+        in them limits of joints are boxes, and stages with inputs in joint space have the same ones.
         """
         x = ca.SX.sym("x", 2 * self.n)
         u = ca.SX.sym("u", self.n_twists)
@@ -355,15 +362,16 @@ class RobotModel:
     ) -> Array:
         """Return the generalized force, (n,) [N, N m], that gives actuated coordinates accelerations u (n,). Eq. (7).
 
-        Where the base has thrusters it is that of inverse dynamics. Without them the base gets no force, and its rows
-        of u have no effect: it reacts to the joints, or stands still.
+        If thrusters move the base, it is that of inverse dynamics. Without them the base gets no force, and its rows of
+        u have no effect: it reacts to the motion of the joints, or stands still if it is fixed.
 
         Args:
             Q: Position of the robot (nq,), or (K, nq).
             v: Velocity (n,).
             u: Accelerations (n,).
             parameters: Inertial parameters of the robot; by default its own.
-            driven: On which coordinates of the base something acts, see `driven`; by default as its description says.
+            driven: 1 for each coordinate of the base on which something acts, else 0, see `RobotModel.driven`; by
+                default as its description says.
             base_force: Force that acts on the base, whatever is commanded, its moment in space about the base's axes
                 (n_twist,) [N, N m]; see `law_with_base_force` for what is then returned. By default that of the law.
         """
@@ -384,7 +392,7 @@ class RobotModel:
             Q: Position of the robot (nq,).
             v: Velocity (n,).
             a: Wanted rates of J_C v (k,), linear and angular by frame [m/s^2, rad/s^2].
-            parameters: Inertial parameters that the law has for the robot's; by default the model's own.
+            parameters: Inertial parameters that the law assumes for the robot; by default the model's own.
 
         Returns:
             The force (n,) [N, N m], as if thrusters gave all of the base's.
@@ -436,22 +444,28 @@ class RobotModel:
         return self._evaluate("balance", Q, v, self._parameter_vector(parameters))
 
     def _evaluate(self, name: str | tuple[float, ...], *arguments: ArrayLike) -> Array:
-        """Return the result of a CasADi function at coordinates (nq,), or at each of (K, nq).
+        """Return the result of one of the model's CasADi functions at coordinates (nq,), or at each of (K, nq).
 
-        Of a law its name is what it drives.
+        Args:
+            name: Of the function; that of a low-level law is what it drives, see `driven`.
+            arguments: Its arguments in their order, Q first. Others may be a number for all of their components, one
+                vector for all rows of Q, or one for each.
+
+        Returns:
+            The result (size,), or (K, size), as one vector for each row of Q.
 
         Raises:
             InputError: Arguments are no numbers, or of the wrong size.
         """
-        rows: tuple[int, ...] = ()
+        rows: tuple[int, ...] = ()  # (K,), or () for a single Q
         function, sizes = self._batch_function(name)
-        for (of, size), argument in zip(sizes.items(), arguments, strict=True):
+        for (argument_name, size), argument in zip(sizes.items(), arguments, strict=True):
             shape = shape_of(argument)
-            if of == "Q" and shape:
+            if argument_name == "Q" and shape:
                 rows = shape[:-1]
-            scalar = shape == () and of != "Q"
-            if len(rows) > 1 or 0 in rows or not (scalar or shape in ((size,), (*rows, size))):
-                raise rejected(of, argument, f"numbers ({size},), or ({size},) at each of K rows of Q")
+            is_scalar = shape == () and argument_name != "Q"
+            if len(rows) > 1 or 0 in rows or not (is_scalar or shape in ((size,), (*rows, size))):
+                raise rejected(argument_name, argument, f"numbers ({size},), or ({size},) at each of K rows of Q")
         return function(*arguments, rows=max((1, *rows)))[0].reshape(*rows, -1)
 
     def _parameter_vector(self, parameters: InertialParameters | None) -> Array:
@@ -536,14 +550,24 @@ def shape_of(value: ArrayLike) -> tuple[int, ...] | None:
 
 
 def _frame_jacobian(spec: RobotSpec, bodies: Sequence[SpatialFrame], body: int, frame: SpatialFrame) -> ca.SX:
-    """Return the velocity of a frame's origin and its angular velocity by v, in the inertial frame (6, n)."""
+    """Return the Jacobian of a frame in space: velocity of its origin and its angular velocity by v, (6, n).
+
+    Both are along inertial axes. v is the velocity of the base (3,), its angular velocity in its own frame (3,), and
+    the rates of all joints. The joints that move the frame are those between its body and the base.
+
+    Args:
+        spec: The robot.
+        bodies: Frames of its bodies, the base first.
+        body: Number of the body that carries the frame.
+        frame: The frame.
+    """
     J = ca.SX.zeros(6, sum(spec.parts.values()))
     base = bodies[0]
     for i in range(3):
         axis = rotate(base.quaternion, [float(i == j) for j in range(3)])
         J[i, i] = 1
         J[:, 3 + i] = ca.vertcat(*cross(axis, add(frame.position, scaled(base.position, -1))), *axis)
-    while body:
+    while body:  # from the frame's body inward; body i hangs on joint i - 1, and 0 is the base
         joint = spec.joints[body - 1]
         axis = rotate(bodies[body].quaternion, joint.axis)
         arm = add(frame.position, scaled(bodies[body].position, -1))

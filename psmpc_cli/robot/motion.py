@@ -88,10 +88,11 @@ def braking(x: Array, duration: float, brakes: Array) -> tuple[Array, Array]:
 
 
 def braking_under_jerk(v: Array, duration: float, before: Array, low: Array, high: Array) -> Array:
-    """Return the acceleration (n,) that brings velocities v (n,) to rest if it is reached and left again by ramps.
+    """Return the acceleration that brings a robot to rest within a given time under limits of jerk.
 
-    From what is applied before, a, the acceleration goes to u and, after the duration T, to 0, as fast as limits of
-    jerk allow, r(u - a) and r(-u). So the velocity changes by
+    Accelerations cannot jump under such limits: this one is reached, and left again, by ramps. From what is applied
+    before, a, the acceleration goes to u and, after the duration T, to 0, as fast as limits of jerk allow, r(u - a) and
+    r(-u). So the velocity changes by
 
         u T + (a - u) |a - u| / (2 r(u - a)) + u |u| / (2 r(-u)) = -v,
 
@@ -101,16 +102,19 @@ def braking_under_jerk(v: Array, duration: float, before: Array, low: Array, hig
     Args:
         v: Velocities (n,).
         duration: T [s].
-        before: a (n,).
+        before: a, accelerations that are applied now (n,).
         low: Lower limits of jerk (n,), negative.
         high: Upper limits (n,).
+
+    Returns:
+        The accelerations u (n,).
     """
     u = -v / duration
     for _ in range(BRAKING_ITERATIONS):
-        to_u = np.where(u > before, high, -low)
-        to_rest = np.where(u < 0, high, -low)
-        change = u * duration + (before - u) * np.abs(before - u) / (2 * to_u) + u * np.abs(u) / (2 * to_rest)
-        slope = duration - np.abs(before - u) / to_u + np.abs(u) / to_rest
+        jerk_to_u = np.where(u > before, high, -low)  # r(u - a)
+        jerk_to_0 = np.where(u < 0, high, -low)  # r(-u)
+        change = u * duration + (before - u) * np.abs(before - u) / (2 * jerk_to_u) + u * np.abs(u) / (2 * jerk_to_0)
+        slope = duration - np.abs(before - u) / jerk_to_u + np.abs(u) / jerk_to_0
         u = u - (change + v) / slope
     return np.where(np.isfinite(low) & np.isfinite(high), u, -v / duration)
 
@@ -132,73 +136,86 @@ def mean_control(u: Array, times: Array, edges: Array) -> Array:
 
 
 def ramped_control(u: Array, times: Array, edges: Array, before: Array) -> Array:
-    """Return accelerations at the middles of ticks (M, n), ramped from the middle of an interval to that of the next.
+    """Turn the piecewise constant accelerations of a plan into continuous ones, for robots with limits of jerk.
 
-    The ramps begin at the tick before the first. Their slopes are the changes of acceleration that windows weigh and
-    limit; velocities differ from those of piecewise constant accelerations by h^2 / 4 times the largest slope at most.
+    They are linear from the middle of each interval of the plan to that of the next, and begin at what is applied now.
+    The slopes are the changes of acceleration that windows weigh and limit. Velocities differ from those of the plan by
+    h^2 / 4 times the largest slope at most, with the length h of an interval.
 
     Args:
         u: Accelerations (K, n) between the times.
         times: Nodes (K + 1,) [s]. Past the last there is no control.
         edges: Ends of the ticks (M + 1,) [s], ascending, all of one length.
-        before: Acceleration over the tick before (n,).
+        before: Acceleration over the tick before the first (n,).
+
+    Returns:
+        The accelerations at the middles of the ticks (M, n).
     """
     tick = edges[1] - edges[0]
     middles = (times[:-1] + times[1:]) / 2
     first = int(middles.searchsorted(edges[0]))
-    end = times[-1:] + (times[-1] - times[-2]) / 2
+    end = times[-1:] + (times[-1] - times[-2]) / 2  # past the plan accelerations have fallen to 0
     knots = np.concatenate([[edges[0] - tick / 2], middles[first:], end])
     values = np.concatenate([before[None], u[first:], np.zeros((1, u.shape[1]))])
-    at = (edges[:-1] + edges[1:]) / 2
-    return np.stack([np.interp(at, knots, of_coordinate) for of_coordinate in values.T], axis=1)
+    tick_middles = (edges[:-1] + edges[1:]) / 2
+    return np.stack([np.interp(tick_middles, knots, of_coordinate) for of_coordinate in values.T], axis=1)
 
 
 def averaged_control(u: Array, times: Array, edges: Array, before: Array, width: Array | float) -> Array:
-    """Return accelerations over ticks (M, n), each the mean over a time of some width about the tick.
+    """Smooth the piecewise constant accelerations of a plan: take the mean over a time of some width about each tick.
 
-    Velocities are then moving averages of those that the piecewise constant accelerations lead to, without jumps of
-    acceleration, and keep every convex limit that these keep. Where the first acceleration u_0 is not the one before,
-    they differ from that by (before - u_0) width / 8, since the robot cannot have begun to change earlier.
+    Robots that hold a load elastically need this: jumps of the load's force would make it swing. Velocities are then
+    moving averages of those that the piecewise constant accelerations lead to, without jumps of acceleration, and keep
+    every convex limit that these keep. Where the first acceleration u_0 is not the one before, they differ from that by
+    (before - u_0) width / 8, since the robot cannot have begun to change earlier.
 
     Args:
         u: Accelerations (K, n) between the times.
         times: Nodes (K + 1,) [s]. Past the last there is no control.
         edges: Ends of the ticks (M + 1,) [s], ascending.
         before: Acceleration before the first node (n,).
-        width: Of the time, less a tick, the same for all or of each tick (M,) [s].
+        width: By how much the time of a mean is longer than its tick [s], the same for all or for each tick (M,).
+
+    Returns:
+        The accelerations over the ticks (M, n).
     """
     begins = edges[:-1] - width / 2
     ends = edges[1:] + width / 2
-    first = min(times[0], begins.min())
+    first = min(times[0], begins.min())  # until the first node what was applied before goes on
     durations = np.concatenate([[times[0] - first], np.diff(times)])
     velocities = np.cumsum(durations[:, None] * np.vstack([before, u]), axis=0)
     knots = np.concatenate([[first], times])
+    # a mean acceleration is the difference of the velocities that are gained until both ends
     gained = np.vstack([np.zeros((1, u.shape[1])), velocities])
 
-    def velocity(at: Array) -> Array:
-        return np.stack([np.interp(at, knots, of_coordinate) for of_coordinate in gained.T], axis=1)
+    def velocity(time: Array) -> Array:
+        return np.stack([np.interp(time, knots, of_coordinate) for of_coordinate in gained.T], axis=1)
 
     return np.asarray((velocity(ends) - velocity(begins)) / (ends - begins)[:, None])
 
 
 def slew_limited(u: Array, before: Array, low: Array, high: Array) -> Array:
-    """Return accelerations over ticks (M, n) that change from tick to tick by `low` to `high` (M, n) at most.
+    """Limit by how much accelerations change from tick to tick, which is what a limit of jerk means for commands.
 
     Each comes as near to the given one as that allows; those that keep the limits are returned as they are.
 
     Args:
-        u: Accelerations over the ticks (M, n).
-        before: That over the tick before (n,).
-        low: Lower bounds of the changes, 0 at most.
-        high: Upper bounds, 0 at least.
+        u: Wanted accelerations over the ticks (M, n).
+        before: Acceleration over the tick before the first (n,).
+        low: Lower bounds of the changes (M, n), 0 at most.
+        high: Upper bounds (M, n), 0 at least.
+
+    Returns:
+        The limited accelerations (M, n).
     """
     changes = np.diff(u, axis=0, prepend=before[None])
     if ((low <= changes) & (changes <= high)).all():
         return u
     limited = np.empty_like(u)
+    last = before
     for tick in range(len(u)):
-        before = np.clip(u[tick], before + low[tick], before + high[tick])
-        limited[tick] = before
+        last = np.clip(u[tick], last + low[tick], last + high[tick])
+        limited[tick] = last
     return limited
 
 

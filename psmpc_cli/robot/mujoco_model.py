@@ -29,22 +29,26 @@ TURNED_BACK = 1e-12
 def mujoco_spec(
     spec: RobotSpec, target_object: FreeBody | None = None, inertial: InertialParameters | None = None
 ) -> "mujoco.MjSpec":
-    """Describe a robot for MuJoCo, in SI units and radians.
+    """Describe a robot for MuJoCo, in SI units and radians, without gravity, damping, contact or limits of joints.
 
-    No gravity, damping, contact or joint limits. The base of a planar robot slides along x and y and turns, by joints
-    `base.x`, `base.y` and `base.angle`; that of a spatial one has the free joint `base`; a fixed one has none. Other
-    joints and bodies are named as in `RobotSpec.bodies`; the sites `base` and `<arm>` are the frames of poses. `qpos`
-    and `qvel` are Q and v, but where an arm is mounted on another one MuJoCo orders the joints by depth. MuJoCo needs
-    three moments of inertia: of a planar body all are the planar one, and the two about axes in the plane have no
-    effect. A reaction wheel on the base is a body on a hinge, `wheel.1` and so on, at the base's centre of mass, with
-    `WHEEL_MASS`; MuJoCo's compiler takes no body that is inert about one axis alone, see `set_wheel_inertias`. A
-    `target_object` is a further free body, its joints after the robot's. What the grippers hold is a body of
-    its own in each of them.
+    - Base: in the plane it has joints `base.x`, `base.y` and `base.angle`, in space the free joint `base`; a fixed base
+      has none.
+    - Bodies and other joints are named as in `RobotSpec.bodies`. The sites `base` and `<arm>` are the frames of poses.
+    - State: `qpos` and `qvel` are Q and v, except that MuJoCo orders joints by depth if an arm is mounted on another.
+    - Inertia: MuJoCo needs three moments. A planar body has its one moment about all axes; those about axes in the
+      plane have no effect.
+    - A reaction wheel is a body on a hinge at the base's centre of mass, `wheel.1` and so on, with `WHEEL_MASS`. Its
+      inertia is the same about all axes here, because MuJoCo's compiler takes no body that is inert about one axis
+      alone; `set_wheel_inertias` corrects the compiled model.
+    - What a gripper holds is a body of its own in it.
 
     Args:
         spec: The robot.
-        target_object: The further body.
+        target_object: A further free body, with joints after the robot's; by default there is none.
         inertial: Inertial parameters, and what the grippers hold; by default those of the description.
+
+    Returns:
+        The model, to be compiled by MuJoCo.
     """
     import mujoco
 
@@ -63,8 +67,13 @@ def mujoco_spec(
         _add_free_joints(added[0], "base", spec.dimension)
     added[0].add_site(name="base")
     for name, wheel in zip(wheel_names(spec), spec.wheels, strict=True):
-        about = {"inertia": [wheel.inertia] * 3, "mass": WHEEL_MASS, "ipos": [0, 0, 0], "explicitinertial": True}
-        wheel_body = added[0].add_body(name=name, pos=spec.bodies[0].centre, **about)
+        inertia_fields = {
+            "inertia": [wheel.inertia] * 3,
+            "mass": WHEEL_MASS,
+            "ipos": [0, 0, 0],
+            "explicitinertial": True,
+        }
+        wheel_body = added[0].add_body(name=name, pos=spec.bodies[0].centre, **inertia_fields)
         axis = wheel.direction if len(wheel.direction) == 3 else (0.0, 0.0, 1.0)
         wheel_body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
     for number, (link, joint) in enumerate(zip(links, spec.joints, strict=True), start=1):

@@ -58,15 +58,20 @@ class Reach:
 
 
 def furthest_centre(robot: RobotSpec, limits: Limits) -> float:
-    """Return a bound of the distance [m] between the origin of the base and the common centre of mass.
+    """Return an upper bound of the distance [m] between the base's origin and the robot's common centre of mass.
 
-    With the mass M of all, and mu_j that of all which joint j carries, body i adds a vector fixed in it,
+    The centre of mass of a floating robot at rest stays where it is, so this says how far its base can move. With the
+    mass M of the robot, and mu_j that of all bodies which joint j carries, body i adds a vector that is fixed in it,
 
         s_i = (m_i c_i + sum over the joints j on body i of mu_j p_j) / M,
 
-    so that the distance is at most sum_i |s_i|, and mu_j / M times how far joint j slides. It is the length of the
-    virtual manipulator: Vafa, Dubowsky: The kinematics and dynamics of space manipulators: the virtual manipulator
-    approach (1990).
+    with the mass m_i and centre c_i of the body, and the place p_j of the joint. So the distance is at most the sum of
+    all |s_i|, plus mu_j / M times how far each joint j slides. It is the length of the virtual manipulator: Vafa,
+    Dubowsky: The kinematics and dynamics of space manipulators: the virtual manipulator approach (1990).
+
+    Args:
+        robot: The robot.
+        limits: Of its coordinates; a sliding joint moves within its limits.
     """
     bodies = robot.bodies
     masses = np.array([body.mass for body in bodies])
@@ -76,7 +81,7 @@ def furthest_centre(robot: RobotSpec, limits: Limits) -> float:
     first = len(limits.position_low) - len(robot.joints)
     for number in range(len(robot.joints), 0, -1):  # from the tips inward
         joint = robot.joints[number - 1]
-        carried[joint.at.body] += carried[number]
+        carried[joint.at.body] += carried[number]  # by now the mass of this body and of all that it carries
         vectors[joint.at.body] += carried[number] * np.array(joint.at.position)
         if joint.prismatic:
             row = first + number - 1
@@ -92,7 +97,10 @@ def reach_of(
     limits: tuple[Array, Array] | None = None,
     near: ArrayLike | None = None,
 ) -> Reach:
-    """Compute whether `arm` reaches `pose` with the base at `base_pose`.
+    """Compute whether an arm reaches a pose with the base at a given pose, and how far both are apart.
+
+    Distances alone rule out poses whose last joint would lie outside the annulus that the other links can reach. For
+    others joint coordinates within the limits are searched for.
 
     Args:
         model: The robot, which keeps what is derived for the search.
@@ -100,8 +108,11 @@ def reach_of(
         base_pose: (x, y, angle), (3,) [m, m, rad]; in space position and quaternion, (7,).
         pose: Of the end-effector, likewise.
         limits: Lowest and highest joint coordinates of the arm (links,); by default the robot's.
-        near: Joint coordinates from which the search starts (links,) [rad, m], so that it finds the branch to which a
-            motion from there leads; by default 0.
+        near: Joint coordinates from which the search starts (links,) [rad, m]. Of several solutions of the inverse
+            kinematics it then finds the one to which a motion from there leads. By default 0.
+
+    Returns:
+        Distances, whether the pose is reached, and joint coordinates with which it is.
 
     Raises:
         InputError: The robot has no such arm, or a pose has not as many numbers.
@@ -116,12 +127,14 @@ def reach_of(
     lengths = np.linalg.norm(robot.link_ends(arm), axis=1)
     slides = float(np.maximum(np.abs(low), np.abs(high))[sliding].sum())
     outer = float(lengths[:-1].sum()) + slides
-    inner = max(0.0, 2 * float(lengths[:-1].max(initial=0.0)) - outer)  # of links that are freely jointed
+    # links that turn freely cannot fold back closer than the longest one less all others
+    inner = max(0.0, 2 * float(lengths[:-1].max(initial=0.0)) - outer)
     at_rest, _ = place(robot, base, np.zeros(len(robot.bodies) - 1))
     first = at_rest[rows.start + 1]
     tool = robot.tools[arm]
-    turned = product(target.quaternion, conjugate(exp(tool.rotation)))
-    wrist = np.array(target.position) - rotate(turned, tool.position)
+    # the full pose of the end-effector says where the last joint is
+    last_attitude = product(target.quaternion, conjugate(exp(tool.rotation)))
+    wrist = np.array(target.position) - rotate(last_attitude, tool.position)
     wrist_distance = float(np.linalg.norm(wrist - first.position))
     within = inner - TOLERANCE <= wrist_distance <= outer + TOLERANCE
     start = np.zeros(len(low)) if near is None else np.asarray(near, dtype=float)
@@ -150,21 +163,35 @@ def _joint_rows_and_sliding(robot: RobotSpec, arm: str) -> tuple[slice, Array]:
 def _find_configuration(
     model: RobotModel, arm: str, base: SpatialFrame, target: SpatialFrame, low: Array, high: Array, near: Array
 ) -> tuple[Array | None, tuple[float, float]]:
-    """Search for joint coordinates (links,) within the limits that take a pose, near some first; None if not found.
+    """Search for joint coordinates of an arm within its limits with which the end-effector is at a pose.
 
-    Bounded least squares on the error of the pose, from several starts. Paper eq. (1). Joints of other arms are at 0.
-    Besides them returns by how much the nearest pose that was found misses the wanted one, [m] and [rad].
+    Inverse kinematics by bounded least squares on the error of the pose, paper eq. (1), from several starts: the first
+    is the given configuration, others are random ones. Joints of other arms are at 0.
+
+    Args:
+        model: The robot.
+        arm: Name of the arm.
+        base: Pose of the base.
+        target: Wanted pose of the end-effector.
+        low: Lowest joint coordinates of the arm (links,).
+        high: Highest ones (links,).
+        near: Where the search starts (links,). If it is not 0, the arm is first led from there to the pose in small
+            steps. Angles are returned as the equivalents nearest to it.
+
+    Returns:
+        The joint coordinates (links,), None if none were found; and by how much the nearest pose that was found misses
+        the wanted one, [m] and [rad].
     """
     frames = np.r_[tuple(base.position), tuple(base.quaternion), tuple(target.position), tuple(target.quaternion)]
-    miss, derivative = model.derived(("reach", arm), lambda: _pose_error_functions(model.spec, arm))
+    pose_error, derivative = model.derived(("reach", arm), lambda: _pose_error_functions(model.spec, arm))
     _, sliding = _joint_rows_and_sliding(model.spec, arm)
 
     def error(q: Array) -> Array:
-        return miss(q, frames)[0].ravel()
+        return pose_error(q, frames)[0].ravel()
 
     bounds = low, np.maximum(high, low + 1e-9)  # least_squares needs room between them
-    best = np.inf
-    missing = (np.inf, np.inf)
+    least_norm = np.inf
+    least_miss = (np.inf, np.inf)  # in position, in attitude
     start_near = np.clip(near, low, high)
     if near.any():
         start_near = _follow_to_pose(error, derivative, frames, bounds, start_near)
@@ -173,13 +200,13 @@ def _find_configuration(
             error, start, lambda q: derivative(q, frames)[0].T, bounds, xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=100
         )
         angles = np.where(sliding, np.clip(solution.x, low, high), _nearest_turns(solution.x, low, high, near))
-        off = error(angles)
-        if np.linalg.norm(off) < best:
-            best = float(np.linalg.norm(off))
-            missing = (float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:])))
-        if np.abs(off).max() <= TOLERANCE:
-            return angles, missing
-    return None, missing
+        miss = error(angles)
+        if np.linalg.norm(miss) < least_norm:
+            least_norm = float(np.linalg.norm(miss))
+            least_miss = (float(np.linalg.norm(miss[:3])), float(np.linalg.norm(miss[3:])))
+        if np.abs(miss).max() <= TOLERANCE:
+            return angles, least_miss
+    return None, least_miss
 
 
 def _follow_to_pose(
@@ -189,32 +216,42 @@ def _follow_to_pose(
     bounds: tuple[Array, Array],
     near: Array,
 ) -> Array:
-    """Return the joint coordinates (links,) to which an arm comes whose error falls evenly to 0, or how far it comes.
+    """Lead an arm from a configuration towards a pose in small steps, and return the configuration where it ends.
 
-    Large steps of inverse kinematics may end on another branch than the one that leads on.
+    Inverse kinematics has several solutions. A single large step may end at another one than a motion from the
+    configuration leads to. So the error of the pose is reduced evenly to 0 in `PIECES` steps, each of which is solved
+    from the result of the one before.
 
     Args:
-        error: Joint coordinates (links,) -> by how much the pose is missed (6,).
+        error: Joint coordinates (links,) -> by how much the pose is missed (6,) [m, rad].
         derivative: Joint coordinates, frames -> its derivative.
-        frames: Poses of the base and of the target, (14,).
+        frames: Poses of the base and of the target, positions and quaternions (14,).
         bounds: Lowest and highest joint coordinates.
         near: Where the arm begins (links,).
+
+    Returns:
+        The joint coordinates (links,). They miss the pose if it, or the way to it, is out of reach.
     """
-    at_first = error(near)
+    initial_error = error(near)
     q = near
     for share in np.linspace(1.0, 0.0, PIECES + 1)[1:]:
-        left = share * at_first
+        remaining = share * initial_error
         q = least_squares(
-            lambda q, left=left: error(q) - left, q, lambda q: derivative(q, frames)[0].T, bounds, max_nfev=20
+            lambda q, remaining=remaining: error(q) - remaining,
+            q,
+            lambda q: derivative(q, frames)[0].T,
+            bounds,
+            max_nfev=20,
         ).x
     return q
 
 
 def _pose_error_functions(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, ArrayFunction]:
-    """Return by how much the end-effector of an arm misses a pose (6,), and the derivative by the arm's joints.
+    """Return the error of an end-effector's pose, and its derivative by the arm's joints, as functions on arrays.
 
-    Both are functions of the joint coordinates (links,) and of [position and quaternion of the base, of the pose]
-    (14,). Joints of other arms are at 0.
+    The error is the difference in position, then the rotation vector of the shorter turn (6,) [m, rad]; the derivative
+    is (6, links). Arguments of both are the joint coordinates of the arm (links,), and position and quaternion of the
+    base, then those of the wanted pose (14,). Joints of other arms are at 0.
     """
     rows, sliding = _joint_rows_and_sliding(robot, arm)
     q = ca.SX.sym("q", len(sliding))
@@ -222,7 +259,8 @@ def _pose_error_functions(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, Ar
     base_position, base_quaternion, position, quaternion = map(ca.vertsplit, ca.vertsplit(frames, [0, 3, 7, 10, 14]))
     joints = ca.SX.zeros(len(robot.bodies) - 1)
     joints[rows.start : rows.stop] = q
-    tip = place(robot, SpatialFrame(base_position, base_quaternion), joints)[1][arm]
+    _, tools = place(robot, SpatialFrame(base_position, base_quaternion), joints)
+    tip = tools[arm]
     turned = shorter(product(conjugate(quaternion), tip.quaternion))
     missed = ca.densify(ca.vertcat(*add(tip.position, scaled(position, -1)), *log(turned)))
     derivative = ca.densify(ca.jacobian(missed, q))
@@ -231,7 +269,7 @@ def _pose_error_functions(robot: RobotSpec, arm: str) -> tuple[ArrayFunction, Ar
 
 
 def _search_starts(low: Array, high: Array, near: Array) -> Iterator[Array]:
-    """Yield the joint coordinates nearest to some, then random ones within one turn of each joint."""
+    """Yield where a search starts: joint coordinates nearest to given ones, then random ones within a turn of each."""
     yield np.clip(near, low, high)
     random = np.random.default_rng(SEED)
     first = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - 2 * np.pi, -np.pi))
@@ -240,7 +278,7 @@ def _search_starts(low: Array, high: Array, near: Array) -> Iterator[Array]:
 
 
 def _nearest_turns(q: Array, low: Array, high: Array, near: Array) -> Array:
-    """Return the equivalent of each angle (links,) that is nearest to another one within its limits."""
+    """Return each angle (links,), changed by whole turns to be as near as its limits allow to another one, `near`."""
     q = np.clip(q, low, high)
     turned = q - 2 * np.pi * np.round((q - near) / (2 * np.pi))
     return np.where((turned >= low) & (turned <= high), turned, q)

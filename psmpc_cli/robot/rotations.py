@@ -129,11 +129,12 @@ def exp(phi: Vector) -> list[Any]:
 
 
 def log(q: Vector) -> list[Any]:
-    """Compute the rotation vector (3,) [rad] of a quaternion of any norm but 0: 2 atan2(|v|, w) v / |v|.
+    """Compute the rotation vector (3,) [rad] of a quaternion q = (w, v) of any norm but 0: 2 atan2(|v|, w) v / |v|.
 
-    It is shorter than 2 pi. q is not replaced by -q where w < 0: the caller chooses the sign, by `shorter` or as the
-    one nearer to a neighbour, so that an error that passes pi within a horizon stays smooth. It is smooth everywhere
-    except at v = 0, w < 0: a whole turn has no axis.
+    Its length is less than 2 pi. q and -q are the same rotation, but have different rotation vectors; the caller
+    chooses the sign, by `shorter` or as the one nearer to a neighbour, so that an error that passes pi within a horizon
+    stays smooth. The function is smooth everywhere except at v = 0, w < 0: a whole turn has no axis. It takes numbers,
+    arrays and CasADi expressions.
     """
     w = q[0]
     v = q[1:]
@@ -141,7 +142,7 @@ def log(q: Vector) -> list[Any]:
     if _library(s2) is ca:
         # the branch that is not taken gets harmless numbers, or its derivative would be 0 times infinity
         near = ca.logic_and(s2 < 1e-4 * w * w, w > 0)
-        # atan(|v| / w) / |v| as a series in z = |v|^2 / w^2: its derivatives are exact where |v| is 0
+        # near |v| = 0, atan(|v| / w) / |v| as a series in z = |v|^2 / w^2: its derivatives are exact where |v| is 0
         z = ca.if_else(near, s2 / ca.if_else(near, w * w, 1.0), 0.0)
         small = (1 - z * (1 / 3 - z * (1 / 5 - z * (1 / 7 - z / 9)))) / ca.if_else(near, w, 1.0)
         s = ca.sqrt(ca.if_else(near, 1.0, s2))

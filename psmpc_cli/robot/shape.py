@@ -15,6 +15,13 @@ FINGER = 0.09
 """Radius of a capsule, and length of a gripper's finger, in lengths of the longest arm."""
 
 
+MASSLESS_BOX = 0.1
+"""Half an edge of the cube that a spatial base without a mass is drawn as, in lengths of the longest arm."""
+
+SHORTEST = 1e-9
+"""Lengths up to this are 0 [m]."""
+
+
 class RobotShape:
     """The shape of a robot by its description; every part is fixed to a body's frame, see `RobotModel.body_frames`.
 
@@ -32,29 +39,37 @@ class RobotShape:
     """
 
     def __init__(self, spec: RobotSpec) -> None:
+        """Find box, capsules and grippers from the places of joints and end-effectors.
+
+        Args:
+            spec: The robot.
+        """
         arms = (float(np.linalg.norm(spec.link_ends(arm), axis=1).sum()) for arm in spec.arms)
         longest = max(arms, default=0.0)
         self.box, self.box_frame = (
-            _planar_box(spec, longest) if spec.dimension == 2 else _solid_box(spec.bodies[0], 0.1 * longest)
+            _planar_box(spec, longest)
+            if spec.dimension == 2
+            else _solid_box(spec.bodies[0], half=MASSLESS_BOX * longest)
         )
         self.reach = max(longest, float(np.linalg.norm(self.box)))
         self.radius = THICKNESS * self.reach
+        # of each body, from where to where its capsules go
         ends: list[list[Sequence[Sequence[float]]]] = [[] for _ in spec.bodies]
         for number, joint in enumerate(spec.joints, start=1):
             at = joint.at
             inside = self.box_frame[:3, :3].T @ (np.array(at.position) - self.box_frame[:3, 3])
-            if at.body or (np.abs(inside) > self.box + 1e-9).any():
+            if at.body or (np.abs(inside) > self.box + SHORTEST).any():  # not inside the base's box
                 ends[at.body].append(((0, 0, 0), at.position))
             if joint.prismatic:
                 along = np.multiply.outer(_travel_limits(spec, number), _rotation_matrix(at) @ joint.axis)
                 ends[at.body].append((along + at.position).tolist())
         for tool in spec.tools.values():
             ends[tool.body].append(((0, 0, 0), tool.position))
-        seen = (
-            [segment for segment in of_body if np.linalg.norm(np.subtract(segment[1], segment[0])) > 1e-9]
+        visible = (
+            [segment for segment in of_body if np.linalg.norm(np.subtract(segment[1], segment[0])) > SHORTEST]
             for of_body in ends
         )
-        self.capsules: tuple[Array, ...] = tuple(np.reshape(of_body, (-1, 2, 3)) for of_body in seen)
+        self.capsules: tuple[Array, ...] = tuple(np.reshape(of_body, (-1, 2, 3)) for of_body in visible)
         finger = FINGER * self.reach
         tools = spec.tools.items()
         self.grippers = {arm: _gripper_outline(spec.joints[tool.body - 1], tool, finger) for arm, tool in tools}
@@ -75,7 +90,7 @@ def _solid_box(base: Body, half: float) -> tuple[Array, Array]:
 
     Args:
         base: The body.
-        half: Half edges of the cube that a body without a mass has instead [m].
+        half: Half edges of the cube that a body without a mass is drawn as instead [m].
 
     Returns:
         Half edges (3,) [m], and the frame of the box in that of the body (4, 4).
@@ -89,7 +104,7 @@ def _solid_box(base: Body, half: float) -> tuple[Array, Array]:
         axes = np.eye(3)
     squared_half_edges = 1.5 / base.mass * (moments.sum() - 2 * moments)
     frame = np.eye(4)
-    frame[:3, :3] = axes * np.linalg.det(axes)  # right-handed
+    frame[:3, :3] = axes * np.linalg.det(axes)  # eigenvectors may be left-handed, of determinant -1
     frame[:3, 3] = base.centre
     # a thin body would have no width to be seen
     return np.sqrt(np.maximum(squared_half_edges, 1e-3 * squared_half_edges.max())), frame

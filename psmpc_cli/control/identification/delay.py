@@ -255,9 +255,8 @@ class DelayEstimator:
         if log_likelihoods is not None:
             total = evidence + log_likelihoods
             estimate = self._with_most_likely_delay(estimate, total)
-            evidence = np.maximum(
-                total - total.max(), -DEPTH
-            )  # no delay is ruled out for ever: the true one may change
+            # no delay is ruled out for ever, because the true one may change
+            evidence = np.maximum(total - total.max(), -DEPTH)
         if is_complete:
             estimate = replace(estimate, evidence=evidence, times=times[-1:], velocities=velocities[-1:])
         return estimate

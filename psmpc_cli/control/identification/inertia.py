@@ -254,6 +254,7 @@ class InertiaEstimator:
                 square = float(surplus @ np.linalg.solve(rows @ P @ rows.T + noise, surplus)) / len(surplus)
                 noise *= max(1.0, square / GATE**2)  # `square` is the mean square of the deviations, in sigma^2
             gain = np.linalg.solve(rows @ P @ rows.T + noise, rows @ P).T
+            # iterate i + 1 is x_0 + K (surplus - dvdot/dx (x_0 - x_i)), with the estimate x_0 before the measurement
             before = shares
             shares = estimate.shares + gain @ (surplus - rows @ (estimate.shares - shares))
             shares = np.maximum(shares, self._least)
@@ -285,6 +286,7 @@ def _force_by_parameters(model: RobotModel) -> ca.Function:
     """
 
     def derive() -> ca.Function:
+        """Derive dF / d(masses, inertias, held masses and inertias) as a function of Q, v, vdot."""
         Q = ca.SX.sym("Q", model.nq)
         v = ca.SX.sym("v", model.n)
         vdot = ca.SX.sym("vdot", model.n)

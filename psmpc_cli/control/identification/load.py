@@ -201,6 +201,7 @@ class LoadEstimator:
             rows = slice(bodies * (1 + moment), bodies * (2 + moment))
             by_factor[rows, bodies:] = np.diag(parameters[rows])
         self._parameters_by_factor = by_factor
+        # where theta and c are among the unknowns
         self._of_load = slice(2 * bodies, 2 * bodies + len(prior.mean))
         self._of_offset = slice(self._of_load.stop, self._of_load.stop + model.space.n_twist)
 

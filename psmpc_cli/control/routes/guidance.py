@@ -154,8 +154,9 @@ class RouteGuide(Guide):
             anchor=chart.anchor,
             object_state=self._object_state_during(stage, start),
         )
-        margin = clearance.margin + spec.routes.spare
+        margin = clearance.margin + spec.routes.spare  # more than the stage keeps, so that it can follow the route
         motions = self._straight_motions(stage, chart, sample, margin)
+        # coordinates that do not move keep their values
         ends[1] = np.where(np.isin(np.arange(n), free), ends[1], ends[0])
         if motions is None or motions.is_clear(ends[0], ends[1]):
             return

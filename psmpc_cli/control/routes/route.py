@@ -361,6 +361,7 @@ def _shortest_path(points: np.ndarray, motions: StraightMotions) -> np.ndarray:
     lengths = np.zeros(len(points))
     previous = np.zeros(len(points), dtype=int)
     for k in range(1, len(points)):
+        # lengths of the paths to point k whose last motion begins at an earlier point, the shortest tested first
         through = lengths[:k] + np.linalg.norm((points[:k] - points[k]) * motions.scale, axis=1)
         candidates = np.argsort(through, kind="stable")
         previous[k] = next(j for j in candidates if j == k - 1 or motions.is_clear(points[j], points[k]))

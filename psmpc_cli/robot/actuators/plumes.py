@@ -53,24 +53,31 @@ class Plumes:
         )
 
     def reach(self, base: SpatialFrame, shape: Shape, at: SpatialFrame) -> NDArray[np.bool_]:
-        """Tell which plumes reach a shape, at N places of base and shape at once, (N, T).
+        """Tell which plumes reach a shape, for N placements of base and shape at once.
+
+        A thruster whose plume reaches a body that it must not blow at is kept shut.
 
         Args:
-            base: The base's frame, of components (N,) each.
+            base: The base's frame; each component of its position and its quaternion is an array (N,).
             shape: A capsule or a half-space.
-            at: Its frame, likewise.
+            at: The frame of the shape, likewise.
+
+        Returns:
+            Whether the plume of each of the T thrusters reaches it, (N, T).
         """
-        back = conjugate(base.quaternion)
-        place = _stacked(rotate(back, add(at.position, scaled(base.position, -1))))
+        to_base_axes = conjugate(base.quaternion)
+        place = _stacked(rotate(to_base_axes, add(at.position, scaled(base.position, -1))))
         if shape.kind == "half_space":
-            return self._reach_half_spaces(_stacked(rotate(back, rotate(at.quaternion, shape.size))), place)
+            normal = _stacked(rotate(to_base_axes, rotate(at.quaternion, shape.size)))  # its size is its normal
+            return self._reach_half_spaces(normal, place)
         radius, length = shape.size
-        along = _stacked(rotate(back, rotate(at.quaternion, (length, 0.0, 0.0))))
+        along = _stacked(rotate(to_base_axes, rotate(at.quaternion, (length, 0.0, 0.0))))
+        # distances are only computed where the capsule is within the sphere that all plumes lie in
         is_near = np.linalg.norm(place, axis=1) <= self._reach_of_all + length / 2 + radius
         reached = np.zeros((len(place), len(self.axes)), bool)
         if is_near.any():
             start = (place - along / 2)[is_near]
-            with np.errstate(invalid="ignore"):
+            with np.errstate(invalid="ignore"):  # a thruster without a plume has the length NaN, and reaches nothing
                 reached[is_near] = self._distances_to_segments(start, along[is_near]) <= radius
         return reached
 
@@ -91,9 +98,18 @@ class Plumes:
             return np.asarray(height <= deepest)
 
     def _distances_to_segments(self, start: Vector, along: Vector) -> Vector:
-        """Compute the distances of segments (N, 3) from their starts on to each plume (N, T) [m].
+        """Compute the distances between N segments and the T plumes, by a golden section search along each segment.
 
-        Along a segment the way ahead of a nozzle is linear, and the squared distance from it quadratic.
+        The distance to a plume, a convex set, is convex along a segment: so the search finds the least one. It follows
+        from two numbers of a point: how far it is ahead of the nozzle along the plume's axis, which is linear along the
+        segment, and the square of its distance from the nozzle, which is quadratic.
+
+        Args:
+            start: Where the segments begin, in the frame of the base (N, 3) [m].
+            along: From there to their ends (N, 3) [m].
+
+        Returns:
+            The distances (N, T) [m]; 0 where a segment meets a plume.
         """
         from_nozzle = start[:, None] - self.nozzles
         ahead = np.einsum("ntk,tk->nt", from_nozzle, self.axes)
@@ -102,23 +118,23 @@ class Plumes:
         slope = 2 * np.einsum("ntk,nk->nt", from_nozzle, along)
         curvature = np.einsum("nk,nk->n", along, along)[:, None]
 
-        def at(share: Vector) -> Vector:
+        def distance_at(share: Vector) -> Vector:
             return self._distances_to_points(ahead + share * rate, squared + share * (slope + share * curvature))
 
         low = np.zeros_like(ahead)
         if not along.any():
-            return at(low)
+            return distance_at(low)  # the segments are points
         high = np.ones_like(low)
         inner = 1 - GOLDEN + low
         outer = GOLDEN + low
-        at_inner = at(inner)
-        at_outer = at(outer)
+        at_inner = distance_at(inner)
+        at_outer = distance_at(outer)
         for _ in range(STEPS):
             is_lower = at_inner <= at_outer  # the least is before `outer`
             low = np.where(is_lower, low, inner)
             high = np.where(is_lower, outer, high)
             new = np.where(is_lower, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
-            at_new = at(new)
+            at_new = distance_at(new)
             kept = np.where(is_lower, inner, outer)
             at_kept = np.where(is_lower, at_inner, at_outer)
             inner = np.where(is_lower, new, kept)

@@ -34,6 +34,9 @@ MOST_FACETS = 200
 MOST_SETS = 200_000
 """Sets of directions that are looked at in search of facets."""
 
+ROUNDING = 1e-9
+"""By how much a number of ticks may be off a whole one and still count as it."""
+
 NOTHING = 1e-9
 """Error below which a wrench is attained, as a part of the largest thrust."""
 
@@ -118,10 +121,12 @@ class Thrusters:
         return float(np.minimum(parts, 0).sum()), float(np.maximum(parts, 0).sum())
 
     def bounds(self, normals: Vector, is_shut: NDArray[np.bool_]) -> tuple[Vector, Vector]:
-        """Return the bounds of n . w over what thrusters give of which some are shut.
+        """Return the bounds of n . w over all wrenches w that thrusters give while some of them are shut.
 
-        With the normals of `half_spaces` these bound exactly what the others give. For a thruster with a small largest
-        thrust instead of none the facets are spanned by the same directions, and both sets shrink to those without it.
+        With the normals of `half_spaces` these bounds describe exactly what the open thrusters give. To see why, let
+        the shut thrusters have a small largest thrust instead of none. The facets are then spanned by the same
+        directions as with all thrusters open; and as that thrust goes to 0, both the set of wrenches and the set within
+        the bounds shrink to those without these thrusters.
 
         Args:
             normals: The normals n (K, d), of any length.
@@ -130,6 +135,7 @@ class Thrusters:
         Returns:
             The least and the largest values, (N, K) each.
         """
+        # what n . w gets from each thruster at its largest thrust (K, T)
         parts = self.force * (normals @ self.wrenches)
         is_open = (~is_shut).astype(float)
         return is_open @ np.minimum(parts, 0).T, is_open @ np.maximum(parts, 0).T
@@ -142,13 +148,17 @@ class Thrusters:
 
     @cached_property
     def half_spaces(self) -> HalfSpaces:
-        """The half-spaces whose intersection is the set of all attainable wrenches.
+        """The half-spaces whose intersection is the set of all wrenches that the thrusters can give together.
+
+        They limit the force on the base in optimizations. Normals are found with torques divided by `arm`, so that all
+        components are forces; the result has wrenches in N and N m.
 
         Raises:
             InputError: There are too many.
         """
         d = len(self.wrenches)
         directions = _distinct((self._scale[:, None] * self.wrenches).T)
+        # d - 1 directions span a facet; `count` is an upper bound of the pairs of facets until they are computed
         count = comb(len(directions), d - 1)
         if count <= MOST_SETS:
             normals = _normals_of_facets(directions) * self._scale
@@ -163,11 +173,15 @@ class Thrusters:
         return HalfSpaces(normals, np.array(low), np.array(high))
 
     def allocate(self, wrench: Vector, is_shut: NDArray[np.bool_] | None = None) -> Allocation:
-        """Return the thrusts that give a wrench (d,) [N, N m] with the least propellant, those that are shut (T,) none.
+        """Return the thrusts that give a wrench with the least propellant.
 
-        Least is the sum of thrusts over specific impulses, or of thrusts where one specific impulse is not known. For a
-        wrench that cannot be given they give the nearest one: least is the norm of the error, of which torques are
-        divided by `arm`.
+        Propellant is the sum of thrusts over specific impulses; if a specific impulse is not known, the sum of thrusts
+        takes its place. If the wrench cannot be given, the thrusts give the nearest one that can be. Nearest is in the
+        norm in which torques are divided by `arm`.
+
+        Args:
+            wrench: Wanted force and torque on the base (d,) [N, N m], d = 3 in the plane, 6 in space.
+            is_shut: Which thrusters must not fire (T,); by default all may.
         """
         from scipy.optimize import linprog, lsq_linear
 
@@ -176,14 +190,15 @@ class Thrusters:
         thrusts = np.zeros(self.count)
         if not (wrench.any() and len(force)):
             return Allocation(thrusts, wrench.copy())
-        known = np.isfinite(self.specific_impulse).all()
-        cost = 1 / (self.specific_impulse[used] if known else np.ones(len(force)))
+        is_known = np.isfinite(self.specific_impulse).all()
+        cost = 1 / (self.specific_impulse[used] if is_known else np.ones(len(force)))
         A = self._scale[:, None] * self.wrenches[:, used]
         bounds = np.column_stack([np.zeros(len(force)), force])
         options = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
         b = self._scale * wrench
         solved = linprog(cost / cost.max(), A_eq=A, b_eq=b, bounds=bounds, method="highs-ds", options=options)
         if solved.status != 0:
+            # the nearest wrench that can be given, then again the least propellant for it
             nearest = lsq_linear(A, b, (np.zeros(len(force)), force), method="bvls", tol=1e-12).x
             b = A @ nearest
             solved = linprog(cost / cost.max(), A_eq=A, b_eq=b, bounds=bounds, method="highs-ds", options=options)
@@ -193,13 +208,15 @@ class Thrusters:
         return Allocation(thrusts, np.zeros_like(wrench) if is_given else residual)
 
     def pulses(self, thrusts: Vector, ticks: int, tick: float) -> Vector:
-        """Return pulses that give the impulses of constant thrusts over a period, as far as they can.
+        """Return pulses that give, as far as they can, the same impulses as constant thrusts over a period.
 
-        A thruster fires at most once in the period, about its middle, so that what it pushes has moved as far at its
-        end as under the constant thrust. One that can be throttled so far gives the constant thrust. Below its smallest
-        force, and on or off, it fires for a shorter time: of whole ticks, and not shorter than its shortest pulse. It
-        does not fire where half of that would be too much: so the error is at most half of the shortest pulse, while a
-        thruster that waited for the whole of it would always be late.
+        A thruster fires at most once in the period, about the middle of it, so that at the end of the period the robot
+        has moved as far as under the constant thrust. A thruster that can be throttled down to the constant thrust
+        gives that. One that cannot, because the thrust is below its smallest force or because it is on or off, fires
+        for a part of the period: for whole ticks, and for its shortest pulse at least.
+
+        If the wanted pulse is shorter than half of its shortest one, a thruster does not fire. So the error is at most
+        half of the shortest pulse, while a thruster that waited for the whole of it would always be late.
 
         Args:
             thrusts: The constant thrusts (T,), at most `force` [N].
@@ -210,14 +227,14 @@ class Thrusters:
             Thrust over each tick (ticks, T) [N].
         """
         throttles = self.smallest_force < self.force
-        width = thrusts / self.smallest_force * ticks
-        shortest = np.maximum(np.ceil(self.shortest_pulse / tick - 1e-9), 1.0)
+        width = thrusts / self.smallest_force * ticks  # of the wanted pulse [ticks]
+        shortest = np.maximum(np.ceil(self.shortest_pulse / tick - ROUNDING), 1.0)  # pulse [ticks]
         # one that throttles makes up for a pulse of whole ticks by its force
-        whole = np.where(throttles, np.floor(width + 1e-9), np.round(width))
+        whole = np.where(throttles, np.floor(width + ROUNDING), np.round(width))
         count = np.minimum(np.maximum(whole, shortest), ticks).astype(int)
         level = np.where(throttles, np.clip(thrusts * ticks / count, self.smallest_force, self.force), self.force)
         fires = width >= shortest / 2
-        number = np.arange(ticks)[:, None]
+        number = np.arange(ticks)[:, None]  # of each tick
         start = (ticks - count) // 2
         return np.where(fires & (number >= start) & (number < start + count), level, 0.0)
 

@@ -117,30 +117,43 @@ class Wheels:
         return [clip(torque, -most, most) for torque, most in zip(wanted, self.unloading.tolist(), strict=True)]
 
     def turning_torques(self, moment: Sequence[Any], h: Sequence[Any], tick: float, clip: Clip) -> list[Any]:
-        """Return the torques (W,) that give a moment on the base, as far as motors and momenta h (W,) allow.
+        """Return the torques of the wheels' motors that give a moment on the base, as far as limits allow.
+
+        Each torque is limited by what the motor can give, and by the largest momentum that the wheel may store at the
+        end of the tick. Arguments are numbers, or CasADi expressions for compiled plants; `clip` is the function that
+        bounds one of them.
 
         Args:
-            moment: Wanted along the base's axes, without the gyroscopic moment of the wheels (k,) [N m].
-            h: What the wheels store [N m s].
+            moment: Wanted moment along the base's axes (k,) [N m].
+            h: Momenta that the wheels store (W,) [N m s].
             tick: For how long the torques hold [s].
-            clip: Bounds a component.
+            clip: Value, low, high -> the value, or the limit that it is beyond.
+
+        Returns:
+            The torques (W,) [N m]. A torque turns the base the other way, hence the sign.
         """
+        # a wheel's shares are its row of the pseudoinverse of the axes: with them the norm of all torques is least
         torques = []
-        limits = zip(self.allocation.tolist(), h, self.torque.tolist(), self.momentum.tolist(), strict=True)
-        for shares, stored, most, capacity in limits:
+        wheels = zip(self.allocation.tolist(), h, self.torque.tolist(), self.momentum.tolist(), strict=True)
+        for shares, stored, largest_torque, largest_momentum in wheels:
             wanted = -sum((share * part for share, part in zip(shares, moment, strict=True)), 0.0)
-            within = clip(wanted, (-capacity - stored) / tick, (capacity - stored) / tick)
-            torques.append(clip(within, -most, most))
+            storable = clip(wanted, (-largest_momentum - stored) / tick, (largest_momentum - stored) / tick)
+            torques.append(clip(storable, -largest_torque, largest_torque))
         return torques
 
     def with_unloading(self, F: Array, h: Array, driven: tuple[float, ...], tick: float) -> tuple[Array, Array]:
-        """Return a generalized force with the balance of what unloads wheels (n,), and the torques that do (W,).
+        """Have motors unload the wheels while thrusters push the base: bring momenta back to the first ones.
 
         Args:
-            F: That of the low-level law (n,) [N, N m].
-            h: What the wheels store (W,) [N m s].
-            driven: On which coordinates of the base something acts, see `RobotModel.driven`.
+            F: Generalized force of the low-level law (n,) [N, N m].
+            h: Momenta that the wheels store (W,) [N m s].
+            driven: 1 for each coordinate of the base on which something acts, else 0, see `RobotModel.driven`. The
+                first one is 1 if thrusters push the base.
             tick: For how long the torques hold [s].
+
+        Returns:
+            The force that thrusters and joints have to give, with what balances the motors (n,); and the torques of the
+            motors (W,) [N m], 0 if nothing pushes the base.
         """
         torques = driven[0] * np.array(self.unloading_torques(h.tolist(), tick, clip_numbers))
         return self.with_moment(F, torques), torques
@@ -148,14 +161,19 @@ class Wheels:
     def with_turning(
         self, F: Array, h: Array, driven: tuple[float, ...], tick: float, unloading: Array
     ) -> tuple[Array, Array]:
-        """Return what of a generalized force acts on the base (n,), and the torques of the motors (W,).
+        """Have motors of wheels give the moment on the base, if wheels turn it and nothing pushes it.
 
         Args:
-            F: As `with_unloading` returns it, within its limits (n,) [N, N m].
-            h: What the wheels store (W,) [N m s].
-            driven: On which coordinates of the base something acts.
+            F: Generalized force as `with_unloading` returns it, within its limits (n,) [N, N m].
+            h: Momenta that the wheels store (W,) [N m s].
+            driven: 1 for each coordinate of the base on which something acts, else 0: first those of its translation,
+                last those of its rotation.
             tick: For how long the torques hold [s].
             unloading: Torques that unload the wheels (W,) [N m].
+
+        Returns:
+            The generalized force that acts on the robot, motors included (n,), and the torques of the motors (W,)
+            [N m]. If wheels turn the base, its moment is what the motors give within their limits.
         """
         by_wheels = (1 - driven[0]) * driven[-1]
         turning = np.array(self.turning_torques(F[self.space.rotation].tolist(), h.tolist(), tick, clip_numbers))
@@ -179,17 +197,22 @@ class Wheels:
         return np.asarray(self.inertia * (spins + v[self.space.rotation] @ self.axes))
 
     def momentum_and_energy(self, Q: Array, h: Array) -> Array:
-        """Return momentum about the inertial origin, then kinetic energy of the wheels, (K, 4) or (K, 7).
+        """Return what the wheels add to momentum and kinetic energy of the robot's bodies, at K states.
 
-        The momentum is what they add to that of the bodies, R h_w; so is the energy, sum h^2 / 2 J.
+        The momentum is R h_w, with the attitude R of the base and h_w, what the wheels store together along the base's
+        axes. The energy is the sum of h^2 / 2 J over the wheels, of momentum h and inertia J each.
 
         Args:
             Q: Positions of the robot (K, nq).
-            h: Stored momenta (K, W) [N m s].
+            h: Momenta of the wheels (K, W) [N m s].
+
+        Returns:
+            Columns: linear momentum, which is 0, and angular momentum, (3,) in the plane and (6,) in space [N s,
+            N m s]; then the energy [J]. So (K, 4) or (K, 7).
         """
         space = self.space
-        none = [np.zeros(len(Q))] * space.dimension
-        _, angular = space.twist_to_3d([*none, *(h @ self.axes.T).T])
+        no_linear = [np.zeros(len(Q))] * space.dimension
+        _, angular = space.twist_to_3d([*no_linear, *(h @ self.axes.T).T])
         _, quaternion = space.to_3d(Q.T[space.base_coordinates])
         turned = space.twist([np.zeros(len(Q))] * 3, rotate(quaternion, angular))
         return np.column_stack([*turned, (h**2 / (2 * self.inertia)).sum(axis=1)])

@@ -11,8 +11,8 @@ from psmpc_cli.control.identification.load import (
     RobotAlone,
     RobotAndObject,
     RobotAndPayload,
-    _as_body,
-    _without,
+    _as_rigid_body,
+    _without_knowledge_of,
 )
 from psmpc_cli.ocp.loads import LoadPrior
 from psmpc_cli.ocp.problem import build_problem
@@ -162,7 +162,7 @@ def test_unknowns_that_are_forgotten_leave_what_was_known_of_the_others() -> Non
     root = random.standard_normal((5, 5))
     information = root @ root.T
     right = random.standard_normal(5)
-    marginal, left = _without(information, right, slice(3, 5))
+    marginal, left = _without_knowledge_of(information, right, slice(3, 5))
     np.testing.assert_allclose(np.linalg.inv(marginal[:3, :3]), np.linalg.inv(information)[:3, :3])
     solution = np.linalg.solve(information, right)
     np.testing.assert_allclose(np.linalg.solve(marginal[:3, :3], left[:3]), solution[:3])
@@ -179,4 +179,4 @@ def test_unknowns_that_are_forgotten_leave_what_was_known_of_the_others() -> Non
     ],
 )
 def test_estimates_are_bodies_that_can_exist(numbers: list[float], body: list[float]) -> None:
-    np.testing.assert_allclose(_as_body(np.array(numbers, float), np.full(len(numbers), 0.1)), body)
+    np.testing.assert_allclose(_as_rigid_body(np.array(numbers, float), np.full(len(numbers), 0.1)), body)

@@ -119,7 +119,7 @@ class LoadKind:
         of_wheels = n_stored(model.spec) if self.stores else 0
         return 2 * len(model.spec.arms) * self.carries + of_object + of_wheels
 
-    def stored(self, model: RobotModel) -> ca.Function:
+    def momentum_of_wheels(self, model: RobotModel) -> ca.Function:
         """Return the function that says what reaction wheels store at a state, as a load of this kind knows it.
 
         Either that is one of the load's numbers (it stays in the base), or it follows from the angular momentum L of
@@ -146,7 +146,7 @@ class LoadKind:
                 stored = ca.vertcat(*along_base[space.rotation])
             return ca.Function("stored", [x, anchor, numbers], ca.cse([stored]))
 
-        return model.cached((LoadKind.stored, self), build)
+        return model.cached((LoadKind.momentum_of_wheels, self), build)
 
     def force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX) -> ca.SX:
         """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7).
@@ -158,7 +158,7 @@ class LoadKind:
 
     def _force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX, stored: ca.SX) -> ca.SX:
         """Return that force (n,) with wheels that store so much."""
-        w, grasps, body = self._split(model, numbers, stored)
+        w, grasps, body = self._split_numbers(model, numbers, stored)
         if not self.grippers:
             return ca.SX(model.law(self.driven)(Q, v, u, w))
         return ca.SX(held_force(model, self.grippers)(Q, v, u, grasps, w, body))
@@ -174,7 +174,7 @@ class LoadKind:
         They are equal to those that CasADi derives, and shorter: see `held_force_jacobian` and
         `RobotModel.law_jacobian`.
         """
-        w, grasps, body = self._split(model, numbers, motion.stored)
+        w, grasps, body = self._split_numbers(model, numbers, motion.stored)
         arguments = [motion.joints, motion.v, motion.vdot]
         if self.grippers:
             F_by = held_force_jacobian(model, self.grippers)(*arguments, grasps, w, body)
@@ -205,7 +205,7 @@ class LoadKind:
         stored = ca.SX.zeros(stored_count)
         if self.stores == STAYS:
             stored = numbers[numbers.numel() - stored_count :]
-        inertial_parameters, grasps, body = self._split(model, numbers, stored)
+        inertial_parameters, grasps, body = self._split_numbers(model, numbers, stored)
         Q = model.space.charted_coordinates(x[: model.n], anchor)
         v = model.space.charted_velocity(x[: model.n], x[model.n :])
         momentum = model.dynamics.momentum(Q, v, inertial_parameters)
@@ -241,7 +241,7 @@ class LoadKind:
 
         return model.cached((LoadKind.momentum_about_centre, self), build)
 
-    def _split(self, model: RobotModel, numbers: ca.SX, stored: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _split_numbers(self, model: RobotModel, numbers: ca.SX, stored: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return inertial parameters of the robot with the payload, grasps and object, those of nothing held empty.
 
         Wheels of the robot store so much, (0,) without any.

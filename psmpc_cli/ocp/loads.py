@@ -193,10 +193,10 @@ class LoadKind:
         return model.cached((LoadKind.momentum, self), lambda: self._momentum(model))
 
     def _momentum(self, model: RobotModel) -> ca.Function:
-        """Write the momentum of robot and load as a function of state, anchor of the chart and numbers of the load.
+        """Build the function that `momentum` returns: of state, anchor of the chart and numbers of the load.
 
-        The last of the load's numbers say what reaction wheels store. That counts where it stays in the base, as a
-        momentum that the base carries.
+        The last of the load's numbers say what reaction wheels store. Where that stays in the base (`STAYS`) it is
+        added as a momentum that the base carries.
         """
         x = ca.SX.sym("x", 2 * model.n)
         anchor = ca.SX.sym("anchor", model.space.n_anchor)  # attitude about which the coordinates in x are a chart
@@ -412,10 +412,11 @@ UNWEIGHED_LOAD = _UnweighedLoad(mass=(), inertia=())
 
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
-    """Return what the controller knows the grippers to hold in a stage, and what it knows of the wheels.
+    """Return what the controller knows of the load in a stage: what grippers hold, and what reaction wheels store.
 
-    Outside the stages that hold something it is nothing. In them it is a payload at the ends of the arms, or the object
-    as its grippers hold it, where the task lets the controller know of it.
+    Constraints on forces and momentum, and the cost of force, count with it. Outside the stages that hold something
+    grippers hold nothing. In these stages it is a payload at the ends of the arms, or the object as its grippers hold
+    it, if the task lets the controller know of it.
 
     Args:
         task: The task.

@@ -76,8 +76,8 @@ class ConstraintFunctions:
         """Take the rows g(x, a) of a constraint as an expression, and what decides how they are evaluated.
 
         Rows that are linear in rates which they determine are solved for these (`solved_for`), and convex ones need no
-        curvature in a quadratic program. Rows at many nodes are evaluated as a tape; those at the end of a stage, one
-        node, are not.
+        curvature in a quadratic program. Functions of rows at many nodes are evaluated as a tape, a list of
+        instructions that compiled code carries out for all nodes; rows at the end of a stage, one node, are not.
 
         Args:
             x: The state [Q; Qdot], a symbol (2n,).
@@ -636,7 +636,7 @@ class StageFunctions:
 
     @property
     def _vectors_of_object(self) -> dict[str, list[ca.SX]]:
-        """Components of what may be bounded of the object: its position, turn and velocities.
+        """Components of what end conditions may bound of a held object: its offset, turn and velocities.
 
         The object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
         pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
@@ -858,7 +858,7 @@ class StageCosts:
         return np.asarray(self._functions_of(stage, True).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
 
     def end_error(self, stage: Stage, x: np.ndarray, allowance: np.ndarray | float = 0.0) -> float:
-        """Compute how far a state is from the end of a stage: the largest error over its tolerance, of condition (18).
+        """Compute how far a state is from meeting a stage's end condition (18): the largest error over its tolerance.
 
         At most 1 where the condition is met. Rows that are components of one measure (of an object's position, for
         example) count together, by their length.

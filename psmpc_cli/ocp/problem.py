@@ -43,8 +43,9 @@ def in_own_chart(
 ) -> tuple[PlacedStage, np.ndarray]:
     """Return a stage and a state in the coordinates of a window that begins there: the chart about the attitude in Q.
 
-    For looking at a stage apart from a controller, which places its stages itself. In a chart a spatial attitude is a
-    rotation vector about an anchor. Of the two quaternions for an attitude of the target the nearer one is taken.
+    Checks, summaries and figures evaluate errors and end conditions with it; a controller places its stages itself. In
+    a chart a spatial attitude is a rotation vector about an anchor, here the attitude in Q. Of the two quaternions of
+    each attitude in the target the one nearer to the robot's is taken.
 
     Args:
         model: The robot.
@@ -315,11 +316,11 @@ def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarra
 
 
 def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[np.ndarray]:
-    """Return the numbers that every stage's target leads through, (T, numbers) each, without turns that nobody meant.
+    """Return the numbers that every stage's target leads through, (T, numbers) each, without unintended full turns.
 
-    Each angle is moved to the equivalent nearest to where the sequence is before (unless the task wants it as given):
-    for the first row that is where the stage before leads to, for every other row it is the row before. Of an
-    attitude's two quaternions each row has the one nearer to the row before.
+    A target at rest has one row, T = 1; a trajectory one for each of its times. Unless the task wants angles as given,
+    each angle is moved by full turns to be nearest to the one before: to that of the row before, or, in the first row,
+    to where the stage before leads. Of an attitude's two quaternions each row has the one nearer to the row before.
 
     Args:
         task: The task.

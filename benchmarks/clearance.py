@@ -30,7 +30,7 @@ from performance_table import floating
 import psmpc_cli as psmpc
 from psmpc_cli.ocp.constraints import soft_row_violations
 from psmpc_cli.ocp.constraints.clearance import distance_rows, groups, poses_at, poses_at_sample
-from psmpc_cli.ocp.feasibility.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations_at_stops
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.stage import SampleContext
 from psmpc_cli.simulation.replay import logged_solve
@@ -184,7 +184,7 @@ def drawn(where: str, number: int) -> dict[str, Any] | None:
     for draw in range(MOST_DRAWS):
         data = {**DRAWN[where](np.random.default_rng([number, draw])), **COMMON, "seed": number}
         problem = build_problem(psmpc.load_task(data))
-        stops = np.array(configurations(problem.task, problem.model, problem.stages))
+        stops = np.array(configurations_at_stops(problem.task, problem.model, problem.stages))
         if nearest(problem, stops) < MARGIN + SPARE:
             continue
         free = psmpc.simulate(psmpc.load_task({**data, "clearance": None, "routes": None}))

@@ -140,7 +140,7 @@ class Scene:
         skill = skill_in(placed_stage.space)
         aim = placed_stage.wanted(0.0 if span is None else time - span.start)
         posture_now = Posture(self.run.motion.coordinates_at(time), self.run.motion.poses_at(np.array([time]))[0])
-        frames = pose_frames(skill.after(model, posture_now, aim).xi.reshape(len(model.pose_rows), -1))
+        frames = pose_frames(skill.posture_after(model, posture_now, aim).xi.reshape(len(model.pose_rows), -1))
         frames[:, : model.dimension, 3] = skill.aims(model, aim)
         positions, attitudes = asked_frames(model, placed_stage)
         frames[~positions, :3, 3] = np.nan

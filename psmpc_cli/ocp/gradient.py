@@ -41,7 +41,7 @@ class Shooting:
         functions = [stage_functions(model, stage) for stage in stages]
         self._steps = [of_stage.step(shape.discretization) for of_stage in functions]
         self._anchors = [target[of_stage.anchor] for target, of_stage in zip(p.targets, functions, strict=False)]
-        self._terms = [_stage_terms(model, stage, shape.discretization) for stage in stages]
+        self._terms = [_terms_of_interval(model, stage, shape.discretization) for stage in stages]
 
     def states(self, tau: Any, U: Inputs) -> list[Any]:
         """Return the states (2n,) at the nodes."""
@@ -219,7 +219,7 @@ def _columns(U: Sequence[np.ndarray]) -> list[list[ca.DM]]:
     return [[ca.DM(u) for u in of_stage] for of_stage in U]
 
 
-def _stage_terms(model: RobotModel, shape: StageShape, discretization: str) -> ca.Function:
+def _terms_of_interval(model: RobotModel, shape: StageShape, discretization: str) -> ca.Function:
     """Return what gradients of J by durations and inputs are made of at one interval of a stage, as one function.
 
     Its results are the weighted and normalized running cost L = omega (cost - offset) / scale, the flow f, and the

@@ -119,7 +119,7 @@ class LoadKind:
         of_wheels = n_stored(model.spec) if self.stores else 0
         return 2 * len(model.spec.arms) * self.carries + of_object + of_wheels
 
-    def stored(self, model: RobotModel) -> ca.Function:
+    def momentum_of_wheels(self, model: RobotModel) -> ca.Function:
         """Return the function that says what reaction wheels store at a state, as a load of this kind knows it.
 
         Either that is one of the load's numbers (it stays in the base), or it follows from the angular momentum L of
@@ -146,7 +146,7 @@ class LoadKind:
                 stored = ca.vertcat(*along_base[space.rotation])
             return ca.Function("stored", [x, anchor, numbers], ca.cse([stored]))
 
-        return model.cached((LoadKind.stored, self), build)
+        return model.cached((LoadKind.momentum_of_wheels, self), build)
 
     def force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX) -> ca.SX:
         """Return the generalized force (n,) of the low-level law for accelerations u (n,). Paper eq. (7).
@@ -158,7 +158,7 @@ class LoadKind:
 
     def _force(self, model: RobotModel, Q: ca.SX, v: ca.SX, u: ca.SX, numbers: ca.SX, stored: ca.SX) -> ca.SX:
         """Return that force (n,) with wheels that store so much."""
-        w, grasps, body = self._split(model, numbers, stored)
+        w, grasps, body = self._split_numbers(model, numbers, stored)
         if not self.grippers:
             return ca.SX(model.law(self.driven)(Q, v, u, w))
         return ca.SX(held_force(model, self.grippers)(Q, v, u, grasps, w, body))
@@ -174,7 +174,7 @@ class LoadKind:
         They are equal to those that CasADi derives, and shorter: see `held_force_jacobian` and
         `RobotModel.law_jacobian`.
         """
-        w, grasps, body = self._split(model, numbers, motion.stored)
+        w, grasps, body = self._split_numbers(model, numbers, motion.stored)
         arguments = [motion.joints, motion.v, motion.vdot]
         if self.grippers:
             F_by = held_force_jacobian(model, self.grippers)(*arguments, grasps, w, body)
@@ -193,10 +193,10 @@ class LoadKind:
         return model.cached((LoadKind.momentum, self), lambda: self._momentum(model))
 
     def _momentum(self, model: RobotModel) -> ca.Function:
-        """Write the momentum of robot and load as a function of state, anchor of the chart and numbers of the load.
+        """Build the function that `momentum` returns: of state, anchor of the chart and numbers of the load.
 
-        The last of the load's numbers say what reaction wheels store. That counts where it stays in the base, as a
-        momentum that the base carries.
+        The last of the load's numbers say what reaction wheels store. Where that stays in the base (`STAYS`) it is
+        added as a momentum that the base carries.
         """
         x = ca.SX.sym("x", 2 * model.n)
         anchor = ca.SX.sym("anchor", model.space.n_anchor)  # attitude about which the coordinates in x are a chart
@@ -205,7 +205,7 @@ class LoadKind:
         stored = ca.SX.zeros(stored_count)
         if self.stores == STAYS:
             stored = numbers[numbers.numel() - stored_count :]
-        inertial_parameters, grasps, body = self._split(model, numbers, stored)
+        inertial_parameters, grasps, body = self._split_numbers(model, numbers, stored)
         Q = model.space.charted_coordinates(x[: model.n], anchor)
         v = model.space.charted_velocity(x[: model.n], x[model.n :])
         momentum = model.dynamics.momentum(Q, v, inertial_parameters)
@@ -241,7 +241,7 @@ class LoadKind:
 
         return model.cached((LoadKind.momentum_about_centre, self), build)
 
-    def _split(self, model: RobotModel, numbers: ca.SX, stored: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def _split_numbers(self, model: RobotModel, numbers: ca.SX, stored: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return inertial parameters of the robot with the payload, grasps and object, those of nothing held empty.
 
         Wheels of the robot store so much, (0,) without any.
@@ -412,10 +412,11 @@ UNWEIGHED_LOAD = _UnweighedLoad(mass=(), inertia=())
 
 
 def known_load(task: TaskSpec, model: RobotModel, stage: int) -> Load:
-    """Return what the controller knows the grippers to hold in a stage, and what it knows of the wheels.
+    """Return what the controller knows of the load in a stage: what grippers hold, and what reaction wheels store.
 
-    Outside the stages that hold something it is nothing. In them it is a payload at the ends of the arms, or the object
-    as its grippers hold it, where the task lets the controller know of it.
+    Constraints on forces and momentum, and the cost of force, count with it. Outside the stages that hold something
+    grippers hold nothing. In these stages it is a payload at the ends of the arms, or the object as its grippers hold
+    it, if the task lets the controller know of it.
 
     Args:
         task: The task.

@@ -39,7 +39,7 @@ LONG = 200
 In a large one looking for common subexpressions takes seconds and finds a few per cent."""
 
 
-def _on_rows(name: str, arguments: list[ca.SX], outputs: list[ca.SX], at_many: bool = True) -> BatchFunction:
+def _batch_function(name: str, arguments: list[ca.SX], outputs: list[ca.SX], at_many: bool = True) -> BatchFunction:
     """Return a function on rows of arrays; a long one that is evaluated at many of them as a tape."""
     function = ca.Function(name, arguments, outputs)
     if function.n_instructions() < LONG:
@@ -76,8 +76,8 @@ class ConstraintFunctions:
         """Take the rows g(x, a) of a constraint as an expression, and what decides how they are evaluated.
 
         Rows that are linear in rates which they determine are solved for these (`solved_for`), and convex ones need no
-        curvature in a quadratic program. Rows at many nodes are evaluated as a tape; those at the end of a stage, one
-        node, are not.
+        curvature in a quadratic program. Functions of rows at many nodes are evaluated as a tape, a list of
+        instructions that compiled code carries out for all nodes; rows at the end of a stage, one node, are not.
 
         Args:
             x: The state [Q; Qdot], a symbol (2n,).
@@ -100,20 +100,20 @@ class ConstraintFunctions:
     @cached_property
     def value(self) -> BatchFunction:
         """x, a -> g (rows,)."""
-        return _on_rows("h", [self._x, self._argument], [self._rows], self._at_many)
+        return _batch_function("h", [self._x, self._argument], [self._rows], self._at_many)
 
     @cached_property
     def with_jacobian(self) -> BatchFunction:
         """x, a -> g (rows,), dg/dx row by row (rows 2n,)."""
         outputs = [self._rows, _row_by_row(ca.jacobian(self._rows, self._x))]
-        return _on_rows("end", [self._x, self._argument], outputs, self._at_many)
+        return _batch_function("end", [self._x, self._argument], outputs, self._at_many)
 
     @cached_property
     def _gradient(self) -> BatchFunction:
         """x, a, multipliers y (rows,) -> y' dg/dx (2n,)."""
         y = ca.SX.sym("y", self.count)
         gradient = ca.densify(ca.gradient(ca.dot(y, self._rows), self._x))
-        return _on_rows("row_gradient", [self._x, self._argument, y], [gradient], self._at_many)
+        return _batch_function("row_gradient", [self._x, self._argument, y], [gradient], self._at_many)
 
     def gradients(self, X: np.ndarray, argument: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Return the derivatives by x of some rows, each at a state of its own, (J, 2n).
@@ -145,7 +145,7 @@ class ConstraintFunctions:
         if not upper.nnz():
             return None
         arguments = [self._x, self._argument, multipliers]
-        return _on_rows("end_curvature", arguments, [_row_by_row(upper)], self._at_many)
+        return _batch_function("end_curvature", arguments, [_row_by_row(upper)], self._at_many)
 
     @cached_property
     def by_solved_for(self) -> BatchFunction | None:
@@ -154,7 +154,7 @@ class ConstraintFunctions:
             return None
         n = self._x.numel() // 2
         jacobian = ca.jacobian(self._rows, self._x[n:][self.solved_for])
-        return _on_rows("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._at_many)
+        return _batch_function("given", [self._x, self._argument], [self._rows, _row_by_row(jacobian)], self._at_many)
 
     def prepare(self) -> tuple[BatchFunction, ...]:
         """Write those that solves need and return them."""
@@ -287,12 +287,12 @@ class IntervalFunctions:
     @cached_property
     def _value(self) -> BatchFunction:
         """x, dv, h, a -> r."""
-        return _on_rows("interval_rows", self._arguments, [self._rows])
+        return _batch_function("interval_rows", self._arguments, [self._rows])
 
     @cached_property
     def _jacobian(self) -> BatchFunction:
         """x, dv, h, a -> the derivatives of r by [x; dv; h], row by row."""
-        return _on_rows("interval_jacobian", self._arguments, [_row_by_row(self._derive())])
+        return _batch_function("interval_jacobian", self._arguments, [_row_by_row(self._derive())])
 
     def expression(self, interval: IntervalSymbols, argument: ca.SX) -> ca.SX:
         """Return the rows (rows,) of an interval."""
@@ -461,13 +461,13 @@ class ChangeFunctions:
 
     def values(self, intervals: Intervals, argument: np.ndarray) -> np.ndarray:
         """Return the rows of J intervals (J, rows)."""
-        nodes, ends = _ends_of(intervals.k)
+        nodes, ends = _nodes_of_intervals(intervals.k)
         (g,) = self._at_node.value(intervals.X[nodes], argument, rows=len(nodes))
         return np.asarray(g[ends[1]] - g[ends[0]])
 
     def jacobian(self, intervals: Intervals, argument: np.ndarray) -> np.ndarray:
         """Return their derivatives by both states and the length, (J, rows, 4n + 1)."""
-        nodes, ends = _ends_of(intervals.k)
+        nodes, ends = _nodes_of_intervals(intervals.k)
         _, by_x = self._at_node.with_jacobian(intervals.X[nodes], argument, rows=len(nodes))
         by_x = by_x.reshape(len(nodes), self.count, -1)
         return np.concatenate([-by_x[ends[0]], by_x[ends[1]], np.zeros((len(intervals.k), self.count, 1))], axis=2)
@@ -498,7 +498,7 @@ class ChangeFunctions:
         return self._at_node.prepare()
 
 
-def _ends_of(k: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def _nodes_of_intervals(k: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Return the nodes at the ends of some intervals (J,), ascending, and where in them each begins and ends."""
     nodes = np.union1d(k, k + 1)
     return nodes, (np.searchsorted(nodes, k), np.searchsorted(nodes, k + 1))
@@ -636,7 +636,7 @@ class StageFunctions:
 
     @property
     def _vectors_of_object(self) -> dict[str, list[ca.SX]]:
-        """Components of what may be bounded of the object: its position, turn and velocities.
+        """Components of what end conditions may bound of a held object: its offset, turn and velocities.
 
         The object moves rigidly with a gripper of pose (p, q): it is at p + q r, turned by q q_r, where (r, q_r) is its
         pose in the gripper's frame. A turn by an angle a from the destination counts as 2 sin(a / 2), the length of a
@@ -658,12 +658,14 @@ class StageFunctions:
         quaternion_rate = ca.jtimes(ca.vertcat(*attitude), self._Q, self._Qdot)
         spin = product(ca.vertsplit(quaternion_rate), conjugate(attitude))
         offset = add(position, scaled(wanted_position, -1))
-        offset_components, turn_components = self._of_space(offset, scaled(turned[1:], 2))
-        velocity_components, spin_components = self._of_space(ca.vertsplit(velocity), scaled(spin[1:], 2))
+        offset_components, turn_components = self._components_in_space(offset, scaled(turned[1:], 2))
+        velocity_components, spin_components = self._components_in_space(ca.vertsplit(velocity), scaled(spin[1:], 2))
         components = (offset_components, turn_components, velocity_components, spin_components)
         return dict(zip(MEASURES, components, strict=True))
 
-    def _of_space(self, linear: Sequence[ca.SX], angular: Sequence[ca.SX]) -> tuple[list[ca.SX], list[ca.SX]]:
+    def _components_in_space(
+        self, linear: Sequence[ca.SX], angular: Sequence[ca.SX]
+    ) -> tuple[list[ca.SX], list[ca.SX]]:
         """Return the components of a linear and an angular vector (3,) that there are in the robot's space."""
         space = self.model.space
         components = space.twist(linear, angular)
@@ -721,7 +723,7 @@ class StageFunctions:
         """Return x (2n,), u, dt, anchor of the chart -> x after dt under a constant u."""
         of_input = self.shape.input
         return self.model.cached(
-            ("step", of_input, discretization), lambda: _step(self.model, of_input, discretization)
+            ("step", of_input, discretization), lambda: _motion_over_interval(self.model, of_input, discretization)
         )
 
 
@@ -792,7 +794,7 @@ class StageCosts:
     def __init__(self, model: RobotModel) -> None:
         self.model = model
 
-    def _of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
+    def _functions_of(self, stage: Stage, with_end: bool = False) -> StageFunctions:
         """Return the functions of a stage; without its end condition stages of one skill share them."""
         of_stage = stage_shape(stage)
         if with_end:
@@ -805,30 +807,36 @@ class StageCosts:
 
         Against what its cost follows at times `since` its start (K,) [s]; without them against its target.
         """
-        return self._of(stage).error(X[:, : self.model.n], stage.wanted(since), rows=len(X))[0]
+        return self._functions_of(stage).error(X[:, : self.model.n], stage.wanted(since), rows=len(X))[0]
 
     def ends(self, stage: Stage, X: np.ndarray) -> np.ndarray:
         """Return the rows of the end condition (18) at each state (K, rows), rates relative to its target's."""
-        return np.asarray(self._of(stage, True).end.value(X, stage.target, rows=len(X))[0] - stage.end.centers)
+        return np.asarray(
+            self._functions_of(stage, True).end.value(X, stage.target, rows=len(X))[0] - stage.end.centers
+        )
 
     def at(self, stage: Stage, X: np.ndarray, u: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return Lbar (K,) at states X (K, 2n) under accelerations u (K, n). Paper eq. (10)."""
         W = stage.weights
         W_r = stage.control_weights
         u = self.inputs(stage, X, u)
-        return self._of(stage).cost(X, u, stage.wanted(since), W, W_r, stage.load_numbers, rows=len(X))[0][:, 0]
+        return self._functions_of(stage).cost(X, u, stage.wanted(since), W, W_r, stage.load_numbers, rows=len(X))[0][
+            :, 0
+        ]
 
     def of_states(self, stage: Stage, X: np.ndarray, since: np.ndarray | None = None) -> np.ndarray:
         """Return the part of Lbar (K,) that the states X (K, 2n) make, without the control's."""
         wanted = stage.wanted(since)
-        return self._of(stage).cost(X, 0.0, wanted, stage.weights, 0.0, stage.load_numbers, rows=len(X))[0][:, 0]
+        return self._functions_of(stage).cost(X, 0.0, wanted, stage.weights, 0.0, stage.load_numbers, rows=len(X))[0][
+            :, 0
+        ]
 
     def inputs(self, stage: Stage, X: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the inputs of a stage at Qddot = u: u (K, n), or the rates of J_C v (K, n_twists)."""
         if stage.input == "joint":
             return u
         n = self.model.n
-        anchor = stage.target[self._of(stage).anchor]
+        anchor = stage.target[self._functions_of(stage).anchor]
         return self._twist_rates(X[:, :n], X[:, n:], u, anchor, rows=len(X))[0]
 
     @cached_property
@@ -847,10 +855,10 @@ class StageCosts:
         """Return whether the end condition (18) holds at each state (K,), its tolerances widened by `margin`."""
         if not stage.end.has_condition:
             return np.zeros(len(X), bool)
-        return np.asarray(self._of(stage, True).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
+        return np.asarray(self._functions_of(stage, True).met(X, stage.end_numbers, margin, rows=len(X))[0][:, 0] > 0)
 
     def end_error(self, stage: Stage, x: np.ndarray, allowance: np.ndarray | float = 0.0) -> float:
-        """Compute how far a state is from the end of a stage: the largest error over its tolerance, of condition (18).
+        """Compute how far a state is from meeting a stage's end condition (18): the largest error over its tolerance.
 
         At most 1 where the condition is met. Rows that are components of one measure (of an object's position, for
         example) count together, by their length.
@@ -875,7 +883,7 @@ class StageCosts:
 
         Those of the measured state's errors, (2n,) and independent, through the rows' derivatives: sqrt(J^2 sigma^2).
         """
-        _, J = self._of(stage, True).end.with_jacobian(x, stage.target)
+        _, J = self._functions_of(stage, True).end.with_jacobian(x, stage.target)
         return np.asarray(np.sqrt(J.reshape(-1, len(x)) ** 2 @ deviations**2))
 
 
@@ -884,7 +892,7 @@ def _row_by_row(matrix: ca.SX) -> ca.SX:
     return ca.vec(ca.densify(matrix.T))
 
 
-def _step(model: RobotModel, stage_input: str, discretization: str) -> ca.Function:
+def _motion_over_interval(model: RobotModel, stage_input: str, discretization: str) -> ca.Function:
     """Return the motion over one interval as a function: x, u, dt, anchor of the chart -> the state at its end.
 
     For accelerations of Q it is the double integrator, exact (8), or by explicit Euler as printed (20). For those of

@@ -144,9 +144,9 @@ class Plan:
     def averaged_rates(self, edges: np.ndarray, before: np.ndarray, width: float) -> np.ndarray:
         """Return accelerations to command over ticks to follow the plan without jumps, averaged about each tick.
 
-        They are rates of the robot's velocities v; the plan has accelerations of coordinates in a chart, which are
-        averaged. By how much that changes these is added to the plan's rates of v, since the chart hardly turns over a
-        sample. The time of the average is shorter near a switch, beyond which accelerations are those of another stage.
+        The plan's accelerations are of coordinates in a chart, and commands are rates of the robot's velocities v. By
+        how much averaging changes the former is added to the latter, since the chart hardly turns over a sample. Near a
+        switch the average is taken over a shorter time, so that it has no accelerations of the stage beyond.
 
         Args:
             edges: Ends of the ticks, (M + 1,) [s].

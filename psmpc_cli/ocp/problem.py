@@ -43,8 +43,9 @@ def in_own_chart(
 ) -> tuple[PlacedStage, np.ndarray]:
     """Return a stage and a state in the coordinates of a window that begins there: the chart about the attitude in Q.
 
-    For looking at a stage apart from a controller, which places its stages itself. In a chart a spatial attitude is a
-    rotation vector about an anchor. Of the two quaternions for an attitude of the target the nearer one is taken.
+    Checks, summaries and figures evaluate errors and end conditions with it; a controller places its stages itself. In
+    a chart a spatial attitude is a rotation vector about an anchor, here the attitude in Q. Of the two quaternions of
+    each attitude in the target the one nearer to the robot's is taken.
 
     Args:
         model: The robot.
@@ -148,8 +149,8 @@ def build_problem(task: Task) -> Problem:
 def build_stages(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> tuple[Stage, ...]:
     """Return the task's stages, resolved; target angles become the nearest equivalent ones along the sequence."""
     waypoints = _unwrapped_waypoints(task, robot, model)
-    stages = (_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
-    return tuple(_with_constraints(_on_object(stage, task, model), task, model) for stage in stages)
+    stages = (_build_stage(i, task, robot, model, values) for i, values in enumerate(waypoints))
+    return tuple(_with_constraints(_with_places_on_object(stage, task, model), task, model) for stage in stages)
 
 
 def _with_constraints(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
@@ -169,7 +170,7 @@ def _norm_bounds(condition: EndCondition, dimension: int) -> tuple[NormBound, ..
     return tuple(NormBound(measure, most, components) for measure, most, components in bounds if most is not None)
 
 
-def _end(index: int, task: TaskSpec, model: RobotModel, lasts: float) -> End:
+def _build_end(index: int, task: TaskSpec, model: RobotModel, lasts: float) -> End:
     """Return how a stage ends: at a time, by the robot's state, or by the state of the object that it holds.
 
     Args:
@@ -214,7 +215,7 @@ def _end(index: int, task: TaskSpec, model: RobotModel, lasts: float) -> End:
     )
 
 
-def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
+def _with_places_on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     """Return a stage with the poses of its target that are relative to the object, and their number of turns."""
     target = task.stages[stage.index].target
     if isinstance(target, TrajectorySpec):
@@ -228,7 +229,7 @@ def _on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> Stage:
     return replace(stage, on_object=on_object)
 
 
-def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
+def _build_stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
     """Return a stage of a task as numbers for one robot: target, weights of its cost, limits, and how it ends.
 
     Args:
@@ -272,7 +273,7 @@ def _stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, wayp
         control_weights=control_weights,
         force_load=known_load(task, model, index).without_wheels if skill.weights.weighs_force else UNWEIGHED_LOAD,
         rate_weights=_rate_weights(skill, robot, is_actuated),
-        end=_end(index, task, model, trajectory_duration),
+        end=_build_end(index, task, model, trajectory_duration),
         limits=resolve_limits(robot, task.limits, skill.limits, moved_by=moved_by),
         moved_by=moved_by,
         onset_rows=tuple(row for row in onset if is_actuated[row]),
@@ -315,11 +316,11 @@ def _weights(skill: SkillSpec, robot: RobotSpec, model: RobotModel) -> np.ndarra
 
 
 def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) -> list[np.ndarray]:
-    """Return the numbers that every stage's target leads through, (T, numbers) each, without turns that nobody meant.
+    """Return the numbers that every stage's target leads through, (T, numbers) each, without unintended full turns.
 
-    Each angle is moved to the equivalent nearest to where the sequence is before (unless the task wants it as given):
-    for the first row that is where the stage before leads to, for every other row it is the row before. Of an
-    attitude's two quaternions each row has the one nearer to the row before.
+    A target at rest has one row, T = 1; a trajectory one for each of its times. Unless the task wants angles as given,
+    each angle is moved by full turns to be nearest to the one before: to that of the row before, or, in the first row,
+    to where the stage before leads. Of an attitude's two quaternions each row has the one nearer to the row before.
 
     Args:
         task: The task.
@@ -345,7 +346,7 @@ def _unwrapped_waypoints(task: TaskSpec, robot: RobotSpec, model: RobotModel) ->
             is_farther = (q[1:] * q[:-1]).sum(axis=1) < 0  # -q is nearer to the row before than q
             q[1:] *= np.cumprod(np.where(is_farther, -1.0, 1.0))[:, None]
         by_stage.append(waypoints)
-        posture = skill.after(model, posture, waypoints[-1])
+        posture = skill.posture_after(model, posture, waypoints[-1])
     return by_stage
 
 
@@ -372,7 +373,7 @@ def _waypoints(
     if isinstance(spec.target, TrajectorySpec):
         values = spec.target.stacked(robot, space)
     else:
-        parts = {part: _placed(aim, body) for part, aim in spec.target.items()}
+        parts = {part: _with_object_at_start(aim, body) for part, aim in spec.target.items()}
         values = stack(parts, robot, space)[None]
     # Numbers that the target leaves out are NaN.
     base_values = values[:, : len(base)]  # a view: every target begins with the base's pose
@@ -380,7 +381,7 @@ def _waypoints(
     return np.where(np.isnan(values), absent, values)
 
 
-def _placed(aim: tuple[float, ...] | OnObject, body: ObjectBody) -> tuple[float, ...]:
+def _with_object_at_start(aim: tuple[float, ...] | OnObject, body: ObjectBody) -> tuple[float, ...]:
     """Return the numbers of a part of a target, the object being where it is at the start."""
     if not isinstance(aim, OnObject):
         return aim

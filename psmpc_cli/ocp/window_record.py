@@ -167,6 +167,7 @@ def read_window(problem: Problem, frame: WindowFrame, record: np.ndarray) -> Win
     placed = [stage.unplaced_copy() for stage in stages]
     # The record has the numbers part by part, of all stages each. Signs come first in it and are read last.
     signs, *others = (part_numbers[first : first + count] for first in range(0, len(part_numbers), count))
+    # `part.read` returns a stage with the numbers that it is given.
     for part, numbers_of_stages in zip((*_OTHERS, _SIGNS), (*others, signs), strict=True):
         placed = [part.read(stage, numbers, reading) for stage, numbers in zip(placed, numbers_of_stages, strict=True)]
     return Window(

@@ -312,12 +312,15 @@ class Kernel:
 
 @cache
 def load_kernel(coordinates: int, durations: int, history: int = 0) -> Kernel | None:
-    """Load our own interior-point method in C, compiled for these sizes; None where nothing can be compiled.
+    """Load the kernel, our interior-point method in C for quadratic programs, compiled for these sizes.
 
     Args:
         coordinates: n.
         durations: The most free durations of a program.
         history: n for programs whose rows over intervals depend on the interval before, else 0.
+
+    Returns:
+        Its functions; None where nothing can be compiled.
 
     Raises:
         RuntimeError: Its `QuadraticProgram` has its members elsewhere than ours.
@@ -541,10 +544,13 @@ class _RowKinds:
 
 
 def _order_unknowns(arrays: QpArrays) -> _Unknowns:
-    """Return where the unknowns stand in PIQP's x: state and violations of soft rows of each node, then the durations.
+    """Return where the unknowns stand in PIQP's x: node by node its state and violations of soft rows, then durations.
 
-    In this order its matrices are banded but for the durations, which couple all nodes, and PIQP's back-end for
-    multistage problems is fast.
+    In this order the matrices are banded but for the columns of the durations, which couple all nodes, and PIQP's
+    back-end for multistage problems is fast. A soft row has an unknown, its violation, that costs.
+
+    Args:
+        arrays: The program; a row is soft if its penalty is positive.
     """
     K, state_size = arrays.X.shape
     S = len(arrays.tau)
@@ -716,8 +722,11 @@ def _gap_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
 def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
     """Return the entries of the matrix C of the rows low <= C x <= high, as (rows, columns, values) that broadcast.
 
-    The rows stand in this order: states and durations themselves, sums of durations, constraints at nodes, constraints
-    over intervals less low h, then less high h, accelerations as dv - low h, then as dv - high h.
+    Unknowns are the states x_k and the durations tau, on which the length h of each interval depends. A bound over h,
+    low h <= g, is written as a row g - low h >= 0, since h is unknown. The rows stand in this order:
+
+        x, tau; sums of tau; constraints at nodes; g - low h and then g - high h of constraints g over intervals;
+        dv - low h and then dv - high h of accelerations dv / h.
 
     Args:
         arrays: The program.
@@ -745,7 +754,7 @@ def _row_entries(arrays: QpArrays, unknowns: _Unknowns) -> list[Entries]:
 
 
 def _interval_row_entries(arrays: QpArrays, unknowns: _Unknowns, first: int, bound: np.ndarray) -> list[Entries]:
-    """Return the entries of the constraints over intervals less a bound times h, the length of their interval.
+    """Return the entries of rows g - bound h: constraints g over intervals, h being the length of their interval.
 
     Args:
         arrays: The program.

@@ -279,7 +279,7 @@ class _Solve:
         stop_at_cpu_time: The same of `time.process_time`, far beyond what windows take [s].
         most_iterations: Iterations after which it stops.
         is_warm: The guess is the last solution, shifted.
-        restores: Elastic programs stand in for those without a solution, see `_restored`.
+        restores: Elastic programs stand in for those without a solution, see `_with_elastic_program`.
     """
 
     spec: SolverSpec
@@ -313,7 +313,7 @@ class _Solve:
         for count in range(1, self.most_iterations + 1):
             before = iterate
             if program.qp.status is QpStatus.SOLVED:
-                iterate = self._step(iterate, program, filter_)
+                iterate = self._line_search(iterate, program, filter_)
             self._tell(count, iterate, program)
             outcome = self._outcome(count, iterate, before, program)  # None: go on
             if self._is_applicable(iterate):
@@ -324,7 +324,9 @@ class _Solve:
                 return last_feasible, Outcome.FEASIBLE, count
             if count < self.most_iterations:
                 here, model = self.window.linearize(iterate.reached.point, program.model)
-                program = self._restored(here, self._program(here, model, program.qp.node_multipliers))
+                program = self._with_elastic_program(
+                    here, self._solved_program(here, model, program.qp.node_multipliers)
+                )
         if last_feasible is not None:
             return last_feasible, Outcome.FEASIBLE, self.most_iterations
         return iterate, Outcome.ITERATION_LIMIT, self.most_iterations
@@ -332,16 +334,16 @@ class _Solve:
     def _with_later_switch(
         self, iterate: Iterate, program: Program, guess: Unknowns, multipliers: np.ndarray
     ) -> tuple[Iterate, Program]:
-        """Return iterate and program at a guess, or at one with a later switch, where that alone lets limits be kept.
+        """Return iterate and program at a guess, or at one with a later switch if only that one keeps limits.
 
-        A cold guess may leave a stage too little time for its end condition, so that its program has no solution, or
-        one far beyond soft limits.
+        A cold guess, which no earlier solve has made, may leave a stage too little time for its end condition. Its
+        quadratic program then has no solution, or one far beyond soft limits. A later last switch may help.
 
         Args:
             iterate: The iterate at the guess.
             program: The solved program there.
             guess: The guess: states at nodes and durations.
-            multipliers: Of the rows at nodes, (E,), or (0,).
+            multipliers: Multipliers of the rows at nodes from an earlier solve, (E,), or (0,) without one.
         """
         if self._keeps_limits(program):
             return iterate, program
@@ -354,25 +356,25 @@ class _Solve:
     def _begin(self, guess: Unknowns, multipliers: np.ndarray) -> tuple[Iterate, Program]:
         """Return the iterate at a guess, and the program there."""
         here, model = self.window.linearize(self.window.with_dependent_rates(guess))
-        return Iterate(here), self._restored(here, self._program(here, model, multipliers))
+        return Iterate(here), self._with_elastic_program(here, self._solved_program(here, model, multipliers))
 
     def _keeps_limits(self, program: Program) -> bool:
         """Tell whether a program has a solution, which violates soft limits no further than the measured state does."""
         return program.qp.status is QpStatus.SOLVED and self.window.keeps_soft_limits(program.reached)
 
-    def _restored(self, here: Evaluation, program: Program) -> Program:
+    def _with_elastic_program(self, here: Evaluation, program: Program) -> Program:
         """Return the program of an iterate; if it has no solution, the elastic one, which brings violations down.
 
-        Elastic programs are for robots without thrusters, on cold guesses (`restores`). Such a robot reaches a pose by
-        its arms alone. Linearized where they are nearly stretched, the pose asks for several times the joint angles
-        that lead there, and their rates do not allow it in time. The elastic program
+        An elastic program may violate rows at nodes, such as end conditions, at a cost:
 
-            min  model + rho t |violations of the rows at nodes|_1,   t the share of time of their node,
+            min  model + rho t |violations of the rows at nodes|_1,   t the share of time of their node.
 
-        has a solution as long as limits of states leave one. Its step brings the violations down, and the programs of
-        later iterates have solutions. Robots with thrusters do without: their windows without a solution are most often
-        those of a stage that was appended too early, which takes many times as long to find out by elastic programs
-        (docs/decisions.md).
+        It has a solution as long as limits of states leave one, and after its step the programs of later iterates have
+        solutions. Elastic programs are for robots without thrusters, on cold guesses (`restores`). Such a robot reaches
+        a pose by its arms alone. Linearized where they are nearly stretched, the pose asks for several times the joint
+        angles that lead there, which limits of rates do not allow. Robots with thrusters do without: their windows
+        without a solution are most often those to which the next stage was added too early, which takes many times as
+        long to find out by elastic programs (docs/decisions.md).
 
         Args:
             here: The iterate's point.
@@ -384,10 +386,12 @@ class _Solve:
         if program.qp.status is QpStatus.SOLVED or not self.restores:
             return program
         elastic = self.window.elastic
-        restoring = self._solved(elastic, program.model, elastic.evaluated(here.point, program.model.residuals))
+        restoring = self._solved_with_missed_rows(
+            elastic, program.model, elastic.evaluated(here.point, program.model.residuals)
+        )
         return replace(restoring, is_elastic=True) if restoring.qp.status is QpStatus.SOLVED else program
 
-    def _program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
+    def _solved_program(self, here: Evaluation, model: Linearization, multipliers: np.ndarray) -> Program:
         """Return the solved quadratic program of an iterate: its Gauss-Newton model, with curvature where that helps.
 
         Three attempts, each where the one before does not say whether there is a step:
@@ -405,41 +409,45 @@ class _Solve:
         window = self.window
         if window.form.curved and len(multipliers):
             curved = window.form.with_curvature(model, here.point, window.p, multipliers)
-            program = self._solved(window, curved, here)
+            program = self._solved_with_missed_rows(window, curved, here)
             # Both models have the same constraints: the other one is infeasible too.
             if program.qp.status in (QpStatus.SOLVED, QpStatus.INFEASIBLE):
                 return program
-        program = self._solved(window, model, here)
+        program = self._solved_with_missed_rows(window, model, here)
         if program.qp.status in BROKEN_DOWN and window.bounds.soft.any():
             hard = replace(window, bounds=replace(window.bounds, soft=np.zeros_like(window.bounds.soft)))
-            proof = self._solved(hard, model, here)
+            proof = self._solved_with_missed_rows(hard, model, here)
             return program if proof.qp.status in BROKEN_DOWN else proof
         return program
 
-    def _solved(self, window: SqpWindow, model: Linearization, here: Evaluation) -> Program:
-        """Return the solved program of a model; rows that it left out are added until its step violates none of them.
+    def _solved_with_missed_rows(self, window: SqpWindow, model: Linearization, here: Evaluation) -> Program:
+        """Solve the quadratic program of a model, adding rows that it left out until its step violates none of them.
 
-        A model has only those of the many rows over intervals and of distances that are near their bounds. The others
-        do not change the solution, unless the step leads there.
+        Of the many rows over intervals, and of distances between bodies, a model has only those near their bounds. The
+        others do not change the solution, unless the step leads beyond their bounds.
 
         Args:
             window: The window with its bounds.
             model: Objective and constraints, linearized at the point.
-            here: The point.
+            here: The point and what was evaluated there.
+
+        Returns:
+            The last program with its solution and the point after its full step; if it has no solution, with its status
+            and the point itself.
         """
         near = NEAR_BOUND
         while True:
             qp = self.method.solve(window, model, here)
             if qp.status is not QpStatus.SOLVED:
                 return Program(model, qp, here)
-            reached = self._after(here, qp.step, 1.0)
+            reached = self._evaluation_after(here, qp.step, 1.0)
             missed_node_rows, missed_interval_rows = window.missed_rows(model, reached, near)
             if len(missed_node_rows) + len(missed_interval_rows) == 0:
                 return Program(model, qp, reached)
             model = window.with_rows(model, here.point, missed_node_rows, missed_interval_rows)
             near *= NEARER  # more rows each time: few rounds are enough
 
-    def _after(self, here: Evaluation, step: Unknowns, step_length: float) -> Evaluation:
+    def _evaluation_after(self, here: Evaluation, step: Unknowns, step_length: float) -> Evaluation:
         """Return the point after a step of a length, 1 being the full one."""
         return self.window.evaluation(self.window.with_dependent_rates(here.point.moved(step, step_length)))
 
@@ -495,12 +503,13 @@ class _Solve:
         """Tell whether an iterate may be applied before it settles: a step led there, and it meets all constraints."""
         return iterate.qp is not None and iterate.reached.violation <= FEASIBLE
 
-    def _step(self, iterate: Iterate, program: Program, filter_: "Filter") -> Iterate:
-        """Take the step of a program: return the iterate after the longest step that the filter accepts, by halving it.
+    def _line_search(self, iterate: Iterate, program: Program, filter_: "Filter") -> Iterate:
+        """Return the iterate after the longest step that the filter accepts, halving a program's step until it does.
 
-        If it accepts none, that is the point where the step begins, with step length 0. Near the constraints a step
-        that leaves them, by curvature, is corrected first (second-order correction), if that brings it nearer to them.
-        Not where soft rows are violated: the nearest point that meets the others would be another balance of them.
+        If the filter accepts none, the iterate is the point where the step begins, with step length 0. A step that
+        leaves the constraints, by their curvature, from a point near them is first corrected (second-order correction),
+        if that brings it nearer to them. It is not corrected where soft rows are violated: the correction would change
+        their violations against each other.
 
         Args:
             iterate: Where the step begins.
@@ -516,7 +525,7 @@ class _Solve:
         predicted_rows = self.window.predicted_rows(here, model, qp.step)
         slope += self.window.change_of_penalty(here, predicted_rows)
         step_length = min(self._longest_step(here.point, qp.step), aitken_factor(iterate, qp.step))
-        reached = program.reached if step_length == 1 else self._after(here, qp.step, step_length)
+        reached = program.reached if step_length == 1 else self._evaluation_after(here, qp.step, step_length)
         violates_soft_rows = reached.penalties.max(initial=0.0) > PENALTY * FEASIBLE
         leaves_constraints = reached.violation > FEASIBLE and here.violation <= NEARLY_FEASIBLE
         if leaves_constraints and not violates_soft_rows and not program.is_elastic:
@@ -530,7 +539,7 @@ class _Solve:
                 unpredicted = self.window.unpredicted_violation(here, predicted_rows, step_length, reached)
                 return replace(trial, unpredicted_violation=unpredicted)
             step_length /= 2
-            reached = self._after(here, qp.step, step_length)
+            reached = self._evaluation_after(here, qp.step, step_length)
         return Iterate(here, step_size, qp=qp)
 
     def _corrected(self, iterate: Iterate, program: Program) -> Iterate | None:
@@ -542,7 +551,7 @@ class _Solve:
         correction = self.method.solve(self.window, model, here)
         if correction.status is not QpStatus.SOLVED:
             return None
-        reached = self._after(iterate.reached, correction.step, 1.0)
+        reached = self._evaluation_after(iterate.reached, correction.step, 1.0)
         qp = replace(program.qp, step=correction.step)
         return Iterate(reached, _largest(program.qp.step), 1.0, qp=qp)
 
@@ -630,10 +639,10 @@ def aitken_factor(iterate: Iterate, step: Unknowns) -> float:
     with length a_, and d this one. If the iteration is linear, the length of d that removes the error along the change
     of the step is
 
-        a = -a_ d_ . (d - d_) / |d - d_|^2.
+        a = -a_ d_ . (d - d_) / |d - d_|^2,
 
-    It is for steps that turn round and are about as long as the last one. Where soft rows are violated the objective
-    has kinks, and steps turn round for another reason: they are left alone.
+    but at least `AITKEN_MIN_FACTOR`. Steps are shortened that turn round and are about as long as the last one. Where
+    soft rows are violated the objective has kinks, and steps turn round for another reason: they are left alone.
 
     Args:
         iterate: Where the step begins, with the step that led there.

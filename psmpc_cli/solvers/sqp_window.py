@@ -60,15 +60,16 @@ class WindowBounds:
 
 
 def fixed_bounds(form: VelocityForm, window: Window) -> WindowBounds:
-    """Return the bounds that all windows of one shape with the same limits share, made once and completed per window.
+    """Return the bounds of rows that all windows of one shape with the same limits share.
 
-    The rows stand in this order: states, durations, their sums, rows at nodes, rows over intervals less low h, then
-    less high h, accelerations alike. Bounds of durations, sums and rows at nodes are left open here (infinite):
-    `window_bounds` sets them.
+    They are made once; `window_bounds` completes them for each window. The rows stand in this order: states, durations
+    of stages, sums of durations, rows at nodes, rows g over intervals as g - low h, then as g - high h, h being the
+    length of the interval, and accelerations as dv - low h, then as dv - high h. Durations, sums and rows at nodes are
+    left without bounds here (infinite).
 
     Args:
         form: The velocity form of the windows of this shape.
-        window: Any of them.
+        window: Any of these windows.
     """
     grid = form.grid
     stages = window.stages
@@ -146,8 +147,8 @@ def _append_over_h(
     """
     no_bound = np.full(low.size, np.inf)
     is_equation = np.equal(low, high) & ~np.broadcast_to(is_over_time, low.shape)
-    low_over_h = _finite(low, is_over_time)
-    high_over_h = _finite(high, is_over_time)
+    low_over_h = _bounds_over_h(low, is_over_time)
+    high_over_h = _bounds_over_h(high, is_over_time)
     # Rows g - low h: bounded below; rows g - high h: bounded above. The difference is 0 where the bound is over h.
     lows += [(low - low_over_h).ravel(), -no_bound]
     highs += [
@@ -157,7 +158,7 @@ def _append_over_h(
     return low_over_h, high_over_h
 
 
-def _finite(bound: np.ndarray, is_over_time: np.ndarray | bool) -> np.ndarray:
+def _bounds_over_h(bound: np.ndarray, is_over_time: np.ndarray | bool) -> np.ndarray:
     """Return bounds of rows over h; 0 where there is none, or none over h."""
     return np.where(np.isfinite(bound) & is_over_time, bound, 0.0)
 
@@ -165,9 +166,10 @@ def _finite(bound: np.ndarray, is_over_time: np.ndarray | bool) -> np.ndarray:
 def window_bounds(
     form: VelocityForm, shared: WindowBounds, window: Window, guess: Plan, tau: np.ndarray, within: float
 ) -> WindowBounds:
-    """Return the bounds of all rows of one window: those that its shape shares, and those of its own numbers.
+    """Return the bounds of all rows of one window, from those that windows of its shape share.
 
-    Its own are limits of velocities in the chart about the guess, rows at nodes, durations and switch times.
+    Set here are the bounds that differ from window to window: of velocities, whose limits depend on the chart about the
+    guess, of rows at nodes, of durations and of switch times.
 
     Args:
         form: The velocity form of windows of this shape.
@@ -182,8 +184,8 @@ def window_bounds(
         interval_low, interval_high = form.interval_bounds(window, guess.switch_times)
         shared = replace(
             shared,
-            interval_low=_finite(interval_low, form.interval_row_is_over_time),
-            interval_high=_finite(interval_high, form.interval_row_is_over_time),
+            interval_low=_bounds_over_h(interval_low, form.interval_row_is_over_time),
+            interval_high=_bounds_over_h(interval_high, form.interval_row_is_over_time),
         )
     low = shared.low.copy()
     high = shared.high.copy()
@@ -337,7 +339,7 @@ class SqpWindow:
         Args:
             model: The model, with the indices of the rows that it has.
             reached: The point after its full step.
-            near: Share of their bounds from which on rows over intervals count as near.
+            near: Rows over intervals count as near from this fraction of their bounds on; smaller: more rows.
 
         Returns:
             Indices of rows at nodes, and of rows over intervals, ascending; both empty where nothing was missed.
@@ -387,8 +389,8 @@ class SqpWindow:
     def evaluated(self, point: Unknowns, residuals: Residuals) -> Evaluation:
         """Return a point with all that the line search compares: objective with penalties, values of rows, violations.
 
-        The violation is the largest of a gap or a hard row in its own unit: m, rad, m/s, rad/s or s. A limit on an
-        acceleration counts by the velocity that it costs in its interval.
+        The violation is the largest of all gaps, defects of the motion over an interval, and hard rows, each in its own
+        unit: m, rad, m/s, rad/s or s. A limit on an acceleration counts by the change of velocity over its interval.
 
         Args:
             point: The point.
@@ -526,7 +528,10 @@ class SqpWindow:
     def corrected(
         self, here: Evaluation, model: Linearization, step: Unknowns, reached: Evaluation
     ) -> tuple[Evaluation, Linearization]:
-        """Return point and model of a second-order correction: their program corrects a step that leaves constraints.
+        """Return point and model whose quadratic program gives a second-order correction of a step.
+
+        A step that meets linearized constraints leaves the constraints themselves by their curvature; the corrected one
+        nearly does not.
 
         With c the rows and gaps, A their derivatives at the point x, and d the step, the program has c(x + d) - A d in
         place of c(x), so that its step meets the constraints to the third order of d, not to the second. Its objective

@@ -13,7 +13,7 @@ from psmpc_cli.figures.registry import draw, figures_of
 from psmpc_cli.figures.scene import OBLIQUE, scene_of
 from psmpc_cli.figures.snapshots import plot_robot, plot_scenario
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.feasibility.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations_at_stops
 from psmpc_cli.ocp.problem import build_problem
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.simulation.run import simulate
@@ -85,7 +85,7 @@ def test_targets_of_a_scene_are_frames_in_its_view(run: Run) -> None:
 
 def test_a_scenario_has_the_hands_at_their_targets() -> None:
     problem = build_problem(load_task("servicing"))
-    stop = configurations(problem.task, problem.model, problem.stages)[2]
+    stop = configurations_at_stops(problem.task, problem.model, problem.stages)[2]
     wanted = pose_frames(problem.stages[1].target.reshape(3, 7))
     np.testing.assert_allclose(pose_frames(problem.model.poses(stop)), wanted, atol=3e-3)
 

@@ -13,7 +13,7 @@ from psmpc_cli.figures.coordinates import error_curves
 from psmpc_cli.figures.scene import object_frames, scene_of
 from psmpc_cli.figures.snapshots import plot_robot, plot_scenario, plot_snapshots
 from psmpc_cli.logs.run import Run
-from psmpc_cli.ocp.feasibility.postures import configurations
+from psmpc_cli.ocp.feasibility.postures import configurations_at_stops
 from psmpc_cli.ocp.stage import Stage
 from psmpc_cli.robot.configuration import pose_frames
 from psmpc_cli.robot.geometry import pieces_of
@@ -105,7 +105,7 @@ def test_snapshots_of_several_runs_show_where_their_stages_end(runs: Mapping[str
 def test_a_scenario_has_every_stage_at_its_target(
     transport: Task, model: RobotModel, stages: tuple[Stage, ...]
 ) -> None:
-    stops = configurations(transport, model, stages)
+    stops = configurations_at_stops(transport, model, stages)
     for stage, Q in zip(stages, stops[1:], strict=True):
         reached = Q if stage.space == "joint" else np.asarray(model.g(Q)).ravel()
         np.testing.assert_allclose(np.exp(1j * reached), np.exp(1j * stage.target), atol=2e-3)

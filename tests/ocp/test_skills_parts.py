@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.errors import SpecError
-from psmpc_cli.ocp.feasibility.postures import arm_postures, configurations
+from psmpc_cli.ocp.feasibility.postures import arm_postures, configurations_at_stops
 from psmpc_cli.ocp.feasibility.targets import _poses_at_target
 from psmpc_cli.ocp.problem import Problem, build_problem
 from psmpc_cli.ocp.skills import Posture, skill_in
@@ -78,7 +78,7 @@ def test_the_numbers_at_a_posture_lead_back_to_it(model: RobotModel, space: Any)
     Q = np.linspace(-0.4, 0.5, 9)
     posture = Posture(Q, np.asarray(model.g(Q)).ravel())
     skill = skill_in(space)
-    after = skill.after(model, posture, skill.numbers_at(model, posture))
+    after = skill.posture_after(model, posture, skill.numbers_at(model, posture))
     np.testing.assert_allclose(after.Q, Q)
     np.testing.assert_allclose(after.xi, posture.xi)
     assert len(skill.absent(model)) == skill.numbers(model)
@@ -95,7 +95,7 @@ def test_a_free_arm_has_no_rows(model: RobotModel) -> None:
 def test_postures_are_those_of_joints_and_of_inverse_kinematics(problem: Problem) -> None:
     model = problem.model
     (stage,) = problem.stages
-    stops = configurations(problem.task, model, problem.stages)
+    stops = configurations_at_stops(problem.task, model, problem.stages)
     np.testing.assert_allclose(stops[1][3:6], np.radians([30, 60, 30]))
     np.testing.assert_allclose(model.poses(stops[1])[2], stage.poses_of_arms["arm_2"], atol=1e-6)
     assert [posture.arm for posture in arm_postures(model, problem.stages, stops)] == ["arm_1", "arm_2"]

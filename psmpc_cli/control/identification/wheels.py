@@ -131,7 +131,7 @@ class WheelEstimator:
         model = self._model
         function = model.cached(
             (WheelEstimator, kind, name),
-            lambda: BatchFunction(kind.stored(model) if name == "stored" else kind.momentum(model)),
+            lambda: BatchFunction(kind.momentum_of_wheels(model) if name == "stored" else kind.momentum(model)),
         )
         chart = model.space.chart_at(Q)
         return np.asarray(function(chart.to_chart(Q[None], v[None])[0], chart.anchor, numbers)[0][0])

@@ -251,7 +251,7 @@ def force_rows(model: RobotModel, structure: ForceStructure) -> IntervalFunction
     scale = 1 / inertia(model)[coordinates]
     normals = np.array(structure.combinations).reshape(-1, model.space.n_twist)
     combinations = ca.sparsify(ca.DM(normals))
-    stored = ca.sqrt(h) * load.stored(model)(x, anchor, numbers) if load.stores else None
+    stored = ca.sqrt(h) * load.momentum_of_wheels(model)(x, anchor, numbers) if load.stores else None
     motion = OwnMotion.in_chart(model, x[:n], ca.sqrt(h) * x[n:], dv, anchor, stored)
     F = load.own_force(model, motion, numbers)
     rows = ca.vertcat(F[coordinates] * scale, combinations @ F[model.space.base])

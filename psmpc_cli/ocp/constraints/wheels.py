@@ -80,7 +80,7 @@ def wheel_momenta(model: RobotModel, load: LoadKind) -> ConstraintFunctions:
     argument = ca.SX.sym("argument", model.space.n_anchor + load.count(model) + wheels.count)
     ends = [0, model.space.n_anchor, model.space.n_anchor + load.count(model), argument.numel()]
     anchor, of_load, unseen = ca.vertsplit(argument, ends)
-    stored = load.stored(model)(x, anchor, of_load)
+    stored = load.momentum_of_wheels(model)(x, anchor, of_load)
     momenta = ca.DM(wheels.allocation) @ stored + unseen
     return ConstraintFunctions(x, argument, ca.DM(_scale(model, wheels)) * momenta, at_nodes=True)
 

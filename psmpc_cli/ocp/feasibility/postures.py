@@ -71,7 +71,7 @@ def configurations_at_stops(
     stops = [stack(task.spec.initial, task.robot, "joint")]
     for stage, reach_by_arm in zip(stages, reaches or [{}] * len(stages), strict=True):
         before = Posture(stops[-1], np.asarray(model.g(stops[-1])).ravel())
-        Q = skill_in(stage.space).after(model, before, stage.target).Q
+        Q = skill_in(stage.space).posture_after(model, before, stage.target).Q
         base = stage.target[stage.parts["base"].numbers]
         joints = Q[model.nq - model.n :]
         limits = stage.limits

@@ -270,7 +270,7 @@ def _poses_at_target(model: RobotModel, stage: Stage) -> dict[str, np.ndarray]:
     pose of an arm whose target is joint coordinates follows from them and from the base, if they ask for that too.
     """
     neutral = Posture(model.space.neutral.copy(), np.zeros(model.m))
-    Q = skill_in(stage.space).after(model, neutral, stage.target).Q  # neutral where the target says nothing
+    Q = skill_in(stage.space).posture_after(model, neutral, stage.target).Q  # neutral where the target says nothing
     poses = dict(zip(model.pose_rows, model.poses(Q), strict=True))
     asks_for_base = stage.relevant_rows[stage.parts[BASE].rows].all()
     known_poses = dict[str, np.ndarray]()

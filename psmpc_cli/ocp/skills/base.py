@@ -153,7 +153,7 @@ class Skill:
         parts = self.parts(model).items()
         return np.concatenate([part.kind.numbers_at(model, name, posture) for name, part in parts])
 
-    def after(self, model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
+    def posture_after(self, model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
         """Return the posture to which a target leads."""
         parts = self.parts(model)
         Q = posture.Q.copy()
@@ -180,7 +180,7 @@ class Skill:
         """
         parts = self.parts(model)
         zero = Posture(np.zeros(model.nq), np.zeros(model.m))
-        Q = self.after(model, zero, target).Q  # 0 where the target says nothing
+        Q = self.posture_after(model, zero, target).Q  # 0 where the target says nothing
         positions = np.full((len(model.pose_rows), model.dimension), np.nan)
         for position, name in zip(positions, model.pose_rows, strict=True):
             if name in parts:

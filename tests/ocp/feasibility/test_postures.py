@@ -5,7 +5,7 @@ import pytest
 
 from psmpc_cli.ocp.feasibility.checks import load_task
 from psmpc_cli.ocp.feasibility.forecast import forecast_stages
-from psmpc_cli.ocp.feasibility.postures import arm_postures, configurations, largest_load_ratio
+from psmpc_cli.ocp.feasibility.postures import arm_postures, configurations_at_stops, largest_load_ratio
 from psmpc_cli.robot.model import RobotModel
 
 
@@ -15,7 +15,7 @@ def test_joints_and_pose_of_every_arm_belong_together(name: str) -> None:
     model = RobotModel(task.robot)
     forecasts = forecast_stages(task)
     stages = [forecast.stage for forecast in forecasts]
-    stops = configurations(task, model, stages, [forecast.reaches for forecast in forecasts])
+    stops = configurations_at_stops(task, model, stages, [forecast.reaches for forecast in forecasts])
     found = list(arm_postures(model, stages, stops))
     assert [(each.stage, each.arm) for each in found] == [
         (stage.name, arm) for stage in stages for arm in model.spec.arms
@@ -33,7 +33,7 @@ def test_an_arm_that_cannot_reach_has_no_joints() -> None:
     task = load_task("transport", ["stages.release.target.arm_1=[1.2, 0, 180 deg]"], feasibility=False)
     model = RobotModel(task.robot)
     stages = [forecast.stage for forecast in forecast_stages(task)]
-    *_, first, second = arm_postures(model, stages, configurations(task, model, stages))
+    *_, first, second = arm_postures(model, stages, configurations_at_stops(task, model, stages))
     assert first.joints is None
     assert second.joints is not None
     np.testing.assert_allclose(first.pose[:2], [1.2, 0])
@@ -46,7 +46,7 @@ def test_an_arm_takes_a_pose_on_the_branch_on_which_it_was(elbow: float) -> None
     task = load_task("transport", changes)
     model = RobotModel(task.robot)
     stages = [forecast.stage for forecast in forecast_stages(task)]
-    stops = configurations(task, model, stages)
+    stops = configurations_at_stops(task, model, stages)
     taken = stops[2][model.nq - model.n :][model.parts["arm_1"]]
     assert np.sign(taken[1]) == np.sign(elbow)
     poses = dict(zip(model.pose_rows, model.poses(stops[2]), strict=True))
@@ -60,7 +60,7 @@ def test_the_ratio_of_a_load_is_proportional_to_it(mass: float) -> None:
     task = load_task("transport_grasp", changes)
     model = RobotModel(task.robot)
     stages = [forecast.stage for forecast in forecast_stages(task)]
-    found = largest_load_ratio(task, model, configurations(task, model, stages))
+    found = largest_load_ratio(task, model, configurations_at_stops(task, model, stages))
     assert found is not None
     assert found.ratio == pytest.approx(2.308 * mass / 20, rel=1e-3)
     assert found.stage == "transport"

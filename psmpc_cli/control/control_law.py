@@ -17,7 +17,7 @@ from psmpc_cli.control.memory import Memory
 from psmpc_cli.control.online_identification import identification_steps
 from psmpc_cli.control.placement import Placement, Placer
 from psmpc_cli.control.routes.guidance import RouteProgress, build_guide
-from psmpc_cli.control.sequence import MovingSequence, Switch, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import FaultKind, GraspFault, MovingSequence, Switch, detect, drop_met, drop_passed
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
@@ -169,7 +169,7 @@ class ControlLaw:
         stop_at = perf_counter() + self.solver.deadline
         memory, situation = self._measure(memory, measurement)
         memory, situation = self._drop(memory, situation)  # stages that are over leave the window
-        memory, situation = self._answer_grippers(memory, measurement, situation)  # back where the object was missed
+        memory, situation = self._answer_faults(memory, measurement, situation)  # back where the object was missed
         memory, situation = self._place_at_ends(memory, situation)
         prediction = self._shift(memory, situation)  # the last plan, from now on
         longer = self._detect(memory, situation, prediction)  # the next stage enters when its switch is predicted
@@ -297,22 +297,25 @@ class ControlLaw:
         sequence = sequence.with_measurement(stages, costs, time, x_chart)
         return replace(memory, sequence=sequence), replace(situation, switches=(*passed, *met))
 
-    def _answer_grippers(
+    def _answer_faults(
         self, memory: Memory, measurement: Measurement, situation: Situation
     ) -> tuple[Memory, Situation]:
-        """Return to an earlier stage where grippers report that they missed the object or lost it.
+        """Return to an earlier stage where grippers report that they missed the object or lost it, or take too long.
 
         Where the task declares no other try, or none is left, the mission has failed, and the sequence goes on.
         """
-        if measurement.holding is None or memory.grasp.has_failed:
+        if memory.grasp.has_failed:
             return memory, situation
-        grasp, fault = memory.grasp.observed(
-            memory.sequence,
-            held=self.problem.held_stages,
-            grippers=self.problem.body.grippers,
-            holding=measurement.holding,
-            time=measurement.time,
-        )
+        grasp = memory.grasp
+        fault = self._timed_out(memory.sequence, situation.time)
+        if measurement.holding is not None and fault is None:
+            grasp, fault = grasp.observed(
+                memory.sequence,
+                held=self.problem.held_stages,
+                grippers=self.problem.body.grippers,
+                holding=measurement.holding,
+                time=measurement.time,
+            )
         if fault is None:
             return replace(memory, grasp=grasp), situation
         back_to, times = self.problem.spec.retry_after(fault.stage)
@@ -323,6 +326,13 @@ class ControlLaw:
         grasp = replace(grasp, is_taken=False, returns={**grasp.returns, fault.stage: tried + 1})
         memory, situation = self._returned(replace(memory, grasp=grasp), situation, back_to)
         return memory, replace(situation, grasp_events=frozenset({"missed", "returned"}))
+
+    def _timed_out(self, sequence: MovingSequence, now: float) -> GraspFault | None:
+        """Return the fault of a stage whose timeout is over now [s] while it has not taken the object; else None."""
+        stage = sequence.first
+        if now < sequence.progress.entered + self.problem.spec.timeout_of(stage) - ROUNDING:
+            return None
+        return GraspFault(self.problem.body.grippers, FaultKind.TIMED_OUT, stage, now)
 
     def _returned(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
         """Return to a stage that has ended: it begins again now, from the state and the object as they are measured.

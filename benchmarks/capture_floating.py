@@ -7,8 +7,9 @@
 
 In a draw the object drifts and turns by up to 1 cm/s and 1 deg/s about each axis and is up to 30 % heavier or lighter
 than the task says; measurements are noisy, commands are late, and nobody has declared any of it. The settings of the
-tasks were chosen on seeds from 1000 on, after earlier ones had lost 6 of 35 and 3 of 24 objects on the first seeds. The
-draws therefore begin at a seed that nobody had looked at.
+tasks were chosen on seeds from 1000 on, after earlier ones had lost 6 of 35, 3 of 24 and 7 of 100 objects on the seeds
+from 0 and from 100 on. The draws in the plane therefore begin at a seed that nobody had looked at; those in space, of
+which there are some from seed 100 on, have no second try.
 """
 
 import json
@@ -32,7 +33,7 @@ TASK = "capture_floating"
 FREE_FLYING = {"skills.drift.mobility": "free-flying", "skills.grasp.mobility": "free-flying"}
 WITH_BASE = {"skills.drift.weights.base": [100, 100, 10], "skills.grasp.weights.base": [100, 100, 100]}
 NO_COAST = {
-    "stages.approach.target.base": {"object": [0, -1.978, 0]},
+    "stages.approach.target.base": {"object": [0, -1.728, 0]},
     "stages.coast.dwell": 0,
     "stages.coast.ends_when.tolerance.base": 0.1,
     "stages.capture.target.base": {"object": [0, -0.978, 0]},
@@ -68,7 +69,7 @@ DRAWN = {
     "log": {"shares": False, "plans": False},
 }
 
-FIRST_SEED = 100
+FIRST_SEED = 200
 
 IN_SPACE = "capture_floating_servicer"
 
@@ -126,6 +127,7 @@ def draw(case: str, seed: int) -> dict[str, Any]:
         "spin": round(float(np.degrees(np.linalg.norm(angular))), 2),
         "succeeded": bool(summary.succeeded),
         "why": summary.reason,
+        "returned_at": [round(time, 1) for time in summary.returned_at],
         "broken": [verdict.name for verdict in summary.monitors if not verdict.held],
         "ends": [round(float(end), 1) if np.isfinite(end) else None for end in run.stages["switch_time"]],
         "time": round(float(summary.duration), 1),
@@ -170,6 +172,7 @@ def counts() -> Iterator[str]:
             {
                 "": name,
                 "delivered": f"{len(delivered)} of {len(of_case)}",
+                "at the second try": sum(bool(result.get("returned_at")) for result in delivered),
                 "95 % interval": f"{100 * low:.0f} to {100 * high:.0f} %",
                 "taken at, median [s]": median_of([result["ends"][2] for result in delivered]),
                 "ends, median [s]": median_of([result["time"] for result in delivered]),

@@ -17,7 +17,15 @@ from psmpc_cli.control.memory import Memory
 from psmpc_cli.control.online_identification import identification_steps
 from psmpc_cli.control.placement import Placement, Placer
 from psmpc_cli.control.routes.guidance import RouteProgress, build_guide
-from psmpc_cli.control.sequence import MovingSequence, Switch, drop_met_stage, drop_passed_stages, with_detected_stage
+from psmpc_cli.control.sequence import (
+    FaultKind,
+    GraspFault,
+    MovingSequence,
+    Switch,
+    drop_met_stage,
+    drop_passed_stages,
+    with_detected_stage,
+)
 from psmpc_cli.control.window_builder import WindowBuilder
 from psmpc_cli.errors import RunError
 from psmpc_cli.ocp.constraints.plumes import PlumeForecast
@@ -336,25 +344,28 @@ class ControlLaw:
     def _retry_missed_grasp(
         self, memory: Memory, measurement: Measurement, situation: Situation
     ) -> tuple[Memory, Situation]:
-        """Return to an earlier stage if grippers report that they missed the object or lost it.
+        """Return to an earlier stage if grippers report that they missed the object or lost it, or take too long.
 
         The task says in `if_missed` to which stage, and how many times. If it allows no return, or none is left, the
         memory's grasp keeps the fault, which says that the mission has failed, and the sequence goes on. Nothing
-        changes if the measurement has no reports of grippers, or after the mission has failed.
+        changes without such a report or a timeout that is over, nor after the mission has failed.
 
         Returns:
             The memory with what grippers have reported, after a return with the earlier stage as the current one; and
             the situation with the events `missed` and `returned`, if there was such a report.
         """
-        if measurement.holding is None or memory.grasp.has_failed:
+        if memory.grasp.has_failed:
             return memory, situation
-        grasp, fault = memory.grasp.after_report(
-            memory.sequence,
-            held=self.problem.held_stages,
-            grippers=self.problem.body.grippers,
-            holding=measurement.holding,
-            time=measurement.time,
-        )
+        grasp = memory.grasp
+        fault = self._fault_of_timeout(memory.sequence, situation.time)
+        if measurement.holding is not None and fault is None:
+            grasp, fault = grasp.after_report(
+                memory.sequence,
+                held=self.problem.held_stages,
+                grippers=self.problem.body.grippers,
+                holding=measurement.holding,
+                time=measurement.time,
+            )
         if fault is None:
             return replace(memory, grasp=grasp), situation
         back_to, allowed_returns = self.problem.spec.retry_after(fault.stage)
@@ -365,6 +376,16 @@ class ControlLaw:
         grasp = replace(grasp, is_taken=False, returns={**grasp.returns, fault.stage: returns + 1})
         memory, situation = self._return_to_stage(replace(memory, grasp=grasp), situation, back_to)
         return memory, replace(situation, grasp_events=frozenset({"missed", "returned"}))
+
+    def _fault_of_timeout(self, sequence: MovingSequence, now: float) -> GraspFault | None:
+        """Return the fault of a stage whose timeout is over now [s] and that has not taken the object yet; else None.
+
+        The task sets the timeout in `if_missed`: how long a stage may try to take the object.
+        """
+        stage = sequence.first
+        if now < sequence.progress.entered + self.problem.spec.timeout_of(stage) - ROUNDING:
+            return None
+        return GraspFault(self.problem.body.grippers, FaultKind.TIMED_OUT, stage, now)
 
     def _return_to_stage(self, memory: Memory, situation: Situation, stage: int) -> tuple[Memory, Situation]:
         """Make a stage that has ended the current one again, after grippers have missed or lost the object.

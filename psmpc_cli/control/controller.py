@@ -137,9 +137,9 @@ class Controller:
 
     @property
     def failure(self) -> str:
-        """Why the mission cannot succeed any more: grippers missed or lost the object for the last time; else empty.
+        """Why the mission cannot succeed any more: grippers missed or lost the object in the last try, or took too long.
 
-        A controller whose mission has failed goes on to decide as if they held it.
+        Empty while it can succeed. A controller whose mission has failed goes on to decide as if they held it.
         """
         fault = self.memory.grasp.fault
         if fault is None:

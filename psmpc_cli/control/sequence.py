@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from functools import partial
 from typing import NamedTuple
 
@@ -119,27 +120,39 @@ class MovingSequence:
         return replace(self.current_only if progress.hold_lost else self, progress=progress)
 
 
+class FaultKind(Enum):
+    """Why grippers do not hold the object; values are what is said of it, with the name of the stage."""
+
+    MISSED = "missed the object at the end of {stage}"
+    """They have not held it since they closed."""
+
+    LOST = "lost the object in {stage}"
+    """They have held it since they closed."""
+
+    TIMED_OUT = "did not take the object before the timeout of {stage}"
+    """They have not closed in time."""
+
+
 class GraspFault(NamedTuple):
-    """Grippers hold nothing in a stage in which they are to hold the object.
+    """Grippers hold nothing in a stage in which they are to hold the object, or have not taken it in time.
 
     Attributes:
         grippers: Their arms.
-        is_missed: They have not held it since they closed; else they have lost it.
-        stage: Index of the stage at whose end they missed it, or in which they lost it.
-        time: When they closed, or when the loss was measured [s].
+        kind: Why.
+        stage: Index of the stage that takes the object, or in which they lost it.
+        time: When they closed, when the loss was measured, or when the time was up [s].
     """
 
     grippers: tuple[str, ...]
-    is_missed: bool
+    kind: FaultKind
     stage: int
     time: float
 
     def describe(self, stage_name: str, tries: int) -> str:
         """Write what is wrong, of a stage by its name and after so many tries."""
-        where = f"at the end of {stage_name}" if self.is_missed else f"in {stage_name}"
-        did = "missed" if self.is_missed else "lost"
+        what = self.kind.value.format(stage=stage_name)
         last = f", in the last of {tries} tries" if tries > 1 else ""
-        return f"{' and '.join(self.grippers)} {did} the object {where}, at {self.time:.1f} s{last}"
+        return f"{' and '.join(self.grippers)} {what}, at {self.time:.1f} s{last}"
 
 
 @dataclass(frozen=True)
@@ -197,8 +210,8 @@ class GraspProgress:
             is_taken = self.is_taken or all(holding.get(gripper, False) for gripper in grippers)
             return replace(self, is_taken=is_taken), None
         if self.is_taken:
-            return self, GraspFault(empty, is_missed=False, stage=sequence.first, time=time)
-        return self, GraspFault(empty, is_missed=True, stage=held.start - 1, time=closed)
+            return self, GraspFault(empty, FaultKind.LOST, sequence.first, time)
+        return self, GraspFault(empty, FaultKind.MISSED, held.start - 1, closed)
 
 
 class Switch(NamedTuple):

@@ -388,8 +388,8 @@ class Run:
     def _spans_of_earlier_tries(self) -> tuple[Span, ...]:
         """The time spans of stages before the last return of the sequence to an earlier stage, in order.
 
-        The sequence returns when grippers have missed or lost the object. The stage that is current then ends at the
-        return. A stage that was never current at a sample has no span, and early starts are left out.
+        The sequence returns when grippers have missed or lost the object, or taken too long. The stage that is current
+        then ends at the return. A stage that was never current at a sample has no span, and early starts are left out.
         """
         spans: list[Span] = []
         first_sample = 0

@@ -633,7 +633,7 @@ SCHEMA = (
         only=TASK_INPUT,
     ),
     _event("retargeted", "a stage has another target since the sample before", only=TARGETS_CHANGE),
-    _event("missed", "grippers report that they missed or lost the object", only=TRIES),
+    _event("missed", "grippers report that they missed or lost the object, or took too long", only=TRIES),
     _event("returned", "the sequence returned to an earlier stage, for another try", only=TRIES),
     _by_stage(
         "window/ended_at",

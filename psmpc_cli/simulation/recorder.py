@@ -234,7 +234,7 @@ def _report(sample: Sample, stages: tuple[Stage, ...]) -> None:
     if "missed" in command.events:
         back_to = stages[command.sequence.first].name
         consequence = f"back to {back_to}" if "returned" in command.events else "there is no other try"
-        logger.warning("%.2f s: grippers missed or lost the object; %s", command.time, consequence)
+        logger.warning("%.2f s: the object was missed or lost; %s", command.time, consequence)
     braking = "braking" in command.events
     what_goes_on = "the robot brakes to rest" if braking else "the shifted plan goes on"
     if "unmeasured" in command.events:

@@ -385,7 +385,7 @@ def simulate(
     """Run a task in closed loop and return the run.
 
     A run ends when its last stage does, at the time limit, or when the mission can no longer succeed: grippers missed
-    or lost the object, and the task declares no other try (`if_missed`) or all were used up.
+    or lost the object, or took too long, and the task declares no other try (`if_missed`) or all were used up.
 
     An interruption (KeyboardInterrupt, from anywhere or raised by the watcher) ends the run cleanly: it holds
     everything up to then, is not `finished`, and has no final time. Any other error of the watcher is raised; the log

@@ -410,14 +410,20 @@ def _one_end(at: float | None, earlier_fields: Fields, context: Context) -> Rule
 
 
 class RetrySpec(Spec):
-    """Another try where grippers miss the object at the end of the stage, or lose it in the stage."""
+    """Another try where grippers miss the object at the end of the stage, or lose it in the stage, or take too long."""
 
     back_to: StageName = Field(description="the earlier stage to which the sequence returns")
     times: fields.Whole = Field(1, ge=1, description="how often at most; then the mission ends")
+    timeout: fields.Sparse[fields.Seconds | None] = Field(
+        None, description="duration after which a stage that has not taken the object has missed it [s]; default none"
+    )
 
 
 def _retry(retry: RetrySpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give another try of a stage that neither takes nor holds an object with a mass, and one from a later stage."""
+    """Give another try of a stage that neither takes nor holds an object with a mass, and one from a later stage.
+
+    Also a timeout of a stage that holds the object already, and one before the stage may end.
+    """
     target_object = mapping(context.file.value(("object",)))
     if not target_object.get("mass"):
         yield (), expected('an "object" with a mass', "no such object", at_key=True)
@@ -435,6 +441,13 @@ def _retry(retry: RetrySpec, earlier_fields: Fields, context: Context) -> RuleEr
         where = f"an earlier stage that does not hold the object: {', '.join(map(quoted, earlier))}"
         wanted = where if earlier else "a stage before the one that takes the object: there is none"
         yield ("back_to",), expected(wanted, quoted(retry.back_to))
+    if retry.timeout is None:
+        return
+    if carrying.stage != carrying.taken:
+        wanted = f"it in {quoted(order[carrying.taken])}, at whose end the object is taken"
+        yield ("timeout",), expected(wanted, f"it in {quoted(order[carrying.stage])}", at_key=True)
+    elif retry.timeout <= (dwell := earlier_fields.get("dwell", 0.0)):
+        yield ("timeout",), expected(f'more than the "dwell" of {dwell:g} s', f"{retry.timeout:g} s")
 
 
 class StageSpec(Spec):

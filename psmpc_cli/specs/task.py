@@ -467,6 +467,11 @@ class TaskSpec(Spec):
             return stage, 0
         return [each.name for each in self.stages].index(retry.back_to), retry.times
 
+    def timeout_of(self, stage: int) -> float:
+        """Return after which duration a stage that has not taken the object has missed it [s]; infinite without one."""
+        retry = self.stages[stage].if_missed
+        return np.inf if retry is None or retry.timeout is None else retry.timeout
+
     @property
     def acts_in_task_space(self) -> bool:
         """Whether the control of any stage is the acceleration of poses."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from psmpc_cli.control.sequence import (
+    FaultKind,
     GraspFault,
     GraspProgress,
     MovingSequence,
@@ -169,7 +170,7 @@ def test_what_grippers_report_counts_once_they_were_to_close() -> None:
         progress, fault = GraspProgress(is_taken=True).after_report(sequence, HELD, HANDS, empty, time)
         assert (progress.is_taken, fault) == (False, None)
     _, fault = GraspProgress().after_report(carrying, HELD, HANDS, empty, 5.1)
-    assert fault == GraspFault(("arm_2",), is_missed=True, stage=1, time=5.0)
+    assert fault == GraspFault(("arm_2",), FaultKind.MISSED, stage=1, time=5.0)
     assert fault.describe("capture", tries=1) == "arm_2 missed the object at the end of capture, at 5.0 s"
     assert fault.describe("capture", tries=3).endswith(", in the last of 3 tries")
 
@@ -181,7 +182,7 @@ def test_an_object_is_lost_that_every_gripper_has_held() -> None:
     taken, none = some.after_report(carrying, HELD, HANDS, {"arm_1": True, "arm_2": True}, 5.2)
     assert (taken.is_taken, none) == (True, None)
     _, fault = taken.after_report(carrying, HELD, HANDS, {"arm_1": False, "arm_2": False}, 5.3)
-    assert fault == GraspFault(HANDS, is_missed=False, stage=3, time=5.3)
+    assert fault == GraspFault(HANDS, FaultKind.LOST, stage=3, time=5.3)
     assert fault.describe("carry", tries=1) == "arm_1 and arm_2 lost the object in carry, at 5.3 s"
 
 

@@ -98,4 +98,4 @@ def test_rates_at_the_end_are_along_the_axes_of_the_object() -> None:
     task = load_task("capture_floating", {**coordinates, **rates})
     approach = build_problem(task).stages[0].unplaced_copy()
     placed = approach.at_object(np.array([0.0, 3.0, np.pi / 2]), np.zeros(3))
-    np.testing.assert_allclose(placed.end.target_rates, [-0.04])
+    np.testing.assert_allclose(placed.end.target_rates, [-0.03])

@@ -122,6 +122,22 @@ def test_the_mission_ends_when_all_tries_are_used_up() -> None:
     assert summary.reason.endswith("in the last of 3 tries")
 
 
+def test_a_capture_that_takes_too_long_is_tried_again() -> None:
+    never = {"stages.capture.ends_when.tolerance": 1e-9, "time_limit": 3}
+    retry = {"stages.capture.if_missed": {"back_to": "approach", "times": 1, "timeout": "0.5 s"}}
+    run = simulate(near_capture(never, retry))
+    summary = run.summary()
+    (returned_at,) = summary.returned_at
+    first = run.spans[0]
+    assert (first.name, first.start) == ("capture", pytest.approx(0, abs=0.1))
+    assert first.end == returned_at == pytest.approx(first.start + 0.5, abs=0.1)
+    assert summary.reason.startswith("arm_1 and arm_2 did not take the object before the timeout of capture, at ")
+    assert summary.reason.endswith("in the last of 2 tries")
+    assert not run["grasp/closed"].any()
+    comparison = rerun(run)
+    assert comparison is not None and not comparison.differences
+
+
 def test_a_lost_object_ends_the_mission_or_is_taken_again() -> None:
     lost = simulate(near_capture(WEAK))
     assert "lost the object in transport" in lost.attributes["end_reason"]

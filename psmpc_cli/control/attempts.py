@@ -121,8 +121,8 @@ class Attempts:
         if solved.warm:  # step 3
             cold = self._solve(sequence, unfinished, self._solver, is_warm=False)
             if cold.outcome.usable and self._keeps_limits(cold):
-                return Attempt(sequence, _with_total_time(solved, cold), unfinished)
-            solved = _with_total_time(cold, solved)
+                return Attempt(sequence, _with_total_time(cold, solved), unfinished)
+            solved = _with_total_time(solved, cold)
         current_solved = self._solve(sequence.current_only, unfinished, self._solver)  # step 4
         better = solved.outcome is Outcome.INFEASIBLE or not self._keeps_limits(solved, current_solved)
         if current_solved.outcome.usable and better:

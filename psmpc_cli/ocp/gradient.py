@@ -103,8 +103,9 @@ class Shooting:
     def by_costate(self, tau: Any, U: Inputs, printed: bool = False) -> list[Any]:
         """Return dJ/dt_s by each switch time, by the paper's formula in continuous time, its costate psi by (27).
 
-        At an optimum the control jumps at a switch, because the weight on it does. Here each side of the jump has its
-        own control and its own priority,
+        It is one of several ways to compute this gradient, and is compared with the others. At an optimum the control
+        jumps at a switch, because the weight on it does. Here each side of the jump has its own control and its own
+        priority,
 
             psi' (f_s(x, u-) - f_s+1(x, u+)) + omega_s L_s(x, u-) - omega_s+1 L_s+1(x, u+),
 
@@ -113,13 +114,16 @@ class Shooting:
         Args:
             tau: Durations of the stages, (S + 1,) [s], numbers or symbols.
             U: Inputs over the intervals, by stage.
-            printed: Take (26) as printed.
+            printed: Take (26) as the paper prints it.
+
+        Returns:
+            dJ/dt_s of each of the S switch times.
         """
         X = self.states(tau, U)
         k = len(X) - 1
         last = len(self.nodes) - 1
         costate = self._p.terminal * self._terms_at_last_node(X[k], tau)["L_x"]
-        gradient: list[Any] = [self._p.pending] * last
+        gradient: list[Any] = [self._p.pending] * last  # a later switch lets the stages after it wait longer
         for s in reversed(range(len(self.nodes))):
             h = tau[s] / self.nodes[s]
             if s < last:

@@ -893,7 +893,7 @@ def _row_by_row(matrix: ca.SX) -> ca.SX:
 
 
 def _motion_over_interval(model: RobotModel, stage_input: str, discretization: str) -> ca.Function:
-    """Return the motion over one interval as a function: x, u, dt, anchor of the chart -> the state at its end.
+    """Build the function x, u, dt, anchor of the chart -> the state after an interval dt under a constant u.
 
     For accelerations of Q it is the double integrator, exact (8), or by explicit Euler as printed (20). For those of
     poses (task-space input) it is one classical Runge-Kutta step of the kinematics, or Euler.

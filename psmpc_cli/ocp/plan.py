@@ -213,7 +213,8 @@ def braking_plan(
         horizon: How long the plan is at least, resting at its end [s].
         chart: The chart of x.
         brakes: Which coordinates can brake, (n,); the others, such as a base without thrusters, drift on.
-        u: Accelerations of those that brake, (n,), where ramps lead to them and from them; else the constant ones.
+        u: Accelerations that the plan has for coordinates that brake, (n,), where the jerk is limited and ramps lead to
+            and from them; by default the constant deceleration that the states follow.
     """
     constant_u, x_at_end = motion.braking(x, duration, np.asarray(brakes))
     u = constant_u if u is None else np.where(brakes, u, constant_u)

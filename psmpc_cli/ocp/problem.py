@@ -230,7 +230,7 @@ def _with_places_on_object(stage: Stage, task: TaskSpec, model: RobotModel) -> S
 
 
 def _build_stage(index: int, task: TaskSpec, robot: RobotSpec, model: RobotModel, waypoints: np.ndarray) -> Stage:
-    """Return a stage of a task as numbers for one robot: target, weights of its cost, limits, and how it ends.
+    """Build a stage of a task for one robot: its target and weights as numbers, its limits, and how it ends.
 
     Args:
         index: Index of the stage.
@@ -358,9 +358,10 @@ def _waypoints(
     absent: np.ndarray,
     base: np.ndarray,
 ) -> np.ndarray:
-    """Return the rows of a stage's target as the task gives them, completed where it leaves parts out, (T, numbers).
+    """Return a stage's target as the task gives it, completed where parts are left out, (T, numbers).
 
-    Poses relative to the object become those with the object where it is at the start.
+    A target at rest is one row, T = 1; a trajectory has a row for each of its times. Poses relative to the object
+    become those in the inertial frame, the object being where it is at the start.
 
     Args:
         spec: The stage.

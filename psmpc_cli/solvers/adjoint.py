@@ -66,13 +66,15 @@ class ShootingNlp(Nlp):
         K = self.grid.K
         S = self.grid.switches
         # Where states and z stand in the decision vector x of the multiple-shooting NLP: pack ones into x, at these.
+        # The arguments of `pack` are states, durations, sums of costs, accelerations before, violations of limits and
+        # of soft rows, then the inputs of each stage.
         no_inputs = [0] * (S + 1)
         is_later = np.tile(np.arange(K + 1) > 0, (2 * model.n, 1))
         is_first = np.tile(np.arange(K + 1) == 0, (S, 1))
         all_inputs = [1] * (S + 1)
         self._later_states = np.flatnonzero(np.asarray(self.pack(is_later, 0, 0, 0, 0, 0, *no_inputs)))
         self._free = np.flatnonzero(np.asarray(self.pack(0, is_first, 0, 0, 1, 1, *all_inputs)))
-        # At each node rows of the gap to the next one come first, which a simulation has not; then its path rows.
+        # At each node rows of the gap to the next one come first, which simulating closes; then its path rows.
         gap_sizes = [*self.sizes["nx"][1:], 0]
         is_path_row = [np.arange(gap + path) >= gap for gap, path in zip(gap_sizes, self.sizes["ng"], strict=True)]
         self._path_row_indices = np.flatnonzero(np.concatenate(is_path_row))

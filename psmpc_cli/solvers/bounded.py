@@ -72,7 +72,7 @@ class BoundedCalls(Generic[P, Result]):
         A copy that did not answer is ended, and the next call makes another one.
 
         Args:
-            longest: Processor time after which the call is ended [s]. Its wall time is limited to ten times as much.
+            longest: Processor time after which the call is ended [s]. Its wall time is limited to `WAITING` times that.
             args: Arguments of the function.
             kwargs: Its named ones.
 
@@ -82,7 +82,7 @@ class BoundedCalls(Generic[P, Result]):
             KeyboardInterrupt: A signal has come, and the call goes on nevertheless.
         """
         if self._copy is None:
-            self._copy = _start(self._function)
+            self._copy = _fork_copy(self._function)
             self._end = weakref.finalize(self, _Copy.end, self._copy)  # ends the copy with this object, at the latest
         try:
             request = pickle.dumps((longest, args, kwargs))
@@ -137,7 +137,7 @@ class _Copy:
         """Send a request to the copy of this process, wait for its answer and return that.
 
         Args:
-            request: The pickled call, see `_serve`.
+            request: The pickled call, see `_answer_calls`.
             until: When waiting stops, an instant of `time.monotonic` [s].
             wait: Called again and again until the answer comes, to show that something goes on.
 
@@ -179,10 +179,10 @@ class _Copy:
         return bytes(content)
 
 
-def _start(function: Callable[P, Result]) -> _Copy:
-    """Fork this process; the child answers calls of a function, and this process gets what it asks them with.
+def _fork_copy(function: Callable[P, Result]) -> _Copy:
+    """Fork this process into a copy that answers calls of a function, and return the copy's process id and pipes.
 
-    The child never returns from here: it answers until there are no more calls, and ends.
+    Only this process returns from here. The copy answers until there are no more calls, and ends.
     """
     requests_there, requests = os.pipe()
     answers, answers_there = os.pipe()
@@ -193,13 +193,13 @@ def _start(function: Callable[P, Result]) -> _Copy:
     if process == 0:
         os.close(requests)
         os.close(answers)
-        _serve(function, parent, requests_there, answers_there)
+        _answer_calls(function, parent, requests_there, answers_there)
     os.close(requests_there)
     os.close(answers_there)
     return _Copy(process, requests, answers)
 
 
-def _serve(function: Callable[P, Result], parent: int, requests: int, answers: int) -> None:
+def _answer_calls(function: Callable[P, Result], parent: int, requests: int, answers: int) -> None:
     """Answer calls of a function in the copied process, one after the other, and end that process after the last.
 
     A call that uses more processor time than it may is ended together with the process, by the timer's signal SIGPROF.

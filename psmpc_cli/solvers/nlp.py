@@ -200,9 +200,10 @@ class Nlp:
         return x
 
     def _stage_costs(self) -> tuple[list[ca.SX], ca.SX]:
-        """Return the normalized cost integral of each stage, S + 1 of them, and the terminal cost, without priorities.
+        """Return the normalized cost integral of each of the S + 1 stages, and the terminal cost, without priorities.
 
-        What changes of acceleration cost is in them, and is stored apart too.
+        The integrals include what changes of the acceleration cost. The weighted sum of that alone is stored as well,
+        in `_rate_cost_of_all`: the adjoint solver differentiates it apart from the rest.
         """
         shape = self.shape
         p = self._p

@@ -98,9 +98,10 @@ class Skill:
         return model.cached(("target parts", self._space), lambda: self._parts(model))
 
     def _parts(self, model: RobotModel) -> Mapping[str, TargetPart]:
-        """Return where each part of a target (base, arms) stands in error, target, Q and v, one part after the other.
+        """Return the parts of a target, base and arms, by name: which entries of error, target, Q and v are theirs.
 
-        A part may have more numbers than rows of the error: a spatial pose has 7, and its error 6.
+        Parts follow each other in error and target. A part may have more numbers than rows of the error: a spatial pose
+        has 7, and its error 6.
         """
         row_names = axes_of(model.spec.parts, self._space)
         number_names = axes_of(model.spec.parts, self._space, of_error=False)
@@ -154,7 +155,16 @@ class Skill:
         return np.concatenate([part.kind.numbers_at(model, name, posture) for name, part in parts])
 
     def posture_after(self, model: RobotModel, posture: Posture, target: np.ndarray) -> Posture:
-        """Return the posture to which a target leads."""
+        """Return the robot's posture at a target that is reached from another one.
+
+        What the target has as coordinates or poses is taken from it; other coordinates stay as they are. Coordinates of
+        arms whose target is a pose are not computed: they stay, and only the pose is set.
+
+        Args:
+            model: The robot.
+            posture: The posture before.
+            target: Numbers of the target, (numbers,).
+        """
         parts = self.parts(model)
         Q = posture.Q.copy()
         for name, part in parts.items():

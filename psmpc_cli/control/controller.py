@@ -137,7 +137,7 @@ class Controller:
 
     @property
     def failure(self) -> str:
-        """Why the mission cannot succeed any more: grippers missed or lost the object in the last try, or took too long.
+        """Why the mission cannot succeed any more: grippers missed, lost or did not take the object in the last try.
 
         Empty while it can succeed. A controller whose mission has failed goes on to decide as if they held it.
         """

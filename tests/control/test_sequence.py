@@ -3,7 +3,15 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from psmpc_cli.control.sequence import FaultKind, GraspFault, GraspProgress, MovingSequence, detect, drop_met, drop_passed
+from psmpc_cli.control.sequence import (
+    FaultKind,
+    GraspFault,
+    GraspProgress,
+    MovingSequence,
+    detect,
+    drop_met,
+    drop_passed,
+)
 from psmpc_cli.ocp.end import ByObject
 from psmpc_cli.ocp.objective import StageCosts
 from psmpc_cli.ocp.plan import Plan, resting_plan

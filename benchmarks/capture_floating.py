@@ -1,7 +1,7 @@
 """A capture with the thrusters off, beside the same with thrusters on, other controllers, and what is not declared.
 
     python benchmarks/capture_floating.py table                  the first table of docs/mobility_results.md, minutes
-    python benchmarks/capture_floating.py draws 100 [CASE...]    complete benchmarks/capture_floating.jsonl (20 s each)
+    python benchmarks/capture_floating.py draws 100 [CASE...]    complete benchmarks/capture_floating.jsonl (10 s each)
     python benchmarks/capture_floating.py counts                 what became of the draws, by case
     python benchmarks/capture_floating.py others                 the draws in which the object was not delivered
 

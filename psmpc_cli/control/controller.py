@@ -137,9 +137,10 @@ class Controller:
 
     @property
     def failure(self) -> str:
-        """Why the mission cannot succeed any more: grippers missed, lost or did not take the object in the last try.
+        """Why the mission cannot succeed any more; empty while it can.
 
-        Empty while it can succeed. A controller whose mission has failed goes on to decide as if they held it.
+        In the last try grippers have missed or lost the object, or taken too long. A controller whose mission has
+        failed goes on to decide as if they held it.
         """
         fault = self.memory.grasp.fault
         if fault is None:

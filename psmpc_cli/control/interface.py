@@ -226,8 +226,8 @@ class Command:
             `gap` (more than a sample has passed since the last one), `near_singular` (J_C is too near a singular one
             for the law in task space, and that in joint space applies the plan), `load_dropped` (what had been found
             out of the load did not explain the last measurements, and was given up for the prior), `missed` (grippers
-            report that they missed the object or lost it, or took too long), `returned` (the sequence has therefore
-            returned to an earlier stage), `retargeted` (a stage has another target since the sample before).
+            report that they missed the object or lost it, or they took too long), `returned` (the sequence has
+            therefore returned to an earlier stage), `retargeted` (a stage has another target since the sample before).
         switches: Stages that ended since the sample before.
         disturbance: Estimated acceleration that no plan knows of (n,); zero without offset-free control.
         levels: The solution of each level of HTMPC, of the current stage first. Where a level did not converge, its

@@ -81,7 +81,7 @@ def sweep_weights(
     """Run missions under many pairs of priorities, and recommend a pair. Paper Fig. 6."""
     common.ensure_not_both(quiet, verbose)
     if grid is not None and not _is_grid(grid):
-        grid, task = task, grid
+        grid, task = task, grid  # the two arguments may come in any order
     if task is not None:
         common.validate(task, changes)
     from psmpc_cli.studies import sweep
@@ -90,7 +90,7 @@ def sweep_weights(
     expected = "positive numbers between commas, such as 1e-3,1e-2,0.1"
     epsilons = parse_numbers("--epsilon", epsilon, expected, above=0.0) if epsilon is not None else ()
     loaded = sweep.load_sweep_task(task or sweep.DEFAULT_TASK, tuple(changes or ()), epsilons)
-    if (grid is None) == (sampling is None):
+    if (grid is None) == (sampling is None):  # both, or neither
         found = "neither a grid nor --sampling" if grid is None else "both a grid and --sampling"
         raise InputError(f"found {found}, expected one: 25x25, a number of ratios such as 49, or --sampling random:100")
     limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
@@ -139,7 +139,25 @@ def _run_study(
     quiet: bool,
     verbose: bool,
 ) -> None:
-    """Run a study into its file, with its progress, and present it; after a signal the file keeps what was done."""
+    """Run a study into its file, show its progress, and print and draw its results.
+
+    After a signal the file keeps the cells that were done, and --resume continues with the others.
+
+    Args:
+        study: The cells to run, each the task with other settings, and the quantities to keep of each run.
+        task: The task file or the name of the built-in task, which the output must not overwrite.
+        output: The file of results; None for runs/TASK-KIND.h5.
+        force: Replace files of an earlier command.
+        resume: Continue the study in its file.
+        jobs: Number of processes at once; None for one a core.
+        dask: Address of the scheduler of a Dask cluster that runs the cells instead.
+        figures: Whether figures are drawn.
+        quiet: Whether neither progress nor results are printed.
+        verbose: Whether all that was measured is printed.
+
+    Raises:
+        InputError: Options exclude each other, or the file cannot be written.
+    """
     from psmpc_cli.cli.contents import present
     from psmpc_cli.studies.runner import run_study
 
@@ -211,7 +229,7 @@ def pareto(
         if run is None:
             with watched_run(quiet) as (watch, interruption):
                 run = simulate(loaded, log, watch, force=True)
-            interruption.check()
+            interruption.raise_if_signalled()
             if run.attributes["stuck"]:
                 raise RunError(f"the closed loop could not go on: {run.attributes['end_reason']}")
         with live_line(quiet) as line:

@@ -270,21 +270,23 @@ def watched_run(quiet: bool, end: float = math.inf) -> "Iterator[tuple[Callable[
     with deferred_signals() as interruption, live_line(quiet) as line:
 
         def watch(sample: "Sample") -> None:
+            """Show how far the run has come with a sample; raise KeyboardInterrupt if a signal has come."""
             nonlocal began, due, failed
             command = sample.command
             now = time.monotonic()
             began = began or now
             failed += "solve_failed" in command.events
+            # simulated time per time of the clock, unknown at the first sample
             pace = command.time / (now - began) if command.time > 0 and now > began else math.nan
             factor = f"{pace:.1f}" if pace > 0 else "-"
             seconds = (end - command.time) / pace
-            left = f"  about {duration(seconds)} left" if 0 < seconds < math.inf else ""
+            remaining = f"  about {duration(seconds)} left" if 0 < seconds < math.inf else ""
             ahead = ", ".join(f"{instant:.2f}" for instant in command.switch_times) or "none"
             is_due = command.time >= due or bool(command.switches)
             due = command.time + LINE_EVERY if is_due else due
             line.show(
                 f"{command.time:5.1f} s  {command.stage.name:<10} planned switch times: {ahead:<12} "
-                f"{factor:>5} x real time  failed solves: {failed}{left}",
+                f"{factor:>5} x real time  failed solves: {failed}{remaining}",
                 is_due,
             )
             interruption.raise_if_signalled()

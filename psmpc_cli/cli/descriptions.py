@@ -91,19 +91,18 @@ def print_task(task: Task, forecasts: Sequence[StageForecast]) -> None:
 
 
 def _describe_drifts(task: Task, forecasts: Sequence[StageForecast]) -> Iterator[str]:
-    """Yield a sentence for each stage in which the robot drifts: how fast, and how near to its target or how far.
+    """Yield a sentence for each stage in which the robot drifts without thrusters: how fast, and what that leads to.
 
-    A robot drifts in a stage without thrusters, with the momentum that an earlier stage has left. Stages are left out
-    in which it stands still, or in which its speed cannot be known before the run. If a stage wants the base at a place
-    that the drift reaches (a miss is a remark of its own), the sentence says when the base is there; another
-    stage that has a shortest duration gets the distance in that time.
+    The robot has the momentum that an earlier stage has left. If the stage wants the base at a place that the drift
+    reaches, the sentence says when it is there; of another stage with a shortest duration, how far it drifts in that.
+    There is no sentence for stages in which the robot stands still or its speed is not known before the run.
     """
     for drift in drifts(task, forecasts):
         left = "the start" if drift.before is None else drift.before.name
         speed = f"{drift.stage.name}: the robot drifts at {drift.speed:.3g} m/s, with the momentum that {left} leaves"
-        if not (drift.speed and np.isfinite(drift.spread)):
+        if not (drift.speed and np.isfinite(drift.spread)):  # the spread is how uncertain the speed is
             continue
-        if len(drift.way) and not drift.miss:
+        if len(drift.way) and not drift.miss:  # a miss is a remark, which is printed below
             after = drift.nearest_after
             yield f"{speed}; it is at its place after {after:.3g} s, give or take {drift.spread * after:.2g} m"
         elif drift.lasts:
@@ -244,8 +243,8 @@ def _wheel_turn_rows(task: Task, model: RobotModel, stages: Sequence[Stage]) -> 
     """Yield a row for each axis of the base about which reaction wheels alone turn the robot in some stage.
 
     It compares how fast the wheels can turn the robot with the limit of that velocity. The robot is taken as one rigid
-    body that turns about its centre of mass, with its arms as at the start. Wheels that were at
-    rest then store the opposite of its angular momentum I omega.
+    body that turns about its centre of mass, with its arms as at the start. Wheels that were at rest then store the
+    opposite of its angular momentum I omega.
 
     Yields:
         The cells below `TURN_HEADINGS`: the axis; the largest torque and momentum of the wheels about it; the rate at
@@ -344,6 +343,7 @@ def _stage_rows(task: Task, forecast: StageForecast) -> list[Row]:
         target = ("to " if stage.reference.moves else "") + _describe_target(
             part, list(zip(axes, numbers, strict=False)), task.robot.sliding
         )
+        # a base that the stage does not ask for, and that cannot be moved at will, has no target: its mobility is said
         if part == "base" and not (stage.moved_by.actuated or stage.relevant_rows[: len(rows)].any()):
             target = stage.moved_by.name
         asked = [tolerances.get(next(next_row), "-") for _ in rows]

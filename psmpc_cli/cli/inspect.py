@@ -106,11 +106,11 @@ def tasks() -> None:
     print_table(("task", "robot", "what it shows"), rows, left_aligned=3)
     echo()
     robots = {name: load_robot(name) for name in built_ins("robot")}
-    numbers = [
+    robot_rows = [
         (name, "plane" if robot.dimension == 2 else "space", ", ".join(robot.arms), str(len(robot.joints)))
         for name, robot in robots.items()
     ]
-    print_table(("robot", "moves in", "arms", "joints"), numbers, left_aligned=3)
+    print_table(("robot", "moves in", "arms", "joints"), robot_rows, left_aligned=3)
     echo("psmpc check NAME prints one; psmpc simulate TASK runs one; psmpc init DIR copies all")
 
 
@@ -126,7 +126,7 @@ def init(
 
     files = starter_files(directory)
     for path in files:
-        check_output(path, force, STARTER, "DIR", starter_sources())
+        check_output(path, force, STARTER, "DIR", starter_sources())  # of all before any is written
     for path, text in files.items():
         write_new(path, text.encode(), force, STARTER, "DIR", starter_sources())
     for path in sorted(files):
@@ -165,7 +165,7 @@ def bench(
 
     tasks = study.load_bench(task, changes or [], nodes or ("25,50" if quick else study.NODES))
     repeat = repeat or (1 if quick else 3)
-    appends = 2 if quick else None
+    appends = 2 if quick else None  # samples at which a stage enters the window, with a cold start; None: all of a run
     with ending_on_signals("no table was made") as interruption, live_line(quiet) as line:
         measured = study.run_bench(tasks, solvers, repeat, appends, line.show, interruption.raise_if_signalled)
     print_table(study.HEADINGS, list(study.bench_rows(measured)), left_aligned=3)

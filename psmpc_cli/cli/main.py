@@ -10,7 +10,7 @@ from types import FrameType
 
 from psmpc_cli.errors import SIGNALS, PsmpcError, RunError, SpecError, silence_libraries
 
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 """Errors of writing; files that cannot be written are reported by name, so without a name it is standard output."""
 
 
@@ -86,9 +86,9 @@ def main() -> None:
     from psmpc_cli.cli.options import TAKES_LONG
 
     silence_libraries()
-    ours = logging.getLogger("psmpc_cli")
+    library_logger = logging.getLogger("psmpc_cli")
     handler = EchoHandler()
-    ours.handlers = [handler]
+    library_logger.handlers = [handler]
     for takes_long in TAKES_LONG:
         logging.getLogger(takes_long).setLevel(logging.INFO)
     try:
@@ -102,10 +102,10 @@ def main() -> None:
         print_error(str(error) if located else f"psmpc: {error}")
         sys.exit(error.exit_code)
     except OSError as error:
-        if error.filename is not None:
+        if error.filename is not None:  # without one it is an error of standard output
             print_error(f"psmpc: {error.filename}: {error.strerror}")
             sys.exit(PsmpcError.exit_code)
-        if error.errno not in NO_ROOM:
+        if error.errno not in OUTPUT_ERRORS:
             raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python still writes when it ends
         reason = "it is closed" if error.errno == errno.EBADF else error.strerror

@@ -44,9 +44,8 @@ def compare(
     from psmpc_cli.studies.compare import compared_tasks, run_tasks
 
     tasks = compared_tasks(task, re.findall(r"[^\s,]+", controllers), changes or [], own_settings)
-    path = common.output_file(
-        output, f"{next(iter(tasks.values())).spec.name}-comparison", COMPARISON, force, figures, inputs=[task]
-    )
+    name = next(iter(tasks.values())).spec.name
+    path = common.output_file(output, f"{name}-comparison", COMPARISON, force, figures, inputs=[task])
     with ending_on_signals("no comparison was written"), live_line(quiet) as line:
         run_tasks(tasks, path, jobs, force, line.show)
     present(path, figures, force, quiet, verbose)
@@ -96,7 +95,18 @@ def sweep_weights(
     limits = parse_numbers("--range", bounds, "LOW:HIGH of positive numbers, such as 1e-3:1e3", 0.0, ":")
     cells = parse_sampling(grid or sampling or "", limits, loaded.spec.seed)
     study = sweep.weight_study(loaded, sweep.parse_stages(stages, loaded), cells, every_cell)
-    _run_study(study, task or sweep.DEFAULT_TASK, output, force, resume, jobs, dask, figures, quiet, verbose)
+    _run_study(
+        study,
+        task or sweep.DEFAULT_TASK,
+        output,
+        force=force,
+        resume=resume,
+        jobs=jobs,
+        dask=dask,
+        figures=figures,
+        quiet=quiet,
+        verbose=verbose,
+    )
 
 
 def _is_grid(text: str) -> bool:
@@ -124,13 +134,25 @@ def monte_carlo(
     from psmpc_cli.studies.monte_carlo import monte_carlo_study
 
     study = monte_carlo_study(task, runs, tuple(changes or ()))
-    _run_study(study, task, output, force, resume, jobs, dask, figures, quiet, verbose)
+    _run_study(
+        study,
+        task,
+        output,
+        force=force,
+        resume=resume,
+        jobs=jobs,
+        dask=dask,
+        figures=figures,
+        quiet=quiet,
+        verbose=verbose,
+    )
 
 
 def _run_study(
     study: "Study",
     task: str,
     output: Path | None,
+    *,
     force: bool,
     resume: bool,
     jobs: int | None,

@@ -308,31 +308,31 @@ def _print_runs_of_sweep(cells: SweepCells, verbose: bool) -> None:
     # ratios are compared as texts of 9 digits, so that rounding does not tell equal ones apart
     shares_ratios = len(runs) > len(np.unique([f"{ratio:.9g}" for ratio in cells.ratio[runs]]))
     kept = runs[np.unique(np.linspace(0, len(runs) - 1, min(len(runs), most)).round().astype(int))]
-    ends = [cells.first_switch, cells.quantity("completion_time")]
+    ends = [cells.first_switch, cells.quantity("completion_time")]  # of the first and the second stage
     thresholds = range(len(cells.epsilons)) if verbose else [cells.chosen]
-    rows = [
-        (
-            *(f"{value:.4g}" for value in (cells.omega[run] if shares_ratios else cells.ratio[run : run + 1])),
-            *(  # actual starts of the second stage; early ones, which depend on the threshold, to a tenth
-                number(start, 0.1 if start < cells.first_switch[run] else TIME)
-                for start in cells.quantity("actual_start")[run][thresholds]
-            ),
-            *(number(float(values[run]), TIME) for values in ends),
-            number(float(cells.mission_end[run]), TIME) if cells.succeeded[run] else "failed",
-            *(number(float(cells.quantity(name)[run])) for name in ("control_effort", "peak_base_force")),
-            *((number(float(cells.end_error[run]), 0.01), cells.why(run)) if verbose else ()),
-        )
-        for run in kept
-    ]
-    over = ("omega_1", "omega_2") if shares_ratios else ("omega_2/omega_1",)
+    rows = []
+    for run in kept:
+        starts = cells.quantity("actual_start")[run][thresholds]
+        row = [f"{value:.4g}" for value in (cells.omega[run] if shares_ratios else [cells.ratio[run]])]
+        # an early start depends on the threshold, and is written to a tenth
+        row += [number(start, 0.1 if start < cells.first_switch[run] else TIME) for start in starts]
+        row += [number(float(values[run]), TIME) for values in ends]
+        row.append(number(float(cells.mission_end[run]), TIME) if cells.succeeded[run] else "failed")
+        row += [number(float(cells.quantity(name)[run])) for name in ("control_effort", "peak_base_force")]
+        if verbose:
+            row += [number(float(cells.end_error[run]), 0.01), cells.why(run)]
+        rows.append(row)
+    ratio_headings = ("omega_1", "omega_2") if shares_ratios else ("omega_2/omega_1",)
     if verbose:
         echo(f"actual start of {second} [s] by threshold epsilon")
-        starts = [f"{epsilon:g}" for epsilon in cells.epsilons]
+        start_headings = [f"{epsilon:g}" for epsilon in cells.epsilons]
     else:
-        starts = [f"{second}\nstarts [s]"]
+        start_headings = [f"{second}\nstarts [s]"]
     measured = (f"{first}\nends [s]", f"{second}\nends [s]", "mission\nends [s]", "effort [m^2/s^3,\nrad^2/s^3]")
     last_headings = ("end error\n[tolerance]", "why") if verbose else ()
-    print_table((*over, *starts, *measured, "base force\nat most [N]", *last_headings), rows, left_aligned=0)
+    print_table(
+        (*ratio_headings, *start_headings, *measured, "base force\nat most [N]", *last_headings), rows, left_aligned=0
+    )
     if len(kept) < len(runs):
         echo(f"{len(kept)} of {len(runs)} {'runs' if shares_ratios else 'ratios'}")
 

@@ -267,7 +267,9 @@ def _measures_of_runs(logs: Logs, names: Iterable[str]) -> dict[str, float]:
         time, to_go = time_to_switch(log)
         is_planned = np.isfinite(to_go)
         is_same_stage = np.diff(log["window/first"]) == 0
+        # from sample to sample, by how much the planned switch time itself moves, where it is of the same switch
         moves = np.abs(np.diff(to_go + time))[is_same_stage & is_planned[1:] & is_planned[:-1]]
+        # at the end of the horizon, to within half of what counts as a jump
         is_put_off = to_go[is_planned] >= log.task.spec.controller.horizon - JUMP / 2
         numbers |= {
             f"planned t_s at T_f, {name}": float(np.mean(is_put_off)) if is_planned.any() else 0.0,

@@ -150,6 +150,7 @@ def _judge_earliest_starts(claim: Claim, reproduction: Reproduction) -> Finding:
     Before t_s - T_h, the end t_s of the first stage less the horizon T_h, the second stage is in no window.
     """
     cells = reproduction.weights
+    # by cell and threshold, how long after t_s - T_h a start is; infinite in cells that did not end
     slacks = np.where(cells.ended[:, None], cells.quantity("actual_start") - cells.earliest_start[:, None], np.inf)
     cell, k = np.unravel_index(np.argmin(slacks), slacks.shape)
     slack = float(slacks[cell, k])
@@ -215,7 +216,14 @@ def _judge_trend_of_starts(claim: Claim, reproduction: Reproduction) -> Finding:
         shown.append(f"{first:.2f} s to {last:.2f} s")
         if rise > sample + ROUNDING or first - last <= sample + ROUNDING:
             cause.append(f"for epsilon = {epsilon:g} from {shown[-1]}, by up to {rise:.2f} s later at a larger ratio")
-    return Finding(claim, shown[cells.chosen], not cause, max(rises), sample, cause=tuple(cause))
+    return Finding(
+        claim,
+        reproduced=shown[cells.chosen],  # at the threshold of the task
+        holds=not cause,
+        difference=max(rises),
+        tolerance=sample,
+        cause=tuple(cause),
+    )
 
 
 def _judge_start_at_largest_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
@@ -224,11 +232,14 @@ def _judge_start_at_largest_ratio(claim: Claim, reproduction: Reproduction) -> F
     tolerance = time_tolerance(claim.number)
     start = AlongRatio(cells, cells.quantity("actual_start")[:, cells.chosen])
     if not _has_ended_cell_at(start, cells.ratio.max()):
-        return Finding(claim, np.nan, False, np.nan, tolerance, cause=tuple(_causes_by_unfinished_cells(cells)))
+        cause = tuple(_causes_by_unfinished_cells(cells))
+        return Finding(claim, reproduced=np.nan, holds=False, tolerance=tolerance, cause=cause)
     last = float(start.middle[-1])
     difference = last - claim.number
-    cause = f"t_s - T_h = {float(np.median(cells.earliest_start[cells.ended])):.2f} s, and no start can be before it"
-    return Finding(claim, last, abs(difference) <= tolerance + ROUNDING, difference, tolerance, cause=(cause,))
+    holds = abs(difference) <= tolerance + ROUNDING
+    earliest = float(np.median(cells.earliest_start[cells.ended]))
+    cause = (f"t_s - T_h = {earliest:.2f} s, and no start can be before it",)
+    return Finding(claim, last, holds, difference, tolerance, cause=cause)
 
 
 def _has_ended_cell_at(along: AlongRatio, ratio: float) -> bool:
@@ -243,6 +254,7 @@ def _judge_chosen_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
     ratio of the sweep. Where several cells have the same ratio, the claim has to hold between all of them.
     """
     cells = reproduction.weights
+    # the claim reads weights.completion_time and weights.control_effort, quantities of the sweep over the weights
     completion, effort = (AlongRatio(cells, cells.quantity(name.partition(".")[2])) for name in claim.reads)
     compared = (claim.ratio, 1.0, float(cells.ratio.max()))
     missing = [f"no cell ended at ratio {ratio:.4g}" for ratio in compared if not _has_ended_cell_at(completion, ratio)]
@@ -254,8 +266,8 @@ def _judge_chosen_ratio(claim: Claim, reproduction: Reproduction) -> Finding:
         f"{completion.middle[there]:.2f} s, {completion.middle[equal]:.2f} s at 1; "
         f"effort {effort.middle[there]:.3g}, {effort.middle[-1]:.3g} at {completion.ratio[-1]:.4g}"
     )
-    sooner = completion.highest[there] < completion.lowest[equal] - ROUNDING
-    return Finding(claim, reproduced, bool(sooner and effort.highest[there] < effort.lowest[-1]))
+    is_sooner = completion.highest[there] < completion.lowest[equal] - ROUNDING
+    return Finding(claim, reproduced, bool(is_sooner and effort.highest[there] < effort.lowest[-1]))
 
 
 def _judge_fronts_along_ratio(claim: Claim, reproduction: Reproduction) -> Finding:

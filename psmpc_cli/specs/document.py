@@ -276,12 +276,13 @@ def _with_value(
 def _copied_along(data: Any, paths: Collection[Location]) -> Any:
     """Return data in which the values at some paths may be replaced without changing the original.
 
-    Mappings and lists on the way to these paths are copied; all else is shared with the original.
+    Mappings and lists on the way to these paths are copied; all else is shared with the original. A document does not
+    change, so changes of its keys are made in such data.
     """
     if not isinstance(data, dict | list):
         return data
     copied: Any = data.copy()
-    onward: dict[int | str, list[Location]] = {}
+    onward: dict[int | str, list[Location]] = {}  # by first step, what is left of the paths
     for path in paths:
         if len(path) > 1:
             onward.setdefault(path[0], []).append(path[1:])

@@ -265,12 +265,14 @@ def _read_robot(path: Path) -> Document:
 
     A robot's file may be YAML with all keys, YAML with the key `urdf` and some keys, or a URDF file itself, which is
     read like YAML that has nothing but `urdf`. In the last two cases the document that is returned has the bodies,
-    joints and limits from the URDF in the place of the keys that refer to it. Other keys of the YAML file come first.
+    joints and limits from the URDF in the place of the keys that refer to it. Other keys of the YAML file take
+    precedence over the URDF.
 
     Raises:
         SpecError: It cannot be read, or its URDF describes no robot or not what the file names.
     """
     if is_xml(path):
+        # without the text, messages do not repeat a line that is not in the file
         document = replace(read(shown(path), f"urdf: {json.dumps(path.name)}"), text="")
     else:
         document = read(shown(path), read_text(path))

@@ -436,9 +436,11 @@ class RobotSpec(Spec):
         joints = list[Joint]()
         body_numbers = {"base": 0}  # by name of the body
         for name, arm in self.arms.items():
+            # in space a mount names a body; in the plane it is a pose on the base
             carrier = body_numbers[arm.mount if isinstance(arm.mount, str) else "base"]
             links: Sequence[Link | SpatialLink] = arm.links
             rotors = self.armature.get(name) or self.armature.get("arms") or (0.0,) * len(links)
+            # frames has one more than there are links, that of the tool
             for number, (link, frame, rotor) in enumerate(zip(links, arm.frames, rotors, strict=False), start=1):
                 at = Attachment(carrier, *frame)
                 if isinstance(link, SpatialLink):

@@ -95,14 +95,15 @@ def _describe_drifts(task: Task, forecasts: Sequence[StageForecast]) -> Iterator
 
     The robot has the momentum that an earlier stage has left. If the stage wants the base at a place that the drift
     reaches, the sentence says when it is there; of another stage with a shortest duration, how far it drifts in that.
-    There is no sentence for stages in which the robot stands still or its speed is not known before the run.
+    There is no sentence for stages in which the robot stands still or its speed is not known before the run. That a
+    drift misses its place is a remark of `psmpc check`, besides.
     """
     for drift in drifts(task, forecasts):
         left = "the start" if drift.before is None else drift.before.name
         speed = f"{drift.stage.name}: the robot drifts at {drift.speed:.3g} m/s, with the momentum that {left} leaves"
         if not (drift.speed and np.isfinite(drift.spread)):  # the spread is how uncertain the speed is
             continue
-        if len(drift.way) and not drift.miss:  # a miss is a remark, which is printed below
+        if len(drift.way) and not drift.miss:
             after = drift.nearest_after
             yield f"{speed}; it is at its place after {after:.3g} s, give or take {drift.spread * after:.2g} m"
         elif drift.lasts:

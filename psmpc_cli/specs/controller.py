@@ -306,7 +306,7 @@ class PlantSpec(Choice):
 
 
 def controller_faults(controller: ControllerSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give times of a controller that do not fit each other, and meshes that it cannot have."""
+    """Yield errors for times of a controller that do not fit each other, and meshes that it cannot have."""
     if controller.sample_time > controller.horizon:
         wanted = f"at most the horizon of {controller.horizon:g} s"
         yield ("sample_time",), expected(wanted, f"{controller.sample_time:g} s")

@@ -204,7 +204,7 @@ _WORDINGS = {
 
 
 def faults_of(error: ValidationError, document: Document) -> Iterator[Fault]:
-    """Give every error of a validation with its path in the document; its `loc` also names branches of unions."""
+    """Yield every error of a validation with its path in the document; its `loc` also names branches of unions."""
     for detail in error.errors(include_url=False):
         path: Location = ()
         for step in detail["loc"]:
@@ -316,7 +316,7 @@ def unit_errors(written: object, unit: str, turns: bool = True, rate: str = "") 
 
 
 def within_a_turn(written: object, earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give an angle of more than a turn without a unit: degrees, most likely."""
+    """Yield errors for an angle of more than a turn without a unit: degrees, most likely."""
     if isinstance(written, int | float) and abs(written) > 2 * math.pi * (1 + 1e-9):
         wanted = f"an angle within one turn, or one with its unit: {written:g} deg, {written:g} rad"
         yield (), expected(wanted, f'{written:g} rad (did you mean "{written:g} deg"?)')

@@ -80,7 +80,7 @@ def _dimension(context: Context) -> int | None:
 
 
 def _one_shape(shape: ShapeSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a shape that is none, or several, and sizes of another dimension."""
+    """Yield errors for a shape that is none, or several, and sizes of another dimension."""
     given = [key for key in ShapeSpec.model_fields if getattr(shape, key) is not None]
     if len(given) != 1:
         yield (), expected(f"one of {', '.join(ShapeSpec.model_fields)}", ", ".join(given) or "none", at_key=True)
@@ -174,7 +174,7 @@ def pair_name(first: str, second: str) -> str:
 
 
 def _known_parts(pairs: tuple[tuple[str, str], ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give names of parts that are none."""
+    """Yield errors for names of parts that are none."""
     valid = names_of_parts(context)
     for i, pair in enumerate(pairs if valid else ()):
         for j, name in enumerate(pair):
@@ -219,7 +219,7 @@ class ConeTargetSpec(Spec):
 
 
 def _point_or_direction(target: ConeTargetSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a target that is none, or both."""
+    """Yield errors for a target that is none, or both."""
     given = [key for key in ConeTargetSpec.model_fields if getattr(target, key) is not None]
     if len(given) != 1:
         yield (), expected("either point or direction", " and ".join(given) or "neither", at_key=True)
@@ -247,7 +247,7 @@ class ConeSpec(Spec):
 
 
 def _one_angle(cone: ConeSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a cone with no angle, or with two, or with one that is no angle between two directions."""
+    """Yield errors for a cone with no angle, or with two, or with one that is no angle between two directions."""
     given = [key for key in ("within", "outside") if getattr(cone, key) is not None]
     if len(given) != 1:
         yield (), expected("either within or outside", " and ".join(given) or "neither", at_key=True)

@@ -460,7 +460,7 @@ def length_errors(
 
 
 def unit_misfits(at: Location, value: Any, coordinates: Sequence[tuple[str, str]], written: AsWritten) -> RuleErrors:
-    """Give what is wrong with the unit of a number that stands for coordinates, each a part and an axis; once."""
+    """Yield the error in the unit of a number that stands for coordinates, each a part and an axis; at most one."""
     for part, axis in coordinates:
         units = units_of(part, axis, written.sliding)
         rate = "" if written.quantity in ("position", "error") else getattr(units, written.quantity)

@@ -145,13 +145,13 @@ def _weight_faults(weights: SkillWeights, earlier_fields: Fields, context: Conte
 
 
 def _mobility_faults(mobility: Mobility | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a base that a mount holds in all stages but some."""
+    """Yield errors for a base that a mount holds in all stages but some."""
     if mobility is not None and not context.moved_by.moves:
         yield (), expected(f"none: the base is {context.mobility} in all stages")
 
 
 def _plumes(use: PlumeUse | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give plumes to be avoided of a robot without any, and those that have nothing to keep off."""
+    """Yield errors for plumes to be avoided of a robot without any, and those that have nothing to keep off."""
     if use != "avoided":
         return
     if not context.has_plumes:
@@ -247,7 +247,7 @@ class EndCondition(Spec):
 
 
 def _rising(times: tuple[float, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give times of a trajectory that do not rise from 0."""
+    """Yield errors for times of a trajectory that do not rise from 0."""
     if times[0]:
         yield (0,), expected("0: times count from where the stage begins", f"{times[0]:g} s")
     for i in range(1, len(times)):
@@ -287,7 +287,7 @@ Target = Annotated[
 
 
 def _target_faults(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give missing parts, wrong lengths, angles without a unit, and parts that have no pose on the object."""
+    """Yield errors for missing parts, wrong lengths, angles without a unit, and parts without a pose on the object."""
     if (space := context.spaces.get(earlier_fields.get("skill", ""))) is None:
         return
     axes = axes_of(context.sizes, space, of_error=False)
@@ -340,7 +340,7 @@ def parts_of_target(target: Mapping[str, Any] | TrajectorySpec) -> Collection[st
 
 
 def _onset_faults(names_of_joints: tuple[str, ...] | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give coordinates of a base without thrusters, which has no control."""
+    """Yield errors for coordinates of a base without thrusters, which has no control."""
     for i, name in enumerate(names_of_joints or ()):
         if name.partition(".")[0] == "base" and not any(traits.is_turned for traits in context.mobilities):
             yield (i,), expected(f"coordinates of arms: a {context.mobility} base has no control")
@@ -429,14 +429,14 @@ def _end_unit_faults(written: Any, earlier_fields: Fields, context: Context) -> 
 
 
 def _priority_faults(priority: float, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a priority beside comparisons."""
+    """Yield errors for a priority beside comparisons."""
     if context.file.value(("priorities",)) is not None:
         found = '"priority" at a stage and "priorities" in the task'
         yield (), expected("one or the other", found, at_key=True)
 
 
 def _count_of_ends_faults(at: float | None, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a stage without an end, or with two."""
+    """Yield errors for a stage without an end, or with two."""
     if "ends_when" in earlier_fields:
         last = earlier_fields.get("name") == context.stages[-1]
         ends = [key for key, end in (("ends_when", earlier_fields["ends_when"]), ("at", at)) if end is not None]
@@ -525,7 +525,7 @@ class StageSpec(Spec):
 
 
 def repeated_fixed_times(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give tries that would repeat a stage with a fixed switch time."""
+    """Yield errors for tries that would repeat a stage with a fixed switch time."""
     order = [stage.name for stage in stages]
     for i, stage in enumerate(stages):
         if stage.if_missed is None or stage.if_missed.back_to not in order:
@@ -545,7 +545,7 @@ def _moved_by(stage: StageSpec, earlier_fields: Fields, context: Context) -> Mob
 
 
 def unchanged_momenta(stages: tuple[StageSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give ends by a momentum that nothing changes in their stage, or that its mount takes up."""
+    """Yield errors for ends by a momentum that nothing changes in their stage, or that its mount takes up."""
     for i, stage in enumerate(stages):
         bounds = stage.ends_when and stage.ends_when.momentum
         if not bounds:
@@ -660,7 +660,7 @@ def fixed_time_faults(stages: tuple[StageSpec, ...], earlier_fields: Fields, con
 
 
 def skill_faults(skills: Mapping[str, SkillSpec], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give limits of skills that are wider than those around them, and inputs that the solver cannot have."""
+    """Yield errors for limits of skills wider than those of task or robot, and inputs that the solver cannot have."""
     controller = earlier_fields.get("controller")
     solver = earlier_fields.get("solver")
     has_levels = bool(controller and controller.traits.has_levels)
@@ -676,7 +676,7 @@ def skill_faults(skills: Mapping[str, SkillSpec], earlier_fields: Fields, contex
 
 
 def _not_in_task_space(context: Context) -> RuleErrors:
-    """Give why the accelerations of a robot's poses cannot be the control of its windows."""
+    """Yield errors where the accelerations of a robot's poses cannot be the control of its windows."""
     at = ("input",)
     rows_of_pose = context.sizes.get("base", 0)  # as many as the base has coordinates
     if not context.is_always_actuated:

@@ -159,7 +159,7 @@ class LogSpec(Spec):
 def _own_names(
     key: str, entries: tuple[StageSpec | MonitorSpec | ObstacleSpec, ...], earlier_fields: Fields, context: Context
 ) -> RuleErrors:
-    """Give names of entries of a list that an earlier entry has."""
+    """Yield errors for names of entries of a list that an earlier entry has."""
     first: dict[str, int] = {}
     for i, entry in enumerate(entries):
         if first.setdefault(entry.name, i) != i:
@@ -168,7 +168,7 @@ def _own_names(
 
 
 def _may_have_routes(routes: RoutesSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give routes of a robot that cannot follow them, or round nothing."""
+    """Yield errors for routes of a robot that cannot follow them, or round nothing."""
     if any(traits.reacts for traits in context.mobilities):
         yield (), expected("none: the base moves as the arms move it, of which routes know nothing", at_key=True)
     stages = earlier_fields.get("stages", ())
@@ -181,7 +181,7 @@ def _may_have_routes(routes: RoutesSpec, earlier_fields: Fields, context: Contex
 
 
 def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give obstacles with names that parts of the robot have, or the object."""
+    """Yield errors for obstacles with names that parts of the robot have, or the object."""
     taken = [*context.sizes, OBJECT]
     for i, obstacle in enumerate(obstacles):
         if obstacle.name in taken:
@@ -189,7 +189,7 @@ def _obstacle_names(obstacles: tuple[ObstacleSpec, ...], earlier_fields: Fields,
 
 
 def _within_the_robots(limits: Mapping[str, PartLimits], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give limits of a task that are wider than its robot's."""
+    """Yield errors for limits of a task that are wider than its robot's."""
     yield from wider(limits, {"the robot's": context.robot_limits}, context.sizes)
 
 
@@ -223,7 +223,7 @@ def _monitor_faults(monitor: MonitorSpec, earlier_fields: Fields, context: Conte
 
 
 def _monitored_clearance_faults(monitor: MonitorSpec, earlier_fields: Fields) -> RuleErrors:
-    """Give a monitor of a clearance that is not about two parts, or of a stage in which nothing keeps clear."""
+    """Yield errors for a monitor of a clearance not about two parts, or of a stage in which nothing keeps clear."""
     if len(monitor.of) not in (0, 2):
         yield ("of",), expected("two parts for a clearance, or [] for all pairs")
     if not ("stages" in earlier_fields and "clearance" in earlier_fields):
@@ -312,7 +312,7 @@ _Monitor = Annotated[MonitorSpec, validated_by(_monitor_faults)]
 
 
 def _prior_of_a_load(target_object: ObjectSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give a prior of a load where none is to be found out."""
+    """Yield errors for a prior of a load where none is to be found out."""
     controller = earlier_fields.get("controller")
     estimated = target_object.grasp is not None and target_object.grasp.is_estimated
     payload = context.file.value(("uncertainty", "payload", "known"))
@@ -324,7 +324,7 @@ def _prior_of_a_load(target_object: ObjectSpec, earlier_fields: Fields, context:
 
 
 def _names_of_checks(monitors: tuple[MonitorSpec, ...], earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give monitors with the name of what is judged besides."""
+    """Yield errors for monitors with the name of what is judged besides."""
     keeps_clear = earlier_fields.get("clearance") or any(stage.clearance for stage in earlier_fields.get("stages", ()))
     target_object = earlier_fields.get("object")
     taken = [NOTHING_TOUCHED] if keeps_clear else []
@@ -335,7 +335,7 @@ def _names_of_checks(monitors: tuple[MonitorSpec, ...], earlier_fields: Fields, 
 
 
 def _fixed_base_rests(velocity: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give an initial velocity of a base that stands still."""
+    """Yield errors for an initial velocity of a base that stands still."""
     if any(velocity.get("base", ())) and not context.moved_by.moves:
         yield ("base",), expected("zeros, or no base: it is fixed")
 

@@ -91,7 +91,7 @@ def _best_cover(covers: Sequence[Cover], longest: float) -> Cover:
 
 
 def _covers_of_box(edges: Array) -> Iterator[Cover]:
-    """Give the covers of a box by up to MOST_CAPSULES capsules along its longest edge, see `cover_box`."""
+    """Yield the covers of a box by up to MOST_CAPSULES capsules along its longest edge, see `cover_box`."""
     along, *across = (int(axis) for axis in np.argsort(-edges, kind="stable"))
     for shares in _grids(len(across)):
         halves = edges[across] / shares / 2
@@ -245,7 +245,7 @@ class _Hull:
         self.outermost = _outermost(self.points) if len(self.points) > MOST_POINTS else self.points
 
     def frames(self) -> Iterator[Array]:
-        """Give axes of boxes about it, as columns (3, 3): its own, and those of the box with the least volume."""
+        """Yield axes of boxes about it, as columns (3, 3): its own, and those of the box with the least volume."""
         from trimesh.bounds import oriented_bounds
 
         yield np.eye(3)

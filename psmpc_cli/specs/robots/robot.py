@@ -306,7 +306,7 @@ def _limit_faults(written: Any, earlier_fields: Fields, context: Context) -> Rul
 
 
 def _faults_of_unknown_parts(written: Mapping[str, Any], sizes: Mapping[str, int]) -> RuleErrors:
-    """Give keys that name no part of the robot."""
+    """Yield errors for keys that name no part of the robot."""
     parts = [*sizes, "arms"]
     for key in (key for key in written if sizes and key not in parts):
         yield (key,), flaw(choice(key, parts), "no such part of the robot", at_key=True)
@@ -327,7 +327,7 @@ LimitsByPart = Annotated[Mapping[str, PartLimits], validated_by(_limit_faults, a
 
 
 def _fit_joints(written: Any, earlier_fields: Fields, context: Context) -> RuleErrors:
-    """Give numbers of arms that the robot does not have, and lists without one number for each joint."""
+    """Yield errors for numbers of arms that the robot does not have, and lists without one number for each joint."""
     if "arms" in earlier_fields:
         sizes = {name: len(arm.links) for name, arm in earlier_fields["arms"].items()}
         axes = axes_of(sizes, "joint")
@@ -349,7 +349,7 @@ def limits_of_part(limits: Mapping[str, PartLimits], part: str, quantity: str) -
 def wider(
     limits: Mapping[str, PartLimits], outer: Mapping[str, Mapping[str, PartLimits]], sizes: Mapping[str, int]
 ) -> RuleErrors:
-    """Give limits that are wider than outer ones, which are keyed by whose they are."""
+    """Yield errors for limits that are wider than outer ones, which are keyed by whose they are."""
     for part, quantity, (whose, layer) in product(sizes, QUANTITIES, outer.items()):
         given = limits_of_part(limits, part, quantity) or ()
         allowed = limits_of_part(layer, part, quantity) or ()
@@ -477,7 +477,7 @@ class PlanarRobot(RobotSpec):
 
 
 def _mounted(arms: Mapping[str, SpatialArm], earlier_fields: Fields, context: Any) -> RuleErrors:
-    """Give arms that are mounted on what is not there before them."""
+    """Yield errors for arms that are mounted on what is not there before them."""
     carriers = ["base"]
     for name, arm in arms.items():
         if arm.mount not in carriers:
@@ -513,7 +513,7 @@ class Tip(Spec):
 
 
 def _locked(written: Any, earlier_fields: Fields, urdf: Any) -> RuleErrors:
-    """Give positions of joints in the unit of another kind, and angles without a unit."""
+    """Yield errors for positions of joints in the unit of another kind, and angles without a unit."""
     for name, at in written.items() if isinstance(written, Mapping) else ():
         if name in urdf.joints:
             unit = LENGTH if urdf.joints[name].type.slides else ANGLE

@@ -211,6 +211,7 @@ def _texts_with_differences(values: Sequence[float], resolution: float, publishe
         difference = value - values[0]
         if math.isnan(difference):
             continue
+        # a difference has the last digit of the larger number; counts differ exactly
         step = 0.0 if isinstance(difference, int) else 10.0 ** last_place(max(values[0], value, key=abs), resolution)
         texts[i] += " (=)" if texts[i] == texts[0] else f" ({number(difference, step, sign='+')})"
     # all published values are times, which are given to a tenth of a second

@@ -365,10 +365,11 @@ def scan_switch_times(switch_window: SwitchWindow, grid: np.ndarray) -> Curve:
     window = replace(switch_window.window, pending_cost=0.0)
     plan = switch_window.plan
     scanned = dict[float, float]()
-    infeasible = 0.0
-    tried = sorted(map(float, grid))
-    while tried or (scanned and min(scanned) - infeasible > CLOSE):
-        instant = tried.pop() if tried else (min(scanned) + infeasible) / 2
+    infeasible = 0.0  # the latest switch time that is known to have no solution
+    to_try = sorted(map(float, grid))
+    while to_try or (scanned and min(scanned) - infeasible > CLOSE):
+        # the latest one that is left of the grid; without any, half way between feasible and infeasible
+        instant = to_try.pop() if to_try else (min(scanned) + infeasible) / 2
         for guess in (plan, switch_window.plan):
             fixed = replace(guess, switch_times=np.array([window.start + instant]))
             solved = switch_window.solver.solve(window, fixed, within=0.0)  # which holds the switch time
@@ -378,7 +379,7 @@ def scan_switch_times(switch_window: SwitchWindow, grid: np.ndarray) -> Curve:
                 break
         else:  # neither guess leads to a solution
             infeasible = instant
-            tried = []
+            to_try = []
     switch_times = sorted(scanned)
     return np.array(switch_times), np.array([scanned[instant] for instant in switch_times])
 

@@ -356,8 +356,9 @@ def solver_faults(solver: SolverSpec, earlier_fields: Fields, context: Context) 
 def plant_faults(plant: PlantSpec, earlier_fields: Fields, context: Context) -> RuleErrors:
     """Yield errors where a plant does not fit the controller's sample time, or the robot.
 
-    A sample has to be a whole number of ticks, and a tick a whole number of steps. Only a plant with forces moves bases
-    that are not free-flying, and only a robot with thrusters has a key for them.
+    A sample has to be a whole number of ticks of the low-level law, and a tick a whole number of integration steps.
+    Only a plant that computes forces moves bases that are not free-flying, and only a robot with thrusters has a key
+    for them.
 
     Args:
         plant: The valid key `plant` of a task.

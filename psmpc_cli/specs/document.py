@@ -179,7 +179,7 @@ class Document:
         the override instead of a line. Of more than `MOST_FAULTS` only the number of the others is written.
         """
         placed = []
-        for fault in dict.fromkeys(faults):
+        for fault in dict.fromkeys(faults):  # each once
             origin = self.origin(fault.path)
             place = fault.place or (fault.at_key and origin.key) or origin.place
             placed.append((origin.override is not None, place, origin, fault))
@@ -250,12 +250,13 @@ def _with_value(
         document: The document, which does not change.
         at: Path of the value.
         new: The value.
-        origins: Origins of the value, by the empty path, and of what is inside it, by path from it.
+        origins: Where the value comes from, for messages, by the empty path; and what is inside it, by path from it.
         without: Paths of keys that are removed.
     """
     data = _copied_along(document.data, (at, *without))
     gone = {at, *without}
     lengths = {len(path) for path in gone}
+    # origins of all values but those that are replaced or removed, and what is inside these
     kept = {path: origin for path, origin in document.origins.items() if gone.isdisjoint([path[:n] for n in lengths])}
     for removed in without:
         del _value_at(data, removed[:-1])[removed[-1]]
@@ -265,7 +266,7 @@ def _with_value(
         place = at[:length]
         if inner is None or isinstance(inner, str):  # missing, or a section's kind as a text
             kept |= {(*place, "kind"): kept[place]} if inner else {}
-            kept[place] = replace(origins[()], written=None)
+            kept[place] = replace(origins[()], written=None)  # the mapping is there because of the new value
             around[key] = {} if inner is None else {"kind": inner}
         around = around[key]
     around[at[-1]] = new
@@ -297,7 +298,7 @@ def _value_at(data: Any, path: Location) -> Any:
 
 
 def origins_of(data: Data, sources: Mapping[Location, str]) -> dict[Location, Origin]:
-    """Return the origins, for messages, of values that were built from another file, such as a URDF.
+    """Return where values come from that were built from another file, such as a URDF, for messages about them.
 
     Args:
         data: What was built.
@@ -579,6 +580,7 @@ def _with_change(document: Document, typed: str, number: int, text: str) -> Docu
     if new.faults:
         raise SpecError(new.faults[0].message)
     path = _place_of_change(document, path, new.data)
+    # the number stands for a line, by which messages are ordered
     origins = {
         at: replace(origin, place=Place(number, origin.place.column), override=typed)
         for at, origin in (new.origins or {(): Origin(Place(1, 1))}).items()

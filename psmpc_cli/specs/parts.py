@@ -272,6 +272,7 @@ def axes_of(parts: Mapping[str, int], space: Space, of_error: bool = True) -> di
     axes = {"base": (ERROR_AXES, TARGET_AXES)[kind][dimension]}
     for arm, size in arms.items():
         wanted = part_kind(space, arm)
+        # None: the axes are the joints of the arm; without the key arms nothing is wanted of the arm
         names_of_arm = SKILL_KINDS[wanted].axes if wanted != FREE else {}
         if names_of_arm is None:
             axes[arm] = tuple(str(joint + 1) for joint in range(size))  # joints, which have numbers from 1 on

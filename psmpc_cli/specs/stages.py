@@ -375,7 +375,7 @@ def _end_faults(end: EndCondition, earlier_fields: Fields, context: Context) -> 
     for i, name in enumerate(end.coordinates):
         if name not in valid:
             yield ("coordinates", i), flaw(choice(name, valid))
-    keys = [name.partition(".")[0] for name in end.coordinates]  # parts, `arms` or `all`, without axes
+    keys = [name.partition(".")[0] for name in end.coordinates]  # of `base.x` the part; or `arms`, or `all`
     target = earlier_fields.get("target")
     if target is not None and "base" not in parts_of_target(target):
         wanted = 'a target of "base" in this stage, or coordinates without it'
@@ -418,14 +418,15 @@ def _end_unit_faults(written: Any, earlier_fields: Fields, context: Context) -> 
     bounded = [
         row for row in every_row if {"all", ".".join(row)} & {*chosen} or any(stands_for(n, row[0]) for n in chosen)
     ]
-    errors = AsWritten(context.sliding, "error")
-    rates = AsWritten(context.sliding, "velocity")
-    for key, quantity in (("tolerance", errors), ("velocity", errors), ("moving", rates)):
+    units_of_errors = AsWritten(context.sliding, "error")
+    units_of_rates = AsWritten(context.sliding, "velocity")
+    units_by_key = {"tolerance": units_of_errors, "velocity": units_of_errors, "moving": units_of_rates}
+    for key, units in units_by_key.items():
         numbers = written.get(key)
         if isinstance(numbers, Mapping):
-            yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=quantity))
+            yield from (((key, *at), error) for at, error in part_faults(numbers, axes, one=True, written=units))
         else:  # one number for all coordinates that the end condition bounds
-            yield from unit_misfits((key,), numbers, bounded, errors)
+            yield from unit_misfits((key,), numbers, bounded, units_of_errors)
 
 
 def _priority_faults(priority: float, earlier_fields: Fields, context: Context) -> RuleErrors:

@@ -295,6 +295,7 @@ def _force_share_faults(
         Path of the value from `uncertainty` on, and its error.
     """
     sources = (context.robot_limits, limits)
+    # the parts with a force limit, from which the base is taken if nothing turns it
     limited = [part for part in context.sizes if any(limits_of_part(source, part, "force") for source in sources)]
     if not any(traits.is_turned for traits in context.mobilities):
         limited = [part for part in limited if part != "base"]

@@ -300,7 +300,8 @@ def _limit_faults(written: Any, earlier_fields: Fields, context: Context) -> Rul
         given = {key: part[quantity] for key, part in written.items() if part.get(quantity) is not None}
         for key, bounds in given.items():
             yield from length_errors((key, quantity), bounds, key, axes, given, written=AsWritten(sliding, quantity))
-            if key == "base" and quantity == "position" and sizes.get(key) == 6:
+            # the base of a robot in space, with three coordinates of its attitude behind those of its position
+            if key == "base" and quantity == "position" and sizes.get(key) == len(ERROR_AXES[3]):
                 limited = (i for i, pair in enumerate(bounds) if i >= 3 and pair is not None)
                 yield from (((key, quantity, i), expected("null: an attitude has no limits")) for i in limited)
 

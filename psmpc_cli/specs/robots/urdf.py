@@ -276,7 +276,7 @@ class Urdf:
             if element.tag in ("link", "joint"):
                 self._add_part(element)
             inside = [(part, element.tag) for part in element.iterchildren("*")] if element.tag in READ else []
-            for part, within in (*inside, (element, "robot")):
+            for part, within in (*inside, (element, "robot")):  # elements, each with the tag of the one around it
                 if part.tag not in READ[within] and part.tag not in unknown:
                     unknown.add(part.tag)
                     self.add_note(part, f"<{part.tag}> is not an element of URDF's <{within}>: left out")
@@ -298,15 +298,15 @@ class Urdf:
 
     def _read_joint(self, element: Any, name: str) -> UrdfJoint:
         written = str(element.get("type"))
-        own = f"of joint {quoted(name)}"
+        of_joint = f"of joint {quoted(name)}"
         if written not in JOINT_TYPES:
-            self.add_error(element, f"the type {quoted(written)} {own}", choice(written, JOINT_TYPES))
+            self.add_error(element, f"the type {quoted(written)} {of_joint}", choice(written, JOINT_TYPES))
         ends = dict[str, str]()
         for end in ("parent", "child"):
             one = self._only_child(element, end)
             ends[end] = "" if one is None else str(one.get("link", ""))
             if not ends[end]:
-                self.add_error(element, f"no {end} {own}", f"<{end} link=...>")
+                self.add_error(element, f"no {end} {of_joint}", f"<{end} link=...>")
         return UrdfJoint(name, element, written, JOINT_TYPES.get(written, JointType()), ends["parent"], ends["child"])
 
     def _only_child(self, element: Any, tag: str) -> Any:
@@ -384,16 +384,16 @@ class Urdf:
     def axis(self, joint: UrdfJoint) -> Matrix:
         """Read the unit vector of a joint's axis (3,)."""
         given = self._only_child(joint.element, "axis")
-        own = f"of joint {quoted(joint.name)}"
+        of_joint = f"of joint {quoted(joint.name)}"
         if given is None:
             self.add_note(joint.element, f"joint {quoted(joint.name)} has no <axis>: taken as 1 0 0")
             return np.array([1.0, 0.0, 0.0])
         axis = np.array(self._parse_numbers(joint.element, "axis/@xyz", 3, "0 0 0"))
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
-            self.add_error(given, f"an axis of length 0 {own}", "a direction")
+            self.add_error(given, f"an axis of length 0 {of_joint}", "a direction")
         elif abs(length - 1) > 1e-6:
-            self.add_note(given, f"the axis {own} has length {length:.4g}: scaled to 1")
+            self.add_note(given, f"the axis {of_joint} has length {length:.4g}: scaled to 1")
         return axis / length if length else axis
 
     def limits(self, joint: UrdfJoint, quantities: Sequence[str]) -> dict[str, Any]:
@@ -428,11 +428,11 @@ class Urdf:
             joint: The joint.
             limit: Its element `limit`, at which notes and errors point.
         """
-        own = f"of joint {quoted(joint.name)}"
+        of_joint = f"of joint {quoted(joint.name)}"
         if not joint.type.is_bounded:
             ends = [f'{end}="{limit.get(end)}"' for end in ("lower", "upper") if limit.get(end) is not None]
             if ends:
-                self.add_note(limit, f"{' and '.join(ends)} {own}, which is {joint.written_type}: without limits")
+                self.add_note(limit, f"{' and '.join(ends)} {of_joint}, which is {joint.written_type}: without limits")
             return None
         errors_before = len(self.errors)
         low, high = (
@@ -441,45 +441,49 @@ class Urdf:
         if len(self.errors) > errors_before:
             return None
         if low == high == 0:
-            self.add_note(limit, f"the limits {own} are both 0 or not given: without limits")
+            self.add_note(limit, f"the limits {of_joint} are both 0 or not given: without limits")
             return None
         if -low > LARGEST and high > LARGEST:
-            self.add_note(limit, f"the limits {low:g}, {high:g} {own} are beyond {LARGEST:g}: without limits")
+            self.add_note(limit, f"the limits {low:g}, {high:g} {of_joint} are beyond {LARGEST:g}: without limits")
             return None
         if max(abs(low), abs(high)) > LARGEST:
-            self.add_error(limit, f"the limits {low:g}, {high:g} {own}", f"both within {LARGEST:g}, or both beyond it")
+            self.add_error(
+                limit, f"the limits {low:g}, {high:g} {of_joint}", f"both within {LARGEST:g}, or both beyond it"
+            )
         elif low >= high:
             wanted = 'the lower one first; a joint that does not move has type="fixed"'
-            self.add_error(limit, f"the limits {low:g}, {high:g} {own}", wanted)
+            self.add_error(limit, f"the limits {low:g}, {high:g} {of_joint}", wanted)
         elif not joint.type.slides and max(-low, high) > DEGREES_FROM:
-            self.add_note(limit, f"the limits {low:g}, {high:g} rad {own} look like degrees")
+            self.add_note(limit, f"the limits {low:g}, {high:g} rad {of_joint} look like degrees")
         return [_with_unit(joint, low), _with_unit(joint, high)]
 
     def _velocity_limit(self, joint: UrdfJoint, limit: Any) -> float | None:
         """Return the largest rate of a joint [rad/s, m/s], None where it has none."""
-        own = f"of joint {quoted(joint.name)}"
+        of_joint = f"of joint {quoted(joint.name)}"
         rate = self._parse_numbers(joint.element, "limit/@velocity", 1, "0", largest=np.inf)[0]
         if rate == 0:
-            self.add_note(limit, f"the velocity {own} is 0 or not given: without a limit")
+            self.add_note(limit, f"the velocity {of_joint} is 0 or not given: without a limit")
         elif rate > LARGEST:
-            self.add_note(limit, f"the velocity {rate:g} {own} is beyond {LARGEST:g}: without a limit")
+            self.add_note(limit, f"the velocity {rate:g} {of_joint} is beyond {LARGEST:g}: without a limit")
         elif not joint.type.slides and rate > DEGREES_FROM:
-            self.add_note(limit, f"the velocity {rate:g} rad/s {own} looks like degrees")
+            self.add_note(limit, f"the velocity {rate:g} rad/s {of_joint} looks like degrees")
         return rate if 0 != rate <= LARGEST else None
 
     def _force_limit(self, joint: UrdfJoint, limit: Any) -> float | None:
         """Return the largest torque or force of a joint's drive [N m, N], None where nothing is said of it."""
-        own = f"of joint {quoted(joint.name)}"
+        of_joint = f"of joint {quoted(joint.name)}"
         effort = self._parse_numbers(joint.element, "limit/@effort", 1, "0", largest=np.inf)[0]
         if effort == 0:
-            self.add_note(limit, f"the effort {own} is 0 or not given: without a limit")
+            self.add_note(limit, f"the effort {of_joint} is 0 or not given: without a limit")
         elif effort < 0:
-            self.add_error(limit, f"the effort {effort:g} {own}", "a positive one, or no effort: then without a limit")
+            self.add_error(
+                limit, f"the effort {effort:g} {of_joint}", "a positive one, or no effort: then without a limit"
+            )
         elif effort > LARGEST:
-            self.add_note(limit, f"the effort {effort:g} {own} is beyond {LARGEST:g}: without a limit")
+            self.add_note(limit, f"the effort {effort:g} {of_joint} is beyond {LARGEST:g}: without a limit")
         return effort if 0 != effort <= LARGEST else None
 
-    def note_mechanics(self, joints: Sequence[UrdfJoint]) -> None:
+    def note_ignored_mechanics(self, joints: Sequence[UrdfJoint]) -> None:
         """Note what the file says of joints that move and the robot does not take over.
 
         A joint that mimics another one moves by itself here; friction and soft limits are left out.
@@ -536,7 +540,7 @@ class Urdf:
         """
         inside = attribute.rpartition("/")[0]
         if inside:
-            self._only_child(element, inside)
+            self._only_child(element, inside)  # adds an error if there is a second one
         text: Any = next(iter(element.xpath(attribute)), missing)
         values = [float(part) if re.fullmatch(DECIMAL, part) else np.nan for part in text.split()]
         if len(values) != count or not np.all(np.abs(values) <= largest):
@@ -561,7 +565,7 @@ class Urdf:
             root: The outermost element, at which errors of the whole robot point.
         """
         links = self.links
-        carried = dict[str, UrdfJoint]()
+        carried = dict[str, UrdfJoint]()  # the joint that carries each link
         for joint in self.joints.values():
             for end in (end for end in (joint.parent, joint.child) if end and end not in links):
                 self.add_error(
@@ -720,7 +724,7 @@ def spatial_robot(urdf: Urdf, file: UrdfRobot) -> tuple[dict[str, Any], Sources]
         if joint.type.moves and joint.name not in bodies:
             unit = " m" if joint.type.slides else " rad"
             urdf.notes.append(f"{note} belongs to no arm: locked at {file.locked.get(joint.name, 0.0):g}{unit}")
-    urdf.note_mechanics(moving)
+    urdf.note_ignored_mechanics(moving)
     parts = _BodyInertias(urdf, places)
     robot: dict[str, Any] = {"name": urdf.name, "space": "spatial", "base": parts.of_body("base", base)}
     arms = robot.setdefault("arms", {})
